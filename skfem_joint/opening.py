@@ -120,23 +120,3 @@ class OpeningContact:
             now, before = self.elastic_forces(u)[soft], self.force[soft]
             energy += float(((now**2 - before**2) / (2.0 * k)).sum())
         return energy
-
-
-def joined(parts: list[OpeningContact | None], points: list[int], n: int) -> OpeningContact | None:
-    """Contact of several groups of contact points, ``points[i]`` of the i-th, on n unknowns."""
-    if all(part is None for part in parts):
-        return None
-    rows, gains = [], []
-    for part, m in zip(parts, points, strict=True):
-        empty = sparse.csr_array((m, 0))
-        gains.append(empty if part is None else sparse.csr_array(part.gain))
-        if part is not None:
-            rows.append(part)
-    return OpeningContact(
-        N=sparse.csr_array(sparse.vstack([sparse.csr_array(part.N) for part in rows])),
-        gap=np.concatenate([part.gap for part in rows]),
-        force=np.concatenate([part.force for part in rows]),
-        gain=sparse.csr_array(sparse.block_diag(gains)),
-        stiffness=np.concatenate([part.stiffness for part in rows]),
-        area=np.concatenate([part.area for part in rows]),
-    )

@@ -14,7 +14,27 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.unknowns import selection, stacked
+from skfem_joint.opening import OpeningContact
+from skfem_joint.unknowns import ChangeOfUnknowns, change_of_unknowns, selection, stacked
+
+
+@dataclass(frozen=True)
+class NormalRows:
+    """Approaches of the nodes of contact that opens, on N degrees of freedom.
+
+    Attributes
+    ----------
+    D : sparse array, shape (k, N)
+        Approach of the faces at each node, m.
+    pivots : ndarray of int, shape (k,)
+        Degree of freedom that each row determines.
+    contact : OpeningContact
+        Pressure points; its ``N``, shape (q, k), takes the approaches of the nodes.
+    """
+
+    D: Matrix
+    pivots: IntArray
+    contact: OpeningContact
 
 
 @dataclass(frozen=True)
@@ -44,6 +64,8 @@ class SlipRows:
         Normal force on each row of ``closed``, N, if known.
     names : tuple of str, length m or 0
         Joint that each contact point belongs to; empty if none has a name.
+    normal : NormalRows, optional
+        Contact that opens and closes.
     """
 
     B: Matrix
@@ -54,6 +76,7 @@ class SlipRows:
     pivots: IntArray | None = None
     clamped: FloatArray | None = None
     names: tuple[str, ...] = ()
+    normal: NormalRows | None = None
 
     @property
     def normal_force(self) -> FloatArray:
@@ -72,6 +95,28 @@ class SlipRows:
         numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
         joint = np.array([numbers[name] for name in names], dtype=np.intp)
         return tuple(numbers), sparse.csr_array(selection(joint, len(numbers)).T)
+
+    def change_of_unknowns(self, fixed: IntArray) -> ChangeOfUnknowns:
+        """Unknowns in which slips, and approaches of contact that opens, are unknowns.
+
+        Its ``slips`` are of the rows of ``B`` alone, those of approaches follow in
+        :meth:`opening_in`.
+        """
+        n = self.B.shape[1]
+        if self.normal is None:
+            return change_of_unknowns(n, fixed, self.closed, self.B, self.pivots)
+        both = stacked([self.B, self.normal.D], n)
+        pivots = None
+        if self.pivots is not None:
+            pivots = np.concatenate([self.pivots, self.normal.pivots])
+        return change_of_unknowns(n, fixed, self.closed, both, pivots)
+
+    def opening_in(self, new: ChangeOfUnknowns) -> OpeningContact | None:
+        """Contact that opens in the unknowns of :meth:`change_of_unknowns`."""
+        if self.normal is None:
+            return None
+        places = selection(new.slips[self.B.shape[0] :], new.forward.shape[1])
+        return self.normal.contact.in_unknowns(places)
 
     def __add__(self, other: SlipRows) -> SlipRows:
         """Slip rows of ``self``, then those of ``other``."""
@@ -93,6 +138,7 @@ class SlipRows:
             pivots=pivots,
             clamped=np.concatenate([self.normal_force, other.normal_force]),
             names=(*self.joint_of_point, *other.joint_of_point),
+            normal=_both_normal(self, other),
         )
 
     @staticmethod
@@ -131,6 +177,29 @@ class SlipRows:
         return SlipRows(
             stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], closed, names=names
         )
+
+
+def _both_normal(a: SlipRows, b: SlipRows) -> NormalRows | None:
+    """Contact that opens of the contact points of ``a``, then of those of ``b``."""
+    parts = [(rows.normal, rows.w.size) for rows in (a, b)]
+    some = [normal for normal, _ in parts if normal is not None]
+    if not some:
+        return None
+    gains = [
+        sparse.csr_array((m, 0)) if normal is None else normal.contact.gain for normal, m in parts
+    ]
+    contacts = [normal.contact for normal in some]
+    values = {
+        name: np.concatenate([getattr(contact, name) for contact in contacts])
+        for name in ("gap", "force", "stiffness", "area")
+    }
+    N = sparse.csr_array(sparse.block_diag([contact.N for contact in contacts]))
+    gain = sparse.csr_array(sparse.block_diag(gains))
+    return NormalRows(
+        stacked([normal.D for normal in some], a.B.shape[1]),
+        np.concatenate([normal.pivots for normal in some]),
+        OpeningContact(N=N, gain=gain, **values),
+    )
 
 
 def _independent(rows: FloatArray, beside: FloatArray) -> FloatArray:

@@ -447,8 +447,9 @@ class System:
             J=J,
             joints=joints,
         )
-        new = change_of_unknowns(n, fixed, joined.closed, joined.B, joined.pivots)
-        system = outer.in_unknowns(new)
+        new = joined.change_of_unknowns(fixed)
+        slips = replace(new, slips=new.slips[: joined.B.shape[0]])
+        system = replace(outer.in_unknowns(slips), opening=joined.opening_in(new))
         _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 

@@ -21,6 +21,7 @@ from skfem_joint.mesh.cells import cell_of
 from skfem_joint.slips import SlipRows, rows_along
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.opening import opening_rows
 from skfem_joint.structure.patch import SMALL, Patch, make_patch
 from skfem_joint.structure.pressure import Pressure
 from skfem_joint.unknowns import dof_numbers, selection, stacked
@@ -39,7 +40,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     node = np.zeros(m, dtype=np.intp)
     directions, normal = np.zeros((m, dim, dim)), np.zeros((m, dim))
     R = sparse.csr_array((m, count))
-    entered = np.zeros(m, dtype=bool)
+    entered, opens = np.zeros((2, m), dtype=bool)
     outwards = np.zeros((count, dim))
     for patch in patches:
         w[patch.points] += patch.joint.friction * patch.normal_force
@@ -47,7 +48,9 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         beta[patch.points] = patch.joint.beta
         node[patch.points] = patch.nodes
         directions[patch.points, : patch.directions.shape[1]] = patch.directions
-        if patch.normal is not None:
+        if patch.opening is not None:
+            opens[patch.points] = True
+        elif patch.normal is not None:
             normal[patch.points] = patch.normal
             outwards[patch.held_nodes] = patch.held_normal
         if patch.other is not None:
@@ -59,7 +62,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     dofs = dim * node[:, None] + np.argsort(held[node], axis=1, kind="stable")  # free first
     relative = sparse.kron(selection(node, count) - R, sparse.eye_array(dim))
     # Contact that stays closed holds the direction in which a free node does not slip.
-    closed = np.flatnonzero(np.count_nonzero(~held[node], axis=1) > slips)
+    closed = np.flatnonzero((np.count_nonzero(~held[node], axis=1) > slips) & ~opens)
     # It also holds nodes of a pressed border that supports keep from slipping, in free directions.
     outwards[node] = 0.0
     outwards[held] = 0.0
@@ -77,6 +80,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         closed=stacked(H, dim * count),
         pivots=np.concatenate([dofs[closed, slips[closed]], lone, dofs[point, which]]),
         clamped=np.concatenate([clamped[closed], np.zeros(still.size)]),
+        normal=opening_rows(patches, held, m),
     )
 
 

@@ -114,8 +114,9 @@ def preload(
     area, gap = (
         np.concatenate([getattr(face, name) for face in faces.values()]) for name in ("area", "gap")
     )
+    gap = gap + np.repeat([joints[i].gap for i in faces], [face.corners.size for face in faces.values()])
     sizes = [face.corners.size for face in faces.values()]
-    tied = np.repeat([joints[i].pressure != PRELOAD for i in faces], sizes)
+    tied = np.repeat([not joints[i].pressed_by_bolts for i in faces], sizes)
     free, left_out = _moving(body, held, N, force)
     u = np.zeros(force.size)
     G = sparse.csr_array(sparse.diags_array(area) @ N)
@@ -128,7 +129,7 @@ def preload(
     parts = (np.split(x, np.cumsum(sizes)[:-1]) for x in (borne, gap - N @ u))
     pressed: list[Pressed | None] = [None] * len(joints)
     for (i, face), *values in zip(faces.items(), *parts, strict=True):
-        if joints[i].pressure == PRELOAD:
+        if joints[i].pressed_by_bolts:
             pressed[i] = _pressed(joints[i], face, body.n_nodes, *values)
     seconds = time.perf_counter() - begin
     return Preload(u.reshape(force.shape), force, tuple(pressed), count, seconds)
@@ -170,11 +171,12 @@ def _pressed(
 
     Gaps are linear between the corners, as pressures are.
     """
-    if not force.any():
+    if joint.pressure == PRELOAD and not force.any():
         raise InputError(
             f"{joint.label}: the preload leaves no contact, it opens everywhere; do the bolts "
             "press elsewhere?"
         )
     at = selection(face.nodes, n_nodes).T
     other = None if face.other is None else sparse.csr_array(at @ face.other)
-    return Pressed(at @ (face.G @ force), at @ face.node_area, at @ (face.at_nodes @ gap), other)
+    nodal = at @ (face.G @ force), at @ face.node_area, at @ (face.at_nodes @ gap)
+    return Pressed(*nodal, other, force, gap)

@@ -25,14 +25,15 @@ from skfem_joint.structure.clamps import Clamp, clamp_problems, cuts
 from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
-from skfem_joint.structure.patch import Patch, check_shared, make_patch
+from skfem_joint.structure.opening import OpeningFace, pressed_and_face
+from skfem_joint.structure.patch import Patch, Pressed, check_shared, make_patch, manifold_of
 from skfem_joint.structure.preload import Preload, preload
+from skfem_joint.structure.pressure_space import pressure_space
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.structure.rigid import loose_bodies
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
-    change_of_unknowns,
     congruent,
     expanded,
     selection,
@@ -265,8 +266,12 @@ class Structure:
         pressed = [None] * len(self.joints) if self.preload is None else self.preload.joints
         for joint, by_bolts in zip(self.joints, pressed, strict=True):
             try:
+                face = None
+                if joint.opens:
+                    by_bolts, face = self._opening_face(joint, by_bolts)
+                sizes = p["width"], p["thickness"]
                 patch = make_patch(
-                    self.body, joint, self.held, p["width"], p["thickness"], numbering, by_bolts
+                    self.body, joint, self.held, *sizes, numbering, by_bolts, face
                 )
                 check_shared(self.body, patches, patch)
                 patches.append(patch)
@@ -274,6 +279,18 @@ class Structure:
                 wrong += error.problems
         refuse(wrong)
         return tuple(patches)
+
+    def _opening_face(self, joint: Joint, pressed: Pressed | None) -> tuple[Pressed, OpeningFace]:
+        """Forces at rest and pressure points of a joint that opens."""
+        p = self.body.properties
+        cells, _, depth, normals = manifold_of(
+            self.body, joint.on, p["width"], p["thickness"], joint.label
+        )
+        space = pressure_space(self.body, joint)
+        if space is None or normals is None:
+            raise InputError(f"{joint.label}: contact = 'unilateral' needs a boundary")
+        known = (None, None) if pressed is None else (pressed.corner_force, pressed.corner_gap)
+        return pressed_and_face(self.body, joint, space, normals, *known, (cells, depth))
 
     @cached_property
     def _slip_rows(self) -> SlipRows:
@@ -289,7 +306,7 @@ class Structure:
     def change_of_unknowns(self) -> ChangeOfUnknowns:
         """Unknowns from the displacements of all nodes, ``dim * node + component``, and back."""
         rows, fixed = self._slip_rows, np.flatnonzero(self.held)
-        return change_of_unknowns(self.held.size, fixed, rows.closed, rows.B, rows.pivots)
+        return rows.change_of_unknowns(fixed)
 
     @property
     def T(self) -> sparse.csr_array:
@@ -396,7 +413,8 @@ class Structure:
             M=M,
             C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
             K=K,
-            B=selection(new.slips, K.shape[0]),
+            B=selection(new.slips[: rows.B.shape[0]], K.shape[0]),
+            opening=rows.opening_in(new),
             w=rows.w,
             beta=rows.beta,
             directions=rows.directions,
