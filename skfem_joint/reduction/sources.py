@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction import basis as bases
 from skfem_joint.reduction import static_path
@@ -74,7 +74,10 @@ def make_basis(
     if options.reference == "self":
         cycles = plan if plan.cycle_steps is None else plan.first(SHORT_RUNS.training_cycles)
         training = replace(cycles, save=Save(fields=True, points=False), cycle_steps=None)
-        run = integrate_plan(system, training).finished()
+        try:
+            run = integrate_plan(system, training).finished()
+        except ConvergenceError as error:  # without the states of this run, which is no result
+            raise ConvergenceError(str(error), error.unknown) from error
         decomposed = {"snapshots": options.snapshots, "inner_product": options.product}
         basis = own_basis(system, run, modes, interface_modes=interface, **decomposed)
     elif options.reference == "static":
@@ -168,6 +171,7 @@ def static_basis(
     modes = min(modes, int(np.count_nonzero(counting)))
     V = np.hstack([proper.modes[:, :modes], path.response, path.rigid])
     automatic = max(SETTINGS.few_beside, modes // SETTINGS.modes_for_one)
+    automatic *= not path.loads.plan.quasi_static  # nothing vibrates
     count = automatic if isinstance(interface, str) else interface
     shapes, share = path.interface[:, :count], path.share[:count]
     if count > share.size:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction import friction_points, interface_modes
@@ -188,7 +188,10 @@ def slip_path(
     slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
     every = system.w > 0.0
     slides = bool(slipping[every].all())
-    interface, share = interface_modes.driven(system, response, loads, path=path)
+    if plan.quasi_static:  # no vibration beside the static responses
+        interface, share = np.zeros((system.n, 0)), np.zeros(0)
+    else:
+        interface, share = interface_modes.driven(system, response, loads, path=path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
     rigid, energy = path.to.outer(path.rigid.T).T, shifted(system.K, system.M)
     for _ in range(SETTINGS.rounds):
@@ -235,6 +238,8 @@ def _first(
     InputError if nothing moves.
     """
     inertia, beyond = system.M @ response, SETTINGS.first_beyond
+    if loads.plan.quasi_static:
+        inertia = np.zeros_like(inertia)
     if len(loads.amplitudes) == 1 and (loads.is_one_harmonic or loads.period is None):
         square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
         levels = _levels(SETTINGS.first_levels, beyond)
@@ -321,8 +326,11 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
     if loads.period is not None:
         most = max(1, int(plan.duration / loads.period * (1.0 + 1e-9)))
         cycles, whole = min(SHORT_RUNS.cycles, most), round(loads.period / step)
-        steps = steps_of_a_period(small, loads.period, cycles, loads.fastest / (2.0 * np.pi), whole)
+        highest, vibrates = loads.fastest / (2.0 * np.pi), not plan.quasi_static
+        steps = steps_of_a_period(small, loads.period, cycles, highest, whole, vibrates)
         step = loads.period / steps
+    if plan.quasi_static:
+        return _slow(small, Plan(step, min(cycles, 2) * steps, save=Save(fields=True)))
     while True:
         whole_run = Plan(step, cycles * steps, plan.scheme, Save(fields=True))
         run = integrate_plan(small, whole_run).finished()
@@ -332,6 +340,17 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
         if cycles >= min(most, SETTINGS.most_cycles) or not grows:
             return run
         cycles = min(2 * cycles, most)
+
+
+def _slow(small: System, plan: Plan) -> Run:
+    """Quasi-static run of the preliminary model, as far as friction holds the loads."""
+    try:
+        return integrate_plan(small, replace(plan, quasi_static=True)).finished()
+    except ConvergenceError as error:
+        run: Run | None = error.run
+        if run is None or not np.any(run.u):
+            raise ConvergenceError(str(error)) from error
+        return run
 
 
 @dataclass(frozen=True)

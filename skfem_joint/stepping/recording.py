@@ -16,6 +16,7 @@ from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.vectors import raise_to, raise_to_norms
 from skfem_joint.minimise.compiled_step import row_order
 from skfem_joint.stepping import energy
+from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, check, check_some
@@ -234,7 +235,7 @@ class Run:
         Time of the steps, time before the first one without compilation, and time of compilation,
         which happens once on a machine, s.
     interrupted : bool
-        Whether it was stopped early.
+        Whether it was stopped early: by Ctrl-C, or of a quasi-static run where no level follows.
     steady : Steady or None
         Steady vibration, of a run that is a period of it.
     plan : Plan, optional
@@ -247,6 +248,10 @@ class Run:
         Normal force of each pressure point of contact that opens, N, with the stored fields.
     normal_force_peak : ndarray, shape (q,)
         Largest of these over every step, N.
+    loops : Loops or None
+        Force over displacement of each load and over slip of each joint, of a quasi-static run.
+        Its velocities are changes over the last step, its final velocity is zero, and no work is
+        kinetic or viscous.
     """
 
     system: System
@@ -282,6 +287,7 @@ class Run:
     impact_work: float = 0.0
     normal_force: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     normal_force_peak: FloatArray = field(default_factory=lambda: np.zeros(0))
+    loops: Loops | None = None
 
     def __repr__(self) -> str:
         """A few lines: what was run, stored, reached and dissipated."""
