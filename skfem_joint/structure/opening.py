@@ -110,7 +110,14 @@ def pressed_and_face(
 
 
 def _weights(body: Body, space: PressureSpace, normals: FloatArray) -> sparse.csr_array:
-    """Mean approach of the pressure points from those of the nodes, (q, k)."""
+    """Mean approach of the pressure points from those of the nodes, (q, k).
+
+    For first order they are the approaches of the nodes themselves. Means over hats, which couple
+    neighbours, let forces swing at the end of a contact: on the block of the GRECO benchmark 403,
+    10, 140 and 62 kN/m at the first four nodes, and slips up to 8 % off.
+    """
+    if body.mesh.order == 1:
+        return selection(np.searchsorted(space.nodes, space.corners), space.nodes.size)
     dim = body.dim
     columns = dim * space.nodes[:, None] + np.arange(dim)
     along = sparse.csr_array(
