@@ -5,9 +5,9 @@ pressure p and the gap g = g0 - n . (u - u_other) of each pressed face, the disp
 
     argmin 1/2 u K u - f u    with    g >= 0,    and then    p >= 0,    p g = 0.
 
-Pressures are those of :mod:`skfem_joint.structure.pressure_space`: linear between the corners of
-the element faces, for displacements of first and of second order, with gaps closed in the mean over
-the hat of each corner. The corners that touch are determined by an active set method,
+Pressures are those of :mod:`skfem_joint.structure.pressure_space`: an unknown at each corner of the
+element faces, for displacements of first and of second order, with gaps closed in the mean around
+each corner. The corners that touch are determined by an active set method,
 :mod:`skfem_joint.structure.active_set`.
 """
 
@@ -178,5 +178,5 @@ def _pressed(
         )
     at = selection(face.nodes, n_nodes).T
     other = None if face.other is None else sparse.csr_array(at @ face.other)
-    nodal = at @ (face.G @ force), at @ face.node_area, at @ (face.at_nodes @ gap)
+    nodal = at @ face.normal_force(force), at @ face.node_area, at @ (face.at_nodes @ gap)
     return Pressed(*nodal, other, force, gap)
