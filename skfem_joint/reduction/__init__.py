@@ -2,10 +2,11 @@
 
 From data to model: `excitation` (loads of the run to come), `static_path` (how the joints slip,
 without a run of the full model), `pod` (proper orthogonal decomposition of snapshots),
-`interface_modes` (vibration without slip), `sources` (a basis of these), `basis` (the basis, and
-the reduced system on it), `friction_points` (fewer friction points), `missing_modes` (what a
-reduced run shows that its basis is missing). `condensed` keeps all of the contact and reduces the
-rest; `active_length` measures where joints slip. The paper's scaled modes are in `scaled`.
+`interface_modes` (vibration without slip), `joint_slides` (joints that slip as a whole), `sources`
+(a basis of these), `basis` (the basis, and the reduced system on it), `friction_points` (fewer
+friction points), `missing_modes` (what a reduced run shows that its basis is missing). `condensed`
+keeps all of the contact and reduces the rest; `active_length` measures where joints slip. The
+paper's scaled modes are in `scaled`.
 
 From the keys of a scene to modes: `scene.tables.ReductionTable` reads the table ``[reduction]``,
 `analysis.scene_plan.options_of` copies it to `reduction.basis.Options`, and its `basis_of_scene`

@@ -20,6 +20,7 @@ from skfem_joint.reduction import static_path
 from skfem_joint.reduction.basis import Basis, Options, basis_of
 from skfem_joint.reduction.excitation import SHORT_RUNS
 from skfem_joint.reduction.interface_modes import SETTINGS, RestrictedMotion, beside, driven
+from skfem_joint.reduction.joint_slides import joint_slides
 from skfem_joint.reduction.pod import proper_decomposition, proper_modes, stride_of, thinned
 from skfem_joint.reduction.static_path import StaticPath, slip_path
 from skfem_joint.stepping.integrate import integrate_plan
@@ -135,6 +136,8 @@ def own_basis(
         restricted = RestrictedMotion.of(system)
         if restricted.F.shape[1]:
             V = np.hstack([V, restricted.F @ restricted.lowest(interface_modes)[1]])
+    if run.loops is not None:  # which should show the force of each joint
+        V = np.hstack([V, joint_slides(system)])
     velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
     return basis_of(
         system,

@@ -30,6 +30,7 @@ from skfem_joint.reduction import friction_points, interface_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation, steps_of_a_period
 from skfem_joint.reduction.friction_points import NO_FRICTION, merged_points
+from skfem_joint.reduction.joint_slides import joint_slides
 from skfem_joint.reduction.missing_modes import acceleration
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition
 from skfem_joint.stepping.integrate import integrate_plan
@@ -103,7 +104,8 @@ class StaticPath:
     snapshots : ndarray, shape (s, n)
         States and increments of all paths, each path with norm one.
     response : ndarray, shape (n, loads)
-        Static response to the peak of each load, m.
+        Static response to the peak of each load, m; in a quasi-static run followed by the sliding
+        of each joint, see :mod:`skfem_joint.reduction.joint_slides`.
     rigid : ndarray, shape (n, r)
         Rigid motions that friction alone holds, if it did not hold them on a path, or all points
         slipped there: the sliding of a body then takes part, and states of paths, which are held,
@@ -188,7 +190,9 @@ def slip_path(
     slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
     every = system.w > 0.0
     slides = bool(slipping[every].all())
+    beside = response
     if plan.quasi_static:  # no vibration beside the static responses
+        beside = np.hstack([response, joint_slides(system)])
         interface, share = np.zeros((system.n, 0)), np.zeros(0)
     else:
         interface, share = interface_modes.driven(system, response, loads, path=path)
@@ -196,7 +200,7 @@ def slip_path(
     rigid, energy = path.to.outer(path.rigid.T).T, shifted(system.K, system.M)
     for _ in range(SETTINGS.rounds):
         joint = proper_decomposition(_scaled(snapshots), energy).modes[:, : SETTINGS.modes]
-        V = orthonormal(np.hstack([joint, response, rigid, counting]), system.M)
+        V = orthonormal(np.hstack([joint, beside, rigid, counting]), system.M)
         run = _preliminary(system, V, loads, snapshots[-1])
         steps += run.counters.steps
         driving = _Driving(system, V, run)
@@ -212,7 +216,7 @@ def slip_path(
         snapshots.append(_in_time(path, loads, driving))
     return StaticPath(
         snapshots=_scaled(snapshots),
-        response=response,
+        response=beside,
         rigid=rigid if path.scaled_back or slides else rigid[:, :0],
         interface=interface,
         share=share,

@@ -123,6 +123,11 @@ class Scene(SceneTable):
                 self._structure = self._built_structure()
         return self._structure
 
+    @property
+    def _is_slow(self) -> bool:
+        """Whether the run leaves inertia out; not if its table is wrong, and so is not there."""
+        return bool(getattr(getattr(self, "time", None), "quasi_static", False))
+
     def _built_structure(self) -> parts.AnyStructure:
         common: dict[str, Any] = {
             "joints": [joint.to_joint() for joint in self.joint],
@@ -130,12 +135,12 @@ class Scene(SceneTable):
             "mass_damping": self.damping.mass,
             "damping_ratio": self.damping.ratio,
         }
-        if self.time.quasi_static:  # which neither velocity nor damping acts in
+        if self._is_slow:  # which neither velocity nor damping acts in
             still = [replace(joint, beta=math.inf) for joint in common["joints"]]
             common = {"joints": still, "stiffness_damping": 0.0, "mass_damping": 0.0}
             common["damping_ratio"] = None
         if self.matrices is not None:
-            undamped = {"C": None} if self.time.quasi_static else {}
+            undamped = {"C": None} if self._is_slow else {}
             matrices = self.matrices.model_copy(update=undamped)
             return matrices.model((self._path or Path()).parent, common)
         material, regions = self.material, dict[str, dict[str, float]]()
@@ -251,7 +256,7 @@ class Scene(SceneTable):
         """Copy with the same path and mesh; keeps the structure and system unless they change."""
         copy = super().model_copy(update=update, deep=deep)
         names = set(update or ())
-        if copy.time.quasi_static != self.time.quasi_static:  # which says what law and damping act
+        if copy._is_slow != self._is_slow:  # which says what law and damping act
             names.add("damping")
         if TABLES_OF_STRUCTURE & names:
             copy._structure = None

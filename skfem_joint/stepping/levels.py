@@ -16,8 +16,11 @@ import numpy as np
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.stepping.arrangement import Arranged
-from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.quasi_static import Increment, QuasiStatic
 from skfem_joint.system import System
+
+#: Where friction alone holds, a level is solved again at most so many times.
+REPEATED = 3
 
 
 class Level(NamedTuple):
@@ -116,8 +119,12 @@ class CoulombLevels:
 
     def next(self, last: Level, force: FloatArray) -> Level:
         """See `LevelSolver`."""
-        tried = self.path.increment(last.u, force)
-        self._count(tried.found.counts)
+        tried = self._tried(last.u, force)
+        for _ in range(REPEATED):
+            # What the added mass has carried is what is left of the load: once more from there.
+            if tried.beyond or not tried.found.converged or tried.carried <= self.path.tolerance:
+                break
+            tried = self._tried(tried.u, force)
         if tried.beyond:
             raise NoLevelError(self._beyond(force), beyond=True)
         if not tried.found.converged:
@@ -127,6 +134,12 @@ class CoulombLevels:
                 unknown,
             )
         return Level(tried.u, tried.friction, np.asarray(self.to.system.B @ tried.u))
+
+    def _tried(self, u: FloatArray, force: FloatArray) -> Increment:
+        """Increment of the path, whose work is counted."""
+        tried = self.path.increment(u, force)
+        self._count(tried.found.counts)
+        return tried
 
     def _count(self, work: Mapping[str, int]) -> None:
         """Add the work of a level."""

@@ -11,6 +11,9 @@ slips. Components are those of the slip rows: the two of a plate in plan are x a
 face are the same at all points where it is flat. If a joint has points with two directions of slip,
 points that supports leave only one of them count in its energy but not in its force and slip.
 
+A reduced model knows the force of a joint if its basis has the sliding of the joint, as those made
+for quasi-static runs have (:mod:`skfem_joint.reduction.joint_slides`).
+
 The area of a joint's loop is its friction energy if all its points slip alike. Else the energy is
 the sum over points of force times slip, which is exact, and the area is not.
 """

@@ -92,14 +92,19 @@ class Increment(NamedTuple):
         Friction force of each slip row, N.
     found : Minimum
         Whether the minimisation converged, and its work.
-    beyond : bool
-        Whether the level has no solution: friction does not hold the loads.
+    carried : float
+        Share of the load that the added mass carries; it is zero where supports hold.
     """
 
     u: FloatArray
     friction: FloatArray
     found: Minimum
-    beyond: bool
+    carried: float
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the level has no solution: friction does not hold the loads."""
+        return self.carried > SETTINGS.carried
 
 
 class QuasiStatic:
@@ -316,10 +321,10 @@ class QuasiStatic:
             friction[friction > 0.0] *= found.sigma
             found = replace(found, where=int(inside.kept[found.where]))
         largest = max(right, driving, key=lambda force: float(np.linalg.norm(force)))
-        beyond = self._carried(found, largest) > SETTINGS.carried
-        if found.converged and not beyond:
+        carried = self._carried(found, largest)
+        if found.converged and carried <= SETTINGS.carried:
             self.last = found.v
-        return Increment(after, friction, found, beyond)
+        return Increment(after, friction, found, carried)
 
     def limit(self, force: FloatArray) -> float:
         """Multiple of the forces (N) that friction can just hold; ``inf`` where supports hold.
