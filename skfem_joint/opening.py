@@ -93,9 +93,10 @@ class OpeningContact:
             N.eliminate_zeros()
         return replace(self, N=N)
 
-    def of_points(self, selection: Matrix) -> OpeningContact:
-        """Same contact for other contact points: ``selection`` (k, m) times the present ones."""
-        return replace(self, gain=sparse.csr_array(selection @ self.gain))
+    def of_points(self, shares: Matrix) -> OpeningContact:
+        """Same contact for points that merge present ones, those with ``shares`` (k, m) above 0."""
+        members = sparse.csr_array(sparse.csr_array(shares) > 0.0).astype(float)
+        return replace(self, gain=sparse.csr_array(members @ self.gain))
 
     def gaps(self, u: FloatArray) -> FloatArray:
         """Gap of each pressure point, (..., q), m, from unknowns (..., n)."""

@@ -330,9 +330,7 @@ class System:
             loads=tuple(replace(a, vector=b) for a, b in zip(small.loads, vectors, strict=True)),
             P=side_by_side(small.P, self.P @ W),
             T=side_by_side(small.T, W if self.T is None else self.T @ W),
-            opening=None
-            if self.opening is None
-            else self.opening.in_unknowns(np.hstack([V, W])),
+            opening=None if self.opening is None else self.opening.in_unknowns(np.hstack([V, W])),
         )
 
     def in_unknowns(self, new: ChangeOfUnknowns) -> System:

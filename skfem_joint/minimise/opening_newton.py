@@ -30,7 +30,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, as_dense
@@ -180,7 +179,9 @@ class OpeningNewton:
             return np.concatenate([g_t, g_d]), (g_d, interior)
         on_s = linalg.cho_solve(self._C, self._Q.T @ g_d)
         t = self.slips
-        return np.concatenate([g_t - self._R.T @ g_d + self.A[t:, :t].T @ (self._Q.T @ g_d), on_s]), (
+        return np.concatenate(
+            [g_t - self._R.T @ g_d + self.A[t:, :t].T @ (self._Q.T @ g_d), on_s]
+        ), (
             g_d,
             interior,
         )
@@ -372,7 +373,9 @@ class _Search:
             if coupled:
                 right = self._couple(J, free, place, right, target)
             d = target.copy()
-            d[free] = linalg.solve(J, right, check_finite=False, assume_a="gen" if coupled else "pos")
+            d[free] = linalg.solve(
+                J, right, check_finite=False, assume_a="gen" if coupled else "pos"
+            )
             self.counts["factorizations"] += 1
             turning = z * (z + d)
             i, j = first[both], second[both]

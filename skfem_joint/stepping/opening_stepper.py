@@ -30,7 +30,6 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, as_dense, check_like
 from skfem_joint.linalg.compressed import as_compressed
@@ -111,7 +110,9 @@ class OpeningStepper(PythonStepper):
         if free.any():
             from skfem_joint.minimise.law import force_vectors
 
-            sigma = force_vectors(slip, s.beta, s.directions) * s.on_rows(free & (self.limits > 0.0))
+            sigma = force_vectors(slip, s.beta, s.directions) * s.on_rows(
+                free & (self.limits > 0.0)
+            )
             right = right - s.B.T @ (s.on_rows(self.limits) * sigma)
             given[free] = NEVER_RUBS
         closed = self.rigid & (self._gaps(u) <= 0.0) & (contact.N @ v >= 0.0)
@@ -153,9 +154,7 @@ class OpeningStepper(PythonStepper):
             if minimum is None:
                 break
             self.v_before = before.v
-            recorder.add_step(
-                h, ends, before, self.now, c.trapezoidal, (limits, self.limits)
-            )
+            recorder.add_step(h, ends, before, self.now, c.trapezoidal, (limits, self.limits))
             self._add_normal_work(before, normal)
             done += 1
             self.frequency = 0.0

@@ -114,7 +114,9 @@ def preload(
     area, gap = (
         np.concatenate([getattr(face, name) for face in faces.values()]) for name in ("area", "gap")
     )
-    gap = gap + np.repeat([joints[i].gap for i in faces], [face.corners.size for face in faces.values()])
+    gap = gap + np.repeat(
+        [joints[i].gap for i in faces], [face.corners.size for face in faces.values()]
+    )
     sizes = [face.corners.size for face in faces.values()]
     tied = np.repeat([not joints[i].pressed_by_bolts for i in faces], sizes)
     free, left_out = _moving(body, held, N, force)

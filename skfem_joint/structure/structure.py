@@ -269,9 +269,7 @@ class Structure:
                 if joint.opens:
                     by_bolts, face = self._opening_face(joint, by_bolts)
                 sizes = p["width"], p["thickness"]
-                patch = make_patch(
-                    self.body, joint, self.held, *sizes, numbering, by_bolts, face
-                )
+                patch = make_patch(self.body, joint, self.held, *sizes, numbering, by_bolts, face)
                 check_shared(self.body, patches, patch)
                 patches.append(patch)
             except InputError as error:
