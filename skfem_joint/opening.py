@@ -22,7 +22,16 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.arrays import FloatArray, IntArray, Matrix
+
+
+def constant_contact_alone(what: str, cure: str) -> str:
+    """Sentence that refuses contact that opens for ``what``, and says what to do: ``cure``."""
+    return (
+        f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
+        f"with contact that opens there are full and condensed models over given cycles or a "
+        f"duration; {cure}"
+    )
 
 
 @dataclass(frozen=True)
@@ -68,6 +77,11 @@ class OpeningContact:
             value = getattr(self, name)
             if np.any(~np.isfinite(value)) or np.any(value < 0.0):
                 wrong.append(f"opening: {name}: must be finite and not negative")
+        gain = self.gain.data if sparse.issparse(self.gain) else self.gain
+        if np.any(~np.isfinite(gain)) or np.any(gain < 0.0):
+            wrong.append("opening: gain: must be finite and not negative")
+        if np.any(~(self.area > 0.0)) or np.any(np.isinf(self.area)):
+            wrong.append("opening: area: must be finite and positive")
         if np.any(~(self.stiffness > 0.0)):
             wrong.append("opening: stiffness: must be positive (inf for rigid contact)")
         if not wrong and np.any((self.gap > 0.0) & (self.force > 0.0)):
@@ -83,6 +97,17 @@ class OpeningContact:
     def limits_at_rest(self) -> FloatArray:
         """Friction limits of the contact points at rest, (m,), N."""
         return np.asarray(self.gain @ self.force)
+
+    @property
+    def closed_columns(self) -> IntArray:
+        """Unknowns that do not move while all points that are pressed at rest stay closed.
+
+        They are those whose motion opens or closes pressed points alone.
+        """
+        N = sparse.csc_array(self.N)
+        touched = np.diff(N.indptr) > 0
+        open_ones = sparse.csc_array(N[np.flatnonzero(self.force <= 0.0)])
+        return np.flatnonzero(touched & (np.diff(open_ones.indptr) == 0))
 
     def in_unknowns(self, T: Matrix) -> OpeningContact:
         """Same contact in the unknowns q of u = T q."""

@@ -24,7 +24,7 @@ from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
-from skfem_joint.opening import OpeningContact
+from skfem_joint.opening import OpeningContact, constant_contact_alone
 from skfem_joint.served import Served
 from skfem_joint.slips import SlipRows
 from skfem_joint.unknowns import (
@@ -227,10 +227,49 @@ class System:
                 "response make reduced models of their own from a scene"
             )
 
+    def check_constant_contact(self, what: str, cure: str = "") -> None:
+        """Refuse contact that opens, for what takes normal forces and friction limits as constant.
+
+        ``what`` names the analysis in the message, ``cure`` says what to do in its place.
+
+        Raises
+        ------
+        InputError
+            If a joint of the system opens.
+        """
+        if self.opening is not None:
+            default = "run integrate or quasi_static, or leave contact = 'unilateral' out"
+            raise InputError(constant_contact_alone(what, cure or default))
+
+    def closed(self) -> System:
+        """Same system with contact that stays closed wherever it is pressed at rest.
+
+        Normal forces are those at rest then, and constant; what is apart at rest stays free. It is
+        the system itself if no contact opens.
+
+        Raises
+        ------
+        InputError
+            If the unknowns do not have the approaches of the faces among them, as those of a full
+            and of a condensed system have.
+        """
+        if self.opening is None:
+            return self
+        N = self.opening.N
+        if not sparse.issparse(N):
+            raise InputError(
+                "closed: found a projected system, must be a full or condensed one, whose unknowns "
+                "have the approaches of the faces among them"
+            )
+        kept = np.setdiff1d(np.arange(self.n), self.opening.closed_columns)
+        T = selection(kept, self.n).T
+        T = as_dense(T) if self.is_dense else sparse.csr_array(T)
+        return replace(self, opening=None)._with(T, self.B @ T)
+
     @property
     def joint_points(self) -> list[IntArray]:
         """Numbers of the contact points with friction, for each joint that has such points."""
-        parts = (sparse.csr_array(self.J).toarray() > 0.0) & (self.w > 0.0)
+        parts = (sparse.csr_array(self.J).toarray() > 0.0) & self.rubs
         return [np.flatnonzero(part) for part in parts if part.any()]
 
     @property
@@ -245,6 +284,16 @@ class System:
             return np.asarray(self.w > 0.0)
         pressed = np.diff(sparse.csr_array(self.opening.gain).indptr) > 0
         return np.asarray((self.w > 0.0) | pressed)
+
+    @property
+    def point_weights(self) -> FloatArray:
+        """Weights of contact points in means over their joints, (m,): friction limits at rest, N.
+
+        Points of a joint that is pressed nowhere at rest have the weight 1.
+        """
+        J = sparse.csr_array(self.J)
+        weightless = (J @ self.w == 0.0) @ (J > 0.0)
+        return np.where((weightless > 0) & self.rubs, 1.0, self.w)
 
     @property
     def contact_points(self) -> int:
@@ -459,16 +508,17 @@ class System:
         The third natural frequency replaces the latter if no load is harmonic, or if the two are
         within a tenth of each other. Between the two frequencies damping is lower, beyond them
         higher; ``notes`` state by how much. The system must be sparse, with slip rows that pick
-        unknowns.
+        unknowns. Contact that opens counts as closed where it is pressed at rest.
 
         Raises
         ------
         InputError
             If nothing vibrates.
         """
-        stuck = sparse.csr_array(self.B)[np.flatnonzero(self.on_rows(self.w))].indices
+        closed = self.closed()
+        stuck = sparse.csr_array(closed.B)[np.flatnonzero(closed.on_rows(closed.w))].indices
         amplitudes = [load.amplitude for load in self.loads]
-        mass, stiffness, note = rayleigh(self.K, self.M, stuck, amplitudes, ratio)
+        mass, stiffness, note = rayleigh(closed.K, closed.M, stuck, amplitudes, ratio)
         return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
 
     def expand(self, u: FloatArray) -> FloatArray:

@@ -106,6 +106,7 @@ def reduce(
         If a number is out of range, the loads have no common period and no duration is given,
         nothing moves, or no point carries friction.
     """
+    system.check_constant_contact("reduce", "take sj.condense(system), or the system itself")
     check("modes", modes, COUNT, "auto")
     if range is not None:
         others = (interface_modes, friction_points, beta, duration, run, quasi_static)

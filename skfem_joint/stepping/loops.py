@@ -143,12 +143,12 @@ class LoopRecorder:
     def __init__(self, system: System) -> None:
         self.system = system
         shares = as_dense(system.J)
-        mixed = (shares > 0.0) & (system.w > 0.0)
+        mixed, weights = (shares > 0.0) & system.rubs, system.point_weights
         two = (mixed & (system.directions == 2)).any(axis=1)
         # Of joints with points of two directions, those with one have no component.
         counted = shares * np.where(two[:, np.newaxis], system.directions == 2, True)
-        weight = counted * system.w
-        limits, whole = weight.sum(axis=1), (shares * system.w).sum(axis=1)
+        weight = counted * weights
+        limits, whole = weight.sum(axis=1), (shares * weights).sum(axis=1)
         self.covered = np.where(whole > 0.0, limits / np.where(whole > 0.0, whole, 1.0), 1.0)
         mean = weight / np.where(limits > 0.0, limits, 1.0)[:, np.newaxis]
         row = system.first_row[:-1]

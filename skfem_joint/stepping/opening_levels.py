@@ -123,6 +123,6 @@ class OpeningLevels:
 
     def _carried(self, found: OpeningMinimum, force: FloatArray) -> float:
         """Share of the largest force that the added mass carries."""
-        carried = float(np.abs(self.added @ found.v).max())
+        carried = 0.0 if self.added is None else float(np.abs(self.added @ found.v).max())
         largest = max(float(np.abs(force).max()), float(found.p.max(initial=0.0)))
         return carried / largest if largest > 0.0 else 0.0

@@ -24,7 +24,7 @@ from skfem_joint.values import COUNT, check, check_some
 # What a recorder holds beside rows: sums and numbers.
 _SUMS = (
     *("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak"),
-    *("impact_work", "normal_force_peak"),
+    *("impact_work", "normal_force_peak", "normal_force_least"),
 )
 _NUMBERS = ("rows", "field_rows", "halved_steps")
 
@@ -246,8 +246,8 @@ class Run:
         Energy lost by impacts where contact closes, J; zero without contact that opens.
     normal_force : ndarray, shape (frames, q)
         Normal force of each pressure point of contact that opens, N, with the stored fields.
-    normal_force_peak : ndarray, shape (q,)
-        Largest of these over every step, N.
+    normal_force_peak, normal_force_least : ndarray, shape (q,)
+        Largest and smallest of these over every step, N.
     loops : Loops or None
         Force over displacement of each load and over slip of each joint, of a quasi-static run.
         Its velocities are changes over the last step, its final velocity is zero, and no work is
@@ -287,6 +287,7 @@ class Run:
     impact_work: float = 0.0
     normal_force: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     normal_force_peak: FloatArray = field(default_factory=lambda: np.zeros(0))
+    normal_force_least: FloatArray = field(default_factory=lambda: np.zeros(0))
     loops: Loops | None = None
 
     def __repr__(self) -> str:
@@ -324,6 +325,14 @@ class Run:
         balance = float(self.input_work.sum()) - dissipated - (end - start)
         in_play = max(float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated))
         return abs(balance) / in_play if in_play > 0.0 else 0.0
+
+    @property
+    def opened(self) -> NDArray[np.bool_]:
+        """Whether each pressure point that is pressed at rest came apart in some step, (q,)."""
+        opening = self.system.opening
+        if opening is None:
+            return np.zeros(0, dtype=bool)
+        return np.asarray((opening.force > 0.0) & (self.normal_force_least <= 0.0))
 
     def finished(self) -> Run:
         """The run itself; raises KeyboardInterrupt if it was interrupted."""
@@ -435,10 +444,11 @@ class Recorder:
         self.order = 2 * (slice(None),) if single else row_order(s.directions)
         self._limits = s.on_rows(s.w)[self.order[0]]
         self._rubs = bool(s.contact_points)
-        carrying = sparse.csr_array(s.J * (s.w > 0.0))
+        carrying = sparse.csr_array(s.J * s.rubs)
         carrying.eliminate_zeros()
         start, point, value = compressed_rows(carrying)
-        share = value * s.w[point] / np.repeat(s.J @ s.w, np.diff(start))
+        weights = s.point_weights
+        share = value * weights[point] / np.repeat(s.J @ weights, np.diff(start))
         self.joints = start, point, value, share
         self.input_work, self.impact_work = np.zeros(len(s.loads)), np.zeros(1)
         self.friction_work, self.slip_peak = np.zeros((2, m))
@@ -446,6 +456,7 @@ class Recorder:
         q = 0 if s.opening is None else s.opening.gap.size
         self.normal_force = np.zeros((fields if q else 0, q))
         self.normal_force_peak = np.zeros(q)
+        self.normal_force_least = np.zeros(0) if s.opening is None else s.opening.force.copy()
         self.vectors = s.load_vectors()
         # Works up to the start and to the end of each cycle, and the peaks in the cycle.
         self.boundaries = [np.zeros(len(s.loads) + 3 + joints + p)]
@@ -468,8 +479,8 @@ class Recorder:
         stored = self.stored._asdict().items()
         return {name: rows[:end] for (name, rows), end in zip(stored, self._ends(), strict=True)}
 
-    def store(self, step: int, state: State) -> None:
-        """Store what is due after ``step`` steps."""
+    def store(self, step: int, state: State, limits: FloatArray | None = None) -> None:
+        """Store what is due after ``step`` steps; ``limits`` (m,), N, are given if they change."""
         every, fields_every = self.save.strides
         system, stored = self.system, self.stored
         if self.save.points and step % every == 0:
@@ -478,6 +489,8 @@ class Recorder:
             stored.joint_work[k] = system.J @ self.friction_work
             if self.save.slips:
                 start, point, _, share = self.joints
+                if limits is not None:
+                    share = self._shares(limits)
                 sizes = system.slip_norm(system.B @ state.u), system.slip_norm(state.sigma)
                 results = stored.joint_slip[k], stored.joint_slipping[k]
                 energy.joint_slips(start, point, share, *sizes, *results)
@@ -488,9 +501,18 @@ class Recorder:
             stored.friction_work_rows[k] = self.friction_work
             self.field_rows += 1
 
+    def _shares(self, limits: FloatArray) -> FloatArray:
+        """Shares of the points with friction in the present limit of their joints; 0 without."""
+        start, point, value, _ = self.joints
+        whole = np.repeat(self.system.J @ limits, np.diff(start))
+        own: FloatArray = value * limits[point]
+        shares: FloatArray = np.divide(own, whole, out=np.zeros_like(own), where=whole > 0.0)
+        return shares
+
     def store_normal(self, step: int, force: FloatArray) -> None:
         """Store normal forces, (q,), N, that are due after ``step`` steps; after :meth:`store`."""
         np.maximum(self.normal_force_peak, force, out=self.normal_force_peak)
+        np.minimum(self.normal_force_least, force, out=self.normal_force_least)
         if self.save.fields and step % self.save.strides[1] == 0:
             self.normal_force[self.field_rows - 1] = force
 
@@ -644,6 +666,7 @@ class Recorder:
             impact_work=float(self.impact_work[0]),
             normal_force=self.normal_force[: self.field_rows],
             normal_force_peak=self.normal_force_peak,
+            normal_force_least=self.normal_force_least,
             friction_work=self.friction_work,
             stored_energy=(start_energy, self.system.stored_energy(u, v)),
             cycles=self._cycles(),

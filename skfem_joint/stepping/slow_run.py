@@ -43,12 +43,12 @@ def rate_independent(system: System) -> System:
     Without inertia the friction of an arctan law would not depend on how fast the loads change but
     creep for as long as they last: its ``beta`` counts as infinite, which a note says.
     """
-    finite = bool(np.isfinite(system.beta[system.w > 0.0]).any())
+    finite = bool(np.isfinite(system.beta[system.rubs]).any())
     if not finite and not np.any(system.C if system.is_dense else system.C.data):
         return system
     notes = system.notes
     if finite:
-        notes = (*notes, law_note(float(system.beta[system.w > 0.0].min())))
+        notes = (*notes, law_note(float(system.beta[system.rubs].min())))
     origin = system.origin
     if origin is not None:  # so that errors can still be estimated
         origin = replace(origin, system=rate_independent(origin.system))
@@ -244,8 +244,8 @@ class _SlowDriver:
 
     def _store(self, step: int) -> None:
         """Store what is due after so many steps."""
-        self.recorder.store(step, self._state(self.level))
         level = self.level
+        self.recorder.store(step, self._state(level), level.limits)
         if level.normal is not None:
             self.recorder.store_normal(step, level.normal)
         self.loops.add(
