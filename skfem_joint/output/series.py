@@ -23,6 +23,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing, safe_name
 from skfem_joint.output.fields import (
     CELL_ARRAYS,
+    OPENING_ARRAYS,
     POINT_ARRAYS,
     PRELOAD_ARRAYS,
     Frames,
@@ -152,7 +153,9 @@ def _grid(
     grid = pyvista.UnstructuredGrid({getattr(pyvista.CellType, kind): corners}, points)
     grid.cell_data["region"] = region[elements]
     grid.cell_data["body"] = mesh.body[elements].astype(np.int32)
-    meanings = (POINT_ARRAYS | PRELOAD_ARRAYS | CELL_ARRAYS | {"thickness": "m"}).items()
+    meanings = (
+        POINT_ARRAYS | OPENING_ARRAYS | PRELOAD_ARRAYS | CELL_ARRAYS | {"thickness": "m"}
+    ).items()
     _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
     _add_texts(grid, "region_names", names)
     return grid

@@ -41,6 +41,8 @@ class OpeningFace:
         Mean approach of each pressure point from those of the nodes; rows sum to 1.
     G : sparse array, shape (k, q)
         Normal forces of the nodes from those of the pressure points; columns sum to 1.
+    at_nodes : sparse array, shape (k, q)
+        Values at the nodes from those at the pressure points, linear between them; rows sum to 1.
     gap, force, area, stiffness : ndarray, shape (q,)
         As in :class:`skfem_joint.opening.OpeningContact`.
     """
@@ -48,6 +50,7 @@ class OpeningFace:
     nodes: IntArray
     W: sparse.csr_array
     G: sparse.csr_array
+    at_nodes: sparse.csr_array
     gap: FloatArray
     force: FloatArray
     area: FloatArray
@@ -105,7 +108,7 @@ def pressed_and_face(
     pressed = Pressed(
         at @ (space.G @ force), at @ space.node_area, at @ (space.at_nodes @ gap), other
     )
-    face = OpeningFace(space.nodes, W, space.G, gap, force, space.area, stiffness)
+    face = OpeningFace(space.nodes, W, space.G, space.at_nodes, gap, force, space.area, stiffness)
     return pressed, face
 
 
