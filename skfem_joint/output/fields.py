@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from skfem_joint.analysis.history import States
 from skfem_joint.analysis.stress import von_mises
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
+from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import AnyStructure, Structure
 from skfem_joint.system import System
@@ -267,19 +268,27 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
         states[:, nodes] = contact.state[:, points]
         density[:, nodes] += contact.work[:, points] * own / patch.area
     if pressure is not None and gap is not None:
-        start = 0
-        for patch in structure.patches:
-            if (face := patch.opening) is None:
-                continue
-            part = slice(start, start + face.gap.size)
-            start = part.stop
-            force = run.normal_force[:, part]
-            pressure[:, face.nodes] = (face.at_nodes @ (force / face.area).T).T
-            apart = np.maximum(run.system.opening.gaps(run.u)[:, part], 0.0)
-            gap[:, face.nodes] = (face.at_nodes @ np.where(force > 0.0, 0.0, apart).T).T
-            closed = np.asarray((face.G @ force.T).T) > 0.0
-            states[:, face.nodes] = np.where(closed, states[:, face.nodes], -1)
+        _open(structure, run, pressure, gap, states)
     return Field(name, u, v, slip, traction, states, density, pressure, gap)
+
+
+def _open(
+    structure: Structure, run: Run, pressure: FloatArray, gap: FloatArray, states: States
+) -> None:
+    """Enter pressures, Pa, gaps, m, and points that are apart into (frames, N) of all nodes."""
+    contact, start = cast("OpeningContact", run.system.opening), 0
+    gaps = np.maximum(contact.gaps(run.u), 0.0)
+    for patch in structure.patches:
+        if (face := patch.opening) is None:
+            continue
+        part = slice(start, start + face.gap.size)
+        start = part.stop
+        force = run.normal_force[:, part]
+        apart = np.where(force > 0.0, 0.0, gaps[:, part])
+        pressure[:, face.nodes] = (face.at_nodes @ (force / face.area).T).T
+        gap[:, face.nodes] = (face.at_nodes @ apart.T).T
+        closed = np.asarray((face.G @ force.T).T) > 0.0
+        states[:, face.nodes] = np.where(closed, states[:, face.nodes], -1)
 
 
 def _limits(system: System, run: Run) -> FloatArray:
