@@ -6,7 +6,7 @@ which gives the slip from the displacements. Contact that stays closed adds rows
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,20 @@ class NormalRows:
     D: Matrix
     pivots: IntArray
     contact: OpeningContact
+
+    def without(self, free: FloatArray, keep: NDArray[np.bool_]) -> NormalRows:
+        """Rows that are left where degrees of freedom (N,) are ``free`` (1) or held (0).
+
+        ``keep`` (m,) are the contact points that can still slip. Faces approach each other only by
+        what is free; nodes that are held altogether do not.
+        """
+        D = sparse.csr_array(self.D @ sparse.diags_array(free))
+        D.eliminate_zeros()
+        moves = np.flatnonzero(np.diff(D.indptr) > 0)
+        N = sparse.csr_array(sparse.csc_array(self.contact.N)[:, moves])
+        gain = sparse.csr_array(sparse.csr_array(self.contact.gain)[np.flatnonzero(keep)])
+        contact = replace(self.contact, N=N, gain=gain)
+        return NormalRows(D[moves], self.pivots[moves], contact)
 
 
 @dataclass(frozen=True)
@@ -157,8 +171,11 @@ class SlipRows:
         n = self.B.shape[1]
         free = np.ones(n)
         free[fixed] = 0.0
-        touched, cut = (np.asarray(abs(A) @ (1.0 - free)) > 0.0 for A in (self.B, self.closed))
-        if not touched.any() and not cut.any():
+        D = sparse.csr_array((0, n)) if self.normal is None else self.normal.D
+        touched, cut, across = (
+            np.asarray(abs(A) @ (1.0 - free)) > 0.0 for A in (self.B, self.closed, D)
+        )
+        if not touched.any() and not cut.any() and not across.any():
             return self
         B, closed = (sparse.csr_array(A @ sparse.diags_array(free)) for A in (self.B, self.closed))
         closed.eliminate_zeros()
@@ -174,8 +191,15 @@ class SlipRows:
         directions = np.array([own.shape[0] for own in rows], dtype=np.int64)
         keep = directions > 0
         names = tuple(np.array(self.joint_of_point, dtype=object)[keep])
+        normal = None if self.normal is None else self.normal.without(free, keep)
         return SlipRows(
-            stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], closed, names=names
+            stacked(rows, n),
+            self.w[keep],
+            self.beta[keep],
+            directions[keep],
+            closed,
+            names=names,
+            normal=normal,
         )
 
 

@@ -9,7 +9,8 @@ are made for structures (`contact_rows`), for matrices assembled on any basis of
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from scipy import sparse
@@ -21,11 +22,19 @@ from skfem_joint.mesh.cells import cell_of
 from skfem_joint.slips import SlipRows, rows_along
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.nodes import Nodes
-from skfem_joint.structure.opening import opening_rows
+from skfem_joint.structure.opening import opening_face, opening_rows
 from skfem_joint.structure.patch import SMALL, Patch, make_patch
 from skfem_joint.structure.pressure import Pressure
 from skfem_joint.unknowns import dof_numbers, selection, stacked
 from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, check, problems
+
+
+class Opening(TypedDict, total=False):
+    """Arguments of `contact` for contact that opens and closes, as those of a `Joint`."""
+
+    contact: str
+    gap: float
+    normal_stiffness: float
 
 
 def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
@@ -88,7 +97,7 @@ def contact(
     basis: Any,
     on: str,
     *,
-    pressure: Pressure,
+    pressure: Pressure | None = None,
     friction: float,
     beta: float = np.inf,
     against: str | None = None,
@@ -97,6 +106,7 @@ def contact(
     normal_force: str = "consistent",
     fixed: Any = (),
     name: str | None = None,
+    **opening: Unpack[Opening],
 ) -> SlipRows:
     """Friction on a named part of a mesh, for matrices assembled on any displacement basis.
 
@@ -105,7 +115,8 @@ def contact(
     basis : skfem.Basis
         Of `ElementVector` of first or second order, or of a line element.
     on, pressure, friction, beta, against, normal_force
-        As those of a `Joint`, regions being subdomains of the basis' mesh.
+        As those of a `Joint`, regions being subdomains of the basis' mesh. The pressure may be left
+        out where contact opens.
     width, thickness : float
         Extent of the contact across lines and edges, m.
     fixed : array_like of int, optional
@@ -114,12 +125,15 @@ def contact(
     name : str, optional
         Joint under which results state its friction energy, ``on`` if not given. In a sum of
         contacts each name is a joint of its own.
+    **opening
+        ``contact="unilateral"`` for contact that opens and closes, and with it ``gap`` (m) and
+        ``normal_stiffness`` (Pa/m), as those of a `Joint`.
 
     Returns
     -------
     SlipRows
-        For :meth:`skfem_joint.System.from_matrices`. Facets cannot move along their normal:
-        contact stays closed.
+        For :meth:`skfem_joint.System.from_matrices`. Without ``contact="unilateral"`` facets cannot
+        move along their normal: contact stays closed.
 
     Raises
     ------
@@ -136,7 +150,18 @@ def contact(
             "point_friction(row, limit) for slip rows of your own"
         )
     grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
-    joint = Joint(on, pressure, friction, against, beta, normal_force)
+    known = dict.fromkeys(Opening.__annotations__)
+    refuse(
+        f"contact: unexpected argument {key!r}, must be one of {', '.join(known)}"
+        for key in opening
+        if key not in known
+    )
+    opens = opening.get("contact") == "unilateral"
+    if pressure is None and not opens:
+        raise InputError(
+            "contact: pressure: missing; only with contact='unilateral' it may be left out"
+        )
+    joint = Joint(on, pressure or 0.0, friction, against, beta, normal_force, **opening)
     wrong = [*joint_problems(grid.mesh, [joint])]
     for key, extent in (("width", width), ("thickness", thickness)):
         wrong += problems(f"contact: {key}", extent, POSITIVE)
@@ -147,14 +172,23 @@ def contact(
         table[grid.of_element[i // dim], i % dim] = row
     held = np.isin(table, dof_numbers(fixed, basis.N))
     widths, depths = (np.full(grid.mesh.n_elements, float(x)) for x in (width, thickness))
-    patch = make_patch(grid, joint, held, widths, depths, np.full(grid.n_nodes, -1))
+    own = opening_face(grid, joint, widths, depths) if opens else (None, None)
+    patch = make_patch(grid, joint, held, widths, depths, np.full(grid.n_nodes, -1), *own)
     rows = contact_rows([patch], held)
     order = selection(table.ravel(), basis.N)
     pivots = table.ravel()[rows.pivots]
     names = (_joint_name("contact", on if name is None else name),) * rows.w.size
-    closed_rows = rows.closed @ order
-    return SlipRows(
-        rows.B @ order, rows.w, rows.beta, rows.directions, closed_rows, pivots, names=names
+    normal = rows.normal
+    if normal is not None:
+        normal = replace(normal, D=normal.D @ order, pivots=table.ravel()[normal.pivots])
+    return replace(
+        rows,
+        B=rows.B @ order,
+        closed=rows.closed @ order,
+        pivots=pivots,
+        clamped=None,
+        names=names,
+        normal=normal,
     )
 
 

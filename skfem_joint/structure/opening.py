@@ -21,11 +21,11 @@ from skfem_joint.errors import InputError
 from skfem_joint.mesh.cells import spot
 from skfem_joint.opening import OpeningContact
 from skfem_joint.slips import NormalRows, rows_along
-from skfem_joint.structure.body import Body
 from skfem_joint.structure.joints import Joint
-from skfem_joint.structure.patch import SMALL, Patch, Pressed
+from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.patch import SMALL, Patch, Pressed, manifold_of
 from skfem_joint.structure.pressure import nodal_pressure
-from skfem_joint.structure.pressure_space import PressureSpace
+from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
 from skfem_joint.unknowns import selection
 
 
@@ -57,8 +57,39 @@ class OpeningFace:
     stiffness: FloatArray
 
 
-def pressed_and_face(
-    body: Body,
+def opening_face(
+    body: Nodes,
+    joint: Joint,
+    width: FloatArray,
+    thickness: FloatArray,
+    pressed: Pressed | None = None,
+) -> tuple[Pressed, OpeningFace]:
+    """Nodal forces at rest of a joint that opens, and its pressure points.
+
+    Parameters
+    ----------
+    body : Nodes
+    joint : Joint
+    width, thickness : ndarray, shape (elements,)
+        m.
+    pressed : Pressed, optional
+        Of the preload; the joint's own pressure and the gap of the mesh count if not given.
+
+    Raises
+    ------
+    InputError
+        If the joint has no boundary, or a pressure is given beside a gap.
+    """
+    cells, _, depth, normals = manifold_of(body, joint.on, width, thickness, joint.label)
+    space = pressure_space(body, joint, width, thickness)
+    if space is None or normals is None:
+        raise InputError(f"{joint.label}: contact = 'unilateral' needs a boundary")
+    known = (None, None) if pressed is None else (pressed.corner_force, pressed.corner_gap)
+    return _pressed_and_face(body, joint, space, normals, *known, (cells, depth))
+
+
+def _pressed_and_face(
+    body: Nodes,
     joint: Joint,
     space: PressureSpace,
     normals: FloatArray,
@@ -70,7 +101,7 @@ def pressed_and_face(
 
     Parameters
     ----------
-    body : Body
+    body : Nodes
     joint : Joint
     space : PressureSpace
     normals : ndarray, shape (nodes of the body, dim)
@@ -101,7 +132,7 @@ def pressed_and_face(
             f"{joint.label}: found a pressure beside gap = {joint.gap:g} m: faces that are apart "
             "carry no pressure; leave one of them out"
         )
-    gap = np.where((force > 0.0) | (gap <= 1e-9 * body.size), 0.0, gap)
+    gap = np.where((force > 0.0) | (gap <= 1e-9 * body.mesh.size), 0.0, gap)
     stiffness = joint.normal_stiffness * space.area
     at = selection(space.nodes, body.n_nodes).T
     other = None if space.other is None else sparse.csr_array(at @ space.other)
@@ -112,7 +143,7 @@ def pressed_and_face(
     return pressed, face
 
 
-def _weights(body: Body, space: PressureSpace, normals: FloatArray) -> sparse.csr_array:
+def _weights(body: Nodes, space: PressureSpace, normals: FloatArray) -> sparse.csr_array:
     """Mean approach of the pressure points from those of the nodes, (q, k).
 
     For first order they are the approaches of the nodes themselves. Means over hats, which couple

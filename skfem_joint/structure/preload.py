@@ -108,7 +108,8 @@ def preload(
     begin, (_, K) = time.perf_counter(), body.matrices()
     clamps = (clamp_forces(body, bolt, f"bolt[{i}]") for i, bolt in enumerate(bolts))
     force = np.sum([*clamps], axis=0)
-    every = ((i, pressure_space(body, joint)) for i, joint in enumerate(joints))
+    sizes = body.properties["width"], body.properties["thickness"]
+    every = ((i, pressure_space(body, joint, *sizes)) for i, joint in enumerate(joints))
     faces = {i: face for i, face in every if face is not None}
     N = stacked([face.N for face in faces.values()], force.size)
     area, gap = (
@@ -117,8 +118,8 @@ def preload(
     gap = gap + np.repeat(
         [joints[i].gap for i in faces], [face.corners.size for face in faces.values()]
     )
-    sizes = [face.corners.size for face in faces.values()]
-    tied = np.repeat([not joints[i].pressed_by_bolts for i in faces], sizes)
+    counts = [face.corners.size for face in faces.values()]
+    tied = np.repeat([not joints[i].pressed_by_bolts for i in faces], counts)
     free, left_out = _moving(body, held, N, force)
     u = np.zeros(force.size)
     G = sparse.csr_array(sparse.diags_array(area) @ N)
@@ -128,7 +129,7 @@ def preload(
     u[free], p, count = contact.solve()
     u -= left_out @ linalg.lstsq(left_out, u)[0]
     borne = np.where(p > active_set.SETTINGS.round_off * p.max(initial=0.0), area * p, 0.0)
-    parts = (np.split(x, np.cumsum(sizes)[:-1]) for x in (borne, gap - N @ u))
+    parts = (np.split(x, np.cumsum(counts)[:-1]) for x in (borne, gap - N @ u))
     pressed: list[Pressed | None] = [None] * len(joints)
     for (i, face), *values in zip(faces.items(), *parts, strict=True):
         if joints[i].pressed_by_bolts:

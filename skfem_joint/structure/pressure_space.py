@@ -38,10 +38,9 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.slips import rows_along, unit_vectors
-from skfem_joint.structure.body import Body
 from skfem_joint.structure.clamps import PARALLEL
 from skfem_joint.structure.joints import Joint
-from skfem_joint.structure.nodes import feet, values_in
+from skfem_joint.structure.nodes import Nodes, feet, values_in
 from skfem_joint.structure.patch import manifold_of
 from skfem_joint.structure.pressure import hat_simplices, measure
 
@@ -102,7 +101,9 @@ class PressureSpace:
         return np.asarray(there + self.G @ np.where(none, force, 0.0))
 
 
-def pressure_space(body: Body, joint: Joint) -> PressureSpace | None:
+def pressure_space(
+    body: Nodes, joint: Joint, width: FloatArray, thickness: FloatArray
+) -> PressureSpace | None:
     """Pressures of a joint; None where cells lie on their base, across which nothing moves.
 
     A node takes part if a place opposite to it lies within the length of an element, and a corner
@@ -112,17 +113,19 @@ def pressure_space(body: Body, joint: Joint) -> PressureSpace | None:
 
     Parameters
     ----------
-    body : Body
+    body : Nodes
     joint : Joint
         On a boundary; its ``pressure`` does not matter.
+    width, thickness : ndarray, shape (elements,)
+        m.
 
     Raises
     ------
     InputError
         If no node lies over the other face.
     """
-    p, where = body.properties, joint.label
-    cells, beside, depth, normals = manifold_of(body, joint.on, p["width"], p["thickness"], where)
+    where = joint.label
+    cells, beside, depth, normals = manifold_of(body, joint.on, width, thickness, where)
     if normals is None:
         return None
     own = np.unique(cells)
@@ -181,7 +184,7 @@ class _Points:
 
     @staticmethod
     def of(
-        body: Body,
+        body: Nodes,
         joint: Joint,
         cells: IntArray,
         beside: IntArray,
@@ -214,7 +217,7 @@ class _Points:
             parent=parent,
         )
 
-    def tests(self, body: Body, joint: Joint) -> sparse.csr_array:
+    def tests(self, body: Nodes, joint: Joint) -> sparse.csr_array:
         """Functions of the vertices that weight gaps, times weights, (vertices, k), m2.
 
         They are the hats themselves for first order, and on element faces that lie over the other
@@ -253,7 +256,7 @@ def _quadrature(corners: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _opposite(
-    body: Body, joint: Joint, x: FloatArray, normal: FloatArray
+    body: Nodes, joint: Joint, x: FloatArray, normal: FloatArray
 ) -> tuple[FloatArray, FloatArray, sparse.csr_array | None]:
     """Opposite body at points ``x`` (k, dim) of a pressed face with a ``normal`` (k, dim).
 
@@ -268,7 +271,7 @@ def _opposite(
     way = foot - x
     distance = np.linalg.norm(way, axis=1)
     signed = np.einsum("kd,kd->k", way, normal)
-    apart = distance > 1e-9 * body.size  # else round-off
+    apart = distance > 1e-9 * body.mesh.size  # else round-off
     opposite = np.abs(signed) > PARALLEL * distance
     n = np.where((apart & opposite)[:, np.newaxis], np.sign(signed)[:, None] * unit_vectors(way),
                  normal)  # fmt: skip

@@ -25,10 +25,9 @@ from skfem_joint.structure.clamps import Clamp, clamp_problems, cuts
 from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
-from skfem_joint.structure.opening import OpeningFace, pressed_and_face
-from skfem_joint.structure.patch import Patch, Pressed, check_shared, make_patch, manifold_of
+from skfem_joint.structure.opening import opening_face
+from skfem_joint.structure.patch import Patch, check_shared, make_patch
 from skfem_joint.structure.preload import Preload, preload
-from skfem_joint.structure.pressure_space import pressure_space
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.structure.rigid import loose_bodies
 from skfem_joint.system import AppliedLoad, System
@@ -265,10 +264,9 @@ class Structure:
         pressed = [None] * len(self.joints) if self.preload is None else self.preload.joints
         for joint, by_bolts in zip(self.joints, pressed, strict=True):
             try:
-                face = None
+                face, sizes = None, (p["width"], p["thickness"])
                 if joint.opens:
-                    by_bolts, face = self._opening_face(joint, by_bolts)
-                sizes = p["width"], p["thickness"]
+                    by_bolts, face = opening_face(self.body, joint, *sizes, by_bolts)
                 patch = make_patch(self.body, joint, self.held, *sizes, numbering, by_bolts, face)
                 check_shared(self.body, patches, patch)
                 patches.append(patch)
@@ -276,18 +274,6 @@ class Structure:
                 wrong += error.problems
         refuse(wrong)
         return tuple(patches)
-
-    def _opening_face(self, joint: Joint, pressed: Pressed | None) -> tuple[Pressed, OpeningFace]:
-        """Forces at rest and pressure points of a joint that opens."""
-        p = self.body.properties
-        cells, _, depth, normals = manifold_of(
-            self.body, joint.on, p["width"], p["thickness"], joint.label
-        )
-        space = pressure_space(self.body, joint)
-        if space is None or normals is None:
-            raise InputError(f"{joint.label}: contact = 'unilateral' needs a boundary")
-        known = (None, None) if pressed is None else (pressed.corner_force, pressed.corner_gap)
-        return pressed_and_face(self.body, joint, space, normals, *known, (cells, depth))
 
     @cached_property
     def _slip_rows(self) -> SlipRows:
