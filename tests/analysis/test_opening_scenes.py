@@ -9,6 +9,8 @@ from joint_scenes import plate_scene
 
 import skfem_joint as sj
 from skfem_joint import cli
+from skfem_joint.analysis.against_opening import OpeningSettings, against_opening
+from skfem_joint.analysis.description import describe
 from skfem_joint.analysis.estimate import QUANTITIES
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
@@ -227,3 +229,34 @@ def test_certified_by_a_finer_mesh():
     study = run_scene(block(time={"cycles": 1, "steps_per_cycle": 40}))
     errors = certify(study, "full").estimate
     assert errors.of("mesh", "displacement_rms") > 0.0
+
+
+def test_check_says_how_far_constant_normal_forces_err():
+    """As quasi-static runs of the full model with both kinds of contact do."""
+    constant = block(contact=BASE | {"contact": "constant"}, up=150e3)
+    change = describe(constant).values["normal_force_change"]
+    told = against_opening(constant, change)
+    steps = {"cycles": 2, "steps_per_cycle": 24}
+    a, b = (sj.quasi_static(scene.system(), **steps) for scene in (constant, block(up=150e3)))
+    for less in (
+        1.0 - a.cycles.friction[-1] / b.cycles.friction[-1],
+        1.0 - a.slip_peak.max() / b.slip_peak.max(),
+    ):
+        assert f"{100 * abs(less):.2g} % {'less' if less > 0 else 'more'}" in told
+    (doubt,) = [d for d in describe(constant).doubts if "normal force" in d]
+    assert "set contact = 'unilateral' in that [[joint]]" in doubt
+
+
+def test_check_says_when_that_is_not_computed(monkeypatch):
+    constant = block(contact=BASE | {"contact": "constant"})
+    assert against_opening(constant, 0.05) is None
+    assert against_opening(constant, None) is None
+    monkeypatch.setattr(
+        "skfem_joint.analysis.against_opening.SETTINGS", OpeningSettings(most_contact=3)
+    )
+    told = against_opening(constant, 0.5)
+    assert "was not computed: 7 contact unknowns in 28 are more than 3" in told
+    assert "time.quasi_static = true" in told
+    monkeypatch.undo()
+    lifted = block(contact=BASE | {"contact": "constant"}, up=300e3)
+    assert "was not computed" in against_opening(lifted, 0.5)
