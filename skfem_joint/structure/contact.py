@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -29,12 +29,8 @@ from skfem_joint.unknowns import dof_numbers, selection, stacked
 from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, check, problems
 
 
-class Opening(TypedDict, total=False):
-    """Arguments of `contact` for contact that opens and closes, as those of a `Joint`."""
-
-    contact: str
-    gap: float
-    normal_stiffness: float
+#: Arguments of `contact` for contact that opens and closes.
+OPENING = ("contact", "gap", "normal_stiffness")
 
 
 def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
@@ -106,7 +102,7 @@ def contact(
     normal_force: str = "consistent",
     fixed: Any = (),
     name: str | None = None,
-    **opening: Unpack[Opening],
+    **opening: Any,
 ) -> SlipRows:
     """Friction on a named part of a mesh, for matrices assembled on any displacement basis.
 
@@ -150,11 +146,10 @@ def contact(
             "point_friction(row, limit) for slip rows of your own"
         )
     grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
-    known = dict.fromkeys(Opening.__annotations__)
     refuse(
-        f"contact: unexpected argument {key!r}, must be one of {', '.join(known)}"
+        f"contact: unexpected argument {key!r}, must be one of {', '.join(OPENING)}"
         for key in opening
-        if key not in known
+        if key not in OPENING
     )
     opens = opening.get("contact") == "unilateral"
     if pressure is None and not opens:

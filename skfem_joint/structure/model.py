@@ -9,7 +9,7 @@ import numpy as np
 
 from skfem_joint.mesh.cells import spot
 from skfem_joint.structure.body import Body
-from skfem_joint.structure.doubts import coarse_for_waves
+from skfem_joint.structure.doubts import coarse_for_waves, oscillating_impacts
 from skfem_joint.structure.joints import Joint
 from skfem_joint.structure.load import Load
 from skfem_joint.structure.patch import Patch
@@ -91,6 +91,7 @@ def doubts(structure: AnyStructure, system: System, waves: bool = True) -> list[
     sentences = [*system.notes, *structure.unusual(system)]
     if waves and structure.body is not None:
         sentences += coarse_for_waves(structure.body, system)
+        sentences += oscillating_impacts(structure.body, structure.patches)
     if not structure.patches:
         sentences.append("There is no joint: nothing slips, the structure is linear.")
     for patch in structure.patches:

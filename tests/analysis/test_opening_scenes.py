@@ -19,6 +19,7 @@ from skfem_joint.mesh import build_plate, write_mesh
 from skfem_joint.output import report
 from skfem_joint.output.fields import frames_of
 from skfem_joint.scene import Scene
+from skfem_joint.structure import doubts
 
 SIZE = 0.04
 BASE: dict[str, Any] = {"on": "base", "friction": 0.5, "pressure": 50e6, "contact": "unilateral"}
@@ -260,3 +261,16 @@ def test_check_says_when_that_is_not_computed(monkeypatch):
     monkeypatch.undo()
     lifted = block(contact=BASE | {"contact": "constant"}, up=300e3)
     assert "was not computed" in against_opening(lifted, 0.5)
+
+
+def test_faces_that_will_hit_each_other_want_a_lumped_mass():
+    apart = BASE | {"gap": 1e-5, "pressure": 0.0}
+    steel = {"E": 200e9, "density": 8e3, "poisson": 0.3}
+    for contact, mass, said in (
+        (apart, "consistent", True),
+        (apart, "lumped", False),
+        (BASE, "consistent", False),
+    ):
+        scene = block(contact=contact, material=steel | {"mass_matrix": mass})
+        notes = doubts(scene.structure(), scene.system())
+        assert any("mass_matrix = 'lumped'" in note for note in notes) is said
