@@ -8,7 +8,7 @@ become unknowns.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy import sparse
@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.opening_stepper import OpeningStepper
 from skfem_joint.stepping.steppers import CompiledStepper, PythonStepper, Stepper
 from skfem_joint.system import System
@@ -117,7 +118,7 @@ def _arranged_opening(system: System) -> Arranged:
             )
         system, slips = system.with_slips_as_unknowns()
         maps = (slips,)
-    N = sparse.csr_array(system.opening.N)
+    N = sparse.csr_array(cast("OpeningContact", system.opening).N)
     if np.isin(N.indices, sparse.csr_array(system.B).indices).any():
         raise InputError(
             "contact that opens: its normal motion and a slip are the same displacement; slips "
@@ -173,6 +174,7 @@ def choose(to: Arranged, *others: Any) -> Stepper:
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    kinds = {"chain": CompiledStepper, "dense": CompiledStepper, "opening": OpeningStepper}
-    stepper = kinds.get(to.kind, PythonStepper)
+    if to.kind == "opening":
+        return OpeningStepper(to.kind, to.system, *others)
+    stepper = CompiledStepper if to.kind in ("chain", "dense") else PythonStepper
     return stepper(to.kind, to.system, *others)

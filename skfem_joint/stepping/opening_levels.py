@@ -13,10 +13,11 @@ carries nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, as_dense
+from skfem_joint.arrays import FloatArray, Matrix, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
@@ -123,6 +124,6 @@ class OpeningLevels:
 
     def _carried(self, found: OpeningMinimum, force: FloatArray) -> float:
         """Share of the largest force that the added mass carries."""
-        carried = float(np.abs(self.added @ found.v).max())
+        carried = float(np.abs(cast("Matrix", self.added) @ found.v).max())
         largest = max(float(np.abs(force).max()), float(found.p.max(initial=0.0)))
         return carried / largest if largest > 0.0 else 0.0

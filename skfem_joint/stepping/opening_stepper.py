@@ -110,9 +110,8 @@ class OpeningStepper(PythonStepper):
         if free.any():
             from skfem_joint.minimise.law import force_vectors
 
-            sigma = force_vectors(slip, s.beta, s.directions) * s.on_rows(
-                free & (self.limits > 0.0)
-            )
+            rubs = (free & (self.limits > 0.0)).astype(float)
+            sigma = np.asarray(force_vectors(slip, s.beta, s.directions)) * s.on_rows(rubs)
             right = right - s.B.T @ (s.on_rows(self.limits) * sigma)
             given[free] = NEVER_RUBS
         closed = self.rigid & (self._gaps(u) <= 0.0) & (contact.N @ v >= 0.0)
@@ -214,7 +213,7 @@ class OpeningStepper(PythonStepper):
         if soft.any():
             apart = contact.gap - contact.force / contact.stiffness - contact.N @ predictor
             bound[soft] = apart[soft] / c.c_K
-        return bound
+        return np.asarray(bound)
 
     def _add_normal_work(self, before: State, normal: NormalState) -> None:
         """Add the work that impacts take; a rest that belongs to the scheme goes to its own row."""

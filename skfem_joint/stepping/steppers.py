@@ -186,7 +186,7 @@ class Stepper(ABC):
         """State now, with friction by slip row of the system."""
         return self.now
 
-    def store_start(self) -> None:
+    def store_start(self) -> None:  # noqa: B027
         """Store what a start has beside its state."""
 
     def saved(self) -> dict[str, NDArray[Any]]:
@@ -350,7 +350,9 @@ class CompiledStepper(Stepper):
 class PythonStepper(Stepper):
     """Steps done one by one in Python: of sparse systems in contact, and of linear systems."""
 
-    COUNTS = ("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves")
+    COUNTS: ClassVar[tuple[str, ...]] = (
+        *("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves"),
+    )
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)

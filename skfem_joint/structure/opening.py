@@ -1,11 +1,11 @@
 """Contact of a structure that opens and closes: pressure points of a joint on its nodes.
 
-The faces of a joint with ``contact = "unilateral"`` approach each other by d_i = n_i (u_i - u_other)
-at each node i. The pressure points are the corners of the element faces, with the mean approaches
-of their hats, N u = W d (:mod:`skfem_joint.structure.pressure_space`). The weights W are those of
-the pressed face; on the other body each node acts at the place opposite to it, so that forces are
-equal, opposite, and on one line, on meshes that do not match too. d become unknowns of the system,
-as slips do.
+The faces of a joint with ``contact = "unilateral"`` approach each other by
+d_i = n_i (u_i - u_other) at each node i. The pressure points are the corners of the element faces,
+with the mean approaches of their hats, N u = W d (:mod:`skfem_joint.structure.pressure_space`). The
+weights W are those of the pressed face; on the other body each node acts at the place opposite to
+it, so that forces are equal, opposite, and on one line, on meshes that do not match too. d become
+unknowns of the system, as slips do.
 """
 
 from __future__ import annotations
@@ -152,6 +152,8 @@ def opening_rows(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRow
     rows, pivots, contacts = [], [], []
     for patch in opening:
         face, normal = patch.opening, patch.opening_normal
+        assert face is not None
+        assert normal is not None
         n = np.where(held[face.nodes], 0.0, normal)
         moves = np.linalg.norm(n, axis=1) > SMALL
         nodes = face.nodes[moves]
