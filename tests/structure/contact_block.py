@@ -9,9 +9,9 @@ import numpy as np
 import skfem
 from scipy import sparse
 from skfem.helpers import ddot, eye, sym_grad, trace
-from skfem_joint.mesh import named
 
 import skfem_joint as sj
+from skfem_joint.mesh import named
 
 SIDE, E, POISSON = 0.04, 1.3e11, 0.2
 #: Pressures on the side and on the top at the times 0, 1, 2, ..., Pa.
