@@ -5,71 +5,39 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import skfem
-from scipy import sparse
+from benchmarks.contact import BAR, PASSAGE, WALL_FORCE, hit
 
 import skfem_joint as sj
 from skfem_joint.mesh import named
-from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.system import System
-
-E, DENSITY, AREA, LENGTH, SPEED = 200e9, 8000.0, 1e-4, 1.0, 1.0
-#: Time that a wave takes through the bar, s, and force at the wall, N.
-PASSAGE = LENGTH / np.sqrt(E / DENSITY)
-FORCE = DENSITY * np.sqrt(E / DENSITY) * AREA * SPEED
-
-
-def _bar(elements, lumped):
-    """Bar whose last unknown touches a wall."""
-    h, n = LENGTH / elements, elements + 1
-    cell = np.eye(2) / 2.0 if lumped else np.array([[2.0, 1.0], [1.0, 2.0]]) / 6.0
-    K, M = np.zeros((n, n)), np.zeros((n, n))
-    for i in range(elements):
-        K[i : i + 2, i : i + 2] += E * AREA / h * np.array([[1.0, -1.0], [-1.0, 1.0]])
-        M[i : i + 2, i : i + 2] += DENSITY * AREA * h * cell
-    N = sparse.csr_array(([1.0], ([0], [elements])), shape=(1, n))
-    zero, none = np.zeros(1), sparse.csr_array((0, 1))
-    contact = OpeningContact(N, zero, zero, none, np.array([np.inf]), np.array([AREA]))
-    M, K, B = sparse.csr_array(M), sparse.csr_array(K), sparse.csr_array((0, n))
-    return System(M, None, K, B, np.zeros(0), np.zeros(0), P=N, points=("end",), opening=contact)
-
-
-def _hit(elements, rho, lumped, steps=400):
-    """Run of the bar flying against the wall, and energy over that of the start at each step."""
-    system = _bar(elements, lumped)
-    start = np.zeros(system.n), np.full(system.n, SPEED)
-    run = sj.integrate(
-        system, step=PASSAGE / steps, n_steps=int(3.5 * steps), initial=start,
-        scheme=generalized_alpha(rho), save=sj.Save(fields=True),
-    )  # fmt: skip
-    energy = np.array([system.stored_energy(u, v) for u, v in zip(run.u, run.v, strict=True)])
-    return run, energy / energy[0]
 
 
 @pytest.mark.parametrize("rho", [1.0, 0.8])
 def test_bar_of_lumped_mass_hits_a_wall_as_waves_say(rho):
-    run, energy = _hit(100, rho, lumped=True)
+    run, energy = hit(100, rho, lumped=True)
     assert energy.max() < 1.0 + 1e-12
     if rho == 1.0:  # else what a scheme dissipates is not monotone in this energy
         assert np.all(np.diff(energy) < 1e-12)
     assert 0.99 < energy[-1] < 1.0
-    force, t = run.normal_force[:, 0] / FORCE, run.field_times / PASSAGE
+    force, t = run.normal_force[:, 0] / WALL_FORCE, run.field_times / PASSAGE
     assert force.min() >= 0.0
     assert t[np.flatnonzero(force)[-1]] == pytest.approx(2.0, abs=0.02)
     during = (t > 0.2) & (t < 1.8)
     np.testing.assert_allclose(force[during], 1.0, atol=0.005)
     assert np.all(force[t > 2.1] == 0.0)
     # momentum: the impulse of the wall turns the bar around
-    mass = DENSITY * AREA * LENGTH
-    assert force.sum() * FORCE * PASSAGE / 400 == pytest.approx(2.0 * mass * SPEED, rel=0.01)
+    mass = BAR["density"] * BAR["area"] * BAR["length"]
+    assert force.sum() * WALL_FORCE * PASSAGE / 400 == pytest.approx(
+        2.0 * mass * BAR["speed"], rel=0.01
+    )
     assert run.energy_residual < 1e-10
-    assert np.all(run.u[:, -1] <= SPEED * PASSAGE / 400)
+    assert np.all(run.u[:, -1] <= BAR["speed"] * PASSAGE / 400)
 
 
 def test_energy_that_an_impact_takes_is_that_of_the_last_mass():
     # It stops at once: half of its kinetic energy is lost, a share that falls with the mesh.
     for elements in (25, 50):
-        run, energy = _hit(elements, 1.0, lumped=True, steps=200)
+        run, energy = hit(elements, 1.0, lumped=True, steps=200)
         lost = 0.5 / elements
         assert run.impact_work / run.stored_energy[0] == pytest.approx(lost, rel=0.05)
         assert 1.0 - energy[-1] == pytest.approx(lost, rel=0.05)
@@ -78,10 +46,10 @@ def test_energy_that_an_impact_takes_is_that_of_the_last_mass():
 def test_bar_of_consistent_mass_keeps_the_energy_but_its_force_oscillates():
     # The oscillation is the dispersion of its own elements, not of the contact: it vanishes with
     # lumped mass, and nearly so at steps as long as a wave takes through an element.
-    run, energy = _hit(100, 1.0, lumped=False)
+    run, energy = hit(100, 1.0, lumped=False)
     assert np.all(np.diff(energy) < 1e-12)
     assert energy[-1] > 0.99
-    force, t = run.normal_force[:, 0] / FORCE, run.field_times / PASSAGE
+    force, t = run.normal_force[:, 0] / WALL_FORCE, run.field_times / PASSAGE
     assert t[np.flatnonzero(force)[-1]] == pytest.approx(2.0, abs=0.02)
     during = (t > 0.2) & (t < 1.8)
     assert 0.1 < np.abs(force[during] - 1.0).max() < 0.5

@@ -1,4 +1,4 @@
-"""The elastic block of the GRECO benchmark, by this package and by a solver of the test's own.
+"""The elastic block of the GRECO benchmark by a solver of the tests' own.
 
 Half of a block, 40 x 40 mm, in plane strain: E 1.3e11 Pa, Poisson's ratio 0.2, its base on a rigid
 plane with friction, held at x = 40 mm by symmetry. A pressure on its side x = 0 pushes it, one on
@@ -7,74 +7,23 @@ its top presses it (Raous, Chabrand, Lebon, 1988; code_aster SSNV128).
 
 import numpy as np
 import skfem
+from benchmarks.contact import BLOCK, PRESSURES, SIDE, block
 from scipy import sparse
 from skfem.helpers import ddot, eye, sym_grad, trace
-
-import skfem_joint as sj
-from skfem_joint.mesh import named
-
-SIDE, E, POISSON = 0.04, 1.3e11, 0.2
-#: Pressures on the side and on the top at the times 0, 1, 2, ..., Pa.
-LOADS = np.array([[0.0, 150e6, 30e6, 150e6, 30e6], [0.0, 50e6, 50e6, 50e6, 50e6]])
-
-
-def mesh(n):
-    """n x n squares with named boundaries."""
-    line = np.linspace(0.0, SIDE, n + 1)
-    return skfem.MeshQuad.init_tensor(line, line).with_boundaries(
-        {
-            "base": lambda x: x[1] == 0.0,
-            "right": lambda x: x[0] == SIDE,
-            "left": lambda x: x[0] == 0.0,
-            "top": lambda x: x[1] == SIDE,
-        }
-    )
-
-
-def structure(n, order=1, friction=1.0, **joint):
-    """The block as a structure of this package, 1 m thick."""
-    return sj.Structure(
-        named(mesh(n), order=order),
-        sj.Material(E=E, density=7800.0, poisson=POISSON),
-        thickness=1.0,
-        plane="strain",
-        fixed_x=["right"],
-        joints=[sj.Joint("base", 0.0, friction, contact="unilateral", **joint)],
-    )
-
-
-def loads(table=LOADS):
-    """Loads of a structure of the block."""
-    times = np.arange(table.shape[1], dtype=float)
-    return [
-        sj.Load(name, sj.Table(times, values), quantity="pressure")
-        for name, values in zip(("left", "top"), table, strict=True)
-    ]
-
-
-def followed(block, steps, table=LOADS):
-    """Base x (k,), displacements (levels, k, 2) and friction work (levels,) at times 0, 1, ..."""
-    count = steps * (table.shape[1] - 1)
-    run = sj.quasi_static(
-        block.system(loads(table)), step=1.0 / steps, n_steps=count, save=sj.Save(fields=True)
-    )
-    base = np.flatnonzero(block.nodes[:, 1] == 0.0)
-    base = base[np.argsort(block.nodes[base, 0])]
-    u = block.expand(run.u[::steps])[:, base]
-    return block.nodes[base, 0], u, run.friction_work_rows[::steps].sum(axis=1), run
 
 
 class OwnBlock:
     """Bilinear block condensed to its base, solved by sets of open, sticking and slipping nodes.
 
-    It has no code of the package. The sets are renewed until they repeat, and all conditions are
-    checked with the last ones; if they swing, it fails.
+    It has no code of the package but the mesh. The sets are renewed until they repeat, so that all
+    conditions hold with the last ones; if they swing, it fails.
     """
 
     def __init__(self, n, friction):
-        self.friction, m = friction, mesh(n)
+        self.friction, m = friction, block(n).mesh.mesh
         basis = skfem.Basis(m, skfem.ElementVector(skfem.ElementQuad1()))
-        shear, lame = E / 2 / (1 + POISSON), E * POISSON / (1 + POISSON) / (1 - 2 * POISSON)
+        E, ratio = BLOCK.E, BLOCK.poisson
+        shear, lame = E / 2 / (1 + ratio), E * ratio / (1 + ratio) / (1 - 2 * ratio)
 
         @skfem.BilinearForm
         def strain_energy(u, v, w):
@@ -101,7 +50,7 @@ class OwnBlock:
         self.F = F[kept] - coupling.T @ solve(F[inner])
         self.n = base.size  # of which the last one cannot slide
 
-    def follow(self, steps, table=LOADS):
+    def follow(self, steps, table=PRESSURES):
         """Displacements (levels, n, 2) and friction work (levels,) at times 0, 1, ..."""
         n = self.n
         u, work, force = np.zeros(2 * n - 1), 0.0, np.zeros(n - 1)
