@@ -162,6 +162,7 @@ class OpeningNewton:
         mean, half = 0.5 * (diagonal[i] + diagonal[j]), 0.5 * (diagonal[i] - diagonal[j])
         stiff[both] = mean + np.hypot(half, self.A[i, j])
         self._first, self._second, self._stiff = first, second, stiff
+        self.row_point = np.repeat(np.arange(points.directions.size), points.directions)
 
     def _condensed(self, S: FloatArray, W: FloatArray) -> FloatArray:
         """Matrix of slips and mean approaches, from that of slips and the unknowns averaged.
@@ -267,6 +268,17 @@ class OpeningNewton:
         )  # fmt: skip
 
 
+def _solved(J: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution x of J x = right, NaN where J is singular; overwrites ``J``, a C array.
+
+    LAPACK itself: estimates of the condition, as in `scipy.linalg.solve`, take as long.
+    """
+    factor, pivots, info = linalg.lapack.dgetrf(J.T, overwrite_a=True)
+    if info != 0:
+        return np.full(right.size, np.nan)
+    return np.asarray(linalg.lapack.dgetrs(factor, pivots, right, trans=1)[0])
+
+
 class _Renewal:
     """Friction limits that become those of their own normal forces, by Anderson's acceleration.
 
@@ -328,6 +340,7 @@ class _Search:
             G.indices.astype(np.int64),
             G.data,
         )
+        self._row_gain = G[problem.row_point]
         self.p, self.w = np.zeros(places.size), np.zeros(beta.size)
         self.force, self.held = np.zeros(n), np.zeros(n, dtype=np.bool_)
         self.counts = {
@@ -429,17 +442,18 @@ class _Search:
             free = np.flatnonzero(~held)
             if not free.size:
                 return
-            J = self.A[np.ix_(free, free)]
+            rows = self.A.take(free, axis=0)
+            J = rows.take(free, axis=1)
             place = np.full(n + 1, -1)
             place[free] = np.arange(free.size)
             self._add_tangents(J, place, blocks, diagonal, both)
-            right = left[free] - self.A[np.ix_(free, np.flatnonzero(held))] @ target[held]
+            right, moved = left[free], np.flatnonzero(target)
+            if moved.size:
+                right -= rows.take(moved, axis=1) @ target[moved]
             if coupled:
                 right = self._couple(J, free, place, right, target)
             d = target.copy()
-            d[free] = linalg.solve(
-                J, right, check_finite=False, assume_a="gen" if coupled else "pos"
-            )
+            d[free] = _solved(J, right)
             self.counts["factorizations"] += 1
             turning = z * (z + d)
             i, j = first[both], second[both]
@@ -458,9 +472,9 @@ class _Search:
             target[t:][over[t:]] = self.pressing.bound[over[t:]] - z[t:][over[t:]]
             held |= reverses | over
         d[t:] = np.where(rigid, np.minimum(d[t:], self.pressing.bound - z[t:]), d[t:])
-        along = self.A @ d
         length = 1.0
         if not coupled:
+            along = self.A @ d
             line = ContactLine(self.rubbing, self.pressing, self.w, z, d)
             length = min(length_along(line, -float(d @ r), float(d @ along)), 1.0)
         z += length * d
@@ -491,24 +505,31 @@ class _Search:
         The force of a closed rigid pressure point changes by -A d, that of an elastic one by its
         stiffness.
         """
-        t, pressing = self.problem.slips, self.pressing
-        rigid = np.isinf(self.problem.stiffness)
-        closed = np.flatnonzero(self.p > 0.0)
-        row_point = np.repeat(np.arange(self.w.size), self.problem.points.directions)
-        moving = np.flatnonzero((self.w[row_point] > 0.0) & (place[:t] >= 0))
-        if not (closed.size and moving.size):
+        t, problem = self.problem.slips, self.problem
+        limits = self.w[problem.row_point]
+        moving = np.flatnonzero((limits > 0.0) & (place[:t] >= 0))
+        closed = self.p > 0.0
+        if not (closed.any() and moving.size):
             return right
-        direction = self.force[moving] / self.w[row_point[moving]]
-        G = self.gain[row_point[moving]][:, closed]
-        change = -self.A[t + closed]  # of the forces, by all unknowns
-        soft = ~rigid[closed]
-        change[soft] = 0.0
-        change[soft, t + closed[soft]] = pressing.stiffness[closed[soft]]
-        D = sparse.diags_array(direction) @ G
-        J[place[moving]] += D @ change[:, free]
-        effect = np.zeros_like(right)
-        effect[place[moving]] = D @ (change @ target)
-        return right - effect
+        weights = sparse.csr_array(self._row_gain[moving])
+        lengths = np.diff(weights.indptr)
+        weights.data *= np.repeat(self.force[moving] / limits[moving], lengths)
+        weights.data *= closed[weights.indices]
+        rigid, rows = np.isinf(problem.stiffness), place[moving]
+        of_rigid = weights
+        if not rigid.all():
+            of_rigid = sparse.csr_array(weights @ sparse.diags_array(rigid.astype(float)))
+        J[rows] -= of_rigid @ self.A[t:].take(free, axis=1)
+        moved = np.flatnonzero(target)
+        right = right.copy()
+        if moved.size:
+            right[rows] += of_rigid @ (self.A[t:].take(moved, axis=1) @ target[moved])
+        if not rigid.all():
+            stiffness = np.where(rigid, 0.0, problem.stiffness)
+            of_soft = (weights @ sparse.diags_array(stiffness)).toarray()
+            soft = np.flatnonzero(~rigid & (place[t:-1] >= 0))
+            J[np.ix_(rows, place[t + soft])] += of_soft[:, soft]
+        return right
 
     def objective(self, z: FloatArray) -> float:
         """Value of what is minimised for the present limits, W."""
