@@ -17,6 +17,9 @@ by the change of the normal forces in its (not symmetric) tangent. Where the res
 limits are kept until the convex problem for them is solved, then renewed: a contraction as long as
 friction is not far above 1. That iteration converged in all prototypes where the coupled one
 cycled (friction 1 and large steps), and the coupled one takes a third of its work where both do.
+Anderson's acceleration of the limits replaces a contraction where there is none: of 320 random
+problems whose stiffness varies over four decades, with friction 0.3, 1, 2 and 4, the coupled
+iteration and plain renewal left 0, 3, 35 and 40 unsolved, with the acceleration 0, 0, 2 and 4.
 Nothing is returned as converged whose forces do not balance with the limits of its own normal
 forces.
 """
@@ -63,6 +66,11 @@ class OpeningSettings(NamedTuple):
     patience : int
         Iterations in which the residual must halve; otherwise limits are kept while the convex
         problem is solved.
+    again : float
+        Limits follow the normal forces in each iteration again when those kept have brought the
+        residual to this share of what it was.
+    history : int
+        Limits that are kept in mind to find the next ones.
     inner : float
         The convex problem is solved to this share of the residual that its limits leave.
     stops : int
@@ -74,6 +82,9 @@ class OpeningSettings(NamedTuple):
     iterations: int = 200
     sweeps: int = 2
     patience: int = 6
+    again: float = 1e-2
+    history: int = 8
+    damped: float = 0.5
     inner: float = 0.1
     stops: int = 3
     round_off: float = 64 * float(np.finfo(np.float64).eps)
@@ -151,24 +162,29 @@ class OpeningNewton:
         mean, half = 0.5 * (diagonal[i] + diagonal[j]), 0.5 * (diagonal[i] - diagonal[j])
         stiff[both] = mean + np.hypot(half, self.A[i, j])
         self._first, self._second, self._stiff = first, second, stiff
+        self.row_point = np.repeat(np.arange(points.directions.size), points.directions)
 
     def _condensed(self, S: FloatArray, W: FloatArray) -> FloatArray:
-        """Matrix of slips and mean approaches, from that of slips and the unknowns averaged."""
+        """Matrix of slips and mean approaches, from that of slips and the unknowns averaged.
+
+        The unknowns averaged are d = P s + Z y with W P = 1 and W Z = 0, and y is eliminated. That
+        works where contact alone holds a body as well: its stiffness for y is regular.
+        """
         t, d = self._t, self._d
-        S_tt, S_td, S_dd = S[np.ix_(t, t)], S[np.ix_(t, d)], S[np.ix_(d, d)]
         if self._picks:
-            return np.ascontiguousarray(np.block([[S_tt, S_td], [S_td.T, S_dd]]))
-        factor = linalg.cho_factor(S_dd)
-        self._R = linalg.cho_solve(factor, S_td.T)  # d follows slips by -R t
-        self._Q = linalg.cho_solve(factor, W.T)  # and normal forces by -Q p
-        self._S_dd = factor
-        C = linalg.cho_factor(W @ self._Q)
-        self._C = C
-        E = W @ self._R
-        A_st = linalg.cho_solve(C, E)
-        A_ss = linalg.cho_solve(C, np.eye(len(W)))
-        A_tt = S_tt - S_td @ self._R + E.T @ A_st
-        A = np.block([[A_tt, A_st.T], [A_st, A_ss]])
+            both = np.concatenate([t, d])
+            return np.ascontiguousarray(S[np.ix_(both, both)])
+        Q, R = linalg.qr(W.T)
+        q = len(W)
+        self._P = linalg.solve_triangular(R[:q], Q[:, :q].T).T
+        self._Z = Q[:, q:]
+        S_td, S_dd = S[np.ix_(t, d)], S[np.ix_(d, d)]
+        S_dP = S_dd @ self._P
+        S_ts = S_td @ self._P
+        A = np.block([[S[np.ix_(t, t)], S_ts], [S_ts.T, self._P.T @ S_dP]])
+        self._beside = np.hstack([(S_td @ self._Z).T, self._Z.T @ S_dP])
+        self._factor = linalg.cho_factor(self._Z.T @ (S_dd @ self._Z))
+        A -= self._beside.T @ linalg.cho_solve(self._factor, self._beside)
         return np.ascontiguousarray(0.5 * (A + A.T))
 
     def _restrict(self, g: FloatArray) -> tuple[FloatArray, Any]:
@@ -177,25 +193,22 @@ class OpeningNewton:
         g_t, g_d = right[self._t], right[self._d]
         if self._picks:
             return np.concatenate([g_t, g_d]), (g_d, interior)
-        on_s = linalg.cho_solve(self._C, self._Q.T @ g_d)
-        t = self.slips
-        return np.concatenate(
-            [g_t - self._R.T @ g_d + self.A[t:, :t].T @ (self._Q.T @ g_d), on_s]
-        ), (
-            g_d,
-            interior,
-        )
+        g_y = self._Z.T @ g_d
+        right = np.concatenate([g_t, self._P.T @ g_d])
+        right -= self._beside.T @ linalg.cho_solve(self._factor, g_y)
+        return right, (g_y, interior)
 
-    def _extend(self, z: FloatArray, p: FloatArray, beside: Any) -> FloatArray:
-        """All unknowns, (n,), from slips and approaches and the normal forces."""
-        g_d, interior = beside
+    def _extend(self, z: FloatArray, beside: Any) -> FloatArray:
+        """All unknowns, (n,), from slips and approaches."""
+        g_y, interior = beside
         kept = np.empty(self.schur.kept.size)
         kept[self._t] = z[: self.slips]
-        if self._picks:
-            kept[self._d] = z[self.slips :]
-        else:
-            d = linalg.cho_solve(self._S_dd, g_d)
-            kept[self._d] = d - self._R @ z[: self.slips] - self._Q @ p
+        kept[self._d] = (
+            z[self.slips :]
+            if self._picks
+            else self._P @ z[self.slips :]
+            + self._Z @ (linalg.cho_solve(self._factor, g_y - self._beside @ z))
+        )
         return self.schur.extend(kept, interior)
 
     @cached_property
@@ -233,12 +246,17 @@ class OpeningNewton:
         beta : ndarray, shape (m,), optional
             Values of beta in place of those of the points.
         """
+        if not np.isfinite(g).all():
+            v, sigma = np.full(g.size, np.nan), np.zeros(self.slips)
+            where = int(np.flatnonzero(~np.isfinite(g))[0])
+            p, w = np.zeros(bound.size), np.zeros(given.size)
+            return OpeningMinimum(v, sigma, p, w, False, {"newton_iterations": 0}, np.nan, where)
         right, beside = self._restrict(g)
         z = np.zeros(right.size) if start is None else self.start_of(start)
         search = _Search(self, right, bound, given, gain, beta)
         scale = max(float(np.abs(right).max()), float(np.abs(g).max()))
         search.run(z, tolerance, scale)
-        v = self._extend(search.z, search.p, beside)
+        v = self._extend(search.z, beside)
         limits = self.points.on_rows(search.w)
         sigma = search.force[: self.slips] / np.where(limits > 0.0, limits, 1.0)
         converged = search.converged and bool(np.isfinite(v).all())
@@ -248,6 +266,51 @@ class OpeningNewton:
             v, np.clip(sigma, -1.0, 1.0), search.p, search.w, converged, search.counts,
             search.residual, int(unknown),
         )  # fmt: skip
+
+
+def _solved(J: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution x of J x = right, NaN where J is singular; overwrites ``J``, a C array.
+
+    LAPACK itself: estimates of the condition, as in `scipy.linalg.solve`, take as long.
+    """
+    factor, pivots, info = linalg.lapack.dgetrf(J.T, overwrite_a=True)
+    if info != 0:
+        return np.full(right.size, np.nan)
+    return np.asarray(linalg.lapack.dgetrs(factor, pivots, right, trans=1)[0])
+
+
+class _Renewal:
+    """Friction limits that become those of their own normal forces, by Anderson's acceleration.
+
+    The map of limits to the limits of the normal forces under them has a fixed point for any
+    friction, but contracts only where friction is not far above 1.
+    """
+
+    def __init__(self) -> None:
+        self.limits: list[FloatArray] = []
+        self.changes: list[FloatArray] = []
+        self.least, self.since, self.share = np.inf, 0, 1.0
+
+    def next(self, limits: FloatArray, image: FloatArray) -> FloatArray:
+        """Limits to try next, (m,), N, from ``limits`` and those of the forces under them."""
+        change = image - limits
+        size = float(np.linalg.norm(change))
+        self.since += 1
+        if size <= 0.5 * self.least:
+            self.least, self.since = size, min(self.since, 0)
+        if self.since >= 0 and (size > 10.0 * self.least or self.since > SETTINGS.history):
+            self.limits, self.changes, self.since = [], [], -SETTINGS.history
+            self.share *= SETTINGS.damped
+        if self.since < 0:  # small steps converge where large ones swing
+            return limits + self.share * change
+        self.limits, self.changes = [*self.limits, limits], [*self.changes, change]
+        del self.limits[: -SETTINGS.history], self.changes[: -SETTINGS.history]
+        step = change.copy()
+        if len(self.changes) > 1:
+            of_changes, of_limits = np.diff(self.changes, axis=0).T, np.diff(self.limits, axis=0).T
+            shares = linalg.lstsq(of_changes, change, cond=1e-10)[0]
+            step -= (of_limits + of_changes) @ shares
+        return np.maximum(limits + step, 0.0)
 
 
 class _Search:
@@ -277,6 +340,7 @@ class _Search:
             G.indices.astype(np.int64),
             G.data,
         )
+        self._row_gain = G[problem.row_point]
         self.p, self.w = np.zeros(places.size), np.zeros(beta.size)
         self.force, self.held = np.zeros(n), np.zeros(n, dtype=np.bool_)
         self.counts = {
@@ -294,26 +358,15 @@ class _Search:
         rigid = np.isinf(self.problem.stiffness)
         t = self.problem.slips
         z[t:] = np.where(rigid, np.minimum(z[t:], self.pressing.bound), z[t:])
-        best, since, kept = np.inf, 0, False
-        inner_target = 0.0
+        renewal: _Renewal | None = None  # while limits are kept
+        best, since, inner_target, mark = np.inf, 0, 0.0, (z.copy(), np.inf)
         r = self.right - self.A @ z
         for iteration in range(SETTINGS.iterations):
-            for sweep in range(SETTINGS.sweeps):
-                backward = bool((sweep + iteration) % 2)
-                relax_normals(self.A, self.pressing, z, r, backward)
-                if not kept:
-                    self._renew(z, r)
-                relax_slips(self.A, self.rubbing, self.w, z, r, backward)
+            self._relax(z, r, iteration, renewal is not None)
             r = self.right - self.A @ z
-            self.counts["newton_iterations"] += 1
-            self.counts["friction_evaluations"] += SETTINGS.sweeps + 1
-            frozen = self.w.copy()
-            normal_forces(self.pressing, z, r, self.p)
-            friction_limits(self.limits, self.p, self.w)
-            left = r.copy()
-            self.residual, self.where = subtract_forces(
-                self.rubbing, self.pressing, self.w, self.p, z, left, self.force, self.held
-            )
+            frozen, left = self.w.copy(), r.copy()
+            self._renew(z, r)
+            self.residual = self._subtract(z, left)
             if not np.isfinite(self.residual):
                 return
             if self.residual <= tolerance * scale or (
@@ -321,29 +374,53 @@ class _Search:
             ):
                 self.converged = True
                 return
-            if kept:  # limits of an earlier iterate: renewed once the convex problem is solved
-                coupled = self.residual
-                left = r.copy()
-                inner, _ = subtract_forces(
-                    self.rubbing, self.pressing, frozen, self.p, z, left, self.force, self.held
-                )
-                if inner > max(inner_target, 0.1 * tolerance * scale):
-                    self.w = frozen
-                else:
-                    inner_target = SETTINGS.inner * coupled
+            if renewal is not None:
+                left, image = r.copy(), self.w
+                self.w = frozen
+                if self._subtract(z, left) <= max(inner_target, 0.1 * tolerance * scale):
                     self.counts["renewed_limits"] += 1
+                    inner_target = SETTINGS.inner * self.residual
+                    if self.residual <= SETTINGS.again * mark[1]:
+                        renewal, best, since = None, self.residual, 0
+                        mark, self.w = (z.copy(), self.residual), image
+                    else:
+                        self.w = renewal.next(frozen, image)
                     left = r.copy()
-                    subtract_forces(
-                        self.rubbing, self.pressing, self.w, self.p, z, left, self.force, self.held
-                    )
+                    self._subtract(z, left)
             elif self.residual <= 0.5 * best:
                 best, since = self.residual, 0
             else:
                 since += 1
                 if since >= SETTINGS.patience:
-                    kept, inner_target = True, SETTINGS.inner * self.residual
-            self._newton(z, left, r, coupled=not kept)
+                    renewal, inner_target = _Renewal(), SETTINGS.inner * self.residual
+                    if mark[1] < self.residual:
+                        z[:] = mark[0]
+                        r = self.right - self.A @ z
+                        self._renew(z, r)
+                        left = r.copy()
+                        self._subtract(z, left)
+                    else:
+                        mark = (z.copy(), self.residual)
+            self._newton(z, left, r, coupled=renewal is None)
             r = self.right - self.A @ z
+
+    def _relax(self, z: FloatArray, r: FloatArray, iteration: int, kept: bool) -> None:
+        """Relax all points in turn, in place, with limits as they are if they are ``kept``."""
+        for sweep in range(SETTINGS.sweeps):
+            backward = bool((sweep + iteration) % 2)
+            relax_normals(self.A, self.pressing, z, r, backward)
+            if not kept:
+                self._renew(z, r)
+            relax_slips(self.A, self.rubbing, self.w, z, r, backward)
+        self.counts["newton_iterations"] += 1
+        self.counts["friction_evaluations"] += SETTINGS.sweeps + 1
+
+    def _subtract(self, z: FloatArray, left: FloatArray) -> float:
+        """Subtract contact forces under the present limits from ``left``; its largest entry."""
+        residual, self.where = subtract_forces(
+            self.rubbing, self.pressing, self.w, self.p, z, left, self.force, self.held
+        )
+        return float(residual)
 
     def _renew(self, z: FloatArray, r: FloatArray) -> None:
         normal_forces(self.pressing, z, r, self.p)
@@ -365,17 +442,18 @@ class _Search:
             free = np.flatnonzero(~held)
             if not free.size:
                 return
-            J = self.A[np.ix_(free, free)]
+            rows = self.A.take(free, axis=0)
+            J = rows.take(free, axis=1)
             place = np.full(n + 1, -1)
             place[free] = np.arange(free.size)
             self._add_tangents(J, place, blocks, diagonal, both)
-            right = left[free] - self.A[np.ix_(free, np.flatnonzero(held))] @ target[held]
+            right, moved = left[free], np.flatnonzero(target)
+            if moved.size:
+                right -= rows.take(moved, axis=1) @ target[moved]
             if coupled:
                 right = self._couple(J, free, place, right, target)
             d = target.copy()
-            d[free] = linalg.solve(
-                J, right, check_finite=False, assume_a="gen" if coupled else "pos"
-            )
+            d[free] = _solved(J, right)
             self.counts["factorizations"] += 1
             turning = z * (z + d)
             i, j = first[both], second[both]
@@ -394,9 +472,9 @@ class _Search:
             target[t:][over[t:]] = self.pressing.bound[over[t:]] - z[t:][over[t:]]
             held |= reverses | over
         d[t:] = np.where(rigid, np.minimum(d[t:], self.pressing.bound - z[t:]), d[t:])
-        along = self.A @ d
         length = 1.0
         if not coupled:
+            along = self.A @ d
             line = ContactLine(self.rubbing, self.pressing, self.w, z, d)
             length = min(length_along(line, -float(d @ r), float(d @ along)), 1.0)
         z += length * d
@@ -427,24 +505,31 @@ class _Search:
         The force of a closed rigid pressure point changes by -A d, that of an elastic one by its
         stiffness.
         """
-        t, pressing = self.problem.slips, self.pressing
-        rigid = np.isinf(self.problem.stiffness)
-        closed = np.flatnonzero(self.p > 0.0)
-        row_point = np.repeat(np.arange(self.w.size), self.problem.points.directions)
-        moving = np.flatnonzero((self.w[row_point] > 0.0) & (place[:t] >= 0))
-        if not (closed.size and moving.size):
+        t, problem = self.problem.slips, self.problem
+        limits = self.w[problem.row_point]
+        moving = np.flatnonzero((limits > 0.0) & (place[:t] >= 0))
+        closed = self.p > 0.0
+        if not (closed.any() and moving.size):
             return right
-        direction = self.force[moving] / self.w[row_point[moving]]
-        G = self.gain[row_point[moving]][:, closed]
-        change = -self.A[t + closed]  # of the forces, by all unknowns
-        soft = ~rigid[closed]
-        change[soft] = 0.0
-        change[soft, t + closed[soft]] = pressing.stiffness[closed[soft]]
-        D = sparse.diags_array(direction) @ G
-        J[place[moving]] += D @ change[:, free]
-        effect = np.zeros_like(right)
-        effect[place[moving]] = D @ (change @ target)
-        return right - effect
+        weights = sparse.csr_array(self._row_gain[moving])
+        lengths = np.diff(weights.indptr)
+        weights.data *= np.repeat(self.force[moving] / limits[moving], lengths)
+        weights.data *= closed[weights.indices]
+        rigid, rows = np.isinf(problem.stiffness), place[moving]
+        of_rigid = weights
+        if not rigid.all():
+            of_rigid = sparse.csr_array(weights @ sparse.diags_array(rigid.astype(float)))
+        J[rows] -= of_rigid @ self.A[t:].take(free, axis=1)
+        moved = np.flatnonzero(target)
+        right = right.copy()
+        if moved.size:
+            right[rows] += of_rigid @ (self.A[t:].take(moved, axis=1) @ target[moved])
+        if not rigid.all():
+            stiffness = np.where(rigid, 0.0, problem.stiffness)
+            of_soft = (weights @ sparse.diags_array(stiffness)).toarray()
+            soft = np.flatnonzero(~rigid & (place[t:-1] >= 0))
+            J[np.ix_(rows, place[t + soft])] += of_soft[:, soft]
+        return right
 
     def objective(self, z: FloatArray) -> float:
         """Value of what is minimised for the present limits, W."""
