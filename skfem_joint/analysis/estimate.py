@@ -390,9 +390,8 @@ def of_reduced(
     total = added(difference(truth, base), left, unfinished, change(steep, grown, law), merged)
     parts["total"] = at_least(total, truth, base, *parts.values())
     missing = MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :]))
-    return Estimate(
-        parts, missing, by_joint=joint_differences(truth, base, system.joints, _rest(left))
-    )
+    joints = joint_differences(truth, base, system.joints, _rest(left))
+    return Estimate(parts, missing, by_joint=joints)
 
 
 def _of_steps(run: Results, finer: Callable[[int], Run]) -> tuple[Results, Parts]:
