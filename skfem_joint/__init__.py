@@ -100,6 +100,8 @@ if TYPE_CHECKING:
     from skfem_joint.stepping.checkpoint import Checkpoint as Checkpoint
     from skfem_joint.stepping.checkpoint import Checkpoints as Checkpoints
     from skfem_joint.stepping.integrate import integrate as integrate
+    from skfem_joint.stepping.integrate import quasi_static as quasi_static
+    from skfem_joint.stepping.loops import Loops as Loops
     from skfem_joint.stepping.recording import Counters as Counters
     from skfem_joint.stepping.recording import Cycles as Cycles
     from skfem_joint.stepping.recording import Run as Run
@@ -147,7 +149,8 @@ _NAMES = {
     "scene": "Scene load_scene load_sweep",
     "scene.reading": "Swept",
     "stepping.checkpoint": "Checkpoint Checkpoints",
-    "stepping.integrate": "integrate",
+    "stepping.integrate": "integrate quasi_static",
+    "stepping.loops": "Loops",
     "stepping.recording": "Counters Cycles Run Save Steady",
     "stepping.schemes": "Scheme generalized_alpha",
     "structure": "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact "

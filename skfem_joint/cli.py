@@ -233,7 +233,10 @@ def _run(options: argparse.Namespace) -> int:
         raise study.failure.error
     if study.interrupted:
         saved = checkpoints is not None and checkpoints.files()
-        print("Go on with --resume." if saved else "A run with --checkpoint-every can be resumed.")
+        if not scene.time.quasi_static:
+            print(
+                "Go on with --resume." if saved else "A run with --checkpoint-every can be resumed."
+            )
         return INTERRUPTED
     return 0
 
@@ -259,6 +262,11 @@ def _check_run_options(options: argparse.Namespace, scene: Scene) -> None:
     chosen = options.executor, options.workers, options.address
     if chosen != ("processes", None, None) and not options.certify:
         raise InputError("--executor, --workers, --address: are for --certify, which is not there")
+    if scene.time.quasi_static and (options.resume or options.checkpoint_every is not None):
+        raise InputError(
+            "--checkpoint-every, --resume: a run with time.quasi_static = true has no checkpoints; "
+            "leave them out"
+        )
     limit = options.memory_limit
     memory.check(scene, memory.default_limit() if limit is None else limit * memory.GIB)
 
@@ -298,7 +306,8 @@ def _check(options: argparse.Namespace) -> int:
         check_resolution(system, plan_of(scene))
         check_jumps(system, plan_of(scene))
     description = describe(scene)
-    notes = *doubts(scene.structure(), system), *description.doubts, *sweep_notes
+    suspected = doubts(scene.structure(), system, waves=not scene.time.quasi_static)
+    notes = *scene.left_out, *suspected, *description.doubts, *sweep_notes
     need = sum(memory.needed(scene).values())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
@@ -373,6 +382,7 @@ def _backbone(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
+    scene.check_vibrates(options.name)
     with kept(options.out) as notes, _rows(options, BACKBONE_ROWS) as rows:
         with _progress(options) as progress:
             backbone = scene_backbone(scene, progress, rows)
@@ -395,6 +405,7 @@ def _response(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
+    scene.check_vibrates(options.name)
     with _progress(options) as progress, announced(progress, "making the structure"):
         response_table(scene)  # before earlier results are removed
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
@@ -416,6 +427,7 @@ def _error_time(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
+    scene.check_vibrates(options.name)
     if not comparison.threads_pinned(os.environ):
         # numpy reads the number of threads when it starts: another process is needed.
         again = [sys.executable, SAFE_PATH, "-m", "skfem_joint", *options.given]

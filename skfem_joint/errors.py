@@ -57,14 +57,16 @@ class ConvergenceError(JointError):
         As it is printed; ``str(error)`` in an error that was caught.
     unknown : int, optional
         Number of the unknown with the largest residual, if it is known.
+    run : Run, optional
+        What was reached before, of a quasi-static run whose loads exceed what friction holds.
     exit_status : int
         3, with which the command line ends.
     """
 
     exit_status = 3
 
-    def __init__(self, message: str, unknown: int | None = None) -> None:
-        self.unknown = unknown
+    def __init__(self, message: str, unknown: int | None = None, run: Any = None) -> None:
+        self.unknown, self.run = unknown, run
         super().__init__(message)
 
 

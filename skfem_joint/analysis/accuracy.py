@@ -182,7 +182,8 @@ def stated(errors: Estimate) -> str:
 
 def resolved(scene: Scene, system: System) -> Scene:
     """Scene with a step that is not too long for its loads."""
-    longest = longest_step(system, scene.n_steps * scene.time_step)
+    vibrates = not scene.time.quasi_static
+    longest = longest_step(system, scene.n_steps * scene.time_step, vibrates)
     ratio = scene.time_step / longest
     return scene.finer(2 ** ceil(log2(ratio) - 1e-9)) if ratio > 1.0 else scene
 

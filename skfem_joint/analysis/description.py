@@ -174,7 +174,8 @@ def _moves(
             "floats. Is something to be fixed, or do joints lack pressure or pairs?"
         )
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
-    if frequency > 0.0 and structure.body is not None:
+    slow = scene.time.quasi_static
+    if frequency > 0.0 and structure.body is not None and not slow:
         speed, count = per_wavelength(structure.body, frequency)
         values |= {"wave_speed_m_per_s": speed, "elements_per_wavelength": count}
         facts.append(
@@ -208,14 +209,15 @@ def _moves(
         f"joint slip as a whole; the friction limits add up to {system.w.sum():.6g} N."
     )
     if share > 1.0:
+        moved = "" if slow else " with what they set in motion"
         draft.doubts.append(
-            f"The loads with what they set in motion come to {share:.3g} times what makes the "
+            f"The loads{moved} come to {share:.3g} times what makes the "
             "first joint slip as a whole."
         )
 
 
 def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft: _Draft) -> None:
-    """Add by how much the vibration of the stuck structure changes the normal forces."""
+    """Add by how much loads or vibration of the stuck structure change the normal forces."""
     acts = structure.reactions(scene.loads())
     if acts is None:
         return
@@ -226,10 +228,11 @@ def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft:
         np.maximum(most, np.abs(change @ some).max(axis=1), out=most)
     found = NormalChange.of(structure, acts, most)
     draft.values["normal_force_change"] = found.share
-    draft.facts.append(
-        f"Vibration of the stuck structure changes the normal force by {found.text}."
-    )
-    draft.doubts.extend(found.doubts())
+    what, changes = "Vibration of the stuck structure", "changes"
+    if scene.time.quasi_static:
+        what, changes = "The loads on the stuck structure", "change"
+    draft.facts.append(f"{what} {changes} the normal force by {found.text}.")
+    draft.doubts.extend(found.doubts(what=what))
 
 
 def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: _Draft) -> None:
@@ -308,7 +311,9 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
     damping = np.einsum("ij,ij->j", shapes, system.C @ shapes)
     modal = participation @ amplitudes
     # What each mode moves beyond following its force at once.
-    extra = modal_response(omega, damping, modal, h) - modal / omega[:, np.newaxis] ** 2
+    extra = np.zeros_like(modal)
+    if not scene.time.quasi_static:
+        extra = modal_response(omega, damping, modal, h) - modal / omega[:, np.newaxis] ** 2
     both = np.hstack([follow, shapes])
     x = np.vstack([amplitudes, extra])
     G, k = both.T @ (system.K @ both), len(amplitudes)
@@ -320,7 +325,8 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
     static = F @ amplitudes[:, int(first.argmax())]
     inertia = shapes * omega**2
     dynamic = F @ most[:k] + system.M @ (inertia @ most[k:])
-    amplified = float(np.sqrt(energy.max() / at_rest.max())) if strains else None
+    amplifies = strains and not scene.time.quasi_static
+    amplified = float(np.sqrt(energy.max() / at_rest.max())) if amplifies else None
     return _Vibration(static, dynamic, amplified, both, inertia, x, most)
 
 

@@ -42,6 +42,9 @@ The verification runs lead step by step from the model asked for to the best one
 and fall on that way, so that the total error is that of the whole way and not the sum of its parts,
 plus what the last run of each kind still leaves.
 
+Without inertia a condensed model is exact but for its step, and so is the reference of a reduced
+one in quasi-static runs; where contact is large the full model itself takes its place.
+
 Errors of a full model are those of its time step, see :mod:`skfem_joint.analysis.step_estimate`.
 """
 
@@ -357,6 +360,8 @@ def of_reduced(
         if plan.n_steps < steps:
             run = verify(reduced, plan)
     base = results(run)
+    if plan.quasi_static:
+        return _of_slow(points, reduced, steepest, plan, base, (verify, progress, reference))
     if reference is None and not points.condensed:
         reference = CondensedReference.of(system)
     periods, steeper = run.steady.periods if run.steady else 1, bool(np.any(system.beta > steepest))
@@ -387,9 +392,8 @@ def of_reduced(
     total = added(finer.with_rest(truth, base), left, change(steep, grown, law), merged)
     parts["total"] = at_least(total, best, base, *parts.values())
     missing = MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :]))
-    return Estimate(
-        parts, missing, by_joint=joint_differences(truth, base, system.joints, _rest(left))
-    )
+    joints = joint_differences(truth, base, system.joints, _rest(left))
+    return Estimate(parts, missing, by_joint=joints)
 
 
 @dataclass(frozen=True)
@@ -548,6 +552,34 @@ def _by_reference(
     return Estimate(
         parts, missing, by_joint=joint_differences(finest, base, system.joints, _rest(steps.left))
     )
+
+
+def _of_slow(
+    points: _Points,
+    reduced: System,
+    beta: float,
+    plan: Plan,
+    base: Results,
+    means: tuple[Callable[..., Run], Callable[..., None] | None, CondensedReference | None],
+) -> Estimate:
+    """Errors of a reduced or condensed model's quasi-static run, whose results are ``base``.
+
+    ``means`` are how models are run, progress, and a condensed model if it exists already.
+    """
+    verify, progress, known = means
+    if points.condensed:  # its statics are those of the full model
+        finest, left = _of_steps(base, lambda factor: verify(reduced, plan.finer(factor)))
+        errors = added(difference(finest, base), left)
+        nothing: Parts = dict.fromkeys(QUANTITIES, 0.0)
+        joints = joint_differences(finest, base, reduced.joints, _rest(left))
+        parts = {"basis": nothing, "time_step": errors, "total": errors}
+        return Estimate(parts, by_joint=joints)
+    reference = known or CondensedReference.of(points.system)
+    reference = reference or CondensedReference.whole(points.system)
+    found = _by_reference(points, reference, beta, plan, base, verify, progress)
+    # Parts may cancel in their sum, but not in a run of the full model beside the reduced one.
+    bound = added(*(found.parts[source] for source in ("basis", "points", "time_step")))
+    return replace(found, parts={**found.parts, "total": bound})
 
 
 def _settles(run: Run) -> int:

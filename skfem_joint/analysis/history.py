@@ -90,7 +90,9 @@ class SteadyState:
     energy_change : float
         Relative change of the work put in.
     peak_change : float
-        Change of the peaks, relative to the largest.
+        Change of the peaks, relative to the largest. Of a quasi-static run both are how far the
+        last cycle is from being closed, relative to its size (`Loops.opening`): its first cycle,
+        from rest, is unlike the others, of which each is closed.
     """
 
     reached: bool
@@ -99,7 +101,13 @@ class SteadyState:
 
 
 def steady_state(run: Run, tolerance: float = 2e-3) -> SteadyState | None:
-    """Compare the last two cycles; None when the run has fewer than two."""
+    """Compare the last two cycles; None when the run has fewer than two.
+
+    Of a quasi-static run the last cycle is compared with itself: whether it ends where it began.
+    """
+    if run.loops is not None:
+        gap = run.loops.opening
+        return None if gap is None else SteadyState(gap <= tolerance, gap, gap)
     cycles = run.cycles
     if cycles.friction.size < 2:
         return None

@@ -38,14 +38,14 @@ class NormalChange:
         text = f"{100.0 * share[worst]:.3g} % of what presses it, most in {where}"
         return cls(float(share[worst]), text)
 
-    def doubts(self, when: str = "") -> list[str]:
-        """What is doubtful if the change is large; ``when`` begins the sentence."""
+    def doubts(self, when: str = "", what: str = "Vibration of the stuck structure") -> list[str]:
+        """What is doubtful if the change, by ``what``, is large; ``when`` begins the sentence."""
         if self.share <= LARGE:
             return []
+        subject = f"{what[0].lower()}{what[1:]}" if when else what
         return [
-            f"{when}{'v' if when else 'V'}ibration of the stuck structure would change the normal "
-            f"force by {self.text}: that it stays as the clamping makes it, which all models "
-            "assume, is doubtful there."
+            f"{when}{subject} would change the normal force by {self.text}: that it stays as the "
+            "clamping makes it, which all models assume, is doubtful there."
         ]
 
 

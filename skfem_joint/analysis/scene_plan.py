@@ -55,6 +55,7 @@ def plan_of(scene: Scene) -> Plan:
         save_of(scene),
         scene.cycle_steps,
         scene.time.until or "end",
+        quasi_static=scene.time.quasi_static,
     )
 
 

@@ -124,7 +124,8 @@ def _described_and_run(
         choice = replace(choice, notes=(*(in_range.notes if in_range else ()), *choice.notes))
     if "reduced" not in scene.models.run or choice.accurate or choice.in_range:
         path = None  # its factors are large, and no basis needs them
-    notes = (*doubts(structure, system), *description.doubts, *choice.notes)
+    suspected = doubts(structure, system, waves=not scene.time.quasi_static)
+    notes = (*scene.left_out, *suspected, *description.doubts, *choice.notes)
     study = Study(choice.scene, structure, system, description, warnings=notes)
     return _with_models(study, choice, path, progress, checkpoints, origin)
 
@@ -190,11 +191,14 @@ def make_model(
     """Make a model and run it.
 
     What fails, or is interrupted, after another model of the study was run is a result too; an
-    error of the first one is raised.
+    error of the first one is raised. So is a quasi-static run that ends where friction does not
+    hold the loads, with the levels before.
     """
     try:
         result = _MAKERS[name](study, choice, path, integrate)
     except JointError as error:
+        if isinstance(error, ConvergenceError) and error.run is not None:
+            return _ended_by(error, name, study)
         if not study.models:
             raise
         note = f"There is no {name} model: {error}"
@@ -212,6 +216,19 @@ def make_model(
         f"{run.counters.steps * result.scene.time_step:.6g} s; results are those until then."
     )
     return replace(result, notes=(*result.notes, note), interrupted=True)
+
+
+def _ended_by(error: ConvergenceError, name: str, study: Study) -> ModelResult:
+    """A model whose quasi-static run has no further level, with the levels before."""
+    run: Run = error.run
+    model = Model(name, run, run.preparation_s, {}, compilation_s=run.compilation_s)
+    if name == "full":
+        length, area, points = _active(study, run.slip_peak)
+        model = replace(
+            model, active_length=length, active_area_fraction=area, slipping_fraction=points
+        )
+    note = f"The results of the {name} model end with its last level. {error}."
+    return ModelResult(study.scene, model, (note,), Failure(name, error))
 
 
 def compare_with_full(study: Study, result: ModelResult) -> ModelResult:
@@ -322,7 +339,7 @@ def _named_places(
             raise
         dof = int(abs(system.T[:, [error.unknown]]).argmax())  # that it moves most
         message = f"full model: {error} That unknown is of {study.structure.spot(dof)}."
-        raise ConvergenceError(message, error.unknown) from error
+        raise ConvergenceError(message, error.unknown, error.run) from error
 
 
 _ByJoint = dict[str, float]
@@ -346,7 +363,10 @@ def _reduced(
     else:
         options = options_of(scene)
         basis = basis_of_scene(scene, study.structure, study.system, options, path)
-        system = reduced_system(study.system, basis, **options.friction, periodic=scene.periodic)
+        friction = options.friction
+        if scene.time.quasi_static:  # whose law does not depend on velocity
+            friction |= {"beta": np.inf}
+        system = reduced_system(study.system, basis, **friction, periodic=scene.periodic)
         notes = (*basis.notes, *notes_of_reduction(study.system, system))
     active: tuple[_ByJoint, _ByJoint] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more

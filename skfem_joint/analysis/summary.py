@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from skfem_joint.analysis.history import QUANTITIES, peaks, steady_state
 from skfem_joint.analysis.models import Model, Study
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.active_length import gross_slip
+from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Bolts
 
@@ -37,6 +38,11 @@ class Limits:
     creep : float
         Slip of a joint by creep in a period at half of its friction limit, period / beta, over its
         largest slip.
+    closed : float
+        Gap of the last cycle of a quasi-static run over its width.
+    apart : float
+        Difference of a joint's loop from its energy, over this; share of its friction limit that
+        its loop leaves out.
     steep : float
         The same share for the steepness that the warning recommends.
     """
@@ -48,6 +54,8 @@ class Limits:
     drifts: float = 1e-3
     creep: float = 0.05
     steep: float = 0.01
+    closed: float = 2e-3
+    apart: float = 0.01
 
 
 LIMITS = Limits()
@@ -85,6 +93,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "active_length_m": model.active_length,
         "active_area_fraction": model.active_area_fraction,
         "joints": _joints(study, model),
+        "loads": _loads(run),
         "energy_balance_residual": run.energy_residual,
         "steady_state_reached": state.reached if state is not None else run.steady and True,
         "periods": run.steady and run.steady.periods,
@@ -92,6 +101,8 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "estimate_s": model.estimate_s,
         "estimated_error": _estimated(model.estimate, "_per_cycle" if has_cycles else ""),
     }
+    if content["loads"] is None:  # of a run in time
+        del content["loads"]
     if model.errors is not None:
         error = asdict(model.errors)
         by_point = error.pop("by_point")
@@ -123,6 +134,8 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             "friction_energy_error": of_all,
             "friction_energy_error_of_own": of_own,
         }
+        if run.loops is not None:
+            by_name[name] |= _joint_loop(run.loops, k)
         body = study.structure.body
         if isinstance(patch.joint.pressure, Bolts) and body is not None:
             part = study.system.J[[k]].toarray()[0] * work
@@ -130,6 +143,32 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             by_bolt = _by_bolt(nodes, patch.joint.pressure, part[patch.points])
             by_name[name]["friction_energy_by_bolt_J"] = by_bolt
     return by_name
+
+
+def _joint_loop(loops: Loops, joint: int) -> dict[str, float | None]:
+    """Results of a joint's loop, in the last cycle or the whole run; see `Loops`."""
+    stiffness = float(loops.secant_stiffness[joint])
+    return {
+        "largest_force_N": float(np.abs(loops.force[:, joint]).max()),
+        "secant_stiffness_N_per_m": stiffness if np.isfinite(stiffness) else None,
+        "loop_area_J": float(loops.area[joint]),
+    }
+
+
+def _loads(run: Run) -> dict[str, dict[str, float | None]] | None:
+    """Results of the loads' loops of a quasi-static run, in the last cycle or the whole run."""
+    loops = run.loops
+    if loops is None:
+        return None
+    works = run.cycles.input[-1] if len(run.cycles.input) else run.input_work
+    rows = zip(run.system.loads, works.tolist(), loops.load_secant_stiffness, strict=True)
+    return {
+        load.on or f"load_{k}": {
+            "loop_energy_J": work,
+            "secant_stiffness_N_per_m": float(stiffness) if np.isfinite(stiffness) else None,
+        }
+        for k, (load, work, stiffness) in enumerate(rows)
+    }
 
 
 def _by_bolt(nodes: FloatArray, bolts: Bolts, work: FloatArray) -> list[float]:
@@ -171,7 +210,9 @@ def violated(study: Study, model: Model) -> list[str]:
     warnings += _creeping(study, model)
     warnings += _free_offsets(model)
     state = steady_state(run)
-    if state is not None and not state.reached:
+    if run.loops is not None:
+        warnings += _of_loops(model.name, run.system.joints, run.loops)
+    elif state is not None and not state.reached:
         warnings.append(
             f"The {model.name} model has not reached a steady state: the last cycle differs by "
             f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
@@ -187,6 +228,32 @@ def violated(study: Study, model: Model) -> list[str]:
         warnings += _differs(study, model, model.estimate)
         warnings += _errs(study, model, model.estimate)
     return warnings
+
+
+def _of_loops(name: str, joints: Sequence[str], loops: Loops) -> Iterator[str]:
+    """Sentences about loops that are open, or whose area is not the energy."""
+    gap = loops.opening
+    if gap is not None and gap > LIMITS.closed:
+        yield (
+            f"The last cycle of the {name} model is not closed: it ends {100 * gap:.2g} % of its "
+            "width away from its start. The first cycle, from rest, never is; energies and "
+            "stiffnesses per cycle are those of the last one. Give more cycles."
+        )
+    for joint, area, energy, covered in zip(
+        joints, loops.area, loops.energy, loops.covered, strict=True
+    ):
+        if covered < 1.0 - LIMITS.apart:
+            yield (
+                f"The loop of joint '{joint}' leaves out points with {100 * (1 - covered):.2g} % "
+                "of its friction limit, which supports leave only one direction of slip: they "
+                "count in its energy alone."
+            )
+        if energy > 0.0 and abs(area - energy) > LIMITS.apart * energy and name != "reduced":
+            yield (
+                f"The points of joint '{joint}' slip by different amounts: the loop of its force "
+                f"over its mean slip has an area of {area:.3g} J, its friction takes "
+                f"{energy:.3g} J, the sum over its points. The energy is exact, the area is not."
+            )
 
 
 def _differs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:

@@ -232,7 +232,8 @@ def _run(scene: Scene, folder: Path | None = None) -> Content:
     failure = "" if study.failure is None else str(study.failure.error)
     if study.interrupted:
         raise KeyboardInterrupt
-    models = {name: model_summary(study, model) for name, model in study.models.items()}
+    whole = {name: model for name, model in study.models.items() if not model.run.interrupted}
+    models = {name: model_summary(study, model) for name, model in whole.items()}
     return dict(_flat(models)), failure, study.warnings
 
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from skfem_joint.analysis.error_time import FILES, Report
 from skfem_joint.analysis.models import Study
@@ -25,13 +27,14 @@ from skfem_joint.output.tables import write_csv
 from skfem_joint.progress import Progress
 from skfem_joint.reduction.active_length import slips
 from skfem_joint.scene import Scene
+from skfem_joint.stepping.recording import Run
 
 Writer = Callable[[Path], object]
 _log = logging.getLogger(__name__)
 
 #: Names that commands may give to their files; what belongs to somebody else is not overwritten.
 USED_NAMES = re.compile(
-    r"history\.npz|fields\.pvd|fields_load\.csv|joint\.(png|gif)|histories\.png|energies\.png|"
+    r"history\.npz|joint_loops\.(csv|png)|fields\.pvd|fields_load\.csv|joint\.(png|gif)|histories\.png|energies\.png|"
     r"proper_(values|orthogonal_modes)\.png|(hysteresis|active_region)_.*\.png|"
     r"(backbone|response)\.(csv|png)|ring_down\.csv|error-time\.(md|csv|png)|total-time\.png|"
     r"sweep\.(csv|parquet)|sweep_.*\.png|fields(/.*\.(vtu|vtm))?"
@@ -145,6 +148,31 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     return [summary, *(folder / name for name in plan)]
 
 
+def _add_slow(
+    add: Callable[..., None], plan: Mapping[str, Writer], runs: Mapping[str, Run]
+) -> None:
+    """Add what quasi-static runs have: paths of loads that close no cycle, and joints' loops."""
+    first = next(iter(runs.values()))
+    loads = first.system.loads
+    for k, load in enumerate(loads):
+        name = _hysteresis_name(k, load.on, len(loads))
+        if name not in plan and first.times.size > 1:
+            add(name, plots.hysteresis_figure, runs, load.on, k, None)
+    slips = (run.loops is not None and np.ptp(run.loops.slip) > 0.0 for run in runs.values())
+    if first.system.joints and any(slips):
+        add("joint_loops.png", plots.joint_loops_figure, runs)
+
+
+def _hysteresis_name(number: int, on: str, loads: int) -> str:
+    """Name of the picture of a load's loop."""
+    return f"hysteresis_{safe_name(on)}{f'_load_{number}' * (loads > 1)}.png"
+
+
+def _write_loops(path: Path, runs: Mapping[str, Run]) -> None:
+    """Table of the loops of quasi-static runs."""
+    write_csv(path, report.loop_rows(runs))
+
+
 def curves(study: Study) -> dict[str, Writer]:
     """Writers, by the names of their files, of the histories and curves that a scene asks for."""
     scene, system = study.scene, study.system
@@ -152,6 +180,8 @@ def curves(study: Study) -> dict[str, Writer]:
     plan: dict[str, Writer] = {}
     if scene.output.history:
         plan["history.npz"] = partial(report.write_history, runs=runs)
+        if scene.time.quasi_static:
+            plan["joint_loops.csv"] = partial(_write_loops, runs=runs)
     if not scene.output.plots:
         return plan
 
@@ -166,9 +196,11 @@ def curves(study: Study) -> dict[str, Writer]:
         rows = -(-scene.cycle_steps // scene.output.every)  # a whole cycle, so that the loop closes
         works &= min(run.times.size for run in runs.values()) > rows
         for k, load in enumerate(system.loads if works else ()):
-            name = f"hysteresis_{safe_name(load.on)}{f'_load_{k}' * (len(system.loads) > 1)}.png"
+            name = _hysteresis_name(k, load.on, len(system.loads))
             if plots.is_loop(runs, load.on, k, rows):
                 add(name, plots.hysteresis_figure, runs, load.on, k, rows)
+    if scene.time.quasi_static:
+        _add_slow(add, plan, runs)
     if "reduced" in study.models and (basis := study.models["reduced"].basis):
         joints = [patch.joint.name for patch in study.structure.patches]
         count = repr(joints[0]) if len(joints) == 1 else f"{len(joints)} joints"

@@ -147,11 +147,13 @@ def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
     return list(drawn)
 
 
-def hysteresis_figure(runs: Mapping[str, Run], point: str, load: int, cycle_rows: int) -> Figure:
+def hysteresis_figure(
+    runs: Mapping[str, Run], point: str, load: int, cycle_rows: int | None
+) -> Figure:
     """Force of a load over the displacement of a point, in the last cycle.
 
-    ``load`` is the number of the load, from 0; ``cycle_rows`` the number of stored rows in a cycle.
-    The title says so if the cycle is not steady.
+    ``load`` is the number of the load, from 0; ``cycle_rows`` the number of stored rows in a cycle,
+    None for the whole run. The title says so if the cycle is not steady.
     """
     _moving(runs, [point])  # refuses what is not there
     loops = [hysteresis_loop(run, point, load, cycle_rows) for run in runs.values()]
@@ -165,8 +167,52 @@ def hysteresis_figure(runs: Mapping[str, Run], point: str, load: int, cycle_rows
     loaded = sorted({run.system.loads[load].on for run in runs.values()} - {""})
     where = f" on {' and '.join(loaded)}" if loaded else ""
     panel.set(xlabel=f"displacement of {point}, {unit}", ylabel=f"force{where}, {force_unit}")
-    panel.set_title("last cycle" + ", not steady yet" * transient, loc="left")
+    shown = "last cycle" + ", not steady yet" * transient
+    panel.set_title("from rest on" if cycle_rows is None else shown, loc="left")
     _legend_above(figure, panel)
+    return figure
+
+
+def joint_loops_figure(runs: Mapping[str, Run]) -> Figure:
+    """Friction force of each joint over its slip in quasi-static runs, a panel for each joint.
+
+    The last cycle is drawn in full strength, what was before it pale. Titles have the energy of the
+    last cycle, or of the run without cycles, and the secant stiffness of the first model. Joints
+    that do not slip have no panel.
+    """
+    known = {name: run.loops for name, run in runs.items() if run.loops is not None}
+    joints = next(iter(runs.values())).system.joints
+    most = [max(np.ptp(loops.slip[:, k]) for loops in known.values()) for k in range(len(joints))]
+    moving = [k for k, slip in enumerate(most) if slip > _AT_REST * max(most)]
+    if not moving:
+        raise InputError("joint loops: found no quasi-static run in which a joint slips")
+    columns = min(len(moving), 3)
+    rows = -(-len(moving) // columns)
+    figure = new_figure(4.8 * columns, 4.4 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for panel in panels[len(moving) :]:
+        panel.set_axis_off()
+    for panel, k in zip(panels, moving, strict=False):
+        unit, scale = prefixed_unit("m", (loops.slip[:, k] for loops in known.values()))
+        force_unit, size = prefixed_unit("N", (loops.force[:, k] for loops in known.values()))
+        for (name, loops), style in zip(known.items(), _styles(known), strict=True):
+            slip, force = loops.slip[:, k] / scale, loops.force[:, k] / size
+            before = slice(0, (loops.last.start or 0) + 1)
+            panel.plot(slip[before], force[before], **style, alpha=0.4)
+            panel.plot(slip[loops.last], force[loops.last], label=name, **style)
+        first = next(iter(known.values()))
+        energy_unit, energy_size = prefixed_unit("J", [first.energy[[k]]])
+        each = " a cycle" * (first.opening is not None)
+        panel.set_title(
+            f"{joints[k]}: {first.energy[k] / energy_size:.4g} {energy_unit}{each},\n"
+            f"secant stiffness {first.secant_stiffness[k]:.4g} N/m",
+            loc="left",
+            fontsize="medium",
+        )
+        panel.set(xlabel=f"mean slip, {unit}", ylabel=f"friction force, {force_unit}")
+        panel.grid(alpha=0.3)
+        panel.set_axisbelow(True)
+    _legend_above(figure, panels[0])
     return figure
 
 

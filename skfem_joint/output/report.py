@@ -24,7 +24,8 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
     ``<model>_<point>_displacement`` (m) and ``<model>_<point>_velocity`` (m/s), for each joint
     ``<model>_<joint>_friction_energy`` (J), dissipated since the start, ``<model>_<joint>_slip``
     (m), the largest of its points, and ``<model>_<joint>_slipping``, the share of its friction that
-    is at its limit. Rows are stored times.
+    is at its limit. Of quasi-static runs also the loop of each joint, ``<model>_<joint>_force`` (N)
+    over ``<model>_<joint>_mean_slip`` (m), see `Loops`. Rows are stored times.
     """
     longest = max(runs.values(), key=lambda run: run.times.size)
     arrays: dict[str, Any] = {"time": longest.times}
@@ -39,8 +40,37 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
             if run.joint_slip.size:
                 arrays[f"{model}_{joint}_slip"] = run.joint_slip[:, k]
                 arrays[f"{model}_{joint}_slipping"] = run.joint_slipping[:, k]
+            if run.loops is not None:
+                rows = np.searchsorted(run.loops.times, run.times * (1.0 - 1e-9))
+                arrays[f"{model}_{joint}_force"] = run.loops.force[rows, k]
+                arrays[f"{model}_{joint}_mean_slip"] = run.loops.slip[rows, k]
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(file, **arrays)
+
+
+def loop_rows(runs: Mapping[str, Run]) -> Iterator[list[Any]]:
+    """Table of the loops of quasi-static runs, at every level: its heading, then its rows.
+
+    Columns: time (s); of each model force (N) and displacement (m) of each load, then force (N),
+    mean slip (m) and friction energy (J) of each joint. Cells are empty after a model's last level.
+    """
+    known = {name: run.loops for name, run in runs.items() if run.loops is not None}
+    columns: dict[str, Any] = {}
+    for model, loops in known.items():
+        system = runs[model].system
+        for k, load in enumerate(system.loads):
+            start = f"{model}_{load.on or f'load_{k}'}"
+            columns[f"{start}_force_N"] = loops.load_force[:, k]
+            columns[f"{start}_displacement_m"] = loops.load_displacement[:, k]
+        for k, joint in enumerate(system.joints):
+            columns[f"{model}_{joint}_force_N"] = loops.force[:, k]
+            columns[f"{model}_{joint}_mean_slip_m"] = loops.slip[:, k]
+            columns[f"{model}_{joint}_friction_energy_J"] = loops.work[:, k]
+    times = max((loops.times for loops in known.values()), key=len)
+    yield ["time_s", *columns]
+    for row, t in enumerate(times.tolist()):
+        cells = (float(x[row]) if row < len(x) else "" for x in columns.values())
+        yield [t, *cells]
 
 
 def text(study: Study) -> str:
@@ -133,6 +163,9 @@ def summary_table(content: Mapping[str, Any]) -> str:
     if not cycles:
         totals = [sum(energies.values()) for energies in at("friction_energy_J")]
         add("friction energy, J", "{:.4g}", totals)
+    for name in _names(table or {} for table in at("loads")):
+        stiffness = at("loads", name, "secant_stiffness_N_per_m")
+        add(f"secant stiffness at {name}, N/m", "{:.4g}", stiffness)
     for row in _joint_rows(at):
         add(*row)
     for label, key, form in (
@@ -178,6 +211,8 @@ def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[A
         for number, energies in enumerate(zip(*by_bolt, strict=True), 1):
             label = f"friction energy of {name} at bolt {number} over the run, J"
             yield label, "{:.4g}", list(energies), 1.0
+        stiffness = at("joints", name, "secant_stiffness_N_per_m")
+        yield f"secant stiffness of {name}, N/m", "{:.4g}", stiffness, 1.0
         for label, key, scale in (
             ("largest slip of {} over the run, mm", "largest_slip_m", 1e3),
             ("active length of {}, mm", "active_length_m", 1e3),

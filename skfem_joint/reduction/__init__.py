@@ -2,10 +2,11 @@
 
 From data to model: `excitation` (loads of the run to come), `static_path` (how the joints slip,
 without a run of the full model), `pod` (proper orthogonal decomposition of snapshots),
-`interface_modes` (vibration without slip), `sources` (a basis of these), `basis` (the basis, and
-the reduced system on it), `friction_points` (fewer friction points), `missing_modes` (what a
-reduced run shows that its basis is missing). `condensed` keeps all of the contact and reduces the
-rest; `active_length` measures where joints slip. The paper's scaled modes are in `scaled`.
+`interface_modes` (vibration without slip), `joint_slides` (joints that slip as a whole), `sources`
+(a basis of these), `basis` (the basis, and the reduced system on it), `friction_points` (fewer
+friction points), `missing_modes` (what a reduced run shows that its basis is missing). `condensed`
+keeps all of the contact and reduces the rest; `active_length` measures where joints slip. The
+paper's scaled modes are in `scaled`.
 
 From the keys of a scene to modes: `scene.tables.ReductionTable` reads the table ``[reduction]``,
 `analysis.scene_plan.options_of` copies it to `reduction.basis.Options`, and its `basis_of_scene`
@@ -26,6 +27,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.reduction.basis import SETTINGS, Basis, Origin, reduced_system
@@ -39,6 +42,7 @@ from skfem_joint.served import Range
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
+from skfem_joint.stepping.slow_run import rate_independent
 from skfem_joint.system import System
 from skfem_joint.values import BETA, COUNT, POSITIVE, WHOLE, check, check_some
 
@@ -54,6 +58,7 @@ def reduce(
     beta: str | float = "auto",
     range: Mapping[str, Any] | Range | None = None,
     accuracy: float = 0.01,
+    quasi_static: bool = False,
 ) -> System:
     """Reduced model on modes of a system's static slip path, or of a run of its own.
 
@@ -84,6 +89,8 @@ def reduce(
     accuracy : float
         With ``range``: largest error of displacement histories, relative; three times that of
         energies.
+    quasi_static : bool
+        Whether the run to come is one of `quasi_static`, without inertia and damping.
 
     Returns
     -------
@@ -100,11 +107,11 @@ def reduce(
     """
     check("modes", modes, COUNT, "auto")
     if range is not None:
-        others = (interface_modes, friction_points, beta, duration, run)
-        if others != ("auto", "auto", "auto", None, None):
+        others = (interface_modes, friction_points, beta, duration, run, quasi_static)
+        if others != ("auto", "auto", "auto", None, None, False):
             raise InputError(
                 "reduce: with range, interface_modes, friction_points, beta, duration and run are "
-                "found for the whole range; leave them out"
+                "found for the whole range, which is of vibration; leave out these and quasi_static"
             )
         return reduced_for_range(system, range, accuracy=accuracy, modes=modes)
     check("interface_modes", interface_modes, WHOLE, "auto")
@@ -112,8 +119,10 @@ def reduce(
     check("beta", beta, BETA, "auto")
     check_some(POSITIVE, duration=duration)
     count = SETTINGS.joint_modes if isinstance(modes, str) else modes
+    if quasi_static:
+        system, beta = rate_independent(system), np.inf
     if run is None:
-        basis = _of_static_path(system, count, interface_modes, duration)
+        basis = _of_static_path(system, count, interface_modes, duration, quasi_static)
     else:
         beside = 0 if isinstance(interface_modes, str) else interface_modes
         basis = own_basis(system, run, count, interface_modes=beside)
@@ -123,7 +132,11 @@ def reduce(
 
 
 def _of_static_path(
-    system: System, modes: int, interface_modes: str | int, duration: float | None
+    system: System,
+    modes: int,
+    interface_modes: str | int,
+    duration: float | None,
+    quasi_static: bool,
 ) -> Basis:
     """Basis of a system's static slip path; InputError for loads whose run has no known length."""
     period = common_period(load.amplitude for load in system.loads)
@@ -134,8 +147,8 @@ def _of_static_path(
             "the run to come"
         )
     step = whole / 2000 if period is None else period / 200  # enough to tell inertia
-    step = min(step, longest_step(system, whole))
-    path = slip_path(system, Plan(step, round(whole / step)), modes)
+    step = min(step, longest_step(system, whole, vibrates=not quasi_static))
+    path = slip_path(system, Plan(step, round(whole / step), quasi_static=quasi_static), modes)
     return static_basis(system, path, modes, interface_modes)
 
 

@@ -122,12 +122,19 @@ class Excitation:
         return forces
 
 
-def steps_of_a_period(system: System, period: float, cycles: int, highest: float, most: int) -> int:
+def steps_of_a_period(
+    system: System,
+    period: float,
+    cycles: int,
+    highest: float,
+    most: int,
+    vibrates: bool = True,
+) -> int:
     """Fewest steps in a period (s) of a quick run, but no more than ``most``.
 
-    They resolve the ``highest`` frequency of the loads (Hz), and jumps of the loads in all
-    ``cycles``.
+    They resolve the ``highest`` frequency of the loads (Hz), and, where inertia acts, the vibration
+    after jumps of the loads in all ``cycles``.
     """
     least = max(SHORT_RUNS.steps_per_period * highest * period, SHORT_RUNS.least_steps)
-    least = max(least, period / longest_step(system, cycles * period))
+    least = max(least, period / longest_step(system, cycles * period, vibrates))
     return min(most, int(np.ceil(least * (1.0 - 1e-9))))

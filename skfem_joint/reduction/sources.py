@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction import basis as bases
 from skfem_joint.reduction import static_path
 from skfem_joint.reduction.basis import Basis, Options, basis_of
 from skfem_joint.reduction.excitation import SHORT_RUNS
 from skfem_joint.reduction.interface_modes import SETTINGS, RestrictedMotion, beside, driven
+from skfem_joint.reduction.joint_slides import joint_slides
 from skfem_joint.reduction.pod import proper_decomposition, proper_modes, stride_of, thinned
 from skfem_joint.reduction.static_path import StaticPath, slip_path
 from skfem_joint.stepping.integrate import integrate_plan
@@ -74,7 +75,10 @@ def make_basis(
     if options.reference == "self":
         cycles = plan if plan.cycle_steps is None else plan.first(SHORT_RUNS.training_cycles)
         training = replace(cycles, save=Save(fields=True, points=False), cycle_steps=None)
-        run = integrate_plan(system, training).finished()
+        try:
+            run = integrate_plan(system, training).finished()
+        except ConvergenceError as error:  # without the states of this run, which is no result
+            raise ConvergenceError(str(error), error.unknown) from error
         decomposed = {"snapshots": options.snapshots, "inner_product": options.product}
         basis = own_basis(system, run, modes, interface_modes=interface, **decomposed)
     elif options.reference == "static":
@@ -132,6 +136,8 @@ def own_basis(
         restricted = RestrictedMotion.of(system)
         if restricted.F.shape[1]:
             V = np.hstack([V, restricted.F @ restricted.lowest(interface_modes)[1]])
+    if run.loops is not None:  # which should show the force of each joint
+        V = np.hstack([V, joint_slides(system)])
     velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
     return basis_of(
         system,
@@ -168,6 +174,7 @@ def static_basis(
     modes = min(modes, int(np.count_nonzero(counting)))
     V = np.hstack([proper.modes[:, :modes], path.response, path.rigid])
     automatic = max(SETTINGS.few_beside, modes // SETTINGS.modes_for_one)
+    automatic *= not path.loads.plan.quasi_static  # nothing vibrates
     count = automatic if isinstance(interface, str) else interface
     shapes, share = path.interface[:, :count], path.share[:count]
     if count > share.size:

@@ -23,13 +23,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction import friction_points, interface_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation, steps_of_a_period
 from skfem_joint.reduction.friction_points import NO_FRICTION, merged_points
+from skfem_joint.reduction.joint_slides import joint_slides
 from skfem_joint.reduction.missing_modes import acceleration
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition
 from skfem_joint.stepping.integrate import integrate_plan
@@ -103,7 +104,8 @@ class StaticPath:
     snapshots : ndarray, shape (s, n)
         States and increments of all paths, each path with norm one.
     response : ndarray, shape (n, loads)
-        Static response to the peak of each load, m.
+        Static response to the peak of each load, m; in a quasi-static run followed by the sliding
+        of each joint, see :mod:`skfem_joint.reduction.joint_slides`.
     rigid : ndarray, shape (n, r)
         Rigid motions that friction alone holds, if it did not hold them on a path, or all points
         slipped there: the sliding of a body then takes part, and states of paths, which are held,
@@ -188,12 +190,12 @@ def slip_path(
     slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
     every = system.w > 0.0
     slides = bool(slipping[every].all())
-    interface, share = interface_modes.driven(system, response, loads, path=path)
+    beside, interface, share = _beside(system, response, loads, path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
     rigid, energy = path.to.outer(path.rigid.T).T, shifted(system.K, system.M)
     for _ in range(SETTINGS.rounds):
         joint = proper_decomposition(_scaled(snapshots), energy).modes[:, : SETTINGS.modes]
-        V = orthonormal(np.hstack([joint, response, rigid, counting]), system.M)
+        V = orthonormal(np.hstack([joint, beside, rigid, counting]), system.M)
         run = _preliminary(system, V, loads, snapshots[-1])
         steps += run.counters.steps
         driving = _Driving(system, V, run)
@@ -209,7 +211,7 @@ def slip_path(
         snapshots.append(_in_time(path, loads, driving))
     return StaticPath(
         snapshots=_scaled(snapshots),
-        response=response,
+        response=beside,
         rigid=rigid if path.scaled_back or slides else rigid[:, :0],
         interface=interface,
         share=share,
@@ -227,6 +229,19 @@ def slip_path(
     )
 
 
+def _beside(
+    system: System, response: FloatArray, loads: Excitation, path: QuasiStatic
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Static shapes beside the modes, fixed-interface modes and shares of these; see `StaticPath`.
+
+    Nothing vibrates in a quasi-static run, whose joints' forces need the sliding of each.
+    """
+    if loads.plan.quasi_static:
+        still = np.zeros((system.n, 0)), np.zeros(0)
+        return np.hstack([response, joint_slides(system)]), *still
+    return response, *interface_modes.driven(system, response, loads, path=path)
+
+
 def _first(
     system: System, path: QuasiStatic, loads: Excitation, response: FloatArray
 ) -> FloatArray:
@@ -235,6 +250,8 @@ def _first(
     InputError if nothing moves.
     """
     inertia, beyond = system.M @ response, SETTINGS.first_beyond
+    if loads.plan.quasi_static:
+        inertia = np.zeros_like(inertia)
     if len(loads.amplitudes) == 1 and (loads.is_one_harmonic or loads.period is None):
         square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
         levels = _levels(SETTINGS.first_levels, beyond)
@@ -321,8 +338,11 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
     if loads.period is not None:
         most = max(1, int(plan.duration / loads.period * (1.0 + 1e-9)))
         cycles, whole = min(SHORT_RUNS.cycles, most), round(loads.period / step)
-        steps = steps_of_a_period(small, loads.period, cycles, loads.fastest / (2.0 * np.pi), whole)
+        highest, vibrates = loads.fastest / (2.0 * np.pi), not plan.quasi_static
+        steps = steps_of_a_period(small, loads.period, cycles, highest, whole, vibrates)
         step = loads.period / steps
+    if plan.quasi_static:
+        return _slow(small, Plan(step, min(cycles, 2) * steps, save=Save(fields=True)))
     while True:
         whole_run = Plan(step, cycles * steps, plan.scheme, Save(fields=True))
         run = integrate_plan(small, whole_run).finished()
@@ -332,6 +352,17 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
         if cycles >= min(most, SETTINGS.most_cycles) or not grows:
             return run
         cycles = min(2 * cycles, most)
+
+
+def _slow(small: System, plan: Plan) -> Run:
+    """Quasi-static run of the preliminary model, as far as friction holds the loads."""
+    try:
+        return integrate_plan(small, replace(plan, quasi_static=True)).finished()
+    except ConvergenceError as error:
+        run: Run | None = error.run
+        if run is None or not np.any(run.u):
+            raise ConvergenceError(str(error)) from error
+        return run
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Iterator, Mapping, Set
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -122,6 +123,11 @@ class Scene(SceneTable):
                 self._structure = self._built_structure()
         return self._structure
 
+    @property
+    def _is_slow(self) -> bool:
+        """Whether the run leaves inertia out; not if its table is wrong, and so is not there."""
+        return bool(getattr(getattr(self, "time", None), "quasi_static", False))
+
     def _built_structure(self) -> parts.AnyStructure:
         common: dict[str, Any] = {
             "joints": [joint.to_joint() for joint in self.joint],
@@ -129,8 +135,14 @@ class Scene(SceneTable):
             "mass_damping": self.damping.mass,
             "damping_ratio": self.damping.ratio,
         }
+        if self._is_slow:  # which neither velocity nor damping acts in
+            still = [replace(joint, beta=math.inf) for joint in common["joints"]]
+            common = {"joints": still, "stiffness_damping": 0.0, "mass_damping": 0.0}
+            common["damping_ratio"] = None
         if self.matrices is not None:
-            return self.matrices.model((self._path or Path()).parent, common)
+            undamped = {"C": None} if self._is_slow else {}
+            matrices = self.matrices.model_copy(update=undamped)
+            return matrices.model((self._path or Path()).parent, common)
         material, regions = self.material, dict[str, dict[str, float]]()
         if material is None:
             raise InputError("material: missing, must be given with a mesh")
@@ -147,6 +159,31 @@ class Scene(SceneTable):
             mass=material.mass_matrix,
             regions=regions,
         )
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Sentences about what a quasi-static run leaves out of the scene; none of other runs."""
+        if not self.time.quasi_static:
+            return ()
+        creeping = [joint for joint in self.joint if math.isfinite(joint.to_joint().beta)]
+        notes = [
+            f"Joint '{joint.on}': beta = {joint.to_joint().beta:.3g} s/m counts as infinite, since "
+            "time.quasi_static leaves inertia out: friction does not depend on velocity then, and "
+            "the law is Coulomb's."
+            for joint in creeping
+        ]
+        given = self.matrices is not None and self.matrices.C is not None
+        if given or any((self.damping.stiffness, self.damping.mass, self.damping.ratio)):
+            notes.append("The damping of the scene is left out, as time.quasi_static asks for.")
+        return tuple(notes)
+
+    def check_vibrates(self, command: str) -> None:
+        """Refuse a quasi-static scene for a command that computes vibration; `InputError`."""
+        if self.time.quasi_static:
+            raise InputError(
+                f"{self._path or 'scene'}: time.quasi_static: found true, but {command} computes "
+                "vibration, which needs inertia; leave it out for this command"
+            )
 
     def loads(self) -> tuple[parts.Load, ...]:
         """Loads of the structure."""
@@ -218,9 +255,12 @@ class Scene(SceneTable):
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Copy with the same path and mesh; keeps the structure and system unless they change."""
         copy = super().model_copy(update=update, deep=deep)
-        if TABLES_OF_STRUCTURE & set(update or ()):
+        names = set(update or ())
+        if copy._is_slow != self._is_slow:  # which says what law and damping act
+            names.add("damping")
+        if TABLES_OF_STRUCTURE & names:
             copy._structure = None
-        if TABLES_OF_SYSTEM & set(update or ()):
+        if TABLES_OF_SYSTEM & names:
             copy._system = None
         return copy
 
@@ -311,6 +351,8 @@ def problems_between_tables(scene: Scene, valid: Set[str]) -> Iterator[str]:
         yield from _time_problems(scene)
     if valid >= TABLES_OF_SYSTEM and scene.matrices is not None:
         yield from _matrix_problems(scene, scene.matrices)
+    if valid >= {"models", "reduction", "time"} and scene.time.quasi_static:
+        yield from _slow_problems(scene)
     if valid >= {"models", "joint", "reduction"}:
         yield from _model_problems(scene)
 
@@ -344,6 +386,20 @@ def _time_problems(scene: Scene) -> Iterator[str]:
                 if time.step is None
                 else f"time.step: found {time.step:g}, must be <= {longest:.4g}: {why}"
             )
+
+
+def _slow_problems(scene: Scene) -> Iterator[str]:
+    """Problems of reduced models with a quasi-static run."""
+    if scene.reduction.range is not None:
+        yield (
+            "reduction.range: found beside time.quasi_static = true; a range has frequencies of "
+            "vibration; leave out either of them"
+        )
+    if "reduced" in scene.models.run and scene.reduction.reference == "paper":
+        yield (
+            "reduction.reference: found 'paper' beside time.quasi_static = true; the paper's modes "
+            "are scaled by a run in time; use reference = 'static'"
+        )
 
 
 def _matrix_problems(scene: Scene, matrices: MatricesTable) -> Iterator[str]:

@@ -280,6 +280,27 @@ class TimeTable(SceneTable):
         ge=0,
         le=1,
     )
+    quasi_static: bool = key(
+        "whether the loads change so slowly that inertia and damping are left out; friction is "
+        "then Coulomb's, whatever beta is",
+        False,
+    )
+
+    @model_validator(mode="after")
+    def _has_no_vibration(self) -> Self:
+        if self.quasi_static and "rho_infinity" in self.model_fields_set:
+            raise mistake(
+                f"found {self.rho_infinity:g} beside quasi_static = true, which has no scheme in "
+                "time; leave it out",
+                "rho_infinity",
+            )
+        if self.quasi_static and self.until is not None:
+            raise mistake(
+                f"found '{self.until}' beside quasi_static = true, which has no vibration; give "
+                "cycles in its place",
+                "until",
+            )
+        return self
 
     @model_validator(mode="after")
     def _is_given_one_way(self) -> Self:

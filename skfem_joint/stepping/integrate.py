@@ -27,6 +27,7 @@ from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import check_jumps, check_resolution
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.stepping.shooting import steady_run
+from skfem_joint.stepping.slow_run import slow_run
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, between, check, check_some
 
@@ -139,6 +140,8 @@ def integrate_plan(
             "point of it: sj.at(model, frequency=..., slip=...) or, in place of slip, level=..."
         )
     start = _start(system, initial)
+    if plan.quasi_static:
+        return _quasi_static(system, plan, initial, tolerance, progress, checkpoint)
     if plan.until == "steady":
         _check_steady(system, plan, checkpoint)
     check_resolution(system, plan)
@@ -155,6 +158,83 @@ def integrate_plan(
     interrupted = driver.run(progress, checkpoint, identity)
     run = driver.finish(system.stored_energy(*start), interrupted)
     return replace(run, plan=plan, start=moved)
+
+
+def _quasi_static(
+    system: System,
+    plan: Plan,
+    initial: tuple[FloatArray, FloatArray] | None,
+    tolerance: float,
+    progress: Callable[..., None] | None,
+    checkpoint: Checkpoint | None,
+) -> Run:
+    """Run without inertia and damping; it starts from rest and is not resumed."""
+    if initial is not None:
+        raise InputError("initial: a quasi-static run starts from rest; leave it out")
+    if checkpoint is not None:
+        raise InputError("checkpoint: a quasi-static run has none; leave it out")
+    check_resolution(system, plan)
+    return slow_run(system, plan, tolerance=tolerance, progress=progress)
+
+
+def quasi_static(
+    system: System,
+    *,
+    step: float | None = None,
+    n_steps: int | None = None,
+    duration: float | None = None,
+    cycles: int | None = None,
+    steps_per_cycle: int | None = None,
+    save: Save | None = None,
+    tolerance: float = TOLERANCE,
+    progress: Callable[..., None] | None = None,
+) -> Run:
+    """Follow a system as its loads change slowly: without inertia and damping, level by level.
+
+    Each step is a level of the loads. Friction does not depend on velocity then: its law is
+    Coulomb's, whatever the steepness of the system, which `Run.system` notes. Points that stick
+    rest exactly in full and condensed models.
+
+    Parameters
+    ----------
+    system : System
+        Of any dimension; full, or by `condense` or `reduce`.
+    step, n_steps, duration
+        Time step of the loads, s, and how many of them, or s.
+    cycles, steps_per_cycle : int
+        Cycles of the loads' common period, and levels in each.
+    save : Save, optional
+        What to store; the named points at every level if not given.
+    tolerance : float
+        Largest force residual of a level relative to its largest force, at most 1e-3.
+    progress : callable, optional
+        Called with (levels done, levels in all).
+
+    Returns
+    -------
+    Run
+        Its ``loops`` have force over displacement of each load, and over slip of each joint.
+        Times are those of the loads. After an interrupt (Ctrl-C) it is that of the levels
+        finished, with ``interrupted`` set.
+
+    Raises
+    ------
+    ConvergenceError
+        If the loads are more than friction and supports hold, or a level is not found. Its ``run``
+        has all levels before.
+    InputError
+        If a number is out of range, the steps are not given in one of the three ways, are too long
+        for a load, or store more than memory holds; for reduced models for a range.
+    """
+    check_some(POSITIVE, step=step, duration=duration)
+    counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
+    check_some(COUNT, **counts)
+    if cycles is not None or steps_per_cycle is not None:
+        others = (step, n_steps, duration)
+        step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
+    step, n_steps = _steps(step, n_steps, duration)
+    plan = Plan(step, n_steps, save=save or Save(), cycle_steps=steps_per_cycle, quasi_static=True)
+    return integrate_plan(system, plan, tolerance=tolerance, progress=progress)
 
 
 def _by_cycles(

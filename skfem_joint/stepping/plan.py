@@ -44,6 +44,9 @@ class Plan:
     exact_at : float, optional
         Frequency, Hz, at which steps of the trapezoidal rule are exact for linear vibration, see
         :mod:`skfem_joint.stepping.warp`.
+    quasi_static : bool
+        Whether inertia and damping are left out: each step is then a level of the loads, see
+        :mod:`skfem_joint.stepping.slow_run`.
     """
 
     step: float
@@ -53,6 +56,7 @@ class Plan:
     cycle_steps: int | None = None
     until: Literal["end", "steady"] = "end"
     exact_at: float | None = None
+    quasi_static: bool = False
 
     def __post_init__(self) -> None:
         check("step", self.step, POSITIVE)
@@ -61,6 +65,10 @@ class Plan:
             raise InputError(f"n_steps: found {self.n_steps:.3g}, must be at most 2^53")
         check_some(COUNT, cycle_steps=self.cycle_steps)
         check_until(self.until)
+        if self.quasi_static and self.until != "end":
+            raise InputError(
+                "until: a quasi-static run has no vibration that could become 'steady'; give cycles"
+            )
         if self.exact_at is not None:
             check("exact_at", self.exact_at, between(0.0, 0.5 / self.step))
             if not self.scheme.coefficients(1.0).trapezoidal:

@@ -24,7 +24,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, NamedTuple, cast
 
 import numpy as np
 from scipy import linalg, sparse
@@ -81,6 +81,32 @@ class QuasiStaticSettings:
 SETTINGS = QuasiStaticSettings()
 
 
+class Increment(NamedTuple):
+    """A level that `QuasiStatic.increment` has tried.
+
+    Attributes
+    ----------
+    u : ndarray, shape (n,)
+        Displacement, m.
+    friction : ndarray, shape (rows,)
+        Friction force of each slip row, N.
+    found : Minimum
+        Whether the minimisation converged, and its work.
+    carried : float
+        Share of the load that the added mass carries; it is zero where supports hold.
+    """
+
+    u: FloatArray
+    friction: FloatArray
+    found: Minimum
+    carried: float
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the level has no solution: friction does not hold the loads."""
+        return self.carried > SETTINGS.carried
+
+
 class QuasiStatic:
     """Quasi-static response of one system: one matrix for all levels and histories of load.
 
@@ -92,6 +118,8 @@ class QuasiStatic:
         Largest force residual relative to the largest force.
     tally : Tally, optional
         Counts the levels that are solved.
+    frictionless : bool
+        Whether a system without friction is taken too, which is linear.
 
     Raises
     ------
@@ -99,10 +127,16 @@ class QuasiStatic:
         If no point carries friction, or slip rows of a large sparse system depend on each other.
     """
 
-    def __init__(self, system: System, tolerance: float = 1e-8, tally: Tally | None = None) -> None:
+    def __init__(
+        self,
+        system: System,
+        tolerance: float = 1e-8,
+        tally: Tally | None = None,
+        frictionless: bool = False,
+    ) -> None:
         self.to = arranged(system)
         inner = self.to.system
-        if not inner.contact_points:
+        if not inner.contact_points and not frictionless:
             raise InputError("quasi-static slip: needs friction, no contact point carries any")
         self.tolerance, self.tally = tolerance, tally or Tally()
         dense = self.to.kind == "dense"
@@ -114,13 +148,14 @@ class QuasiStatic:
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.beta
         self.problem: StepProblem = step_problem(self.A, ContactPoints.of(inner), self.to.kind)
-        from skfem_joint.minimise.condensed_newton import CondensedNewton  # loads the compiler
-
         self.whole: CondensedNewton | None = None  # the problem, where it is condensed
         self.condensed: SchurComplement | None = None  # where the contact is stepped alone
-        if isinstance(self.problem, CondensedNewton):
-            self.whole = self.problem
-            self._step_contact_alone(self.whole)
+        if self.to.kind == "contact":
+            from skfem_joint.minimise.condensed_newton import CondensedNewton  # loads the compiler
+
+            if isinstance(self.problem, CondensedNewton):
+                self.whole = self.problem
+                self._step_contact_alone(self.whole)
         self.last = np.zeros(self.A.shape[0])
         self.solves = 0
         self.scaled_back = 0  # levels whose forces were scaled back
@@ -260,6 +295,36 @@ class QuasiStatic:
             u = path[level] = self._state(u, before, f, limit_share, rate)
             self.tally.add()
         return self.to.outer(path if inside is None else inside.extend(path.T, interior).T)
+
+    def increment(self, u: FloatArray, f: FloatArray) -> Increment:
+        """One level by Coulomb's law, in one part, with its friction and without scaling back.
+
+        Parameters
+        ----------
+        u : ndarray, shape (n,)
+            Displacement of the level before, m, in the unknowns of ``to.system``.
+        f : ndarray, shape (n,)
+            Forces of the level, N, on these unknowns.
+        """
+        system, inside = self.to.system, self.condensed
+        right, start, interior = f, u, f[:0]
+        if inside is not None:
+            right, interior = inside.restrict(f)
+            start = u[inside.kept]
+        driving = right - self.stiffness @ start  # of an unloaded level it is the larger one
+        found = self._minimise(driving, np.full(self.beta.size, np.inf))
+        after, friction = start + found.v, system.on_rows(system.w)
+        if inside is None:
+            friction = friction * found.sigma
+        else:
+            after = inside.extend(after, interior)
+            friction[friction > 0.0] *= found.sigma
+            found = replace(found, where=int(inside.kept[found.where]))
+        largest = max(right, driving, key=lambda force: float(np.linalg.norm(force)))
+        carried = self._carried(found, largest)
+        if found.converged and carried <= SETTINGS.carried:
+            self.last = found.v
+        return Increment(after, friction, found, carried)
 
     def limit(self, force: FloatArray) -> float:
         """Multiple of the forces (N) that friction can just hold; ``inf`` where supports hold.

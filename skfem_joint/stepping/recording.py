@@ -16,6 +16,7 @@ from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.vectors import raise_to, raise_to_norms
 from skfem_joint.minimise.compiled_step import row_order
 from skfem_joint.stepping import energy
+from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, check, check_some
@@ -228,13 +229,17 @@ class Run:
         Time of the steps, time before the first one without compilation, and time of compilation,
         which happens once on a machine, s.
     interrupted : bool
-        Whether it was stopped early.
+        Whether it was stopped early: by Ctrl-C, or of a quasi-static run where no level follows.
     steady : Steady or None
         Steady vibration, of a run that is a period of it.
     plan : Plan, optional
         Steps, scheme and end, as it was asked for.
     start : tuple of ndarray, shapes (n,) and (n,), optional
         Displacement (m) and velocity (m/s) at the start; None for a run from rest.
+    loops : Loops or None
+        Force over displacement of each load and over slip of each joint, of a quasi-static run.
+        Its velocities are changes over the last step, its final velocity is zero, and no work is
+        kinetic or viscous.
     """
 
     system: System
@@ -267,6 +272,7 @@ class Run:
     steady: Steady | None = None
     plan: Any = None
     start: tuple[FloatArray, FloatArray] | None = None
+    loops: Loops | None = None
 
     def __repr__(self) -> str:
         """A few lines: what was run, stored, reached and dissipated."""

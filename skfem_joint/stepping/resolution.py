@@ -102,7 +102,7 @@ def check_resolution(system: System, plan: Plan) -> None:
     InputError
         Naming the load, what is too fast, and the step that would do.
     """
-    bounds = _load_bounds(system, plan.duration)
+    bounds = _load_bounds(system, plan.duration, vibrates=not plan.quasi_static)
     refuse([*_too_long(plan.step, bounds), *_unresolved(system, plan)])
 
 
@@ -111,21 +111,25 @@ def check_jumps(system: System, plan: Plan) -> None:
 
     The vibration has the shape of the displacement under the load at rest, with joints that hold
     what they can: a quasi-static state is solved for each load that jumps. It does not matter where
-    the plan ends with steady vibration. Of jumps of plain functions of time only one at the start
-    is seen.
+    the plan ends with steady vibration, or leaves inertia out. Of jumps of plain functions of time
+    only one at the start is seen.
 
     Raises
     ------
     InputError
         Naming the load, the period of the vibration, and the step that would do.
     """
-    if plan.until != "steady":
+    if plan.until != "steady" and not plan.quasi_static:
         refuse(_too_long(plan.step, _jump_bounds(system, plan.duration)))
 
 
-def longest_step(system: System, duration: float) -> float:
-    """Longest step, s, that both checks take for a run of ``duration``, s."""
-    bounds = [*_load_bounds(system, duration), *_jump_bounds(system, duration)]
+def longest_step(system: System, duration: float, vibrates: bool = True) -> float:
+    """Longest step, s, that both checks take for a run of ``duration``, s.
+
+    ``vibrates`` is whether inertia acts, so that jumps set off vibration.
+    """
+    bounds = [*_load_bounds(system, duration, vibrates)]
+    bounds += _jump_bounds(system, duration) if vibrates else []
     return min((bound.step for bound in bounds), default=np.inf)
 
 
@@ -139,7 +143,7 @@ def _too_long(step: float, bounds: Iterable[Bound]) -> Iterator[str]:
             )
 
 
-def _load_bounds(system: System, duration: float) -> Iterator[Bound]:
+def _load_bounds(system: System, duration: float, vibrates: bool = True) -> Iterator[Bound]:
     """Longest steps by the periods and rise times of the loads."""
     for load, peak in _acting(system, duration):
         amplitude, name = load.amplitude, _name(load)
@@ -152,7 +156,7 @@ def _load_bounds(system: System, duration: float) -> Iterator[Bound]:
             continue
         rise = 0.5 / frequency
         most = rise / SETTINGS.per_rise
-        if not _is_round(amplitude, peak):
+        if vibrates and not _is_round(amplitude, peak):
             most = max(most, _period(system, load.vector) / SETTINGS.per_vibration)
         yield Bound(name, most, f"is too long for a pulse that rises in {rise:.4g} s")
 

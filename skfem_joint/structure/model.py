@@ -9,6 +9,7 @@ import numpy as np
 
 from skfem_joint.mesh.cells import spot
 from skfem_joint.structure.body import Body
+from skfem_joint.structure.doubts import coarse_for_waves
 from skfem_joint.structure.joints import Joint
 from skfem_joint.structure.load import Load
 from skfem_joint.structure.patch import Patch
@@ -82,9 +83,14 @@ class AnyStructure(Protocol):
         """Joint and place of a degree of freedom that closed contact determines, in a message."""
 
 
-def doubts(structure: AnyStructure, system: System) -> list[str]:
-    """Sentences about values, size, loads and joints that suggest a mistake of the user."""
+def doubts(structure: AnyStructure, system: System, waves: bool = True) -> list[str]:
+    """Sentences about values, size, loads and joints that suggest a mistake of the user.
+
+    ``waves`` is whether the loads excite waves, which the elements should follow.
+    """
     sentences = [*system.notes, *structure.unusual(system)]
+    if waves and structure.body is not None:
+        sentences += coarse_for_waves(structure.body, system)
     if not structure.patches:
         sentences.append("There is no joint: nothing slips, the structure is linear.")
     for patch in structure.patches:
