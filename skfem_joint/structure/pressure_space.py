@@ -15,7 +15,7 @@ Quadratic displacements with pressures at the corners are a stable pair. With pr
 nodes they are not: such pressures swing between corners and the nodes between them, on finer meshes
 too. A washer of radius 4.5 to 12 mm on a plate, elements of 1.75 mm, against a fine mesh: pressures
 at all nodes err by 11 to 13 % in the mean square where meshes match and by 34 to 54 % where they do
-not, those of dual functions by 7 to 10 %, and these never rise outwards. Hats as psi_c err by 8 to
+not, those of dual functions by 8 to 11 %, and these never rise outwards. Hats as psi_c err by 8 to
 13 % there, but swing by 14 % with elements of 2 to 4 mm, and they open the corners at the edge of
 the contact too soon, because gaps in the whole of their elements count.
 
