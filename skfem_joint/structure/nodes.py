@@ -100,6 +100,20 @@ class Nodes:
         body[self.of_element] = self.mesh.body
         return body
 
+    @cached_property
+    def from_vertices(self) -> sparse.csr_array:
+        """Values at the nodes, linear between the vertices, from those at the vertices, (N, v)."""
+        first, t = self.cell.elements[0](), self.mesh.mesh.t
+        place, element = np.indices(self.of_element.shape)
+        of_node = np.zeros((2, self.n_nodes), dtype=np.intp)
+        of_node[:, self.of_element] = place, element  # any element beside a node
+        shares = np.array([first.lbasis(self.element.doflocs.T, i)[0] for i in range(len(t))])
+        rows = np.broadcast_to(np.arange(self.n_nodes), (len(t), self.n_nodes))
+        entries = shares[:, of_node[0]].ravel(), (rows.ravel(), t[:, of_node[1]].ravel())
+        matrix = sparse.csr_array(entries, shape=(self.n_nodes, self.mesh.mesh.p.shape[1]))
+        matrix.eliminate_zeros()
+        return matrix
+
     def nodes_of(self, name: str) -> IntArray:
         """Sorted nodes of a region, boundary or point."""
         if name in self.mesh.points:
