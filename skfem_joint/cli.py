@@ -501,6 +501,7 @@ def _sweep(options: argparse.Namespace) -> int:
 def _messages(options: argparse.Namespace) -> Iterator[None]:
     """Print what the package logs on the error stream; with ``--quiet`` nothing but errors."""
     log, handler = logging.getLogger("skfem_joint"), logging.StreamHandler(sys.stderr)
+    level = log.level
     style = "{relativeCreated:8.0f} ms  {message}" if options.verbose else "{message}"
     handler.setFormatter(logging.Formatter(style, style="{"))
     log.addHandler(handler)
@@ -510,6 +511,7 @@ def _messages(options: argparse.Namespace) -> Iterator[None]:
             yield
     finally:
         log.removeHandler(handler)
+        log.setLevel(level)
 
 
 @contextmanager

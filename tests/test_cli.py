@@ -2,6 +2,7 @@
 
 import csv
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -451,3 +452,11 @@ def test_a_run_goes_on_until_it_is_steady(scene, tmp_path, capsys):
     stated = models["reduced"]["estimated_error"]["friction_energy_per_cycle"]["total"]
     assert abs(error["friction_energy_per_cycle"]) < 3.0 * stated < 0.03
     assert "not reached a steady state" not in capsys.readouterr().out
+
+
+def test_a_command_leaves_the_level_of_the_log_as_it_was():
+    """A program that calls `main` quietly still hears the warnings of the package afterwards."""
+    log = logging.getLogger("skfem_joint")
+    before = log.level
+    assert cli.main(["check", str(ROOT / "examples" / "structure_harmonic.toml"), "--quiet"]) == 0
+    assert log.level == before

@@ -9,7 +9,8 @@ and of a quarter of the step,
     error = |u(h/4) - u(h)| + rest,    rest = |u(h/4) - u(h/2)| r / (1 - r),
 
 where r is the ratio of the second change to the first one, but no less than 1/4 (second order) and
-no more than 1/2 (first order, as kinks of friction may leave it).
+no more than 1/2 (first order, as kinks of friction may leave it). Where the changes differ in sign
+so may the rest, and the error is the root of the sum of both squares.
 
 Small models are run themselves, which takes four to six times as long as the run. Large ones have a
 reduced model beside them that takes the three steps: modes of its static slip path, the lowest
@@ -30,14 +31,11 @@ import numpy as np
 
 from skfem_joint.analysis.estimate import (
     Estimate,
-    Parts,
+    Steps,
     Verification,
-    added,
-    at_least,
-    by_cycle,
-    left_of_steps,
+    apart,
 )
-from skfem_joint.analysis.history import QUANTITIES, difference, joint_differences, results
+from skfem_joint.analysis.history import joint_differences, results
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.modes import lowest_modes
@@ -131,16 +129,11 @@ def of_full(
 
 def by_finer_steps(run: Run, half: Run, quarter: Run | None = None) -> Estimate:
     """Errors of a run from runs of the same model with half and maybe a quarter of its step."""
-    if quarter is None:
-        best, left = results(half), left_of_steps(None, _apart(half, run))
-    else:
-        best = results(quarter)
-        left = left_of_steps(_apart(half, run), _apart(quarter, half))
+    steps, base = Steps(run, half, quarter), results(run)
     # The distance itself is no guess, and has no lower bound: with one, 13 % of errors between 0.1
     # and 0.3 % were stated at more than three times the truth, without it 5 %.
-    base = results(run)
-    errors = added(difference(best, base), left)
-    joints = joint_differences(best, base, run.system.joints, left["friction_energy"] or 0.0)
+    errors, rest = steps.with_rest(steps.finest, base), steps.left["friction_energy"] or 0.0
+    joints = joint_differences(steps.finest, base, run.system.joints, rest)
     return Estimate({"time_step": errors, "total": errors}, by_joint=joints)
 
 
@@ -160,8 +153,8 @@ def _of_reduced(
     except (InputError, ConvergenceError):
         return None  # without friction, without a load, or no path: the full model is run
     runs = [verify(small, plan.finer(k)) for k in (1, 2, 4)]
-    errors, apart = by_finer_steps(*runs), _apart(run, runs[0])
-    for name, distance in apart.items():
+    errors, distances = by_finer_steps(*runs), apart(run, runs[0])
+    for name, distance in distances.items():
         error = errors.of("total", name)
         if error is None and distance is None:
             continue  # zero in both
@@ -207,21 +200,3 @@ def _natural_modes(system: System) -> FloatArray:
     held = system.K + SETTINGS.held * float(system.K.diagonal().mean()) * (B.T @ B)
     count = min(SETTINGS.natural_modes, system.n)
     return np.hstack([lowest_modes(K, system.M, count)[1] for K in (held, system.K)])
-
-
-def _apart(fine: Run, coarse: Run) -> Parts:
-    """Difference of two runs over the same times.
-
-    Energies and peaks of different runs may agree by chance in the last cycle. The root mean square
-    of their differences in the last quarter of the cycles is therefore a lower bound, unless the
-    difference of the displacement histories is smaller.
-    """
-    better, other = results(fine), results(coarse)
-    errors = difference(better, other)
-    last, motion = max(1, fine.cycles.friction.size // 4), errors[QUANTITIES[0]]
-    for name, ours, theirs in zip(QUANTITIES[1:], by_cycle(fine), by_cycle(coarse), strict=True):
-        error = errors[name]
-        if error is not None and ours.size:
-            mean = float(np.sqrt(np.mean((ours - theirs)[-last:] ** 2))) / abs(float(ours[-1]))
-            errors[name] = max(error, mean if motion is None else min(mean, motion))
-    return at_least(errors, better, other)

@@ -89,10 +89,7 @@ def _product_of_bands(A, x, y):
 @compiled_for(product, Full)
 def _product_of_full(A, x, y):
     for i in range(x.size):
-        t = 0.0
-        for j in range(x.size):
-            t += A.entries[i, j] * x[j]
-        y[i] = t
+        y[i] = sum_of_products(A.entries[i], x)
 
 
 def subtract_column(A, i, step, r):
@@ -163,6 +160,15 @@ def sum_of_triple_products(a, b, c):
     total = 0.0
     for i in range(a.size):
         total += a[i] * b[i] * c[i]
+    return total
+
+
+@sums_in_any_order
+def sum_of_magnitudes(a, b):
+    """Sum of the magnitudes of products."""
+    total = 0.0
+    for i in range(a.size):
+        total += abs(a[i] * b[i])
     return total
 
 
@@ -246,22 +252,122 @@ def _mark_reached(x, limit):
 
 
 @compiled_inside
-def cholesky(A):
-    """Overwrite the lower triangle of A by its factor; False if A is not positive definite.
+def combine_rows(B, x, out):
+    """Sum of the rows of B, each times its entry of x; four rows at once, to write ``out`` less."""
+    n = x.size
+    first = n % 4
+    for i in range(out.size):
+        out[i] = 0.0
+    for j in range(first):
+        t, row = x[j], B[j]
+        for i in range(out.size):
+            out[i] += t * row[i]
+    for j in range(first, n, 4):
+        ta, tb, tc, td = x[j], x[j + 1], x[j + 2], x[j + 3]
+        a, b, c, d = B[j], B[j + 1], B[j + 2], B[j + 3]
+        for i in range(out.size):
+            out[i] += (ta * a[i] + tb * b[i]) + (tc * c[i] + td * d[i])
 
-    The diagonal takes the reciprocals of the factor's, so that later loops need not divide.
+
+@sums_in_any_order
+def _four_products(B, j, x):
+    """Scalar products of four rows of B with x."""
+    a, b, c, d = B[j], B[j + 1], B[j + 2], B[j + 3]
+    ta, tb, tc, td = 0.0, 0.0, 0.0, 0.0
+    for i in range(x.size):
+        ta += a[i] * x[i]
+        tb += b[i] * x[i]
+        tc += c[i] * x[i]
+        td += d[i] * x[i]
+    return ta, tb, tc, td
+
+
+@compiled_inside
+def add_row_products(B, x, out):
+    """Add B x to ``out``."""
+    n = out.size
+    first = n % 4
+    for j in range(first):
+        out[j] += sum_of_products(B[j], x)
+    for j in range(first, n, 4):
+        ta, tb, tc, td = _four_products(B, j, x)
+        out[j] += ta
+        out[j + 1] += tb
+        out[j + 2] += tc
+        out[j + 3] += td
+
+
+@sums_in_any_order
+def _add_tile(X, Y, j, k, columns, S):
+    """Add the products of four rows of X with two rows of Y: six loads for eight products."""
+    a, b, c, d = X[j, :columns], X[j + 1, :columns], X[j + 2, :columns], X[j + 3, :columns]
+    e, f = Y[k, :columns], Y[k + 1, :columns]
+    ae, af, be, bf, ce, cf, de, df = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(columns):
+        ae += a[i] * e[i]
+        af += a[i] * f[i]
+        be += b[i] * e[i]
+        bf += b[i] * f[i]
+        ce += c[i] * e[i]
+        cf += c[i] * f[i]
+        de += d[i] * e[i]
+        df += d[i] * f[i]
+    S[j, k] += ae
+    S[j, k + 1] += af
+    S[j + 1, k] += be
+    S[j + 1, k + 1] += bf
+    S[j + 2, k] += ce
+    S[j + 2, k + 1] += cf
+    S[j + 3, k] += de
+    S[j + 3, k + 1] += df
+
+
+@compiled_inside
+def add_symmetric_product(X, Y, columns, S):
+    """Add X Y', which is symmetric, to the upper triangle of S; only the first columns count.
+
+    Entries of S below the diagonal have no meaning.
     """
-    for i in range(len(A)):
-        for j in range(i + 1):
-            t = A[i, j]
-            for k in range(j):
-                t -= A[i, k] * A[j, k]
-            if i == j:
-                if not t > 0.0:
-                    return False
-                A[i, i] = 1.0 / sqrt(t)
-            else:
-                A[i, j] = t * A[j, j]
+    n = len(S)
+    last = n - n % 4
+    for j in range(0, last, 4):
+        end = n - (n - j) % 2
+        for k in range(j, end, 2):
+            _add_tile(X, Y, j, k, columns, S)
+        if end < n:
+            for i in range(j, j + 4):
+                S[i, end] += sum_of_products(X[i, :columns], Y[end, :columns])
+    for j in range(last, n):
+        for k in range(j, n):
+            S[j, k] += sum_of_products(X[j, :columns], Y[k, :columns])
+
+
+@compiled_inside
+def cholesky(A):
+    """Overwrite the upper triangle of A by its factor U, A = U' U; False if there is none.
+
+    The diagonal takes the reciprocals of the factor's, so that later loops need not divide. Rows
+    are finished one after another; each takes four earlier ones at a time.
+    """
+    n = len(A)
+    for i in range(n):
+        row = A[i, i:]
+        first = i % 4
+        for k in range(first):
+            t, above = A[k, i], A[k, i:]
+            for j in range(row.size):
+                row[j] -= t * above[j]
+        for k in range(first, i, 4):
+            ta, tb, tc, td = A[k, i], A[k + 1, i], A[k + 2, i], A[k + 3, i]
+            a, b, c, d = A[k, i:], A[k + 1, i:], A[k + 2, i:], A[k + 3, i:]
+            for j in range(row.size):
+                row[j] -= (ta * a[j] + tb * b[j]) + (tc * c[j] + td * d[j])
+        if not row[0] > 0.0:
+            return False
+        scale = 1.0 / sqrt(row[0])
+        row[0] = scale
+        for j in range(1, row.size):
+            row[j] *= scale
     return True
 
 
@@ -270,12 +376,10 @@ def solve_factorised(A, x):
     """Solve A x = b in place (b in x) by the factor that `cholesky` left."""
     n = x.size
     for i in range(n):
-        t = x[i]
-        for k in range(i):
-            t -= A[i, k] * x[k]
-        x[i] = t * A[i, i]
+        t = x[i] * A[i, i]
+        x[i] = t
+        row, rest = A[i, i + 1 :], x[i + 1 :]
+        for j in range(rest.size):
+            rest[j] -= t * row[j]
     for i in range(n - 1, -1, -1):
-        t = x[i]
-        for k in range(i + 1, n):
-            t -= A[k, i] * x[k]
-        x[i] = t * A[i, i]
+        x[i] = (x[i] - sum_of_products(A[i, i + 1 :], x[i + 1 :])) * A[i, i]

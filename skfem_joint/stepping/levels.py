@@ -121,12 +121,17 @@ class CoulombLevels:
         """See `LevelSolver`."""
         tried = self._tried(last.u, force)
         for _ in range(REPEATED):
-            # What the added mass has carried is what is left of the load: once more from there.
-            if tried.beyond or not tried.found.converged or tried.carried <= self.path.tolerance:
+            if tried.beyond:
+                raise NoLevelError(self._beyond(self._limit(force)), beyond=True)
+            if not tried.found.converged or tried.carried <= self.path.tolerance:
                 break
-            tried = self._tried(tried.u, force)
-        if tried.beyond:
-            raise NoLevelError(self._beyond(force), beyond=True)
+            # What the added mass has carried is what is left of the load: once more from there.
+            before, tried = tried.carried, self._tried(tried.u, force)
+            if tried.found.converged and tried.carried > 0.5 * before:
+                limit = self._limit(force)  # friction does not take it over
+                if limit <= 1.0:
+                    raise NoLevelError(self._beyond(limit), beyond=True)
+                break
         if not tried.found.converged:
             unknown = self.to.outer_number(tried.found.where)
             raise NoLevelError(
@@ -150,15 +155,18 @@ class CoulombLevels:
         most, last = "largest_iterations", work.get("newton_iterations", 0)
         self._counts[most] = max(self._counts.get(most, 0), last)
 
-    def _beyond(self, force: FloatArray) -> str:
-        """Why there is no level: how far the loads are beyond what friction holds."""
+    def _limit(self, force: FloatArray) -> float:
+        """Multiple of forces (N) that supports and friction can just hold; 0 if it is not known."""
         if not self.to.system.contact_points:
-            return "neither a support nor friction holds the structure against the loads"
+            return 0.0
         inner = self.path.afresh(Arranged(self.to.system, self.to.kind))
         try:
-            limit = inner.limit(force)
+            return inner.limit(force)
         except ConvergenceError:
-            return "the loads are more than supports and friction hold"
+            return 0.0
+
+    def _beyond(self, limit: float) -> str:
+        """Why there is no level, by the multiple of the loads that supports and friction hold."""
         if limit <= 0.0:
             return "neither a support nor friction holds the structure against the loads"
         return (

@@ -7,8 +7,9 @@ supports. `rigid` finds free motions, `reactions` changes of the normal forces, 
 of both.
 
 From pressure to friction limits: `pressure.nodal_pressure` (or `preload`, which solves for it with
-`active_set`) gives the normal force of each node, `patch.make_patch` collects the nodes of a joint,
-and `contact.contact_rows` makes the slip rows B and the limits w += friction * normal force.
+`pressure_space` and `active_set`) gives the normal force of each node, `patch.make_patch` collects
+the nodes of a joint, and `contact.contact_rows` makes the slip rows B and the limits
+w += friction * normal force.
 """
 
 from skfem_joint.structure.body import Body as Body

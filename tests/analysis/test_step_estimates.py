@@ -98,6 +98,17 @@ def test_errors_that_fall_with_an_order_between_one_and_two_are_stated_exactly(o
         assert stated[name] == pytest.approx(error, rel=1e-3)
 
 
+def test_a_rest_of_no_common_sign_is_added_by_squares():
+    scene = bar_scene("full", bar="coarse", time={"cycles": 2, "steps_per_cycle": 20})
+    run = verification_run(scene.system(), plan_of(scene))
+    # Changes of 1 and -2: a distance of 1, and a rest of 2 by the largest ratio of a half.
+    turning = by_finer_steps(*(off(run, error) for error in (2e-4, 3e-4, 1e-4))).parts["total"]
+    rising = by_finer_steps(*(off(run, error) for error in (0.0, 1e-4, 3e-4))).parts["total"]
+    for name in QUANTITIES:
+        assert turning[name] == pytest.approx(np.hypot(1e-4, 2e-4), rel=1e-3)
+        assert rising[name] == pytest.approx(3e-4 + 2e-4, rel=1e-3)
+
+
 def test_a_small_model_is_run_with_half_and_quarter_steps(monkeypatch):
     taken = steps_taken(monkeypatch, estimate)
     run_scene(bar_scene("full", time={"cycles": 2}))

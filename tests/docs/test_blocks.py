@@ -33,6 +33,7 @@ PAGES = {
     "docs/how-to/python.md": True,
     "docs/how-to/python-results.md": False,
     "docs/how-to/ranges.md": True,
+    "docs/how-to/slow-cycles.md": False,
     "docs/how-to/sweeps.md": True,
     "README.md": True,
 }

@@ -116,6 +116,14 @@ def test_a_joint_s_loop_is_as_high_as_what_the_joint_carries(run):
     assert np.trapezoid(names["force"], names["edge"]) > 1.1 * by_joint[1]  # of the edge
 
 
+def test_slow_cycles_lose_the_energy_of_the_closed_form(run):
+    names = run("slow_cycle")
+    for share, one in names["runs"].items():
+        assert one.cycles.friction[-1] == pytest.approx(names["exact"][share], rel=2e-3)
+        assert one.energy_residual < 1e-12
+        assert one.loops.force.max() == pytest.approx(share * names["limit"], rel=1e-12)
+
+
 def test_a_bar_has_the_frequencies_of_its_closed_form_loose_and_stuck(run):
     limits = run("stuck_and_loose")["limits"]
     for joints, length in (("loose", 0.6), ("stuck", 0.5)):

@@ -141,6 +141,18 @@ def test_a_load_beyond_slip_keeps_the_levels_before_it(model):
     assert run.loops.force[-1, 0] == pytest.approx(load, rel=1e-6)
 
 
+@pytest.mark.parametrize("elements", [20, 200])
+def test_no_level_is_a_little_beyond_slip(elements):
+    """Whatever the mesh: levels rise by 0.1 % of what friction holds."""
+    ramp = sj.Table([0.0, 1.0], [0.99 * FREE_LIMIT, 1.01 * FREE_LIMIT])
+    with pytest.raises(sj.ConvergenceError, match="the structure slides") as caught:
+        sj.quasi_static(free_bar(ramp, elements), duration=1.0, step=0.05)
+    force = caught.value.run.loops.load_force[:, 0]
+    assert force[-1] <= FREE_LIMIT * (1.0 + 1e-9) < force[-1] + 0.0011 * FREE_LIMIT
+    assert caught.value.run.energy_residual < 1e-8
+    assert caught.value.run.peak.max() < 1e-2
+
+
 @pytest.mark.parametrize("model", ["full", "condensed"])
 def test_a_body_that_friction_holds_goes_round_closed_loops(model):
     system = free_bar(sj.Harmonic(0.9 * FREE_LIMIT, 1.0))

@@ -1,0 +1,152 @@
+"""Pressures of faces: what corner forces give nodes, and that they do not swing."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import skfem
+from bodies import NU, PLANE, SOLID, STEEL, THICKNESS, E, block
+from test_preload import BOLT, FORCE, JOINT, at, clamped, cylinder, stacked
+
+from skfem_joint.mesh import NamedMesh, merged, named
+from skfem_joint.structure import Clamp, Joint, Structure
+from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
+
+SECOND = [kind for kind in [*PLANE, *SOLID] if kind[1] == 2]
+
+
+def space_of(structure: Structure) -> PressureSpace:
+    found = pressure_space(structure.body, structure.joints[0])
+    assert found is not None
+    return found
+
+
+def overhanging(shape: str, order: int) -> Structure:
+    """The upper of two blocks is shifted sideways by a part of an element: it hangs over."""
+    upper, lower = block(shape, order, 2), block(shape, order, 3)
+    origin = [0.0] * upper.mesh.dim()
+    mesh = merged([at(upper, "u_", 0.4, *origin[2:], 1.0), at(lower, "l_", *origin)])
+    return clamped(mesh, bolts=[BOLT], joints=[JOINT])
+
+
+def clamped_blocks(shape: str, order: int) -> Structure:
+    return clamped(stacked(shape, order))
+
+
+@pytest.mark.parametrize("make", [clamped_blocks, overhanging])
+@pytest.mark.parametrize(("shape", "order"), [*PLANE, *SOLID])
+def test_corner_forces_go_to_nodes_without_loss(make, shape, order):
+    structure = make(shape, order)
+    space, dim = space_of(structure), structure.dim
+    assert space.G.min() >= 0.0
+    assert space.G.sum(axis=0) == pytest.approx(1.0, rel=1e-14)
+    # An even pressure is even at nodes; rigid motion apart closes every gap by as much.
+    assert space.G @ space.area == pytest.approx(space.node_area, rel=1e-14)
+    assert space.at_nodes @ np.ones(space.corners.size) == pytest.approx(1.0, rel=1e-14)
+    lift = np.zeros((structure.nodes.shape[0], dim))
+    lift[structure.body.body_of_node == structure.body.body_of_node[space.nodes[0]], -1] = 1.0
+    assert space.N @ lift.ravel() == pytest.approx(-1.0, rel=1e-12)
+    assert np.abs(space.N @ np.ones(lift.size)).max() < 1e-12
+    force = np.random.default_rng(1).uniform(0.0, 1.0, space.corners.size)
+    force[::3] = 0.0
+    nodal = space.normal_force(force)
+    assert nodal.min() >= 0.0
+    assert nodal.sum() == pytest.approx(force.sum(), rel=1e-14)
+    if order == 1:
+        assert space.G.toarray() == pytest.approx(np.eye(force.size), rel=1e-14)
+        assert nodal == pytest.approx(force, rel=1e-14)
+
+
+@pytest.mark.parametrize(("shape", "order"), SECOND)
+def test_the_gap_at_a_corner_is_its_own(shape, order):
+    """Dual functions: linear gaps have their value at the corner, not a mean over its hat."""
+    structure = clamped(block(shape, order, 2), joints=[Joint("base", 1e6, 0.3)], bolts=[])
+    space, slope = space_of(structure), np.arange(1.0, structure.dim)
+    lift = np.zeros(structure.nodes.shape)
+    lift[:, -1] = 1.0 + structure.nodes[:, :-1] @ slope
+    expected = 1.0 + structure.nodes[space.corners, :-1] @ slope
+    assert -space.N @ lift.ravel() == pytest.approx(expected, rel=1e-12)
+
+
+def disc(shape: str, radii: Any, around: int, low: float, high: float, prefix: str) -> NamedMesh:
+    """Disc with a hole, between two heights; ``touches`` lies at z = 0, ``ring`` opposite."""
+    layers = 1 + int(high - low > 4e-3)
+    mesh = skfem.MeshHex.init_tensor(
+        radii, np.linspace(0.0, 2.0 * np.pi, around + 1), np.linspace(low, high, layers + 1)
+    )
+    mesh = mesh.to_meshtet() if shape == "tet" else mesh
+    r, angle, z = mesh.p
+    p = np.array([r * np.cos(angle), r * np.sin(angle), z])
+    _, first, number = np.unique(np.round(p, 9), axis=1, return_index=True, return_inverse=True)
+    mesh = type(mesh)(p[:, first], number.reshape(-1)[mesh.t])
+    far = low if abs(low) > abs(high) else high
+    return named(mesh.with_boundaries({
+        f"{prefix}touches": lambda x: np.abs(x[2]) < 1e-9,
+        f"{prefix}ring": lambda x: (np.abs(x[2] - far) < 1e-9) & (np.hypot(x[0], x[1]) < 8e-3),
+    }), order=2)  # fmt: skip
+
+
+def washer(shape: str, inner: Any, outer: Any) -> Structure:
+    """A washer on a plate, 2.5 and 8 mm thick, with a hole of 9 mm, pressed up to 8 mm."""
+    mesh = merged([
+        disc(shape, 1e-3 * np.array(inner), 12, 0.0, 2.5e-3, "w_"),
+        disc(shape, 1e-3 * np.array(outer), 12, -8e-3, 0.0, "p_"),
+    ])  # fmt: skip
+    joint = Joint("w_touches", "preload", 0.3, against="p_touches")
+    return Structure(
+        mesh, material=STEEL, free=True, joints=[joint], bolts=[Clamp(1e4, "w_ring", "p_ring")]
+    )
+
+
+@pytest.mark.parametrize("shape", ["hex", "tet"])
+@pytest.mark.parametrize("outer", [[4.5, 6, 8, 12, 16], [4.5, 5.5, 8, 10, 13, 16]])
+def test_pressure_under_a_washer_falls_along_every_radius(shape, outer):
+    """By 3 % of the peak at most it may rise; on meshes that match and on others."""
+    structure = washer(shape, [4.5, 6, 8, 12], outer)
+    assert structure.preload is not None
+    pressed = structure.preload.joints[0]
+    assert pressed is not None
+    assert pressed.force.sum() == pytest.approx(1e4, rel=1e-12)
+    assert not np.any((pressed.force > 0.0) & (np.abs(pressed.gap) > 1e-14))
+    nodes = np.flatnonzero(pressed.area)
+    p = pressed.force[nodes] / pressed.area[nodes]
+    r, angle = np.hypot(*structure.nodes[nodes, :2].T), np.arctan2(*structure.nodes[nodes, :2].T)
+    for ray in np.unique(np.round(angle, 6)):
+        along = np.flatnonzero(np.abs(angle - ray) < 1e-5)
+        fallen = np.minimum.accumulate(p[along[np.argsort(r[along])]])
+        assert p[along[np.argsort(r[along])]] == pytest.approx(fallen, abs=0.03 * p.max())
+
+
+def test_hertz_pressure_of_second_order_converges():
+    """Errors in the mean square halve with the elements: the ellipse ends with a vertical slope."""
+    force, errors = 2e7 * THICKNESS, []
+    half = np.sqrt(8 * 2e7 * (1 - NU**2) / (np.pi * E))
+    peak = 2 * 2e7 / (np.pi * half)
+    for n in (8, 16, 32):
+        found = cylinder(n)
+        mesh = named(found.mesh, order=2)
+        structure = clamped(mesh, bolts=[Clamp(force, "u_top", "l_base")], plane="strain")
+        assert structure.preload is not None
+        pressed = structure.preload.joints[0]
+        assert pressed is not None
+        nodes = np.flatnonzero(pressed.area)
+        p, area = pressed.force[nodes] / pressed.area[nodes], pressed.area[nodes]
+        x = structure.nodes[nodes, 0]
+        exact = peak * np.sqrt(np.maximum(0.0, 1.0 - (x / half) ** 2))
+        errors.append(np.sqrt(area @ (p - exact) ** 2 / (area @ exact**2)))
+        assert pressed.force.sum() == pytest.approx(force, rel=1e-12)
+    assert errors[0] > 1.9 * errors[1] > 3.6 * errors[2]
+    assert p.max() == pytest.approx(peak, rel=0.01)
+
+
+@pytest.mark.parametrize(("shape", "order"), SECOND)
+def test_contact_forces_balance_on_faces_that_hang_over(shape, order):
+    structure = overhanging(shape, order)
+    space = space_of(structure)
+    force = np.random.default_rng(2).uniform(0.0, FORCE, space.corners.size)
+    acting = (space.N.T @ force).reshape(structure.nodes.shape)
+    assert acting.sum(axis=0) == pytest.approx(0.0, abs=1e-12 * force.sum())
+    moments = np.einsum("ni,nj->ij", structure.nodes, acting)
+    assert moments - moments.T == pytest.approx(0.0, abs=1e-12 * force.sum())
