@@ -160,7 +160,7 @@ class LoopRecorder:
             made = np.zeros((2, len(values), rows))
             made[0][:, row] = values
             made[1][:, row[second] + 1] = values[:, second]
-            return sparse.csr_array(made.reshape(-1, rows))
+            return sparse.csr_array(made.reshape(2 * len(values), rows))
 
         self._force, self._slip = components(counted), components(mean)
         self._vectors = system.load_vectors()
@@ -190,7 +190,7 @@ class LoopRecorder:
         loads, moved, forces, slips, work = (
             np.array(column) for column in zip(*self.rows, strict=True)
         )
-        force, slip = (x.reshape(len(x), 2, -1) for x in (forces, slips))
+        force, slip = (x.reshape(len(x), 2, x.shape[1] // 2) for x in (forces, slips))
         direction = _directions(force, slip)
         return Loops(
             times=step * np.arange(len(self.rows), dtype=np.float64),
