@@ -361,7 +361,7 @@ def of_reduced(
             run = verify(reduced, plan)
     base = results(run)
     if plan.quasi_static:
-        return _of_slow(points, reduced, steepest, plan, base, (verify, progress, reference))
+        return _of_slow(points, reduced, steepest, plan, run, (verify, progress, reference))
     if reference is None and not points.condensed:
         reference = CondensedReference.of(system)
     periods, steeper = run.steady.periods if run.steady else 1, bool(np.any(system.beta > steepest))
@@ -559,19 +559,19 @@ def _of_slow(
     reduced: System,
     beta: float,
     plan: Plan,
-    base: Results,
+    run: Run,
     means: tuple[Callable[..., Run], Callable[..., None] | None, CondensedReference | None],
 ) -> Estimate:
-    """Errors of a reduced or condensed model's quasi-static run, whose results are ``base``.
+    """Errors of the quasi-static ``run`` of a reduced or condensed model.
 
     ``means`` are how models are run, progress, and a condensed model if it exists already.
     """
-    verify, progress, known = means
+    (verify, progress, known), base = means, results(run)
     if points.condensed:  # its statics are those of the full model
-        finest, left = _of_steps(base, lambda factor: verify(reduced, plan.finer(factor)))
-        errors = added(difference(finest, base), left)
+        steps = Steps(run, *(verify(reduced, plan.finer(factor)) for factor in (2, 4)))
+        errors, finest = steps.with_rest(steps.finest, base), steps.finest
         nothing: Parts = dict.fromkeys(QUANTITIES, 0.0)
-        joints = joint_differences(finest, base, reduced.joints, _rest(left))
+        joints = joint_differences(finest, base, reduced.joints, _rest(steps.left))
         parts = {"basis": nothing, "time_step": errors, "total": errors}
         return Estimate(parts, by_joint=joints)
     reference = known or CondensedReference.of(points.system)
