@@ -285,8 +285,8 @@ def _open(
         start = part.stop
         force = run.normal_force[:, part]
         apart = np.where(force > 0.0, 0.0, gaps[:, part])
-        pressure[:, face.nodes] = (face.at_nodes @ (force / face.area).T).T
-        gap[:, face.nodes] = (face.at_nodes @ apart.T).T
+        pressure[:, face.nodes] = (face.G @ force.T).T / face.area
+        gap[:, face.nodes] = apart
         closed = np.asarray((face.G @ force.T).T) > 0.0
         states[:, face.nodes] = np.where(closed, states[:, face.nodes], -1)
 

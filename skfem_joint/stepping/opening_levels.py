@@ -13,11 +13,10 @@ carries nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import cast
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, Matrix, as_dense
+from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed

@@ -28,7 +28,6 @@ from skfem_joint.structure.pressure import Pressure
 from skfem_joint.unknowns import dof_numbers, selection, stacked
 from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, check, problems
 
-
 #: Arguments of `contact` for contact that opens and closes.
 OPENING = ("contact", "gap", "normal_stiffness")
 

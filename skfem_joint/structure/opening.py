@@ -1,7 +1,7 @@
 """Contact of a structure that opens and closes: pressure points of a joint on its nodes.
 
 The faces of a joint with ``contact = "unilateral"`` approach each other by
-d_i = n_i (u_i - u_other) at each node i. The pressure points are the corners of the element faces,
+d_i = n_i (u_i - u_other) at each node i. The pressure points are the nodes of the face,
 with the mean approaches of their hats, N u = W d (:mod:`skfem_joint.structure.pressure_space`). The
 weights W are those of the pressed face; on the other body each node acts at the place opposite to
 it, so that forces are equal, opposite, and on one line, on meshes that do not match too. d become
@@ -41,8 +41,6 @@ class OpeningFace:
         Mean approach of each pressure point from those of the nodes; rows sum to 1.
     G : sparse array, shape (k, q)
         Normal forces of the nodes from those of the pressure points; columns sum to 1.
-    at_nodes : sparse array, shape (k, q)
-        Values at the nodes from those at the pressure points, linear between them; rows sum to 1.
     gap, force, area, stiffness : ndarray, shape (q,)
         As in :class:`skfem_joint.opening.OpeningContact`.
     """
@@ -50,7 +48,6 @@ class OpeningFace:
     nodes: IntArray
     W: sparse.csr_array
     G: sparse.csr_array
-    at_nodes: sparse.csr_array
     gap: FloatArray
     force: FloatArray
     area: FloatArray
@@ -84,7 +81,7 @@ def opening_face(
     space = pressure_space(body, joint, width, thickness)
     if space is None or normals is None:
         raise InputError(f"{joint.label}: contact = 'unilateral' needs a boundary")
-    known = (None, None) if pressed is None else (pressed.corner_force, pressed.corner_gap)
+    known = (None, None) if pressed is None else (pressed.contact_force, pressed.contact_gap)
     return _pressed_and_face(body, joint, space, normals, *known, (cells, depth))
 
 
@@ -93,8 +90,8 @@ def _pressed_and_face(
     joint: Joint,
     space: PressureSpace,
     normals: FloatArray,
-    corner_force: FloatArray | None,
-    corner_gap: FloatArray | None,
+    known_force: FloatArray | None,
+    known_gap: FloatArray | None,
     cells_and_depth: tuple[IntArray, FloatArray],
 ) -> tuple[Pressed, OpeningFace]:
     """Nodal forces of a joint at rest, and its pressure points.
@@ -106,7 +103,7 @@ def _pressed_and_face(
     space : PressureSpace
     normals : ndarray, shape (nodes of the body, dim)
         Outward unit normals of the face.
-    corner_force, corner_gap : ndarray, shape (q,), or None
+    known_force, known_gap : ndarray, shape (q,), or None
         Force, N, and gap, m, of each corner under the preload; of the joint's pressure and of the
         mesh if not given.
     cells_and_depth : tuple
@@ -118,16 +115,16 @@ def _pressed_and_face(
         If a pressure is given beside a gap.
     """
     W = _weights(body, space, normals)
-    force = np.zeros(space.corners.size)
-    if corner_force is not None:
-        force = corner_force
+    force = np.zeros(space.nodes.size)
+    if known_force is not None:
+        force = known_force
     elif not isinstance(joint.pressure, str):
         nodal, _, _ = nodal_pressure(body.nodes, *cells_and_depth, joint.pressure, joint.label)
-        force = np.asarray(space.at_nodes.T @ nodal[space.nodes])
-    gap = np.maximum(space.gap if corner_gap is None else corner_gap, 0.0)
-    if corner_gap is None:
+        force = nodal[space.nodes]
+    gap = np.maximum(space.gap if known_gap is None else known_gap, 0.0)
+    if known_gap is None:
         gap = gap + joint.gap
-    if corner_force is None and joint.gap > 0.0 and force.any():
+    if known_force is None and joint.gap > 0.0 and force.any():
         raise InputError(
             f"{joint.label}: found a pressure beside gap = {joint.gap:g} m: faces that are apart "
             "carry no pressure; leave one of them out"
@@ -136,10 +133,8 @@ def _pressed_and_face(
     stiffness = joint.normal_stiffness * space.area
     at = selection(space.nodes, body.n_nodes).T
     other = None if space.other is None else sparse.csr_array(at @ space.other)
-    pressed = Pressed(
-        at @ (space.G @ force), at @ space.node_area, at @ (space.at_nodes @ gap), other
-    )
-    face = OpeningFace(space.nodes, W, space.G, space.at_nodes, gap, force, space.area, stiffness)
+    pressed = Pressed(at @ (space.G @ force), at @ space.area, at @ gap, other)
+    face = OpeningFace(space.nodes, W, space.G, gap, force, space.area, stiffness)
     return pressed, face
 
 
@@ -151,7 +146,7 @@ def _weights(body: Nodes, space: PressureSpace, normals: FloatArray) -> sparse.c
     10, 140 and 62 kN/m at the first four nodes, and slips up to 8 % off.
     """
     if body.mesh.order == 1:
-        return selection(np.searchsorted(space.nodes, space.corners), space.nodes.size)
+        return selection(np.searchsorted(space.nodes, space.nodes), space.nodes.size)
     dim = body.dim
     columns = dim * space.nodes[:, None] + np.arange(dim)
     along = sparse.csr_array(
@@ -166,7 +161,7 @@ def _weights(body: Nodes, space: PressureSpace, normals: FloatArray) -> sparse.c
     W.eliminate_zeros()
     total = np.asarray(W.sum(axis=1)).ravel()
     if np.any(total < 0.1):
-        worst = space.corners[int(total.argmin())]
+        worst = space.nodes[int(total.argmin())]
         raise InputError(
             f"contact that opens: the face around {spot(body.nodes[worst])} hardly lies over the "
             "other one; split the mesh where the overlap ends"

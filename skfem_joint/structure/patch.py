@@ -43,16 +43,16 @@ class Pressed:
         Mean distance around each node by which the joint has opened, m.
     other : sparse array, shape (N, N), or None
         Displacement of the other body opposite to each node, from that of its nodes.
-    corner_force, corner_gap : ndarray, shape (q,), or None
-        Force, N, and gap, m, of the corners of `PressureSpace`, where bolts press the joint.
+    contact_force, contact_gap : ndarray, shape (k,), or None
+        Force, N, and gap, m, of the nodes of `PressureSpace`, where bolts press the joint.
     """
 
     force: FloatArray
     area: FloatArray
     gap: FloatArray
     other: sparse.csr_array | None
-    corner_force: FloatArray | None = None
-    corner_gap: FloatArray | None = None
+    contact_force: FloatArray | None = None
+    contact_gap: FloatArray | None = None
 
 
 @dataclass(frozen=True)

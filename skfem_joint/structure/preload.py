@@ -116,9 +116,9 @@ def preload(
         np.concatenate([getattr(face, name) for face in faces.values()]) for name in ("area", "gap")
     )
     gap = gap + np.repeat(
-        [joints[i].gap for i in faces], [face.corners.size for face in faces.values()]
+        [joints[i].gap for i in faces], [face.nodes.size for face in faces.values()]
     )
-    counts = [face.corners.size for face in faces.values()]
+    counts = [face.nodes.size for face in faces.values()]
     tied = np.repeat([not joints[i].pressed_by_bolts for i in faces], counts)
     free, left_out = _moving(body, held, N, force)
     u = np.zeros(force.size)
@@ -170,10 +170,7 @@ def _moving(
 def _pressed(
     joint: Joint, face: PressureSpace, n_nodes: int, force: FloatArray, gap: FloatArray
 ) -> Pressed:
-    """Normal forces of a joint at all nodes, from forces and gaps (q,) of the corners of its face.
-
-    Gaps are linear between the corners, as pressures are.
-    """
+    """Normal forces of a joint at all nodes, from forces and gaps (k,) of the nodes of its face."""
     if joint.pressure == PRELOAD and not force.any():
         raise InputError(
             f"{joint.label}: the preload leaves no contact, it opens everywhere; do the bolts "
@@ -181,5 +178,5 @@ def _pressed(
         )
     at = selection(face.nodes, n_nodes).T
     other = None if face.other is None else sparse.csr_array(at @ face.other)
-    nodal = at @ face.normal_force(force), at @ face.node_area, at @ (face.at_nodes @ gap)
+    nodal = at @ face.normal_force(force), at @ face.area, at @ gap
     return Pressed(*nodal, other, force, gap)
