@@ -144,6 +144,7 @@ _NAMES = {
     "loads": "Amplitude HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle "
     "Versine",
     "mesh": "NamedMesh build_bar build_box build_plate load_meshes merged",
+    "opening": "OpeningContact",
     "output.series": "write_vtk",
     "reduction": "at condense reduce",
     "reduction.pod": "ProperModes proper_modes",

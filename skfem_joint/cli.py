@@ -293,6 +293,7 @@ def _certify(study: Study, progress: Progress, executor: Executor | None) -> Stu
 def _check(options: argparse.Namespace) -> int:
     """Validate a scene and its sweep, and print what a run would be."""
     from skfem_joint.analysis import memory
+    from skfem_joint.analysis.against_opening import against_opening
     from skfem_joint.analysis.description import describe
     from skfem_joint.analysis.scene_plan import plan_of
     from skfem_joint.scene.reading import load_with_sweep
@@ -308,6 +309,8 @@ def _check(options: argparse.Namespace) -> int:
     description = describe(scene)
     suspected = doubts(scene.structure(), system, waves=not scene.time.quasi_static)
     notes = *scene.left_out, *suspected, *description.doubts, *sweep_notes
+    if compared := against_opening(scene, description.values.get("normal_force_change")):
+        notes = *notes, compared
     need = sum(memory.needed(scene).values())
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "

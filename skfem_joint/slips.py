@@ -6,7 +6,7 @@ which gives the slip from the displacements. Contact that stays closed adds rows
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,41 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.unknowns import selection, stacked
+from skfem_joint.opening import OpeningContact
+from skfem_joint.unknowns import ChangeOfUnknowns, change_of_unknowns, selection, stacked
+
+
+@dataclass(frozen=True)
+class NormalRows:
+    """Approaches of the nodes of contact that opens, on N degrees of freedom.
+
+    Attributes
+    ----------
+    D : sparse array, shape (k, N)
+        Approach of the faces at each node, m.
+    pivots : ndarray of int, shape (k,)
+        Degree of freedom that each row determines.
+    contact : OpeningContact
+        Pressure points; its ``N``, shape (q, k), takes the approaches of the nodes.
+    """
+
+    D: Matrix
+    pivots: IntArray
+    contact: OpeningContact
+
+    def without(self, free: FloatArray, keep: NDArray[np.bool_]) -> NormalRows:
+        """Rows that are left where degrees of freedom (N,) are ``free`` (1) or held (0).
+
+        ``keep`` (m,) are the contact points that can still slip. Faces approach each other only by
+        what is free; nodes that are held altogether do not.
+        """
+        D = sparse.csr_array(self.D @ sparse.diags_array(free))
+        D.eliminate_zeros()
+        moves = np.flatnonzero(np.diff(D.indptr) > 0)
+        N = sparse.csr_array(sparse.csc_array(self.contact.N)[:, moves])
+        gain = sparse.csr_array(sparse.csr_array(self.contact.gain)[np.flatnonzero(keep)])
+        contact = replace(self.contact, N=N, gain=gain)
+        return NormalRows(D[moves], self.pivots[moves], contact)
 
 
 @dataclass(frozen=True)
@@ -47,6 +81,8 @@ class SlipRows:
     stiffness : ndarray, shape (m,), optional
         Of the spring in series with the friction of each point, N/m; ``inf`` is none, which is so
         at all points if not given.
+    normal : NormalRows, optional
+        Contact that opens and closes.
     """
 
     B: Matrix
@@ -58,6 +94,7 @@ class SlipRows:
     clamped: FloatArray | None = None
     names: tuple[str, ...] = ()
     stiffness: FloatArray | None = None
+    normal: NormalRows | None = None
 
     @property
     def springs(self) -> FloatArray:
@@ -82,6 +119,28 @@ class SlipRows:
         joint = np.array([numbers[name] for name in names], dtype=np.intp)
         return tuple(numbers), sparse.csr_array(selection(joint, len(numbers)).T)
 
+    def change_of_unknowns(self, fixed: IntArray) -> ChangeOfUnknowns:
+        """Unknowns in which slips, and approaches of contact that opens, are unknowns.
+
+        Its ``slips`` are of the rows of ``B`` alone, those of approaches follow in
+        :meth:`opening_in`.
+        """
+        n = self.B.shape[1]
+        if self.normal is None:
+            return change_of_unknowns(n, fixed, self.closed, self.B, self.pivots)
+        both = stacked([self.B, self.normal.D], n)
+        pivots = None
+        if self.pivots is not None:
+            pivots = np.concatenate([self.pivots, self.normal.pivots])
+        return change_of_unknowns(n, fixed, self.closed, both, pivots)
+
+    def opening_in(self, new: ChangeOfUnknowns) -> OpeningContact | None:
+        """Contact that opens in the unknowns of :meth:`change_of_unknowns`."""
+        if self.normal is None:
+            return None
+        places = selection(new.slips[self.B.shape[0] :], new.forward.shape[1])
+        return self.normal.contact.in_unknowns(places)
+
     def __add__(self, other: SlipRows) -> SlipRows:
         """Slip rows of ``self``, then those of ``other``."""
         n = self.B.shape[1]
@@ -103,6 +162,7 @@ class SlipRows:
             clamped=np.concatenate([self.normal_force, other.normal_force]),
             names=(*self.joint_of_point, *other.joint_of_point),
             stiffness=np.concatenate([self.springs, other.springs]),
+            normal=_both_normal(self, other),
         )
 
     @staticmethod
@@ -121,8 +181,11 @@ class SlipRows:
         n = self.B.shape[1]
         free = np.ones(n)
         free[fixed] = 0.0
-        touched, cut = (np.asarray(abs(A) @ (1.0 - free)) > 0.0 for A in (self.B, self.closed))
-        if not touched.any() and not cut.any():
+        D = sparse.csr_array((0, n)) if self.normal is None else self.normal.D
+        touched, cut, across = (
+            np.asarray(abs(A) @ (1.0 - free)) > 0.0 for A in (self.B, self.closed, D)
+        )
+        if not touched.any() and not cut.any() and not across.any():
             return self
         B, closed = (sparse.csr_array(A @ sparse.diags_array(free)) for A in (self.B, self.closed))
         closed.eliminate_zeros()
@@ -138,10 +201,40 @@ class SlipRows:
         directions = np.array([own.shape[0] for own in rows], dtype=np.int64)
         keep = directions > 0
         names = tuple(np.array(self.joint_of_point, dtype=object)[keep])
+        normal = None if self.normal is None else self.normal.without(free, keep)
         return SlipRows(
-            stacked(rows, n), self.w[keep], self.beta[keep], directions[keep], closed, names=names,
+            stacked(rows, n),
+            self.w[keep],
+            self.beta[keep],
+            directions[keep],
+            closed,
+            names=names,
             stiffness=self.springs[keep],
-        )  # fmt: skip
+            normal=normal,
+        )
+
+
+def _both_normal(a: SlipRows, b: SlipRows) -> NormalRows | None:
+    """Contact that opens of the contact points of ``a``, then of those of ``b``."""
+    parts = [(rows.normal, rows.w.size) for rows in (a, b)]
+    some = [normal for normal, _ in parts if normal is not None]
+    if not some:
+        return None
+    gains = [
+        sparse.csr_array((m, 0)) if normal is None else normal.contact.gain for normal, m in parts
+    ]
+    contacts = [normal.contact for normal in some]
+    values = {
+        name: np.concatenate([getattr(contact, name) for contact in contacts])
+        for name in ("gap", "force", "stiffness", "area")
+    }
+    N = sparse.csr_array(sparse.block_diag([contact.N for contact in contacts]))
+    gain = sparse.csr_array(sparse.block_diag(gains))
+    return NormalRows(
+        stacked([normal.D for normal in some], a.B.shape[1]),
+        np.concatenate([normal.pivots for normal in some]),
+        OpeningContact(N=N, gain=gain, **values),
+    )
 
 
 def _independent(rows: FloatArray, beside: FloatArray) -> FloatArray:

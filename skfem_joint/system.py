@@ -33,6 +33,7 @@ from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import ratio_problems, rayleigh
+from skfem_joint.opening import OpeningContact, constant_contact_alone
 from skfem_joint.served import Served
 from skfem_joint.slips import SlipRows
 from skfem_joint.unknowns import (
@@ -119,6 +120,9 @@ class System:
     stiffness : ndarray, shape (m,)
         Of the spring in series with the friction of each contact point, N/m; ``inf``, which is
         none, at all points if not given.
+    opening : OpeningContact, optional
+        Contact that opens and closes; friction limits then follow the normal forces, and ``w`` has
+        those at rest. Normal forces are constant if not given.
 
     Raises
     ------
@@ -146,6 +150,7 @@ class System:
     origin: Any = field(default=None, repr=False, compare=False)
     serves: Served | None = None
     stiffness: Any = field(default=None)
+    opening: OpeningContact | None = None
 
     def __post_init__(self) -> None:
         for name in ("M", "C", "K", "B", "w", "beta", "stiffness", "P", "T", "J", "shares"):
@@ -191,6 +196,13 @@ class System:
             problems.append("beta: must be positive (inf for Coulomb)")
         if np.any(~(self.stiffness > 0.0)):
             problems.append("stiffness: must be positive (inf for no spring)")
+        if self.opening is not None:
+            problems += self.opening.problems(m, n)
+            if np.isfinite(self.stiffness).any():
+                problems.append(
+                    "stiffness: springs in series with friction cannot be computed yet beside "
+                    "contact that opens; leave one of them out"
+                )
         refuse(problems)
 
     def __repr__(self) -> str:
@@ -216,6 +228,8 @@ class System:
             f"  loads: {first_of(loads)}",
             f"  points: {first_of(self.points)}",
         ]
+        if self.opening is not None:
+            lines.insert(2, f"  contact that opens: {self.opening.gap.size} pressure points")
         made_for = self.made_for or (str(self.serves) if self.serves else "")
         return "\n".join(lines + [f"  made for: {made_for}"] * bool(made_for))
 
@@ -238,10 +252,49 @@ class System:
                 "response make reduced models of their own from a scene"
             )
 
+    def check_constant_contact(self, what: str, cure: str = "") -> None:
+        """Refuse contact that opens, for what takes normal forces and friction limits as constant.
+
+        ``what`` names the analysis in the message, ``cure`` says what to do in its place.
+
+        Raises
+        ------
+        InputError
+            If a joint of the system opens.
+        """
+        if self.opening is not None:
+            default = "run integrate or quasi_static, or leave contact = 'unilateral' out"
+            raise InputError(constant_contact_alone(what, cure or default))
+
+    def closed(self) -> System:
+        """Same system with contact that stays closed wherever it is pressed at rest.
+
+        Normal forces are those at rest then, and constant; what is apart at rest stays free. It is
+        the system itself if no contact opens.
+
+        Raises
+        ------
+        InputError
+            If the unknowns do not have the approaches of the faces among them, as those of a full
+            and of a condensed system have.
+        """
+        if self.opening is None:
+            return self
+        N = self.opening.N
+        if not sparse.issparse(N):
+            raise InputError(
+                "closed: found a projected system, must be a full or condensed one, whose unknowns "
+                "have the approaches of the faces among them"
+            )
+        kept = np.setdiff1d(np.arange(self.n), self.opening.closed_columns)
+        T = selection(kept, self.n).T
+        T = as_dense(T) if self.is_dense else sparse.csr_array(T)
+        return replace(self, opening=None)._with(T, self.B @ T)
+
     @property
     def joint_points(self) -> list[IntArray]:
         """Numbers of the contact points with friction, for each joint that has such points."""
-        parts = (sparse.csr_array(self.J).toarray() > 0.0) & (self.w > 0.0)
+        parts = (sparse.csr_array(self.J).toarray() > 0.0) & self.rubs
         return [np.flatnonzero(part) for part in parts if part.any()]
 
     @property
@@ -250,9 +303,27 @@ class System:
         return int(self.M.shape[0])
 
     @property
+    def rubs(self) -> NDArray[np.bool_]:
+        """Whether each contact point can carry friction, (m,), now or when it is pressed."""
+        if self.opening is None:
+            return np.asarray(self.w > 0.0)
+        pressed = np.diff(sparse.csr_array(self.opening.gain).indptr) > 0
+        return np.asarray((self.w > 0.0) | pressed)
+
+    @property
+    def point_weights(self) -> FloatArray:
+        """Weights of contact points in means over their joints, (m,): friction limits at rest, N.
+
+        Points of a joint that is pressed nowhere at rest have the weight 1.
+        """
+        J = sparse.csr_array(self.J)
+        weightless = (J @ self.w == 0.0) @ (J > 0.0)
+        return np.where((weightless > 0) & self.rubs, 1.0, self.w)
+
+    @property
     def contact_points(self) -> int:
         """Number of contact points that can carry friction."""
-        return int(np.count_nonzero(self.w))
+        return int(np.count_nonzero(self.rubs))
 
     @cached_property
     def has_springs(self) -> bool:
@@ -363,6 +434,7 @@ class System:
             loads=tuple(replace(a, vector=b) for a, b in zip(small.loads, vectors, strict=True)),
             P=side_by_side(small.P, self.P @ W),
             T=side_by_side(small.T, W if self.T is None else self.T @ W),
+            opening=None if self.opening is None else self.opening.in_unknowns(np.hstack([V, W])),
         )
 
     def in_unknowns(self, new: ChangeOfUnknowns) -> System:
@@ -411,6 +483,7 @@ class System:
             P=self.P @ T,
             T=T if self.T is None else self.T @ T,
             origin=None,
+            opening=None if self.opening is None else self.opening.in_unknowns(T),
         )
 
     @staticmethod
@@ -489,8 +562,13 @@ class System:
             joints=joints,
             stiffness=joined.springs,
         )
-        new = outer._slips_as_unknowns(fixed, joined.closed, joined.pivots)
-        system = outer.in_unknowns(new)
+        if joined.normal is None:
+            new = outer._slips_as_unknowns(fixed, joined.closed, joined.pivots)
+            system = outer.in_unknowns(new)
+        else:
+            new = joined.change_of_unknowns(fixed)
+            slips = replace(new, slips=new.slips[: joined.B.shape[0]])
+            system = replace(outer.in_unknowns(slips), opening=joined.opening_in(new))
         _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 
@@ -502,17 +580,19 @@ class System:
         highest frequency of the harmonic loads. The third natural frequency replaces the latter if
         no load is harmonic, or if the two are within a tenth of each other. Between the two
         frequencies damping is lower, beyond them higher; ``notes`` state by how much. The system
-        must be sparse, with slip rows that pick unknowns.
+        must be sparse, with slip rows that pick unknowns. Contact that opens counts as closed where
+        it is pressed at rest.
 
         Raises
         ------
         InputError
             If nothing vibrates.
         """
-        rigid = self.on_rows(np.where(self.sprung, 0.0, self.w))
-        stuck = sparse.csr_array(self.B)[np.flatnonzero(rigid)].indices
+        closed = self.closed()
+        rigid = closed.on_rows(np.where(closed.sprung, 0.0, closed.w))
+        stuck = sparse.csr_array(closed.B)[np.flatnonzero(rigid)].indices
         amplitudes = [load.amplitude for load in self.loads]
-        mass, stiffness, note = rayleigh(self.stuck_stiffness, self.M, stuck, amplitudes, ratio)
+        mass, stiffness, note = rayleigh(closed.stuck_stiffness, closed.M, stuck, amplitudes, ratio)
         return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
 
     def expand(self, u: FloatArray) -> FloatArray:
@@ -566,9 +646,12 @@ class System:
     def stored_energy(self, u: FloatArray, v: FloatArray, sigma: FloatArray | None = None) -> float:
         """Kinetic plus strain energy, J; with ``sigma`` (rows,), that of springs included.
 
+        That of contact that opens is zero at rest.
         ``sigma`` is the friction over its limit, which in a spring in series is its force.
         """
         energy = float(0.5 * (v @ (self.M @ v)) + 0.5 * (u @ (self.K @ u)))
+        if self.opening is not None:
+            energy += self.opening.potential(u)
         return energy if sigma is None else energy + self.spring_energy(sigma)
 
     def spring_energy(self, sigma: FloatArray) -> float:

@@ -22,11 +22,14 @@ from skfem_joint.array_files import DAMAGE, npz_arrays, sparse_array, sparse_par
 from skfem_joint.errors import InputError
 from skfem_joint.files import replacing
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, Scaled, Table
+from skfem_joint.opening import OpeningContact
 from skfem_joint.served import Point, Range, Served
 from skfem_joint.system import AppliedLoad, System
 
 _KIND = {"kind": "skfem_joint system", "form": 1}  #: files of another form are refused
 _ARRAYS = ("M", "C", "K", "B", "w", "beta", "stiffness", "P", "directions", "T", "J", "shares")
+#: Members of contact that opens, and the number of their dimensions.
+_OPENING = {"N": 2, "gap": 1, "force": 1, "gain": 2, "stiffness": 1, "area": 1}
 _NAMES = ("points", "joints", "notes")
 _NUMBERS = ("accuracy", "reached", "law", "period")  # of what a model for a range carries
 #: Shapes of loads that are numbers alone.
@@ -46,7 +49,8 @@ _PLAIN = {
 def save(system: System, path: str | Path) -> Path:
     """Save a system to a file: matrices, contact, loads, names and basis.
 
-    A model for a range keeps what it needs to serve it and to state its errors. A reduced or
+    Contact that opens is kept with the system. A model for a range keeps what it needs to serve it
+    and to state its errors. A reduced or
     condensed system keeps its ``T``, which expands its runs to the structure, and the
     ``shares`` of its contact points. The system that `load` returns integrates to the same bits.
 
@@ -124,6 +128,9 @@ def _content(system: System, prefix: str, arrays: dict[str, Any]) -> dict[str, A
             continue  # as in files of versions that knew no springs
         if (value := getattr(system, name)) is not None:
             arrays |= _members(prefix + name, value)
+    if system.opening is not None:
+        for name in _OPENING:
+            arrays |= _members(f"{prefix}opening {name}", getattr(system.opening, name))
     described = []
     for number, load in enumerate(system.loads):
         member = f"{prefix}load {number}"
@@ -199,12 +206,8 @@ def _system(
         if values[name] is None:
             raise ValueError(f"it holds no {name}")
     for name, value in values.items():
-        dimensions = 1 if name in ("w", "beta", "stiffness", "directions") else 2
-        if value is not None and value.ndim != dimensions:
-            raise ValueError(f"{name} has {value.ndim} dimensions, must have {dimensions}")
-        data = value.data if sparse.issparse(value) else value
-        if value is not None and name not in ("beta", "stiffness") and not np.isfinite(data).all():
-            raise ValueError(f"{name} is not finite")
+        vector = name in ("w", "beta", "stiffness", "directions")
+        _check_array(name, value, 1 if vector else 2, name not in ("beta", "stiffness"))
     if values["directions"].dtype.kind not in "iu":
         raise ValueError("directions must be whole numbers")
     values["directions"] = values["directions"].astype(np.int64)
@@ -213,9 +216,33 @@ def _system(
         _load(described, f"{prefix}load {number}", arrays)
         for number, described in enumerate(_list(content["loads"]))
     )
+    values["opening"] = _opening(prefix, arrays, size)
     if not prefix and "serves" in content:
         values["serves"] = _served(content["serves"], arrays)
     return System(loads=applied, made_for=_text(content["made_for"]), **(values | names))
+
+
+def _check_array(name: str, value: Any, dimensions: int, finite: bool) -> None:
+    """Refuse an array that is there with other ``dimensions``, or where ``finite`` with others."""
+    if value is None:
+        return
+    if value.ndim != dimensions:
+        raise ValueError(f"{name} has {value.ndim} dimensions, must have {dimensions}")
+    if finite and not np.isfinite(value.data if sparse.issparse(value) else value).all():
+        raise ValueError(f"{name} is not finite")
+
+
+def _opening(prefix: str, arrays: dict[str, NDArray[Any]], size: int) -> OpeningContact | None:
+    """Contact that opens from arrays, which are removed as they are used; None if there is none."""
+    values = {name: _matrix(f"{prefix}opening {name}", arrays, size) for name in _OPENING}
+    missing = [name for name, value in values.items() if value is None]
+    if len(missing) == len(values):
+        return None
+    if missing:
+        raise ValueError(f"it holds contact that opens without {missing[0]}")
+    for name, dimensions in _OPENING.items():
+        _check_array(f"opening {name}", values[name], dimensions, name != "stiffness")
+    return OpeningContact(**values)
 
 
 def _served(content: Mapping[str, Any], arrays: dict[str, NDArray[Any]]) -> Served:

@@ -115,7 +115,7 @@ def against_coulomb(
     KeyboardInterrupt
         If a run is interrupted.
     """
-    if np.isinf(system.beta[system.w > 0.0]).all():
+    if np.isinf(system.beta[system.rubs]).all():
         return None
     verify = partial(verification_run, progress=progress)
     whole = plan
@@ -213,7 +213,8 @@ def _of_full(
     cost = plan.n_steps * (system.n + SETTINGS.overhead)
     if system.is_dense:
         return verify(_laws(system)[0], plan), own
-    if cost > SETTINGS.small and arranged(system).kind != "chain":
+    large = cost > SETTINGS.small and system.opening is None  # no reduced model has that
+    if large and arranged(system).kind != "chain":
         both = _by_reduced(system, own, plan, verify)
         if both is not None:
             return both

@@ -239,6 +239,7 @@ def backbone(
         If a level does not converge.
     """
     system.check_any_load("backbone")
+    system.check_constant_contact("backbone")
     check_whole(system, "backbone")
     check_each("backbone: modes", modes, COUNT)
     check("backbone: levels", levels, COUNT)

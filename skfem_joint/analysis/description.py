@@ -100,15 +100,21 @@ def describe(scene: Scene, path: QuasiStatic | None = None) -> Description:
     scene : Scene
     path : QuasiStatic, optional
         Quasi-static path of the scene's system, whose factors are used; created here if it is
-        needed and not given.
+        needed and not given. Not for contact that opens, which is described as it is closed.
     """
-    structure, system = scene.structure(), scene.system()
+    structure, system = scene.structure(), scene.system().closed()
     draft = _Draft(list(_parts(structure)))
     if structure.body is not None:
         size, mass = np.ptp(structure.body.positions, axis=0), structure.body.total_mass
         draft.values |= {"mass_kg": mass, "length_m": float(size.max())}
         extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
         draft.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
+    opens = [patch.joint.name for patch in structure.patches if patch.joint.opens]
+    if opens:
+        draft.facts.append(
+            f"Contact that opens ({', '.join(opens)}): frequencies and responses below are those "
+            "with the contact closed where it is pressed at rest, and with the normal forces there."
+        )
     try:
         _moves(scene, structure, system, path, draft)
     except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
@@ -175,9 +181,13 @@ def _moves(
     if structure.body is None:
         facts.append(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
     if rigid[1]:
+        opens = any(patch.joint.opens for patch in structure.patches)
+        cure = "Is something to be fixed, or do joints lack pressure or pairs?"
+        if opens:
+            cure = "Contact that opens holds it only while it is closed by the loads."
         draft.doubts.append(
             f"Nothing holds {rigid[1]} rigid motions, joints and supports included: the structure "
-            "floats. Is something to be fixed, or do joints lack pressure or pairs?"
+            f"floats. {cure}"
         )
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
     slow = scene.time.quasi_static
@@ -224,6 +234,8 @@ def _moves(
 
 def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft: _Draft) -> None:
     """Add by how much loads or vibration of the stuck structure change the normal forces."""
+    if any(patch.joint.opens for patch in structure.patches):
+        return  # whose normal forces may change
     acts = structure.reactions(scene.loads())
     if acts is None:
         return

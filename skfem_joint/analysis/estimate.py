@@ -392,9 +392,8 @@ def of_reduced(
     total = added(finer.with_rest(truth, base), left, change(steep, grown, law), merged)
     parts["total"] = at_least(total, best, base, *parts.values())
     missing = MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :]))
-    return Estimate(
-        parts, missing, by_joint=joint_differences(truth, base, system.joints, _rest(left))
-    )
+    joints = joint_differences(truth, base, system.joints, _rest(left))
+    return Estimate(parts, missing, by_joint=joints)
 
 
 @dataclass(frozen=True)

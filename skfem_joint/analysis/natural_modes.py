@@ -53,7 +53,8 @@ def natural_modes(
     A joint with friction is a little stiffer than a loose one, which slides freely, and a little
     softer than a stuck one. These two limits are linear: ``K phi = (2 pi f)^2 M phi``, in all
     motions or in those in which no point with friction slips. Where friction has springs in series
-    these take part in the motion, and sliders stick.
+    these take part in the motion, and sliders stick. Contact that opens counts as closed where it
+    is pressed at rest, in both.
 
     Parameters
     ----------
@@ -88,6 +89,12 @@ def natural_modes(
     check("count", count, COUNT)
     if joints not in ("loose", "stuck"):
         raise InputError(f"joints: found {joints!r}, must be 'loose' or 'stuck'")
+    if system.opening is not None:
+        closed = natural_modes(system.closed(), count, joints=joints)
+        moving = np.setdiff1d(np.arange(system.n), system.opening.closed_columns)
+        shapes = np.zeros((system.n, closed.frequencies.size))
+        shapes[moving] = closed.modes
+        return NaturalModes(closed.frequencies, shapes)
     stuck = joints == "stuck"
     K, M = (sparse.csr_array(A) for A in (system.stuck_stiffness if stuck else system.K, system.M))
     if not stuck:

@@ -1,4 +1,4 @@
-"""Change of the normal forces by vibration with stuck joints, which all models leave out."""
+"""Change of the normal forces by vibration with stuck joints, which constant contact leaves out."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ class NormalChange:
         subject = f"{what[0].lower()}{what[1:]}" if when else what
         return [
             f"{when}{subject} would change the normal force by {self.text}: that it stays as the "
-            "clamping makes it, which all models assume, is doubtful there."
+            "clamping makes it, which constant contact assumes, is doubtful there. Above "
+            f"{100.0 * LARGE:.3g} % set contact = 'unilateral' in that [[joint]], in full and "
+            "condensed models."
         ]
 
 

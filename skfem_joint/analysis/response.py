@@ -397,6 +397,7 @@ def _checked(
 ) -> tuple[FloatArray, list[float]]:
     """Frequencies and levels of a response; InputError as `response`."""
     system.check_any_load("response")
+    system.check_constant_contact("response")
     check_whole(system, "response")
     check_each("response: frequencies", frequencies, POSITIVE)
     check_each("response: levels", levels, POSITIVE)

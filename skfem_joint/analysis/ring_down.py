@@ -125,6 +125,7 @@ def ring_down(
         If a step does not converge, or no cycle is left to measure.
     """
     system.check_any_load("ring_down")
+    system.check_constant_contact("ring_down")
     check_whole(system, "ring_down")
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.analysis import range_estimate, step_estimate
+from skfem_joint.analysis import opening_estimate, range_estimate, step_estimate
 from skfem_joint.analysis.against_coulomb import against_coulomb
 from skfem_joint.analysis.estimate import Estimate, Parts, of_reduced
 from skfem_joint.analysis.history import QUANTITIES
@@ -78,7 +78,7 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
         errors = step_estimate.of_full(system, run, plan, progress)
         return _with_coulomb(errors, partial(against_coulomb, system, run, plan, progress=progress))
     _check_origin(system, origin)
-    errors = of_reduced(origin.system, origin.basis, system, plan, run, progress)
+    errors = of_run(origin.system, origin.basis, run, plan, progress)
     V = None if errors.missing is None else errors.missing.V
     apart = partial(against_coulomb, origin.system, run, plan, origin.basis, V, progress)
     return _with_coulomb(errors, apart)
@@ -137,10 +137,13 @@ def of_run(
 ) -> Estimate:
     """Errors of a model's run: a reduced one's, or without ``basis`` the full one's.
 
-    Those of a model for a range are estimated by what it carries.
+    Those of a model for a range are estimated by what it carries, those of a condensed one with
+    contact that opens by :mod:`skfem_joint.analysis.opening_estimate`.
     """
     if run.system.serves is not None:
         return range_estimate.of_range(run, plan, progress)
     if basis is None:
         return step_estimate.of_full(system, run, plan, progress)
+    if system.opening is not None:
+        return opening_estimate.of_condensed(system, basis, run, plan, progress)
     return of_reduced(system, basis, run.system, plan, run, progress)

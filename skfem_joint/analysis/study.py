@@ -115,7 +115,7 @@ def _described_and_run(
     """Study of a scene; ``in_range`` says whether the model for its range serves it."""
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
-    path = factors_at_rest(system)
+    path = None if system.opening is not None else factors_at_rest(system)
     description = describe(scene, path)
     if in_range is not None and in_range.in_range is not None:
         choice = in_range

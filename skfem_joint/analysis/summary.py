@@ -66,7 +66,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     run = model.run
     cycles = run.cycles
     has_cycles = cycles.friction.size > 0
-    state = steady_state(run)
+    state, opens = steady_state(run), run.normal_force_peak.size > 0
     content: dict[str, Any] = {
         "dofs": run.system.n,
         "contact_points": run.system.contact_points,
@@ -90,6 +90,9 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "input_work_J": float(run.input_work.sum()),
         "viscous_work_J": run.viscous_work,
         "scheme_work_J": run.scheme_work,
+        "impact_energy_J": run.impact_work,
+        "largest_normal_force_N": float(run.normal_force_peak.max()) if opens else None,
+        "opened_fraction": float(np.mean(run.opened)) if opens else None,
         "active_length_m": model.active_length,
         "active_area_fraction": model.active_area_fraction,
         "joints": _joints(study, model),
@@ -103,6 +106,9 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     }
     if content["loads"] is None:  # of a run in time
         del content["loads"]
+    if not opens:
+        for name in ("impact_energy_J", "largest_normal_force_N", "opened_fraction"):
+            del content[name]
     if model.errors is not None:
         error = asdict(model.errors)
         by_point = error.pop("by_point")
@@ -218,11 +224,13 @@ def violated(study: Study, model: Model) -> list[str]:
     if run.loops is not None:
         warnings += _of_loops(model.name, run.system.joints, run.loops)
     elif state is not None and not state.reached:
+        opens = study.system.opening is not None
+        instead = "" if opens else ", or time.until = 'steady' in place of cycles"
         warnings.append(
             f"The {model.name} model has not reached a steady state: the last cycle differs by "
             f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
             "peaks from the one before. Energies and peaks per cycle are those of the last cycle. "
-            "For the steady state give more cycles, or time.until = 'steady' in place of cycles."
+            f"For the steady state give more cycles{instead}."
         )
     if np.any(peaks(run) > 0.0) and run.energy_residual > LIMITS.open:
         warnings.append(
@@ -373,18 +381,20 @@ def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
         "points": "set reduction.friction_points higher, or 'all'",
         "mesh": "use smaller elements",
         "time_step": "use a shorter time step",
-        "basis": _basis(errors),
+        "basis": _basis(model, errors),
     }
     yield (
         f"The {worst.replace('_', ' ')} of the {model.name} model errs by an estimated "
         f"{100 * total[worst]:.2g} %, most of it ({100 * sources[source]:.2g} %) from "
-        f"{'its' if source != 'mesh' else 'the'} {source.replace('_', ' ')}: {cures[source]}; or "
-        "say in [accuracy] what is needed."
+        f"{'its' if source != 'mesh' else 'the'} {source.replace('_', ' ')}: {cures[source]}"
+        f"{'' if study.system.opening is not None else '; or say in [accuracy] what is needed'}."
     )
 
 
-def _basis(errors: Estimate) -> str:
+def _basis(model: Model, errors: Estimate) -> str:
     """Cure for a basis that misses modes."""
+    if model.run.system.opening is not None:
+        return "run the full model, or sj.condense with more interface_modes"
     if errors.missing is not None and errors.missing.slips:
         return (
             "it lacks slip of the joint; use more modes, a longer active_length, or "

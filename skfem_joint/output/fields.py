@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +16,10 @@ from skfem_joint.analysis.history import States
 from skfem_joint.analysis.stress import von_mises
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
+from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import AnyStructure, Structure
+from skfem_joint.system import System
 from skfem_joint.unknowns import selection
 
 #: Arrays of a series and their units, the same for every dimension; vectors and tensors in space.
@@ -30,9 +32,14 @@ POINT_ARRAYS = {
     "pressure": "Pa, clamping",
     "friction_work_density": "J/m^2, since the start",
 }
+#: Beside these, where contact opens.
+OPENING_ARRAYS = {
+    "contact_pressure": "Pa, now, of contact that opens; 0 off its faces",
+    "gap": "m, by which joints are open, 0 off their faces: now where contact opens, else under "
+    "the preload",
+}
 #: Beside these, where bolts clamp.
 PRELOAD_ARRAYS = {
-    "gap": "m, by which joints are open under the preload, 0 off their faces",
     "preload_displacement": "m, at rest, by the preload alone; the others are beyond it",
 }
 CELL_ARRAYS = {
@@ -58,6 +65,8 @@ class Field:
         -1 no contact, 0 stick, 1 slip.
     friction_work_density : ndarray, shape (frames, N)
         Since the start, J/m^2; 0 off the contact.
+    contact_pressure, gap : ndarray, shape (frames, N), or None
+        Of contact that opens, on the pressed body, Pa and m; 0 off it. None where none opens.
     """
 
     name: str
@@ -67,6 +76,8 @@ class Field:
     friction_traction: FloatArray
     slip_state: States
     friction_work_density: FloatArray
+    contact_pressure: FloatArray | None = None
+    gap: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -103,11 +114,13 @@ class Frames:
 
     @cached_property
     def _preloaded(self) -> dict[str, FloatArray]:
-        """Gap and displacement of a preload on all nodes, if there is one."""
+        """Gap of constant contact, and displacement, of a preload on all nodes, if there is one."""
         preload, gap = self.structure.preload, np.zeros(len(self.structure.nodes))
         if preload is None:
             return {}
-        for joint in filter(None, preload.joints):
+        for patch, joint in zip(self.structure.patches, preload.joints, strict=True):
+            if joint is None or patch.opening is not None:
+                continue
             nodes = np.flatnonzero(joint.area)
             other = None if joint.other is None else joint.other[nodes]
             gap += joint.gap + _reaction(other, nodes, joint.area[nodes], gap.size) @ joint.gap
@@ -165,10 +178,19 @@ class Frames:
             "pressure": self.pressure + reaction @ self.pressure,
             "friction_work_density": work + reaction @ work,
             **self._preloaded,
+            **self._opened(field, frame),
             "contact_state": _mean_state(self._cell_means, state),
             "stress": stress,
             "von_mises": von_mises(stress),
         }
+
+    def _opened(self, field: Field, frame: int) -> dict[str, FloatArray]:
+        """Present pressure and gap on all nodes, the gap beside that of a preload; {} without."""
+        if field.contact_pressure is None or field.gap is None:
+            return {}
+        pressure, gap = field.contact_pressure[frame], field.gap[frame]
+        apart = gap + self._reaction @ gap + self._preloaded.get("gap", 0.0)
+        return {"contact_pressure": pressure + self._reaction @ pressure, "gap": apart}
 
 
 def _reaction(
@@ -229,18 +251,49 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
     contact = contact_history(structure, run)
     system = contact.system
     slip, traction = np.zeros((2, *u.shape))
-    density = np.zeros(u.shape[:2])
+    density, present = np.zeros(u.shape[:2]), run.normal_force.size > 0
+    pressure, gap = np.zeros((2, *u.shape[:2])) if present else (None, None)
+    limits = _limits(system, run)
     states = np.full(u.shape[:2], -1, dtype=np.int8)
     for number, patch in enumerate(structure.patches):
         points, nodes = patch.points, patch.nodes
         own = system.J[[number]].toarray()[0, points]
-        limit = own * system.w[points] / patch.area
+        limit = own * limits[:, points] / patch.area
         for k in range(patch.directions.shape[1]):
             free = system.directions[points] > k
             row, along = system.first_row[points[free]] + k, patch.directions[free, k]
-            size = -limit[free] * contact.friction[:, row]
+            size = -limit[:, free] * contact.friction[:, row]
             traction[:, nodes[free]] += size[..., np.newaxis] * along
             slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * along
         states[:, nodes] = contact.state[:, points]
         density[:, nodes] += contact.work[:, points] * own / patch.area
-    return Field(name, u, v, slip, traction, states, density)
+    if pressure is not None and gap is not None:
+        _open(structure, run, pressure, gap, states)
+    return Field(name, u, v, slip, traction, states, density, pressure, gap)
+
+
+def _open(
+    structure: Structure, run: Run, pressure: FloatArray, gap: FloatArray, states: States
+) -> None:
+    """Enter pressures, Pa, gaps, m, and points that are apart into (frames, N) of all nodes."""
+    contact, start = cast("OpeningContact", run.system.opening), 0
+    gaps = np.maximum(contact.gaps(run.u), 0.0)
+    for patch in structure.patches:
+        if (face := patch.opening) is None:
+            continue
+        part = slice(start, start + face.gap.size)
+        start = part.stop
+        force = run.normal_force[:, part]
+        apart = np.where(force > 0.0, 0.0, gaps[:, part])
+        pressure[:, face.nodes] = (face.G @ force.T).T / face.area
+        gap[:, face.nodes] = apart
+        closed = np.asarray((face.G @ force.T).T) > 0.0
+        states[:, face.nodes] = np.where(closed, states[:, face.nodes], -1)
+
+
+def _limits(system: System, run: Run) -> FloatArray:
+    """Friction limits of all contact points at the stored fields, (frames, m) or (1, m), N."""
+    if system.opening is None or not run.normal_force.size:
+        return system.w[np.newaxis]
+    constant = system.w - system.opening.limits_at_rest
+    return np.asarray(constant + (system.opening.gain @ run.normal_force.T).T)

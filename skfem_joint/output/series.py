@@ -23,6 +23,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.files import needed, replacing, safe_name
 from skfem_joint.output.fields import (
     CELL_ARRAYS,
+    OPENING_ARRAYS,
     POINT_ARRAYS,
     PRELOAD_ARRAYS,
     Frames,
@@ -152,7 +153,9 @@ def _grid(
     grid = pyvista.UnstructuredGrid({getattr(pyvista.CellType, kind): corners}, points)
     grid.cell_data["region"] = region[elements]
     grid.cell_data["body"] = mesh.body[elements].astype(np.int32)
-    meanings = (POINT_ARRAYS | PRELOAD_ARRAYS | CELL_ARRAYS | {"thickness": "m"}).items()
+    meanings = (
+        POINT_ARRAYS | OPENING_ARRAYS | PRELOAD_ARRAYS | CELL_ARRAYS | {"thickness": "m"}
+    ).items()
     _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
     _add_texts(grid, "region_names", names)
     return grid
@@ -285,7 +288,8 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     moved apart: the pressed body lies above the other, with a gap of half of the other's thickness.
     Faces of solids that touch are blocks too, named "full: contact NAME" by their boundary.
 
-    Points carry `POINT_ARRAYS`, and with clamping bolts `PRELOAD_ARRAYS`. The body that is not
+    Points carry `POINT_ARRAYS`, with clamping bolts `PRELOAD_ARRAYS`, and where contact opens
+    `OPENING_ARRAYS`: its present pressure and gap. The body that is not
     pressed carries the reaction, and the other values as means over what lies on it: traction times
     nodal contact area adds up to the same force with the opposite sign. Cells carry `CELL_ARRAYS`
     (see :meth:`Frames.arrays`), ``region`` (position in the field array ``region_names``, -1

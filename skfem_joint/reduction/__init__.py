@@ -90,8 +90,7 @@ def reduce(
         With ``range``: largest error of displacement histories, relative; three times that of
         energies.
     quasi_static : bool
-        Whether the run to come is one of `quasi_static`: inertia, damping and the law's steepness
-        have no share in the modes then.
+        Whether the run to come is one of `quasi_static`, without inertia and damping.
 
     Returns
     -------
@@ -106,14 +105,14 @@ def reduce(
         If a number is out of range, the loads have no common period and no duration is given,
         nothing moves, or no point carries friction.
     """
+    system.check_constant_contact("reduce", "take sj.condense(system), or the system itself")
     check("modes", modes, COUNT, "auto")
     if range is not None:
         others = (interface_modes, friction_points, beta, duration, run, quasi_static)
         if others != ("auto", "auto", "auto", None, None, False):
             raise InputError(
                 "reduce: with range, interface_modes, friction_points, beta, duration and run are "
-                "found for the whole range, which is one of vibration; leave them out, "
-                "and quasi_static too"
+                "found for the whole range, which is of vibration; leave out these and quasi_static"
             )
         return reduced_for_range(system, range, accuracy=accuracy, modes=modes)
     check("interface_modes", interface_modes, WHOLE, "auto")
@@ -122,8 +121,7 @@ def reduce(
     check_some(POSITIVE, duration=duration)
     count = SETTINGS.joint_modes if isinstance(modes, str) else modes
     if quasi_static:
-        system = rate_independent(system)
-        beta = np.inf if isinstance(beta, str) else beta
+        system, beta = rate_independent(system), np.inf
     if run is None:
         basis = _of_static_path(system, count, interface_modes, duration, quasi_static)
     else:

@@ -224,7 +224,7 @@ def slips(
     """
     active = np.zeros(system.w.size, dtype=np.bool_)
     for patch in structure.patches:
-        points = patch.points[system.w[patch.points] > 0.0]
+        points = patch.points[system.rubs[patch.points]]
         least = THRESHOLD * slip_peak[points].max(initial=0.0)
         creep = period / system.beta[points]
         active[points] = slip_peak[points] > np.maximum(least, creep)
@@ -261,6 +261,8 @@ def gross_slip(structure: AnyStructure, slip_peak: FloatArray, period: float) ->
     sentences = []
     for patch in structure.patches:
         peak = slip_peak[patch.points]
+        if patch.joint.opens:  # points that are apart move on each other without friction
+            continue
         if peak.size == 0 or peak.max() <= 10.0 * period / patch.joint.beta:
             continue
         to_support = np.ones(peak.size)

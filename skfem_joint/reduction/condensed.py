@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
@@ -76,7 +76,7 @@ def condensed_basis(
     if not picks_unknowns(inner.B):
         inner, new = inner.with_slips_as_unknowns()
         forward = new.forward
-    kept = np.asarray(sparse.csr_array(inner.B).indices, dtype=np.intp)
+    kept = np.concatenate([sparse.csr_array(inner.B).indices, approaches(inner)]).astype(np.intp)
     rest = np.setdiff1d(np.arange(inner.n), kept)
     V = np.zeros((inner.n, kept.size))
     V[kept, np.arange(kept.size)] = 1.0
@@ -103,7 +103,7 @@ def condensed_basis(
         velocities=np.zeros((0, V.shape[1])),
         slip_velocity=0.0,
         slip_peak=np.zeros(system.w.size),
-        active=np.flatnonzero(system.w),
+        active=np.flatnonzero(system.rubs),
     )
     return Basis(V, 0, ProperModes(V[:, :0], np.zeros(0)), history)
 
@@ -130,7 +130,21 @@ def _fixed_interface(
 
 def condensed_system(system: System, V: FloatArray) -> System:
     """Projection on a condensed basis ``V`` (n, j)."""
-    return slips_first(carrying(system).project(V))
+    inner = carrying(system)
+    small = slips_first(inner.project(V))
+    if inner.opening is None:
+        return small
+    rows, columns = inner.B.shape[0], approaches(inner)
+    own = selection(np.arange(rows, rows + columns.size, dtype=np.intp), small.n)
+    N = sparse.csr_array(sparse.csr_array(inner.opening.N)[:, columns] @ own)
+    return replace(small, opening=replace(inner.opening, N=N))
+
+
+def approaches(system: System) -> IntArray:
+    """Unknowns whose means are the approaches of contact that opens; none without it."""
+    if system.opening is None:
+        return np.zeros(0, dtype=np.intp)
+    return np.unique(sparse.csr_array(system.opening.N).indices)
 
 
 def slips_first(system: System) -> System:
@@ -139,6 +153,6 @@ def slips_first(system: System) -> System:
 
 
 def carrying(system: System) -> System:
-    """System with only those contact points that carry friction."""
-    points = np.flatnonzero(system.w)
+    """System with only those contact points that carry friction, now or when they are pressed."""
+    points = np.flatnonzero(system.rubs)
     return shared_points(system, selection(points, system.w.size), system.w[points])

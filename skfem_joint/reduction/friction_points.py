@@ -149,7 +149,9 @@ def shared_points(system: System, shares: sparse.csr_array, w: FloatArray) -> Sy
     else:
         alike["stiffness"] = np.full(w.size, np.inf)
     of_all = shares if system.shares is None else sparse.csr_array(shares @ system.shares)
-    return replace(system, B=B, w=w, J=system.J @ shares.T, shares=of_all, **alike)
+    opening = None if system.opening is None else system.opening.of_points(shares)
+    J = system.J @ shares.T
+    return replace(system, B=B, w=w, J=J, shares=of_all, opening=opening, **alike)
 
 
 def _histories(system: System, velocities: FloatArray, points: IntArray) -> FloatArray:

@@ -190,12 +190,7 @@ def slip_path(
     slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
     every = system.w > 0.0
     slides = bool(slipping[every].all())
-    beside = response
-    if plan.quasi_static:  # no vibration beside the static responses
-        beside = np.hstack([response, joint_slides(system)])
-        interface, share = np.zeros((system.n, 0)), np.zeros(0)
-    else:
-        interface, share = interface_modes.driven(system, response, loads, path=path)
+    beside, interface, share = _beside(system, response, loads, path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
     rigid, energy = path.to.outer(path.rigid.T).T, shifted(system.K, system.M)
     for _ in range(SETTINGS.rounds):
@@ -232,6 +227,19 @@ def slip_path(
             "preliminary steps": steps,
         },
     )
+
+
+def _beside(
+    system: System, response: FloatArray, loads: Excitation, path: QuasiStatic
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Static shapes beside the modes, fixed-interface modes and shares of these; see `StaticPath`.
+
+    Nothing vibrates in a quasi-static run, whose joints' forces need the sliding of each.
+    """
+    if loads.plan.quasi_static:
+        still = np.zeros((system.n, 0)), np.zeros(0)
+        return np.hstack([response, joint_slides(system)]), *still
+    return response, *interface_modes.driven(system, response, loads, path=path)
 
 
 def _first(

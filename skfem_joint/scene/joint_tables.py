@@ -96,7 +96,9 @@ class JointTable(SceneTable):
         | Annotated[BoltPressureTable, Tag(Form.BOLTS)],
         by_form(Form.WORD, Form.TABLE, Form.BOLTS),
     ] = key(
-        "normal pressure, Pa, or a table of it, or 'preload' for the pressure of the [[bolt]]s",
+        "normal pressure, Pa, or a table of it, or 'preload' for the pressure of the [[bolt]]s; "
+        "zero if not given, which contact = 'unilateral' allows",
+        0.0,
         allowed="a pressure in Pa, 'preload', a table { positions = [m], values = [Pa], axis = "
         "[x, y] } or a table { bolts = [...], reach = m }",
     )
@@ -117,6 +119,35 @@ class JointTable(SceneTable):
         "direction along which the paper's modes are scaled, [x, y] or [x, y, z]; not for bars",
         None,
     )
+    contact: Literal["constant", "unilateral"] = key(
+        "normal force that stays as it is at rest, in contact that stays closed; or one that "
+        "follows the motion, in contact that opens and closes",
+        "constant",
+    )
+    gap: NotNegative = key(
+        "distance between the faces at rest, m, beside that of the mesh; with contact = "
+        "'unilateral'",
+        0.0,
+    )
+    normal_stiffness: Positive | None = key(
+        "stiffness of the interface across the faces, Pa/m, with contact = 'unilateral'; rigid if "
+        "not given",
+        None,
+    )
+
+    @model_validator(mode="after")
+    def _is_pressed_or_opens(self) -> Self:
+        if "pressure" not in self.model_fields_set and self.contact != "unilateral":
+            raise mistake(
+                "missing: a joint is pressed by a pressure in Pa, a table of it, or 'preload'; "
+                "only with contact = 'unilateral' it may be left out",
+                "pressure",
+            )
+        if self.contact != "unilateral":
+            for name in ("gap", "normal_stiffness"):
+                if getattr(self, name):
+                    raise mistake("needs contact = 'unilateral'; give it, or leave this out", name)
+        return self
 
     @model_validator(mode="after")
     def _has_beta_with_arctan_alone(self) -> Self:
@@ -142,7 +173,7 @@ class JointTable(SceneTable):
         values = self.model_dump(exclude={"law"})
         if isinstance(self.pressure, _PressureTable):
             values["pressure"] = self.pressure.to_pressure()
-        for name in ("beta", "tangential_stiffness"):
+        for name in ("beta", "tangential_stiffness", "normal_stiffness"):
             if values[name] is None:
                 values[name] = math.inf
         return structure.Joint(**values)

@@ -23,6 +23,7 @@ from skfem_joint import structure as parts
 from skfem_joint.errors import InputError, listed, refuse
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
+from skfem_joint.opening import constant_contact_alone
 from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.changes import with_changes
 from skfem_joint.scene.matrices import MatricesTable
@@ -177,8 +178,20 @@ class Scene(SceneTable):
             notes.append("The damping of the scene is left out, as time.quasi_static asks for.")
         return tuple(notes)
 
+    @property
+    def opens(self) -> bool:
+        """Whether contact of a joint opens and closes."""
+        return any(joint.contact == "unilateral" for joint in self.joint)
+
     def check_vibrates(self, command: str) -> None:
-        """Refuse a quasi-static scene for a command that computes vibration; `InputError`."""
+        """Refuse a scene for a command that computes vibration of contact that stays closed.
+
+        `InputError` for a quasi-static scene, and for one with contact that opens.
+        """
+        if self.opens:
+            cure = "use the command run, or leave contact = 'unilateral' out"
+            where = self._path or "scene"
+            raise InputError(f"{where}: {constant_contact_alone(command, cure)}")
         if self.time.quasi_static:
             raise InputError(
                 f"{self._path or 'scene'}: time.quasi_static: found true, but {command} computes "
@@ -355,6 +368,8 @@ def problems_between_tables(scene: Scene, valid: Set[str]) -> Iterator[str]:
         yield from _slow_problems(scene)
     if valid >= {"models", "joint", "reduction"}:
         yield from _model_problems(scene)
+    if valid >= {"models", "joint", "reduction", "time", "accuracy"}:
+        yield from _opening_problems(scene)
 
 
 def _time_problems(scene: Scene) -> Iterator[str]:
@@ -400,6 +415,27 @@ def _slow_problems(scene: Scene) -> Iterator[str]:
             "reduction.reference: found 'paper' beside time.quasi_static = true; the paper's modes "
             "are scaled by a run in time; use reference = 'static'"
         )
+
+
+def _opening_problems(scene: Scene) -> Iterator[str]:
+    """Problems of contact that opens with what needs constant normal forces."""
+    if not scene.opens:
+        return
+    asked = {
+        "models.run = 'reduced'": ("reduced" in scene.models.run, "run 'condensed' in its place"),
+        "reduction.range": (scene.reduction.range is not None, "leave it out"),
+        "time.until = 'steady'": (
+            scene.time.until == "steady",
+            "give as many time.cycles as it takes",
+        ),
+        "accuracy": (
+            scene.accuracy.is_given,
+            "give the steps yourself, the estimated errors say whether they do",
+        ),
+    }
+    yield from (
+        constant_contact_alone(what, cure) for what, (is_so, cure) in asked.items() if is_so
+    )
 
 
 def _matrix_problems(scene: Scene, matrices: MatricesTable) -> Iterator[str]:

@@ -8,7 +8,7 @@ become unknowns.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy import sparse
@@ -17,6 +17,8 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.opening import OpeningContact
+from skfem_joint.stepping.opening_stepper import OpeningStepper
 from skfem_joint.stepping.steppers import CompiledStepper, PythonStepper, Stepper
 from skfem_joint.system import System
 from skfem_joint.unknowns import ChangeOfUnknowns, selection
@@ -36,7 +38,7 @@ class Arranged:
     system : System
     kind : str
         Of its matrices: "linear" (no friction), "chain" (tridiagonal, each slip an unknown),
-        "contact" (each slip an unknown) or "dense".
+        "contact" (each slip an unknown) or "dense"; "opening" with contact that opens.
     maps : tuple of ChangeOfUnknowns
         Changes of unknowns that led to it, in turn; none if the unknowns are the caller's.
     """
@@ -82,6 +84,8 @@ def arranged(system: System) -> Arranged:
     InputError
         If slip rows of a large system depend on each other.
     """
+    if system.opening is not None:
+        return _arranged_opening(system)
     if system.contact_points == 0:
         return Arranged(system, "linear")
     if system.is_dense:  # a sparse B tells that slips are unknowns
@@ -102,6 +106,25 @@ def arranged(system: System) -> Arranged:
     if path is not None:
         return Arranged(system.in_unknowns(path), "chain", (*maps, path))
     return Arranged(system, "contact", maps)
+
+
+def _arranged_opening(system: System) -> Arranged:
+    """Of a system with contact that opens: slips are unknowns, apart from those that approach."""
+    maps: tuple[ChangeOfUnknowns, ...] = ()
+    if not picks_unknowns(system.B):
+        if system.is_dense:
+            raise InputError(
+                "contact that opens: needs the full or the condensed model, found a reduced one"
+            )
+        system, slips = system.with_slips_as_unknowns()
+        maps = (slips,)
+    N = sparse.csr_array(cast("OpeningContact", system.opening).N)
+    if np.isin(N.indices, sparse.csr_array(system.B).indices).any():
+        raise InputError(
+            "contact that opens: its normal motion and a slip are the same displacement; slips "
+            "must be perpendicular to what opens"
+        )
+    return Arranged(system, "opening", maps)
 
 
 def _path(system: System) -> ChangeOfUnknowns | None:
@@ -172,5 +195,7 @@ def choose(to: Arranged, *others: Any) -> Stepper:
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    stepper = CompiledStepper if to.kind in ("chain", "dense") else PythonStepper
+    kinds: dict[str, type[Stepper]] = {"chain": CompiledStepper, "dense": CompiledStepper}
+    kinds["opening"] = OpeningStepper
+    stepper = kinds.get(to.kind, PythonStepper)
     return stepper(to.kind, to.system, *others)

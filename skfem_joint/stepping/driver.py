@@ -106,6 +106,7 @@ class Driver:
         self.recorder = self.stepper.recorder = recorder
         state = self.stepper.state()
         recorder.store(0, state)
+        self.stepper.store_start()
         recorder.observe(state.u)
 
     def run(

@@ -35,11 +35,17 @@ class Level(NamedTuple):
         Friction force of each slip row, N, with the sign of the slip that it resists.
     slip : ndarray, shape (rows,)
         Slip of each row, m.
+    limits : ndarray, shape (m,), optional
+        Friction limits, N, where they change from level to level.
+    normal : ndarray, shape (q,), optional
+        Normal forces of contact that opens, N.
     """
 
     u: FloatArray
     friction: FloatArray
     slip: FloatArray
+    limits: FloatArray | None = None
+    normal: FloatArray | None = None
 
 
 class NoLevelError(ConvergenceError):

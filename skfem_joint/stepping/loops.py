@@ -145,12 +145,12 @@ class LoopRecorder:
     def __init__(self, system: System) -> None:
         self.system = system
         shares = as_dense(system.J)
-        mixed = (shares > 0.0) & (system.w > 0.0)
+        mixed, weights = (shares > 0.0) & system.rubs, system.point_weights
         two = (mixed & (system.directions == 2)).any(axis=1)
         # Of joints with points of two directions, those with one have no component.
         counted = shares * np.where(two[:, np.newaxis], system.directions == 2, True)
-        weight = counted * system.w
-        limits, whole = weight.sum(axis=1), (shares * system.w).sum(axis=1)
+        weight = counted * weights
+        limits, whole = weight.sum(axis=1), (shares * weights).sum(axis=1)
         self.covered = np.where(whole > 0.0, limits / np.where(whole > 0.0, whole, 1.0), 1.0)
         mean = weight / np.where(limits > 0.0, limits, 1.0)[:, np.newaxis]
         row = system.first_row[:-1]
@@ -162,7 +162,7 @@ class LoopRecorder:
             made = np.zeros((2, len(values), rows))
             made[0][:, row] = values
             made[1][:, row[second] + 1] = values[:, second]
-            return sparse.csr_array(made.reshape(-1, rows))
+            return sparse.csr_array(made.reshape(2 * len(values), rows))
 
         self._force, self._slip = components(counted), components(mean)
         self._vectors = system.load_vectors()
@@ -192,7 +192,7 @@ class LoopRecorder:
         loads, moved, forces, slips, work = (
             np.array(column) for column in zip(*self.rows, strict=True)
         )
-        force, slip = (x.reshape(len(x), 2, -1) for x in (forces, slips))
+        force, slip = (x.reshape(len(x), 2, x.shape[1] // 2) for x in (forces, slips))
         direction = _directions(force, slip)
         return Loops(
             times=step * np.arange(len(self.rows), dtype=np.float64),

@@ -22,7 +22,10 @@ from skfem_joint.system import System
 from skfem_joint.values import COUNT, check, check_some
 
 # What a recorder holds beside rows: sums and numbers.
-_SUMS = ("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak")
+_SUMS = (
+    *("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak"),
+    *("impact_work", "normal_force_peak", "normal_force_least"),
+)
 _NUMBERS = ("rows", "field_rows", "halved_steps")
 
 
@@ -87,6 +90,8 @@ class Counters:
         Step matrices prepared, one for each step size, and tangents factorised.
     halved_steps : int
         Steps that were done in parts because they did not converge whole.
+    renewed_limits : int
+        Times that friction limits of contact that opens were renewed in the safeguarded iteration.
     """
 
     steps: int = 0
@@ -99,6 +104,7 @@ class Counters:
     linear_solves: int = 0
     factorizations: int = 0
     halved_steps: int = 0
+    renewed_limits: int = 0
 
 
 @dataclass(frozen=True, repr=False)
@@ -242,6 +248,12 @@ class Run:
     start : tuple of ndarray, shapes (n,) and (n,), optional
         Displacement (m) and velocity (m/s) at the start, and, if given, friction; None for a run
         from rest.
+    impact_work : float
+        Energy lost by impacts where contact closes, J; zero without contact that opens.
+    normal_force : ndarray, shape (frames, q)
+        Normal force of each pressure point of contact that opens, N, with the stored fields.
+    normal_force_peak, normal_force_least : ndarray, shape (q,)
+        Largest and smallest of these over every step, N.
     loops : Loops or None
         Force over displacement of each load and over slip of each joint, of a quasi-static run.
         Its velocities are changes over the last step, its final velocity is zero, and no work is
@@ -279,6 +291,10 @@ class Run:
     steady: Steady | None = None
     plan: Any = None
     start: tuple[FloatArray, ...] | None = None
+    impact_work: float = 0.0
+    normal_force: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    normal_force_peak: FloatArray = field(default_factory=lambda: np.zeros(0))
+    normal_force_least: FloatArray = field(default_factory=lambda: np.zeros(0))
     loops: Loops | None = None
 
     def __repr__(self) -> str:
@@ -312,7 +328,7 @@ class Run:
         """Error of the energy balance relative to the largest energy in it."""
         start, end = self.stored_energy
         friction = float(self.friction_work.sum())
-        dissipated = self.viscous_work + friction + self.scheme_work
+        dissipated = self.viscous_work + friction + self.scheme_work + self.impact_work
         balance = float(self.input_work.sum()) - dissipated - (end - start)
         in_play = max(float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated))
         if self.loops is not None and self.system.has_springs:
@@ -320,6 +336,14 @@ class Run:
             works = self.loops.load_force * self.loops.load_displacement
             in_play = max(in_play, 0.5 * float(np.abs(works).sum(axis=1).max()))
         return abs(balance) / in_play if in_play > 0.0 else 0.0
+
+    @property
+    def opened(self) -> NDArray[np.bool_]:
+        """Whether each pressure point that is pressed at rest came apart in some step, (q,)."""
+        opening = self.system.opening
+        if opening is None:
+            return np.zeros(0, dtype=bool)
+        return np.asarray((opening.force > 0.0) & (self.normal_force_least <= 0.0))
 
     def finished(self) -> Run:
         """The run itself; raises KeyboardInterrupt if it was interrupted."""
@@ -430,15 +454,20 @@ class Recorder:
         single = (s.directions == 1).all()  # then the order is the system's own
         self.order = 2 * (slice(None),) if single else row_order(s.directions)
         self._limits = s.on_rows(s.w)[self.order[0]]
-        self._rubs = bool(s.w.any())
-        carrying = sparse.csr_array(s.J * (s.w > 0.0))
+        self._rubs = bool(s.contact_points)
+        carrying = sparse.csr_array(s.J * s.rubs)
         carrying.eliminate_zeros()
         start, point, value = compressed_rows(carrying)
-        share = value * s.w[point] / np.repeat(s.J @ s.w, np.diff(start))
+        weights = s.point_weights
+        share = value * weights[point] / np.repeat(s.J @ weights, np.diff(start))
         self.joints = start, point, value, share
-        self.input_work = np.zeros(len(s.loads))
+        self.input_work, self.impact_work = np.zeros(len(s.loads)), np.zeros(1)
         self.friction_work, self.slip_peak = np.zeros((2, m))
         self.peak, self.run_peak = np.zeros((2, p))
+        q = 0 if s.opening is None else s.opening.gap.size
+        self.normal_force = np.zeros((fields if q else 0, q))
+        self.normal_force_peak = np.zeros(q)
+        self.normal_force_least = np.zeros(0) if s.opening is None else s.opening.force.copy()
         self.vectors = s.load_vectors()
         # Works up to the start and to the end of each cycle, and the peaks in the cycle.
         self.boundaries = [np.zeros(len(s.loads) + 3 + joints + p)]
@@ -461,8 +490,8 @@ class Recorder:
         stored = self.stored._asdict().items()
         return {name: rows[:end] for (name, rows), end in zip(stored, self._ends(), strict=True)}
 
-    def store(self, step: int, state: State) -> None:
-        """Store what is due after ``step`` steps."""
+    def store(self, step: int, state: State, limits: FloatArray | None = None) -> None:
+        """Store what is due after ``step`` steps; ``limits`` (m,), N, are given if they change."""
         every, fields_every = self.save.strides
         system, stored = self.system, self.stored
         if self.save.points and step % every == 0:
@@ -471,6 +500,8 @@ class Recorder:
             stored.joint_work[k] = system.J @ self.friction_work
             if self.save.slips:
                 start, point, _, share = self.joints
+                if limits is not None:
+                    share = self._shares(limits)
                 sizes = system.slip_norm(system.B @ state.u), system.slip_norm(state.sigma)
                 results = stored.joint_slip[k], stored.joint_slipping[k]
                 energy.joint_slips(start, point, share, *sizes, *results)
@@ -480,6 +511,21 @@ class Recorder:
             stored.u[k], stored.v[k], stored.sigma[k] = state.u, state.v, state.sigma
             stored.friction_work_rows[k] = self.friction_work
             self.field_rows += 1
+
+    def _shares(self, limits: FloatArray) -> FloatArray:
+        """Shares of the points with friction in the present limit of their joints; 0 without."""
+        start, point, value, _ = self.joints
+        whole = np.repeat(self.system.J @ limits, np.diff(start))
+        own: FloatArray = value * limits[point]
+        shares: FloatArray = np.divide(own, whole, out=np.zeros_like(own), where=whole > 0.0)
+        return shares
+
+    def store_normal(self, step: int, force: FloatArray) -> None:
+        """Store normal forces, (q,), N, that are due after ``step`` steps; after :meth:`store`."""
+        np.maximum(self.normal_force_peak, force, out=self.normal_force_peak)
+        np.minimum(self.normal_force_least, force, out=self.normal_force_least)
+        if self.save.fields and step % self.save.strides[1] == 0:
+            self.normal_force[self.field_rows - 1] = force
 
     def observe(self, u: FloatArray) -> None:
         """Update the peaks."""
@@ -497,6 +543,7 @@ class Recorder:
         old: State,
         new: State,
         trapezoidal: bool = False,
+        limits: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         """Add the works and peaks of a step of ``h`` seconds that was done in Python.
 
@@ -508,6 +555,8 @@ class Recorder:
             At both ends; ``sigma`` by slip row of the system.
         trapezoidal : bool
             Whether the scheme itself dissipates nothing.
+        limits : tuple of ndarray, shape (m,), optional
+            Friction limits at both ends, N, where they change.
         """
         system = self.system
         change, v_change = new.u - old.u, new.v - old.v
@@ -525,15 +574,23 @@ class Recorder:
             if system.has_springs:  # the slider slips by what its spring leaves
                 slip_change -= system.spring_stretch * (new.sigma - old.sigma)
             work, slip_change = self.friction_work[points], slip_change[rows]
-            energy.add_friction_work(
-                self._limits, old.sigma[rows], new.sigma[rows], slip_change, work
-            )
+            size, before, after = self._limits, old.sigma, new.sigma
+            if limits is not None:  # forces in place of shares of a constant limit
+                before, after = (
+                    sigma * system.on_rows(w)
+                    for sigma, w in zip((before, after), limits, strict=True)
+                )
+                size = np.ones_like(size)
+            energy.add_friction_work(size, before[rows], after[rows], slip_change, work)
             self.friction_work[points] = work
         self.observe(new.u)
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that is filled in so far, for a checkpoint."""
-        return self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
+        filled = self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
+        if self.normal_force_peak.size:
+            filled["normal_force"] = self.normal_force[: self.field_rows]
+        return filled
 
     def mark(self) -> dict[str, NDArray[Any]]:
         """Copies of what later steps change: not of stored rows and finished cycles."""
@@ -555,6 +612,8 @@ class Recorder:
             for (name, rows), every in zip(stored, strides, strict=True)
         }
         planned |= {"boundaries": np.tile(self.boundaries[0], (cycles + 1, 1))} | self.mark()
+        if self.normal_force_peak.size:
+            planned["normal_force"] = self.normal_force[: len(planned["u"])]
         check_like(saved, planned, "recorder")
         counts = {"rows": len(planned["point_u"]), "field_rows": len(planned["u"])}
         for name, count in (counts | {"cycles": cycles + 1}).items():
@@ -571,6 +630,8 @@ class Recorder:
         for name, rows in self.stored._asdict().items():
             if name in saved:
                 rows[: len(saved[name])] = saved[name]
+        if "normal_force" in saved:
+            self.normal_force[: len(saved["normal_force"])] = saved["normal_force"]
         for name in _SUMS:
             getattr(self, name)[...] = saved[name]
         for name in _NUMBERS:
@@ -617,6 +678,10 @@ class Recorder:
             input_work=self.input_work,
             viscous_work=float(self.dissipated[0]),
             scheme_work=float(self.dissipated[1]),
+            impact_work=float(self.impact_work[0]),
+            normal_force=self.normal_force[: self.field_rows],
+            normal_force_peak=self.normal_force_peak,
+            normal_force_least=self.normal_force_least,
             friction_work=self.friction_work,
             stored_energy=(start_energy, self.system.stored_energy(u, v, sigma)),
             cycles=self._cycles(),

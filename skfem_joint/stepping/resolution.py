@@ -145,6 +145,7 @@ def _too_long(step: float, bounds: Iterable[Bound]) -> Iterator[str]:
 
 def _load_bounds(system: System, duration: float, vibrates: bool = True) -> Iterator[Bound]:
     """Longest steps by the periods and rise times of the loads."""
+    system = _as_closed(system)
     for load, peak in _acting(system, duration):
         amplitude, name = load.amplitude, _name(load)
         frequency = amplitude.highest_frequency
@@ -163,6 +164,7 @@ def _load_bounds(system: System, duration: float, vibrates: bool = True) -> Iter
 
 def _jump_bounds(system: System, duration: float) -> Iterator[Bound]:
     """Longest steps by the free vibration that the loads' jumps set off."""
+    system = _as_closed(system)
     for load, peak in _acting(system, duration):
         amplitude, end = load.amplitude, duration * (1.0 - 1e-9)
         jumps = any(0.0 <= t < end for t in amplitude.jumps)
@@ -171,6 +173,12 @@ def _jump_bounds(system: System, duration: float) -> Iterator[Bound]:
             why = f"does not follow the vibration of period {period:.4g} s that its jump sets off"
             most = period / SETTINGS.per_vibration
             yield Bound(_name(load), most, why, ", or let the load rise in a ramp")
+
+
+def _as_closed(system: System) -> System:
+    """System whose contact stays as it is at rest, where its unknowns tell which those are."""
+    opening = system.opening
+    return system if opening is None or not sparse.issparse(opening.N) else system.closed()
 
 
 def _acting(system: System, duration: float) -> Iterator[tuple[AppliedLoad, float]]:

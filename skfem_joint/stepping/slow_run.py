@@ -14,13 +14,14 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.levels import CoulombLevels, Level, LevelSolver, NoLevelError
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.loops import LoopRecorder
@@ -42,12 +43,12 @@ def rate_independent(system: System) -> System:
     Without inertia the friction of an arctan law would not depend on how fast the loads change but
     creep for as long as they last: its ``beta`` counts as infinite, which a note says.
     """
-    finite = bool(np.isfinite(system.beta[system.w > 0.0]).any())
+    finite = bool(np.isfinite(system.beta[system.rubs]).any())
     if not finite and not np.any(system.C if system.is_dense else system.C.data):
         return system
     notes = system.notes
     if finite:
-        notes = (*notes, law_note(float(system.beta[system.w > 0.0].min())))
+        notes = (*notes, law_note(float(system.beta[system.rubs].min())))
     origin = system.origin
     if origin is not None:  # so that errors can still be estimated
         origin = replace(origin, system=rate_independent(origin.system))
@@ -103,9 +104,18 @@ def slow_run(
         )
     watch = Stopwatch()
     system = rate_independent(system)
-    driver = _SlowDriver(system, plan, solver or CoulombLevels(system, tolerance))
+    driver = _SlowDriver(system, plan, solver or _levels(system, tolerance))
     driver.preparation, driver.compilation = watch.read()
     return driver.run(progress)
+
+
+def _levels(system: System, tolerance: float) -> LevelSolver:
+    """Solver of a system's levels."""
+    if system.opening is None:
+        return CoulombLevels(system, tolerance)
+    from skfem_joint.stepping.opening_levels import OpeningLevels  # loads the compiler
+
+    return OpeningLevels(system, tolerance)
 
 
 class _Mark(NamedTuple):
@@ -209,20 +219,35 @@ class _SlowDriver:
             return
         both = self.amplitudes, amplitudes
         old, new = self._state(self.level), self._state(level)
-        self.recorder.add_step(h, both, old, new, trapezoidal=True)
+        limits = None
+        if level.limits is not None and self.level.limits is not None:
+            limits = self.level.limits, level.limits
+        self.recorder.add_step(h, both, old, new, trapezoidal=True, limits=limits)
+        if level.normal is not None:
+            self._add_normal_work(self.level, level)
         self.level, self.amplitudes = level, amplitudes
+
+    def _add_normal_work(self, before: Level, after: Level) -> None:
+        """Add what closing contact takes, as the trapezoidal means of all works have it."""
+        contact = cast("OpeningContact", self.system.opening)
+        moved = np.asarray(contact.N @ (after.u - before.u))
+        mean = 0.5 * (cast("FloatArray", before.normal) + cast("FloatArray", after.normal))
+        stored = contact.potential(after.u) - contact.potential(before.u)
+        self.recorder.impact_work += float((mean - contact.force) @ moved) - stored
 
     def _state(self, level: Level) -> State:
         """State of a level, as the recorder takes it."""
         still = np.zeros(self.system.n)
-        limits = self.limits
+        limits = self.limits if level.limits is None else self.system.on_rows(level.limits)
         sigma = np.divide(level.friction, limits, out=np.zeros_like(limits), where=limits > 0.0)
         return State(level.u, self.rate, still, still, sigma)
 
     def _store(self, step: int) -> None:
         """Store what is due after so many steps."""
-        self.recorder.store(step, self._state(self.level))
         level = self.level
+        self.recorder.store(step, self._state(level), level.limits)
+        if level.normal is not None:
+            self.recorder.store_normal(step, level.normal)
         self.loops.add(
             self.amplitudes, level.u, level.friction, level.slip, self.recorder.friction_work
         )

@@ -201,6 +201,9 @@ class Stepper(ABC):
         """Friction of each slip row of the system, (rows,), from that in the order of ``now``."""
         return sigma
 
+    def store_start(self) -> None:  # noqa: B027
+        """Store what a start has beside its state."""
+
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that steps depend on, between two calls of :meth:`advance`, for a checkpoint."""
         problems = enumerate(self.prepared.values())
@@ -372,7 +375,9 @@ class CompiledStepper(Stepper):
 class PythonStepper(Stepper):
     """Steps done one by one in Python: of sparse systems in contact, and of linear systems."""
 
-    COUNTS = ("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves")
+    COUNTS: ClassVar[tuple[str, ...]] = (
+        *("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves"),
+    )
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)

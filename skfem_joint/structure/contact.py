@@ -22,10 +22,14 @@ from skfem_joint.mesh.cells import cell_of
 from skfem_joint.slips import SlipRows, rows_along
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.opening import opening_face, opening_rows
 from skfem_joint.structure.patch import SMALL, Patch, make_patch
 from skfem_joint.structure.pressure import Pressure
 from skfem_joint.unknowns import dof_numbers, selection, stacked
 from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, STIFFNESS, check, problems
+
+#: Arguments of `contact` for contact that opens and closes.
+OPENING = ("contact", "gap", "normal_stiffness")
 
 
 def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
@@ -40,7 +44,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     node = np.zeros(m, dtype=np.intp)
     directions, normal = np.zeros((m, dim, dim)), np.zeros((m, dim))
     R = sparse.csr_array((m, count))
-    entered = np.zeros(m, dtype=bool)
+    entered, opens = np.zeros((2, m), dtype=bool)
     outwards = np.zeros((count, dim))
     for patch in patches:
         w[patch.points] += patch.joint.friction * patch.normal_force
@@ -49,7 +53,9 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         stiffness[patch.points] += patch.stiffness
         node[patch.points] = patch.nodes
         directions[patch.points, : patch.directions.shape[1]] = patch.directions
-        if patch.normal is not None:
+        if patch.opening is not None:
+            opens[patch.points] = True
+        elif patch.normal is not None:
             normal[patch.points] = patch.normal
             outwards[patch.held_nodes] = patch.held_normal
         if patch.other is not None:
@@ -61,7 +67,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     dofs = dim * node[:, None] + np.argsort(held[node], axis=1, kind="stable")  # free first
     relative = sparse.kron(selection(node, count) - R, sparse.eye_array(dim))
     # Contact that stays closed holds the direction in which a free node does not slip.
-    closed = np.flatnonzero(np.count_nonzero(~held[node], axis=1) > slips)
+    closed = np.flatnonzero((np.count_nonzero(~held[node], axis=1) > slips) & ~opens)
     # It also holds nodes of a pressed border that supports keep from slipping, in free directions.
     outwards[node] = 0.0
     outwards[held] = 0.0
@@ -80,6 +86,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         pivots=np.concatenate([dofs[closed, slips[closed]], lone, dofs[point, which]]),
         clamped=np.concatenate([clamped[closed], np.zeros(still.size)]),
         stiffness=np.where(stiffness > 0.0, stiffness, np.inf),
+        normal=opening_rows(patches, held, m),
     )
 
 
@@ -87,7 +94,7 @@ def contact(
     basis: Any,
     on: str,
     *,
-    pressure: Pressure,
+    pressure: Pressure | None = None,
     friction: float,
     beta: float = np.inf,
     against: str | None = None,
@@ -97,6 +104,7 @@ def contact(
     fixed: Any = (),
     name: str | None = None,
     tangential_stiffness: float = np.inf,
+    **opening: Any,
 ) -> SlipRows:
     """Friction on a named part of a mesh, for matrices assembled on any displacement basis.
 
@@ -105,7 +113,8 @@ def contact(
     basis : skfem.Basis
         Of `ElementVector` of first or second order, or of a line element.
     on, pressure, friction, beta, against, normal_force, tangential_stiffness
-        As those of a `Joint`, regions being subdomains of the basis' mesh.
+        As those of a `Joint`, regions being subdomains of the basis' mesh. The pressure may be left
+        out where contact opens.
     width, thickness : float
         Extent of the contact across lines and edges, m.
     fixed : array_like of int, optional
@@ -114,12 +123,15 @@ def contact(
     name : str, optional
         Joint under which results state its friction energy, ``on`` if not given. In a sum of
         contacts each name is a joint of its own.
+    **opening
+        ``contact="unilateral"`` for contact that opens and closes, and with it ``gap`` (m) and
+        ``normal_stiffness`` (Pa/m), as those of a `Joint`.
 
     Returns
     -------
     SlipRows
-        For :meth:`skfem_joint.System.from_matrices`. Facets cannot move along their normal:
-        contact stays closed.
+        For :meth:`skfem_joint.System.from_matrices`. Without ``contact="unilateral"`` facets cannot
+        move along their normal: contact stays closed.
 
     Raises
     ------
@@ -136,15 +148,18 @@ def contact(
             "point_friction(row, limit) for slip rows of your own"
         )
     grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
-    joint = Joint(
-        on,
-        pressure,
-        friction,
-        against,
-        beta,
-        normal_force,
-        tangential_stiffness=tangential_stiffness,
+    refuse(
+        f"contact: unexpected argument {key!r}, must be one of {', '.join(OPENING)}"
+        for key in opening
+        if key not in OPENING
     )
+    opens = opening.get("contact") == "unilateral"
+    if pressure is None and not opens:
+        raise InputError(
+            "contact: pressure: missing; only with contact='unilateral' it may be left out"
+        )
+    opening["tangential_stiffness"] = tangential_stiffness
+    joint = Joint(on, pressure or 0.0, friction, against, beta, normal_force, **opening)
     wrong = [*joint_problems(grid.mesh, [joint])]
     for key, extent in (("width", width), ("thickness", thickness)):
         wrong += problems(f"contact: {key}", extent, POSITIVE)
@@ -155,13 +170,24 @@ def contact(
         table[grid.of_element[i // dim], i % dim] = row
     held = np.isin(table, dof_numbers(fixed, basis.N))
     widths, depths = (np.full(grid.mesh.n_elements, float(x)) for x in (width, thickness))
-    patch = make_patch(grid, joint, held, widths, depths, np.full(grid.n_nodes, -1))
+    own = opening_face(grid, joint, widths, depths) if opens else (None, None)
+    patch = make_patch(grid, joint, held, widths, depths, np.full(grid.n_nodes, -1), *own)
     rows = contact_rows([patch], held)
     order = selection(table.ravel(), basis.N)
     pivots = table.ravel()[rows.pivots]
     names = (_joint_name("contact", on if name is None else name),) * rows.w.size
-    turned = {"B": rows.B @ order, "closed": rows.closed @ order}
-    return replace(rows, pivots=pivots, clamped=None, names=names, **turned)
+    normal = rows.normal
+    if normal is not None:
+        normal = replace(normal, D=normal.D @ order, pivots=table.ravel()[normal.pivots])
+    return replace(
+        rows,
+        B=rows.B @ order,
+        closed=rows.closed @ order,
+        pivots=pivots,
+        clamped=None,
+        names=names,
+        normal=normal,
+    )
 
 
 def _joint_name(where: str, name: Any) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 from skfem_joint.structure.body import SECTION, Body
 from skfem_joint.structure.clamps import Clamp
 from skfem_joint.structure.joints import Joint
+from skfem_joint.structure.patch import Patch
 from skfem_joint.system import System
 
 
@@ -97,6 +98,24 @@ def coarse_for_waves(body: Body, system: System) -> Iterator[str]:
             f"Hz, the highest frequency of the loads; {USUAL.per_wavelength:g} are the least: "
             "refine the mesh, or check frequency, rise_time, E and density."
         )
+
+
+def oscillating_impacts(body: Body, patches: Sequence[Patch]) -> Iterator[str]:
+    """Sentences about faces that will hit each other while a consistent mass acts.
+
+    With 100 elements along a bar that hits a wall the force behind the impact swings by 20 to 50 %
+    with a consistent mass, by 0.3 % with a lumped one.
+    """
+    for patch in patches:
+        if patch.joint.opens and patch.joint.gap > 0.0 and body.mass != "lumped":
+            cure = "give material.mass_matrix = 'lumped'"
+            if body.mesh.order > 1:
+                cure = "take elements of first order with material.mass_matrix = 'lumped'"
+            yield (
+                f"Joint '{patch.joint.name}' starts apart, so that its faces will hit each other: "
+                "behind an impact forces oscillate by 20 to 50 % with a consistent mass, by its "
+                f"own dispersion, and hardly with a lumped one; {cure}."
+            )
 
 
 def locking(body: Body) -> Iterator[str]:

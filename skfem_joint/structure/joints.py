@@ -39,6 +39,14 @@ class Joint:
         Nodal forces are integrals of pressure times hat function, which converge with the square
         of the element size; or, as in the paper, the total force divided equally among the nodes
         that can slip, which converge with the element size.
+    contact : {"constant", "unilateral"}
+        Whether the normal force stays as it is at rest and the contact closed; or follows the
+        motion, and the contact opens and closes wherever the faces meet. The latter needs a
+        boundary, in two dimensions or three; without a ``pressure`` (0) it is not pressed at rest.
+    gap : float
+        Distance by which the faces are apart at rest, m, beside that of the mesh.
+    normal_stiffness : float
+        Of contact that opens, Pa/m; rigid if ``inf``.
     axis : tuple of float, optional
         Direction along which the paper's scaled modes are stretched over the active length
         (``reference = "paper"``); in one dimension the bar itself.
@@ -55,6 +63,20 @@ class Joint:
     normal_force: str = "consistent"
     axis: tuple[float, ...] | None = None
     tangential_stiffness: float = np.inf
+    contact: str = "constant"
+    gap: float = 0.0
+    normal_stiffness: float = np.inf
+
+    @property
+    def opens(self) -> bool:
+        """Whether contact opens and closes."""
+        return self.contact == "unilateral"
+
+    @property
+    def pressed_by_bolts(self) -> bool:
+        """Whether the static solution under clamping bolts, if there are any, says its pressure."""
+        without = isinstance(self.pressure, int | float) and self.pressure == 0.0
+        return self.pressure == PRELOAD or (self.opens and without)
 
     @property
     def name(self) -> str:
@@ -74,6 +96,24 @@ def joint_value_problems(joint: Joint) -> Iterator[str]:
     stiffness = f"{joint.label}: tangential_stiffness", joint.tangential_stiffness
     yield from problems(*stiffness, STIFFNESS)
     yield from one_of(f"{joint.label}: normal_force", joint.normal_force, ("consistent", "equal"))
+    yield from one_of(f"{joint.label}: contact", joint.contact, ("constant", "unilateral"))
+    yield from problems(f"{joint.label}: gap", joint.gap, NOT_NEGATIVE)
+    yield from problems(f"{joint.label}: normal_stiffness", joint.normal_stiffness, BETA)
+    if joint.opens and joint.normal_force != "consistent":
+        yield (
+            f"{joint.label}: normal_force: found {joint.normal_force!r} beside contact = "
+            "'unilateral', must be 'consistent'"
+        )
+    if joint.opens and np.isfinite(joint.tangential_stiffness):
+        yield (
+            f"{joint.label}: tangential_stiffness: found {joint.tangential_stiffness:g} beside "
+            "contact = 'unilateral', which cannot be computed together yet; leave one of them out"
+        )
+    if not joint.opens and (joint.gap > 0.0 or np.isfinite(joint.normal_stiffness)):
+        yield (
+            f"{joint.label}: found gap or normal_stiffness, which need contact = 'unilateral': "
+            "give it, or leave them out"
+        )
     if not isinstance(joint.pressure, PressureTable | Bolts | str):  # patches refuse words
         yield from problems(f"{joint.label}: pressure", joint.pressure, NOT_NEGATIVE)
 
@@ -95,6 +135,11 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
             continue
         table = mesh.regions if kind == "region" else mesh.boundaries
         parts = [table[name] for name in (joint.on, joint.against) if name is not None]
+        if joint.opens and (kind == "region" or mesh.dim == 1):
+            yield (
+                f"{where}: contact = 'unilateral' needs a boundary, in two dimensions or three; "
+                "what lies on its base over a region stays on it"
+            )
         if kind == "boundary" and not all(np.isin(part, outer).all() for part in parts):
             yield f"{where}: it runs inside a body; a joint must be on its border"
         elements = [part if kind == "region" else mesh.mesh.f2t[0, part] for part in parts]

@@ -363,6 +363,11 @@ class MatrixModel:
 
 def _on_surfaces(joint: Joint) -> Iterator[str]:
     """Refuse keys that a joint between pairs of nodes cannot have."""
+    if joint.opens:
+        yield (
+            f"{joint.label}: contact: found 'unilateral' beside matrices, whose pairs stay closed; "
+            "it needs a mesh, or sj.contact in Python; leave it out"
+        )
     for name, usual in (("against", None), ("axis", None), ("normal_force", "consistent")):
         if getattr(joint, name) != usual:
             yield f"{joint.label}: {name}: found beside matrices, whose contacts tell; leave it out"

@@ -9,7 +9,7 @@ import numpy as np
 
 from skfem_joint.mesh.cells import spot
 from skfem_joint.structure.body import Body
-from skfem_joint.structure.doubts import coarse_for_waves
+from skfem_joint.structure.doubts import coarse_for_waves, oscillating_impacts
 from skfem_joint.structure.joints import Joint
 from skfem_joint.structure.load import Load
 from skfem_joint.structure.patch import Patch
@@ -91,11 +91,12 @@ def doubts(structure: AnyStructure, system: System, waves: bool = True) -> list[
     sentences = [*system.notes, *structure.unusual(system)]
     if waves and structure.body is not None:
         sentences += coarse_for_waves(structure.body, system)
+        sentences += oscillating_impacts(structure.body, structure.patches)
     if not structure.patches:
         sentences.append("There is no joint: nothing slips, the structure is linear.")
     for patch in structure.patches:
         joint = patch.joint
-        if not np.any(system.w[patch.points] > 0.0):
+        if not np.any(system.rubs[patch.points]) or joint.friction == 0.0:
             sentences.append(
                 f"Joint '{joint.name}' carries no friction: its pressure or friction is 0."
             )

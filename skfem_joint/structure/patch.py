@@ -43,12 +43,16 @@ class Pressed:
         Mean distance around each node by which the joint has opened, m.
     other : sparse array, shape (N, N), or None
         Displacement of the other body opposite to each node, from that of its nodes.
+    contact_force, contact_gap : ndarray, shape (k,), or None
+        Force, N, and gap, m, of the nodes of `PressureSpace`, where bolts press the joint.
     """
 
     force: FloatArray
     area: FloatArray
     gap: FloatArray
     other: sparse.csr_array | None
+    contact_force: FloatArray | None = None
+    contact_gap: FloatArray | None = None
 
 
 def point_stiffness(joint: Joint, area: FloatArray) -> FloatArray:
@@ -92,6 +96,10 @@ class Patch:
         rigid base.
     bolt_shares : tuple of float
         Part of each bolt's ring that lies on the joint.
+    opening : OpeningFace, optional
+        Pressure points, where the contact opens and closes.
+    opening_normal, opening_other
+        Normals and displacement of the other body at the nodes of these.
     """
 
     joint: Joint
@@ -108,6 +116,9 @@ class Patch:
     cells: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.intp))
     other: sparse.csr_array | None = None
     bolt_shares: tuple[float, ...] = ()
+    opening: Any = None
+    opening_normal: FloatArray | None = None
+    opening_other: sparse.csr_array | None = None
 
     @property
     def stiffness(self) -> FloatArray:
@@ -276,6 +287,7 @@ def make_patch(
     thickness: FloatArray,
     numbering: IntArray,
     preloaded: Pressed | None = None,
+    opening: Any = None,
 ) -> Patch:
     """Contact points of a joint.
 
@@ -290,7 +302,9 @@ def make_patch(
     numbering : ndarray of int, shape (N,)
         Contact point of each node, -1 where there is none. New points are entered in it.
     preloaded : Pressed, optional
-        Normal forces from clamping bolts.
+        Normal forces from clamping bolts, or of contact that opens.
+    opening : OpeningFace, optional
+        Pressure points of contact that opens, whose nodes are all contact points.
 
     Raises
     ------
@@ -310,7 +324,7 @@ def make_patch(
         )
     else:
         force, area, shares = nodal_pressure(grid.nodes, cells, depth, joint.pressure, label)
-    pressed = np.flatnonzero(force > 0.0)
+    pressed = np.flatnonzero(force > 0.0) if opening is None else opening.nodes
     if joint.normal_force == "equal" and pressed.size:
         pressed = np.unique(cells)
     normal = None if normals is None else normals[pressed]
@@ -326,7 +340,8 @@ def make_patch(
         total, force = force.sum(), np.zeros_like(force)
         force[own] = total / max(own.size, 1)
     opposite = None if preloaded is None else preloaded.other
-    other = None if joint.against is None else _other(grid, joint, pressed, held, opposite)[slips]
+    opening_other = None if joint.against is None else _other(grid, joint, pressed, held, opposite)
+    other = None if opening_other is None else opening_other[slips]
     new = own[numbering[own] < 0]
     numbering[new] = numbering.max(initial=-1) + 1 + np.arange(new.size)
     return Patch(
@@ -344,6 +359,9 @@ def make_patch(
         held_force=float(force[still].sum()),
         held_area=float(area[still].sum()),
         bolt_shares=shares,
+        opening=opening,
+        opening_normal=None if opening is None or normals is None else normals[opening.nodes],
+        opening_other=None if opening is None else opening_other,
     )
 
 
@@ -408,6 +426,12 @@ def check_shared(grid: Nodes, patches: Sequence[Patch], new: Patch) -> None:
     """Refuse contact points that ``new`` shares with a joint of another law or slip direction."""
     for patch in patches:
         shared, mine, old = np.intersect1d(new.nodes, patch.nodes, return_indices=True)
+        if shared.size and (patch.joint.opens or new.joint.opens):
+            raise InputError(
+                f"{new.joint.label} shares a node, at {spot(grid.nodes[shared[0]])}, with "
+                f"{patch.joint.label}, and contact = 'unilateral' needs nodes of its own; make "
+                "both a single joint, or leave an element between them"
+            )
         same = _alike(patch.other, new.other, old, mine) and _law(patch.joint) == _law(new.joint)
         if shared.size and not (same and _alike(patch.directions, new.directions, old, mine)):
             raise InputError(

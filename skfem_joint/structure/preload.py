@@ -108,14 +108,18 @@ def preload(
     begin, (_, K) = time.perf_counter(), body.matrices()
     clamps = (clamp_forces(body, bolt, f"bolt[{i}]") for i, bolt in enumerate(bolts))
     force = np.sum([*clamps], axis=0)
-    every = ((i, pressure_space(body, joint)) for i, joint in enumerate(joints))
+    sizes = body.properties["width"], body.properties["thickness"]
+    every = ((i, pressure_space(body, joint, *sizes)) for i, joint in enumerate(joints))
     faces = {i: face for i, face in every if face is not None}
     N = stacked([face.N for face in faces.values()], force.size)
     area, gap = (
         np.concatenate([getattr(face, name) for face in faces.values()]) for name in ("area", "gap")
     )
-    sizes = [face.corners.size for face in faces.values()]
-    tied = np.repeat([joints[i].pressure != PRELOAD for i in faces], sizes)
+    gap = gap + np.repeat(
+        [joints[i].gap for i in faces], [face.nodes.size for face in faces.values()]
+    )
+    counts = [face.nodes.size for face in faces.values()]
+    tied = np.repeat([not joints[i].pressed_by_bolts for i in faces], counts)
     free, left_out = _moving(body, held, N, force)
     u = np.zeros(force.size)
     G = sparse.csr_array(sparse.diags_array(area) @ N)
@@ -125,10 +129,10 @@ def preload(
     u[free], p, count = contact.solve()
     u -= left_out @ linalg.lstsq(left_out, u)[0]
     borne = np.where(p > active_set.SETTINGS.round_off * p.max(initial=0.0), area * p, 0.0)
-    parts = (np.split(x, np.cumsum(sizes)[:-1]) for x in (borne, gap - N @ u))
+    parts = (np.split(x, np.cumsum(counts)[:-1]) for x in (borne, gap - N @ u))
     pressed: list[Pressed | None] = [None] * len(joints)
     for (i, face), *values in zip(faces.items(), *parts, strict=True):
-        if joints[i].pressure == PRELOAD:
+        if joints[i].pressed_by_bolts:
             pressed[i] = _pressed(joints[i], face, body.n_nodes, *values)
     seconds = time.perf_counter() - begin
     return Preload(u.reshape(force.shape), force, tuple(pressed), count, seconds)
@@ -166,17 +170,13 @@ def _moving(
 def _pressed(
     joint: Joint, face: PressureSpace, n_nodes: int, force: FloatArray, gap: FloatArray
 ) -> Pressed:
-    """Normal forces of a joint at all nodes, from forces and gaps (q,) of the corners of its face.
-
-    Gaps are linear between the corners, as pressures are.
-    """
-    if not force.any():
+    """Normal forces of a joint at all nodes, from forces and gaps (k,) of the nodes of its face."""
+    if joint.pressure == PRELOAD and not force.any():
         raise InputError(
             f"{joint.label}: the preload leaves no contact, it opens everywhere; do the bolts "
             "press elsewhere?"
         )
     at = selection(face.nodes, n_nodes).T
     other = None if face.other is None else sparse.csr_array(at @ face.other)
-    return Pressed(
-        at @ face.normal_force(force), at @ face.node_area, at @ (face.at_nodes @ gap), other
-    )
+    nodal = at @ face.normal_force(force), at @ face.area, at @ gap
+    return Pressed(*nodal, other, force, gap)

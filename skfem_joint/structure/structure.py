@@ -25,6 +25,7 @@ from skfem_joint.structure.clamps import Clamp, clamp_problems, cuts
 from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
+from skfem_joint.structure.opening import opening_face
 from skfem_joint.structure.patch import Patch, check_shared, make_patch
 from skfem_joint.structure.preload import Preload, preload
 from skfem_joint.structure.reactions import Reactions, reactions
@@ -32,7 +33,6 @@ from skfem_joint.structure.rigid import loose_bodies
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
-    change_of_unknowns,
     congruent,
     expanded,
     selection,
@@ -264,9 +264,10 @@ class Structure:
         pressed = [None] * len(self.joints) if self.preload is None else self.preload.joints
         for joint, by_bolts in zip(self.joints, pressed, strict=True):
             try:
-                patch = make_patch(
-                    self.body, joint, self.held, p["width"], p["thickness"], numbering, by_bolts
-                )
+                face, sizes = None, (p["width"], p["thickness"])
+                if joint.opens:
+                    by_bolts, face = opening_face(self.body, joint, *sizes, by_bolts)
+                patch = make_patch(self.body, joint, self.held, *sizes, numbering, by_bolts, face)
                 check_shared(self.body, patches, patch)
                 patches.append(patch)
             except InputError as error:
@@ -288,7 +289,7 @@ class Structure:
     def change_of_unknowns(self) -> ChangeOfUnknowns:
         """Unknowns from the displacements of all nodes, ``dim * node + component``, and back."""
         rows, fixed = self._slip_rows, np.flatnonzero(self.held)
-        return change_of_unknowns(self.held.size, fixed, rows.closed, rows.B, rows.pivots)
+        return rows.change_of_unknowns(fixed)
 
     @property
     def T(self) -> sparse.csr_array:
@@ -395,7 +396,8 @@ class Structure:
             M=M,
             C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
             K=K,
-            B=selection(new.slips, K.shape[0]),
+            B=selection(new.slips[: rows.B.shape[0]], K.shape[0]),
+            opening=rows.opening_in(new),
             w=rows.w,
             beta=rows.beta,
             directions=rows.directions,

@@ -23,6 +23,11 @@ from skfem_joint.scene.shipped import write_shipped
 SLOW = {"cycles": 2, "steps_per_cycle": 40, "quasi_static": True}
 
 
+def arrays_of(path):
+    with np.load(path) as file:
+        return dict(file)
+
+
 def slow_bar(*run, **changes):
     values = {"load": [harmonic(amplitude=50e3, frequency=1.0)], "reduction": {}, "time": SLOW}
     return bar_scene(*(run or ("full",)), bar="coarse", **values | changes)
@@ -50,7 +55,7 @@ def test_models_agree_within_their_stated_errors(plates):
 
 def test_summary_and_history_have_the_loops(plates, tmp_path):
     report.write_history(tmp_path / "history.npz", plates.runs)
-    stored = np.load(tmp_path / "history.npz")
+    stored = arrays_of(tmp_path / "history.npz")
     run, content = plates.runs["full"], model_summary(plates, plates.models["full"])
     force, slip = (stored[f"full_upper_joint_{name}"] for name in ("force", "mean_slip"))
     assert np.array_equal(force, run.loops.force[:, 0])
@@ -207,7 +212,7 @@ def test_command_beyond_slip_ends_with_status_3_and_writes_its_levels(tmp_path, 
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert summary["models"]["full"]["interrupted"] is True
     # Friction holds 50 kN, which the load exceeds at 0.833 s.
-    history = np.load(out / "history.npz")
+    history = arrays_of(out / "history.npz")
     assert history["time"][-1] == pytest.approx(0.8)
     assert history["load_0_free_end"][-1] == pytest.approx(48e3)
     assert history["full_joint_force"][-1] == pytest.approx(48e3, rel=1e-6)

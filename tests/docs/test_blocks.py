@@ -27,6 +27,7 @@ PAGES = {
     "docs/how-to/damping.md": True,
     "docs/how-to/long-runs.md": False,
     "docs/how-to/matrices.md": True,
+    "docs/how-to/opening-contact.md": True,
     "docs/how-to/own-basis.md": False,
     "docs/how-to/paraview.md": False,
     "docs/how-to/python.md": True,

@@ -1,0 +1,93 @@
+"""Estimated errors of condensed models with contact that opens.
+
+No reduced model stands beside them, and a residual in the full equation would need the normal
+forces of points that the model does not follow. So the model is run again, better in one respect at
+a time: with half and, where it is small, a quarter of its step, and with twice as many
+fixed-interface modes, which a quasi-static run does without: its statics are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from skfem_joint.analysis.estimate import (
+    SETTINGS,
+    Estimate,
+    Parts,
+    added,
+    at_least,
+    left_of_steps,
+    verification_run,
+)
+from skfem_joint.analysis.history import QUANTITIES, difference, joint_differences, results
+from skfem_joint.analysis.step_estimate import is_small
+from skfem_joint.reduction.basis import Basis
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run
+from skfem_joint.system import System
+
+
+def of_condensed(
+    system: System,
+    basis: Basis,
+    run: Run,
+    plan: Plan,
+    progress: Callable[..., None] | None = None,
+) -> Estimate:
+    """Errors of a condensed model's run with contact that opens.
+
+    Parameters
+    ----------
+    system : System
+        The full model.
+    basis : Basis
+        Of the condensed one.
+    run : Run
+        By ``plan``, with its named points.
+    plan : Plan
+    progress : callable, optional
+        As `integrate` takes it.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of another run does not converge.
+    KeyboardInterrupt
+        If one is interrupted.
+    """
+
+    def finer(factor: int) -> Run:
+        return verification_run(run.system, plan.finer(factor), progress=progress)
+
+    base, half = results(run), results(finer(2))
+    finest, before = half, None
+    if is_small(system, plan):
+        finest, before = results(finer(4)), difference(half, base)
+    left = left_of_steps(before, difference(finest, base if before is None else half))
+    steps = added(difference(finest, base), left)
+    truth = finest
+    of_basis: Parts = dict.fromkeys(QUANTITIES, 0.0)
+    wider = None if plan.quasi_static else _wider(system, basis)
+    if wider is not None:
+        wide = results(verification_run(wider, plan, progress=progress))
+        truth = finest.plus(1.0, wide, base)
+        of_basis = _with_rest(difference(wide, base))
+    total = at_least(added(steps, of_basis), truth, base, of_basis, steps)
+    parts = {"basis": of_basis, "time_step": steps, "total": total}
+    rest = left["friction_energy"] or 0.0
+    joints = joint_differences(truth, base, run.system.joints, rest)
+    return Estimate(parts, by_joint=joints)
+
+
+def _wider(system: System, basis: Basis) -> System | None:
+    """Condensed model with twice as many fixed-interface modes; None where it has all motions."""
+    kept = condensed_basis(system, 0).V.shape[1]
+    V = condensed_basis(system, max(SETTINGS.added, 2 * (basis.V.shape[1] - kept))).V
+    return condensed_system(system, V) if V.shape[1] > basis.V.shape[1] else None
+
+
+def _with_rest(change: Parts) -> Parts:
+    """Change by twice as many modes, and what is left when changes go on to fall as they may."""
+    series = 1.0 / (1.0 - SETTINGS.slowest)
+    return {name: None if e is None else series * e for name, e in change.items()}

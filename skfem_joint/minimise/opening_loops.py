@@ -1,0 +1,265 @@
+"""Compiled loops of contact that opens and closes, over pressure points and friction points.
+
+Unknowns z are the slips of the friction points and, behind them, the approaches of the faces at the
+pressure points. A is the dense matrix of these; ``r`` is g - A z, from which the forces of contact
+are not subtracted.
+
+A pressure point c may approach by up to ``bound[c]``; there it carries the force p >= 0. With a
+stiffness it carries ``stiffness[c] (z - bound[c])`` beyond the bound. The friction limit of point f
+is what is given plus ``gain`` times the forces of the pressure points around it, and never below 0.
+"""
+
+# numba infers the types of compiled functions:
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+from math import hypot, inf
+from typing import Any, NamedTuple
+
+from skfem_joint.compiling import compiled, compiled_for, compiled_inside
+from skfem_joint.minimise.law import across, psi, resolvent, sigma, slope
+from skfem_joint.minimise.line_search import friction_slope, line_search
+
+
+class Pressing(NamedTuple):
+    """Pressure points: unknown, largest approach and stiffness of each; ``inf`` is rigid."""
+
+    place: Any
+    bound: Any
+    stiffness: Any
+
+
+class Limits(NamedTuple):
+    """Friction limits from normal forces: w = max(0, given + gain p), gain as compressed rows."""
+
+    given: Any
+    start: Any
+    column: Any
+    gain: Any
+
+
+class Rubbing(NamedTuple):
+    """Friction points: unknowns (second -1 for one direction), eigenvalue of the block, law."""
+
+    first: Any
+    second: Any
+    stiff: Any
+    beta: Any
+
+
+@compiled_inside
+def _subtract(A, i, step, r):
+    """Subtract a step times the i-th row of the symmetric A."""
+    row = A[i]
+    for k in range(r.size):
+        r[k] -= step * row[k]
+
+
+@compiled_inside
+def _force(stiffness, over, r):
+    """Force of a pressure point that is ``over`` its bound (0 at it); ``r`` is its residual."""
+    if stiffness == inf:
+        return max(r, 0.0) if over >= 0.0 else 0.0
+    return stiffness * max(over, 0.0)
+
+
+@compiled
+def normal_forces(pressing, z, r, p):
+    """Forces of the pressure points at ``z``, N."""
+    for c in range(p.size):
+        i = pressing.place[c]
+        p[c] = _force(pressing.stiffness[c], z[i] - pressing.bound[c], r[i])
+
+
+@compiled
+def friction_limits(limits, p, w):
+    """Friction limits under the normal forces ``p``, N."""
+    for f in range(w.size):
+        total = limits.given[f]
+        for k in range(limits.start[f], limits.start[f + 1]):
+            total += limits.gain[k] * p[limits.column[k]]
+        w[f] = max(total, 0.0)
+
+
+@compiled
+def relax_normals(A, pressing, z, r, backward):
+    """Minimise over the approach of each pressure point in turn, in place."""
+    n = pressing.place.size
+    for k in range(n):
+        c = n - 1 - k if backward else k
+        i = pressing.place[c]
+        bound = pressing.bound[c]
+        own = A[i, i]
+        x = z[i] + r[i] / own
+        if x > bound:
+            kappa = pressing.stiffness[c]
+            x = bound if kappa == inf else (own * x + kappa * bound) / (own + kappa)
+        if x != z[i]:
+            _subtract(A, i, x - z[i], r)
+            z[i] = x
+
+
+@compiled
+def relax_slips(A, rubbing, w, z, r, backward):
+    """Minimise over the slip of each friction point in turn for given limits, in place.
+
+    With two directions the block is replaced by its largest eigenvalue times the identity, which
+    bounds the objective from above.
+    """
+    n = rubbing.first.size
+    for k in range(n):
+        f = n - 1 - k if backward else k
+        i = rubbing.first[f]
+        j = rubbing.second[f]
+        stiff = rubbing.stiff[f]
+        before = z[i]
+        beside = z[j] if j >= 0 else 0.0
+        x = r[i] + stiff * before
+        y = r[j] + stiff * beside if j >= 0 else 0.0
+        size = hypot(x, y)
+        speed = size / stiff
+        if w[f] > 0.0:
+            speed = resolvent(size / w[f], stiff / w[f], rubbing.beta[f])[0]
+        new = speed * (x / size) if size != 0.0 else 0.0
+        if new != before:
+            _subtract(A, i, new - before, r)
+            z[i] = new
+        if j >= 0:
+            new = speed * (y / size) if size != 0.0 else 0.0
+            if new != beside:
+                _subtract(A, j, new - beside, r)
+                z[j] = new
+
+
+@compiled_inside
+def _speed(rubbing, f, z):
+    i = rubbing.first[f]
+    j = rubbing.second[f]
+    return abs(z[i]) if j < 0 else hypot(z[i], z[j])
+
+
+@compiled
+def subtract_forces(rubbing, pressing, w, p, z, r, force, held):
+    """Subtract the forces of contact from ``r``; returns its largest entry and where it is.
+
+    ``force`` takes the forces by unknown, N, and ``held`` marks the unknowns that cannot move now:
+    of points that stick, and of rigid pressure points that are closed.
+    """
+    held[:] = False
+    force[:] = 0.0
+    for f in range(rubbing.first.size):
+        speed = _speed(rubbing, f, z)
+        i = rubbing.first[f]
+        j = rubbing.second[f]
+        rests = rubbing.beta[f] == inf and speed == 0.0 and w[f] > 0.0
+        size = 0.0
+        if rests:
+            pull = abs(r[i]) if j < 0 else hypot(r[i], r[j])
+            size = 1.0 if pull <= w[f] else w[f] / pull
+        elif speed > 0.0:
+            size = w[f] * sigma(speed, rubbing.beta[f])
+        for k in (i, j):
+            if k >= 0:
+                held[k] = rests
+                if rests:
+                    force[k] = r[k] * size
+                elif speed > 0.0:
+                    force[k] = size * (z[k] / speed)
+    for c in range(p.size):
+        i = pressing.place[c]
+        force[i] = p[c]
+        held[i] = pressing.stiffness[c] == inf and z[i] >= pressing.bound[c]
+    largest = 0.0
+    where = 0
+    for k in range(r.size):
+        r[k] -= force[k]
+        if not abs(r[k]) <= largest:
+            largest = abs(r[k])
+            where = k
+            if largest != largest:
+                break
+    return largest, where
+
+
+@compiled
+def tangents(rubbing, pressing, w, z, blocks, diagonal):
+    """Blocks (11, 12, 22) of d(friction)/dz by point, and of the normal force by pressure point."""
+    for f in range(rubbing.first.size):
+        blocks[f, :] = 0.0
+        speed = _speed(rubbing, f, z)
+        if w[f] == 0.0 or (rubbing.beta[f] == inf and speed == 0.0):
+            continue
+        along = w[f] * slope(speed, rubbing.beta[f])
+        beside = w[f] * across(speed, rubbing.beta[f])
+        if rubbing.beta[f] == inf:
+            # Round-off of a much stiffer tangent would make the matrix singular along the slip.
+            beside = min(beside, 1e8 * rubbing.stiff[f])
+        blocks[f, 0] = blocks[f, 2] = along
+        j = rubbing.second[f]
+        if j >= 0 and speed > 0.0:
+            x = z[rubbing.first[f]] / speed
+            y = z[j] / speed
+            blocks[f, 0] = beside + (along - beside) * x * x
+            blocks[f, 1] = (along - beside) * x * y
+            blocks[f, 2] = beside + (along - beside) * y * y
+    for c in range(pressing.place.size):
+        kappa = pressing.stiffness[c]
+        pressed = kappa != inf and z[pressing.place[c]] > pressing.bound[c]
+        diagonal[c] = kappa if pressed else 0.0
+
+
+class ContactLine(NamedTuple):
+    """Line z + length d, for the search along it with given friction limits."""
+
+    rubbing: Any
+    pressing: Any
+    w: Any
+    z: Any
+    d: Any
+
+
+@compiled_for(friction_slope, ContactLine)
+def _slope_along(line, length):
+    """Derivative of the potentials of friction and of elastic normal contact along the line, W."""
+    total = 0.0
+    rubbing = line.rubbing
+    for f in range(rubbing.first.size):
+        i = rubbing.first[f]
+        j = rubbing.second[f]
+        x = line.z[i] + length * line.d[i]
+        y = 0.0 if j < 0 else line.z[j] + length * line.d[j]
+        beside = 0.0 if j < 0 else line.d[j]
+        speed = hypot(x, y)
+        if speed > 0.0 and line.w[f] > 0.0:
+            work = x * line.d[i] + y * beside
+            total += line.w[f] * sigma(speed, rubbing.beta[f]) * work / speed
+    pressing = line.pressing
+    for c in range(pressing.place.size):
+        kappa = pressing.stiffness[c]
+        if kappa != inf:
+            i = pressing.place[c]
+            over = line.z[i] + length * line.d[i] - pressing.bound[c]
+            total += kappa * max(over, 0.0) * line.d[i]
+    return total
+
+
+@compiled
+def length_along(line, linear, quadratic):
+    """Length along the line at which the objective for given limits is nearly least."""
+    slope_0 = linear + friction_slope(line, 0.0)
+    return line_search(line, slope_0, linear, quadratic)[0]
+
+
+@compiled
+def contact_potential(rubbing, pressing, w, z):
+    """Potentials of friction with given limits, and of elastic normal contact, W."""
+    total = 0.0
+    for f in range(rubbing.first.size):
+        total += w[f] * psi(_speed(rubbing, f, z), rubbing.beta[f])
+    for c in range(pressing.place.size):
+        kappa = pressing.stiffness[c]
+        if kappa != inf:
+            over = max(z[pressing.place[c]] - pressing.bound[c], 0.0)
+            total += 0.5 * kappa * over * over
+    return total

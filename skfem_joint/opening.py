@@ -1,0 +1,148 @@
+"""Contact that opens and closes: what it adds to the equations of a system.
+
+The faces of a joint approach each other by N u, the mean over each pressure point. A pressure point
+carries a normal force p (N), and its faces are apart by a gap g (m):
+
+    g = gap - N u >= 0,    p >= 0,    p g = 0                       (rigid)
+    p = max(0, force + stiffness (N u - gap)),                      (with a stiffness)
+
+where ``gap`` and ``force`` are those at rest, u = 0. The equations of motion get the forces
+-N^T (p - force), and friction limits follow the present forces,
+
+    w = given + gain p,
+
+in which ``given`` belongs to joints whose normal force is constant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray, IntArray, Matrix
+
+
+def constant_contact_alone(what: str, cure: str) -> str:
+    """Sentence that refuses contact that opens for ``what``, and says what to do: ``cure``."""
+    return (
+        f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
+        f"with contact that opens there are full and condensed models over given cycles or a "
+        f"duration; {cure}"
+    )
+
+
+@dataclass(frozen=True)
+class OpeningContact:
+    """Pressure points of contact that opens, on the unknowns of a system.
+
+    Attributes
+    ----------
+    N : ndarray or sparse array, shape (q, n)
+        Mean approach of the faces at each pressure point, m, from the unknowns.
+    gap : ndarray, shape (q,)
+        Gap at rest, m; zero where faces touch.
+    force : ndarray, shape (q,)
+        Normal force at rest, N; zero where faces are apart.
+    gain : sparse array, shape (m, q)
+        Friction limit of each contact point by the normal force of each pressure point.
+    stiffness : ndarray, shape (q,)
+        Of each pressure point, N/m; ``inf`` is rigid.
+    area : ndarray, shape (q,)
+        Area of each pressure point, m2.
+    """
+
+    N: Matrix
+    gap: FloatArray
+    force: FloatArray
+    gain: Matrix
+    stiffness: FloatArray
+    area: FloatArray
+
+    def problems(self, m: int, n: int) -> list[str]:
+        """What is wrong with shapes and values for ``m`` contact points and ``n`` unknowns."""
+        q = self.gap.size
+        shapes = {"N": (q, n), "gap": (q,), "force": (q,), "gain": (m, q)}
+        shapes |= {"stiffness": (q,), "area": (q,)}
+        wrong = [
+            f"opening: {name}: found shape {getattr(self, name).shape}, must be {right}"
+            for name, right in shapes.items()
+            if getattr(self, name).shape != right
+        ]
+        if wrong:
+            return wrong
+        for name in ("gap", "force"):
+            value = getattr(self, name)
+            if np.any(~np.isfinite(value)) or np.any(value < 0.0):
+                wrong.append(f"opening: {name}: must be finite and not negative")
+        gain = self.gain.data if sparse.issparse(self.gain) else self.gain
+        if np.any(~np.isfinite(gain)) or np.any(gain < 0.0):
+            wrong.append("opening: gain: must be finite and not negative")
+        if np.any(~(self.area > 0.0)) or np.any(np.isinf(self.area)):
+            wrong.append("opening: area: must be finite and positive")
+        if np.any(~(self.stiffness > 0.0)):
+            wrong.append("opening: stiffness: must be positive (inf for rigid contact)")
+        if not wrong and np.any((self.gap > 0.0) & (self.force > 0.0)):
+            wrong.append("opening: a point with a gap at rest cannot carry a normal force")
+        return wrong
+
+    @property
+    def rigid(self) -> Any:
+        """Whether each pressure point is rigid, (q,)."""
+        return np.isinf(self.stiffness)
+
+    @property
+    def limits_at_rest(self) -> FloatArray:
+        """Friction limits of the contact points at rest, (m,), N."""
+        return np.asarray(self.gain @ self.force)
+
+    @property
+    def closed_columns(self) -> IntArray:
+        """Unknowns that do not move while all points that are pressed at rest stay closed.
+
+        They are those whose motion opens or closes pressed points alone.
+        """
+        N = sparse.csc_array(self.N)
+        touched = np.diff(N.indptr) > 0
+        open_ones = sparse.csc_array(N[np.flatnonzero(self.force <= 0.0)])
+        return np.flatnonzero(touched & (np.diff(open_ones.indptr) == 0))
+
+    def in_unknowns(self, T: Matrix) -> OpeningContact:
+        """Same contact in the unknowns q of u = T q."""
+        N = self.N @ T
+        if sparse.issparse(N):
+            N = sparse.csr_array(N)
+            N.data[np.abs(N.data) < 1e-14] = 0.0
+            N.eliminate_zeros()
+        return replace(self, N=N)
+
+    def of_points(self, shares: Matrix) -> OpeningContact:
+        """Same contact for points that merge present ones, those with ``shares`` (k, m) above 0."""
+        members = sparse.csr_array(sparse.csr_array(shares) > 0.0).astype(float)
+        return replace(self, gain=sparse.csr_array(members @ self.gain))
+
+    def gaps(self, u: FloatArray) -> FloatArray:
+        """Gap of each pressure point, (..., q), m, from unknowns (..., n)."""
+        return np.asarray(self.gap - (self.N @ u.T).T)
+
+    def elastic_forces(self, u: FloatArray) -> FloatArray:
+        """Normal forces, (q,), N, of points with a stiffness; zero at rigid ones."""
+        over = np.asarray(self.N @ u) - self.gap
+        stiffness = np.where(self.rigid, 0.0, self.stiffness)
+        return np.where(self.rigid, 0.0, np.maximum(self.force + stiffness * over, 0.0))
+
+    def potential(self, u: FloatArray) -> float:
+        """Energy, J, of the forces at rest and of elastic points, zero at rest.
+
+        Bolts press the faces on each other with the forces at rest; they work as the faces move.
+        """
+        approach = np.asarray(self.N @ u)
+        energy = -float(self.force @ approach)
+        soft = ~self.rigid
+        if soft.any():
+            k = self.stiffness[soft]
+            now, before = self.elastic_forces(u)[soft], self.force[soft]
+            energy += float(((now**2 - before**2) / (2.0 * k)).sum())
+        return energy

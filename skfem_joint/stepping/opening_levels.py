@@ -1,0 +1,128 @@
+"""Levels of quasi-static runs with contact that opens and closes.
+
+The increment d of the displacement from the level before minimises
+
+    1/2 d K d - (f + N^T force - K u) d + sum w |B d|    with    N d <= gap - N u,
+
+with the friction limits w of the normal forces at its end, see
+:mod:`skfem_joint.minimise.opening_newton`. Where bodies are held by friction or contact alone K is
+singular; a little of the mass is added to it, and each level is repeated until the added mass
+carries nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from skfem_joint.arrays import FloatArray, as_dense
+from skfem_joint.errors import InputError
+from skfem_joint.linalg import shifts
+from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
+from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.modes import is_singular
+from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.stepping.levels import Level, NoLevelError
+from skfem_joint.system import System
+
+#: Most times that a level is repeated until the added mass carries nothing.
+REPEATED = 40
+#: Share of the load that the added mass may carry at last.
+CARRIED = 1e-9
+
+
+class OpeningLevels:
+    """Levels with contact that opens, see `skfem_joint.stepping.levels.LevelSolver`.
+
+    Parameters
+    ----------
+    system : System
+        Its masses matter only where contact alone holds a body.
+    tolerance : float
+        Largest force residual relative to the largest force.
+    """
+
+    def __init__(self, system: System, tolerance: float) -> None:
+        self.to = arranged(system)
+        inner = self.to.system
+        if inner.opening is None:
+            raise InputError("contact that opens: found a system without it")
+        self.tolerance, self.contact = tolerance, inner.opening
+        K = as_dense(inner.K) if inner.is_dense else as_compressed(inner.K)
+        self.K, self.added = K, None
+        if is_singular(K):
+            least = shifts.SETTINGS.least * inner.mean_square_frequency
+            M = as_dense(inner.M) if inner.is_dense else as_compressed(inner.M)
+            self.added = least * M
+        self.problem = OpeningNewton(
+            K if self.added is None else K + self.added,
+            ContactPoints.of(inner),
+            self.contact.N,
+            self.contact.gain,
+            self.contact.stiffness,
+        )
+        self.constant = inner.w - self.contact.limits_at_rest
+        self.last = np.zeros(inner.n)
+        self._counts = {"factorizations": 1}
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """See `LevelSolver`."""
+        return self._counts
+
+    def rest(self) -> Level:
+        """See `LevelSolver`."""
+        inner = self.to.system
+        rows = np.zeros(inner.B.shape[0])
+        return Level(np.zeros(inner.n), rows, rows, inner.w, self.contact.force)
+
+    def next(self, last: Level, force: FloatArray) -> Level:
+        """See `LevelSolver`."""
+        found, u = self._increment(last.u, force, self.last)
+        first = u - last.u
+        for _ in range(REPEATED):
+            if self.added is None or self._carried(found, force) <= CARRIED:
+                break
+            found, u = self._increment(u, force, np.zeros_like(u))
+        else:
+            if self.added is not None:
+                raise NoLevelError(
+                    "friction and contact do not hold the loads: the structure slides or lifts off",
+                    beyond=True,
+                )
+        self.last = first
+        friction = found.sigma * self.to.system.on_rows(found.w)
+        slip = np.asarray(self.to.system.B @ u)
+        return Level(u, friction, slip, found.w, found.p)
+
+    def _increment(
+        self, u: FloatArray, force: FloatArray, start: FloatArray
+    ) -> tuple[OpeningMinimum, FloatArray]:
+        """Increment from ``u`` under ``force``, and the displacement after it."""
+        contact = self.contact
+        bound = contact.gaps(u)
+        soft = ~contact.rigid
+        bound[soft] -= contact.force[soft] / contact.stiffness[soft]
+        right = force + contact.N.T @ contact.force - self.K @ u
+        found = self.problem.minimise(
+            right, bound, self.constant, 1.0, start, self.tolerance,
+            np.full(self.constant.size, np.inf),
+        )  # fmt: skip
+        for name, count in found.counts.items():
+            self._counts[name] = self._counts.get(name, 0) + count
+        most = "largest_iterations"
+        self._counts[most] = max(self._counts.get(most, 0), found.counts["newton_iterations"])
+        if not found.converged:
+            unknown = self.to.outer_number(max(found.where, 0))
+            raise NoLevelError(
+                f"a force residual of {found.residual:.3g} N is left at unknown {unknown}", unknown
+            )
+        return found, u + found.v
+
+    def _carried(self, found: OpeningMinimum, force: FloatArray) -> float:
+        """Share of the largest force that the added mass carries."""
+        carried = 0.0 if self.added is None else float(np.abs(self.added @ found.v).max())
+        largest = max(float(np.abs(force).max()), float(found.p.max(initial=0.0)))
+        return carried / largest if largest > 0.0 else 0.0

@@ -1,0 +1,276 @@
+"""Scenes with contact = "unilateral": models, estimates, files, commands and refusals."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_scenes import plate_scene
+
+import skfem_joint as sj
+from skfem_joint import cli
+from skfem_joint.analysis.against_opening import OpeningSettings, against_opening
+from skfem_joint.analysis.description import describe
+from skfem_joint.analysis.estimate import QUANTITIES
+from skfem_joint.analysis.study import run_scene
+from skfem_joint.analysis.summary import model_summary
+from skfem_joint.errors import InputError
+from skfem_joint.mesh import build_plate, write_mesh
+from skfem_joint.output import report
+from skfem_joint.output.fields import frames_of
+from skfem_joint.scene import Scene
+from skfem_joint.structure import doubts
+
+SIZE = 0.04
+BASE: dict[str, Any] = {"on": "base", "friction": 0.5, "pressure": 50e6, "contact": "unilateral"}
+UP = {"on": "top", "direction": [0.0, 1.0], "kind": "harmonic", "frequency": 2000.0}
+ACROSS = UP | {"on": "left", "direction": [1.0, 0.0], "amplitude": 200e3}
+SLOW = {"cycles": 2, "steps_per_cycle": 20, "quasi_static": True}
+
+
+def block(*run: str, up: float = 185e3, contact: dict[str, Any] = BASE, **changes: Any) -> Scene:
+    """Block of 40 mm on a base, pressed by 200 kN and lifted by up to ``up``, N."""
+    sides = {"base": "bottom", "top": "top", "left": "left", "right": "right"}
+    values: dict[str, Any] = {
+        "material": {"E": 200e9, "density": 8e3, "poisson": 0.3, "mass_matrix": "lumped"},
+        "section": {"thickness": 0.1},
+        "support": {"fixed_x": ["right"]},
+        "joint": [contact],
+        "damping": {"stiffness": 2e-7},
+        "load": [UP | {"amplitude": up}, ACROSS],
+        "time": {"cycles": 2, "steps_per_cycle": 100},
+        "output": {"vtk": True, "frames": 20},
+    }
+    mesh = build_plate([("block", SIZE, 3)], SIZE, 3, boundaries=sides)
+    return plate_scene(*(run or ("full",)), mesh=mesh, **values | changes)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return run_scene(block("full", "condensed"))
+
+
+def test_models_agree_within_their_stated_errors(study):
+    assert study.failure is None
+    condensed = study.models["condensed"].estimate
+    for quantity in QUANTITIES:
+        assert condensed.of("full_run", quantity) <= condensed.of("total", quantity)
+        basis, whole = condensed.of("basis", quantity), condensed.of("total", quantity)
+        assert 0.0 < basis < whole
+
+
+def test_stated_errors_of_the_step_are_those_against_a_fine_step(study):
+    fine = run_scene(
+        block(time={"cycles": 2, "steps_per_cycle": 3200}, accuracy={"estimate": False})
+    )
+    stated, run = study.models["full"].estimate, study.runs["full"]
+    true = abs(run.cycles.friction[-1] / fine.runs["full"].cycles.friction[-1] - 1.0)
+    assert 0.5 < stated.of("total", "friction_energy") / true < 3.0
+
+
+def test_summary_has_impacts_normal_forces_and_openings(study):
+    run, content = study.runs["full"], model_summary(study, study.models["full"])
+    assert content["impact_energy_J"] == run.impact_work >= 0.0
+    largest = content["largest_normal_force_N"]
+    assert largest == run.normal_force_peak.max() > 1.9 * run.normal_force[0].max()
+    assert content["opened_fraction"] == 0.5
+    assert content["energy_balance_residual"] < 1e-12
+    shown = report.text(study)
+    for row in ("energy lost by impacts", "largest normal force", "contact opened"):
+        assert row in shown
+    constant = run_scene(block(contact=BASE | {"contact": "constant"}, up=1e3))
+    assert "impact_energy_J" not in model_summary(constant, constant.models["full"])
+    assert "impacts" not in report.text(constant)
+
+
+def test_facts_are_those_of_contact_that_is_closed_at_rest(study):
+    """The same as those of constant contact: both have the same matrices then."""
+    constant = run_scene(
+        block(contact=BASE | {"contact": "constant"}, up=1e3, load=study.scene.load)
+    )
+    ours, theirs = study.description.values, constant.description.values
+    for name in ("frequencies_stuck_Hz", "frequencies_loose_Hz", "load_over_limit"):
+        assert ours[name] == pytest.approx(theirs[name], rel=1e-9)
+    assert "Contact that opens (base)" in "\n".join(study.description.facts)
+
+
+def test_notes_ask_for_nothing_that_is_refused(study):
+    notes = "\n".join(study.warnings)
+    assert "has not reached a steady state" in notes
+    assert "time.until" not in notes
+    assert "[accuracy]" not in notes
+
+
+def test_quasi_static_models_are_alike():
+    slow = run_scene(block("full", "condensed", time=SLOW))
+    assert slow.failure is None
+    errors = slow.models["condensed"].errors
+    assert errors.displacement_rms < 1e-8
+    assert slow.models["condensed"].estimate.of("basis", QUANTITIES[0]) == 0.0
+    assert slow.runs["full"].friction_work.sum() > 0.0
+
+
+def test_fields_have_the_present_pressure_and_gap(study):
+    for name, run in study.runs.items():
+        frames = frames_of(study.structure, {name: run})
+        field, nodes = frames.fields[0], study.structure.patches[0].opening.nodes
+        pressure, gap = field.contact_pressure[:, nodes], field.gap[:, nodes]
+        assert np.any(gap > 0.0)
+        assert not np.any((gap > 0.0) & (pressure > 0.0))  # p g = 0 at nodes that are corners
+        weight = study.structure.patches[0].opening.area
+        assert pressure @ weight == pytest.approx(run.normal_force.sum(axis=1))
+        moved = study.structure.unpacked(run.system.expand(run.u))[:, nodes, 1]
+        assert gap == pytest.approx(np.where(run.normal_force > 0.0, 0.0, moved), abs=1e-15)
+        free = np.isin(nodes, study.structure.patches[0].nodes)  # a support holds the last one
+        apart = field.slip_state[:, nodes] == -1
+        assert np.array_equal(apart[:, free], (run.normal_force == 0.0)[:, free])
+        traction = np.linalg.norm(field.friction_traction[:, nodes], axis=2)
+        assert np.all(traction[gap > 0.0] == 0.0)
+        arrays = frames.arrays(field, 3)
+        assert arrays["contact_pressure"][nodes] == pytest.approx(pressure[3])
+        assert arrays["gap"].shape == arrays["pressure"].shape
+
+
+def test_constant_joints_have_the_fields_they_had():
+    scene = block(contact=BASE | {"contact": "constant"}, up=1e3)
+    study = run_scene(scene)
+    frames = frames_of(study.structure, study.runs)
+    assert frames.fields[0].gap is None
+    assert not {"gap", "contact_pressure"} & frames.arrays(frames.fields[0], 0).keys()
+
+
+@pytest.mark.parametrize(
+    ("changes", "place"),
+    [
+        ({"models": {"run": ["reduced"]}}, "models.run = 'reduced'"),
+        ({"time": {"until": "steady", "steps_per_cycle": 100}}, "time.until = 'steady'"),
+        ({"accuracy": {"energy": 0.01}}, "accuracy"),
+    ],
+)
+def test_what_needs_constant_normal_forces_is_refused(changes, place):
+    with pytest.raises(InputError, match="contact = 'unilateral'") as caught:
+        block(**changes)
+    (problem,) = [p for p in caught.value.problems if "unilateral" in p]
+    assert f"{place}: found" in problem
+    assert "; " in problem  # what to do in its place
+
+
+def test_functions_refuse_it_too():
+    system = block().system()
+    for analysis in (
+        lambda: sj.reduce(system),
+        lambda: sj.backbone(system),
+        lambda: sj.response(system, [100.0, 200.0]),
+        lambda: sj.integrate(system, steps_per_cycle=100, until="steady"),
+    ):
+        with pytest.raises(InputError, match="found a joint with contact = 'unilateral'"):
+            analysis()
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    sides = {"base": "bottom", "top": "top", "left": "left", "right": "right"}
+    write_mesh(build_plate([("block", SIZE, 3)], SIZE, 3, boundaries=sides), tmp_path / "block.msh")
+    (tmp_path / "block.toml").write_text(
+        """
+[mesh]
+file = "block.msh"
+[material]
+E = 200e9
+density = 8000
+poisson = 0.3
+mass_matrix = "lumped"
+[section]
+thickness = 0.1
+[support]
+fixed_x = ["right"]
+[[joint]]
+on = "base"
+friction = 0.5
+pressure = 50e6
+contact = "unilateral"
+[[load]]
+on = "top"
+direction = [0.0, 1.0]
+kind = "harmonic"
+amplitude = 185e3
+frequency = 2000.0
+[time]
+cycles = 1
+steps_per_cycle = 50
+[accuracy]
+estimate = false
+"""
+    )
+    return tmp_path / "block.toml"
+
+
+def test_commands_run_or_refuse_it(scene_file, capsys):
+    assert cli.main(["check", str(scene_file)]) == 0
+    assert "Contact that opens (base)" in capsys.readouterr().out
+    assert cli.main(["preview", str(scene_file), "--out", str(scene_file.with_suffix(".png"))]) == 0
+    for command in ("backbone", "response", "error-time"):
+        assert cli.main([command, str(scene_file), "--out", str(scene_file.parent / "o")]) == 2
+        assert f"{command}: found a joint with contact = 'unilateral'" in capsys.readouterr().err
+    assert cli.main(["run", str(scene_file), "--models", "reduced", "--out", "o"]) == 2
+    assert "run 'condensed' in its place" in capsys.readouterr().err
+
+
+def test_a_sweep_runs(scene_file):
+    with scene_file.open("a") as file:
+        file.write('[models]\nrun = ["condensed"]\n[sweep]\n"joint[0].friction" = [0.2, 0.5]\n')
+    out = scene_file.parent / "sweep"
+    assert cli.main(["sweep", str(scene_file), "--out", str(out), "--workers", "1"]) == 0
+    assert json.loads((out / "summary.json").read_text())["scenes"] == 2
+
+
+def test_certified_by_a_finer_mesh():
+    from skfem_joint.analysis.certificate import certify
+
+    study = run_scene(block(time={"cycles": 1, "steps_per_cycle": 40}))
+    errors = certify(study, "full").estimate
+    assert errors.of("mesh", "displacement_rms") > 0.0
+
+
+def test_check_says_how_far_constant_normal_forces_err():
+    """As quasi-static runs of the full model with both kinds of contact do."""
+    constant = block(contact=BASE | {"contact": "constant"}, up=150e3)
+    change = describe(constant).values["normal_force_change"]
+    told = against_opening(constant, change)
+    steps = {"cycles": 2, "steps_per_cycle": 24}
+    a, b = (sj.quasi_static(scene.system(), **steps) for scene in (constant, block(up=150e3)))
+    for less in (
+        1.0 - a.cycles.friction[-1] / b.cycles.friction[-1],
+        1.0 - a.slip_peak.max() / b.slip_peak.max(),
+    ):
+        assert f"{100 * abs(less):.2g} % {'less' if less > 0 else 'more'}" in told
+    (doubt,) = [d for d in describe(constant).doubts if "normal force" in d]
+    assert "set contact = 'unilateral' in that [[joint]]" in doubt
+
+
+def test_check_says_when_that_is_not_computed(monkeypatch):
+    constant = block(contact=BASE | {"contact": "constant"})
+    assert against_opening(constant, 0.05) is None
+    assert against_opening(constant, None) is None
+    monkeypatch.setattr(
+        "skfem_joint.analysis.against_opening.SETTINGS", OpeningSettings(most_contact=3)
+    )
+    told = against_opening(constant, 0.5)
+    assert "was not computed: 7 contact unknowns in 28 are more than 3" in told
+    assert "time.quasi_static = true" in told
+    monkeypatch.undo()
+    lifted = block(contact=BASE | {"contact": "constant"}, up=300e3)
+    assert "was not computed" in against_opening(lifted, 0.5)
+
+
+def test_faces_that_will_hit_each_other_want_a_lumped_mass():
+    apart = BASE | {"gap": 1e-5, "pressure": 0.0}
+    steel = {"E": 200e9, "density": 8e3, "poisson": 0.3}
+    for contact, mass, said in (
+        (apart, "consistent", True),
+        (apart, "lumped", False),
+        (BASE, "consistent", False),
+    ):
+        scene = block(contact=contact, material=steel | {"mass_matrix": mass})
+        notes = doubts(scene.structure(), scene.system())
+        assert any("mass_matrix = 'lumped'" in note for note in notes) is said

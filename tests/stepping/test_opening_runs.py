@@ -1,0 +1,148 @@
+"""Runs with contact that opens: taken up again, interrupted, saved; stuck and closed systems."""
+
+import numpy as np
+import pytest
+from opening_blocks import block, loads, opening_system
+from stepping_systems import differing
+
+import skfem_joint as sj
+from skfem_joint.errors import InputError
+from skfem_joint.stepping.checkpoint import Checkpoint
+
+TIMING = {
+    "cycles": 4,
+    "steps_per_cycle": 30,
+    "save": sj.Save(every=3, fields=True, fields_every=7, slips=True),
+}
+
+
+class KilledError(Exception):
+    """Ends a run as a kill would."""
+
+
+@pytest.mark.parametrize("model", ["full", "condensed"])
+def test_a_run_taken_up_again_is_the_same_to_the_bit(model, tmp_path):
+    system = block().system(loads(up=230e3))
+    system = system if model == "full" else sj.condense(system)
+    whole = sj.integrate(system, **TIMING)
+    assert whole.opened.any()
+
+    def kill(done, total):
+        if done >= 70:
+            raise KilledError
+
+    path = tmp_path / "run.npz"
+    with pytest.raises(KilledError):
+        sj.integrate(system, **TIMING, progress=kill, checkpoint=Checkpoint(path, "a", every=20))
+    starts = []
+    run = sj.integrate(
+        system, **TIMING, progress=lambda done, total: starts.append(done),
+        checkpoint=Checkpoint(path, "a", resume=True),
+    )  # fmt: skip
+    assert min(starts) > 60
+    assert not differing(run, whole)
+    for name in ("normal_force", "normal_force_peak", "normal_force_least"):
+        assert np.array_equal(getattr(run, name), getattr(whole, name))
+    assert run.impact_work == whole.impact_work
+
+
+@pytest.mark.parametrize("run", [sj.integrate, sj.quasi_static])
+def test_an_interrupted_run_has_its_first_steps(run):
+    def stop(done, total):
+        if done > 1:
+            raise KeyboardInterrupt
+
+    system = opening_system()
+    whole = run(system, cycles=2, steps_per_cycle=60)
+    part = run(system, cycles=2, steps_per_cycle=60, progress=stop)
+    assert part.interrupted
+    rows = part.times.size
+    assert 1 < rows <= whole.times.size
+    assert np.array_equal(part.point_u, whole.point_u[:rows])
+    assert part.energy_residual < 1e-9
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_loaded_system_integrates_to_the_same_bits(order, tmp_path):
+    system = opening_system(order=order)
+    for model in (system, sj.condense(system)):
+        again = sj.load(sj.save(model, tmp_path / "model.npz"))
+        assert again.opening is not None
+        for name in ("gap", "force", "stiffness", "area"):
+            assert np.array_equal(getattr(again.opening, name), getattr(model.opening, name))
+        a, b = (sj.integrate(s, cycles=1, steps_per_cycle=60) for s in (model, again))
+        assert np.array_equal(a.point_u, b.point_u)
+        assert a.impact_work == b.impact_work
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "problem"),
+    [
+        ("opening area", lambda x: -x, "area: must be finite and positive"),
+        ("opening force", lambda x: x[:-1], "opening: force: found shape"),
+        ("opening gap", lambda x: x + np.nan, "opening gap is not finite"),
+        ("opening stiffness", lambda x: 0.0 * x[:, None], "stiffness has 2 dimensions"),
+        ("opening gain/data", lambda x: -x, "gain: must be finite and not negative"),
+    ],
+)
+def test_damaged_files_are_refused(name, change, problem, tmp_path):
+    path = sj.save(sj.condense(opening_system()), tmp_path / "model.npz")
+    with np.load(path) as file:
+        arrays = dict(file)
+    arrays[name] = change(np.where(np.isinf(arrays[name]), 1.0, arrays[name]))
+    np.savez(path, **arrays)
+    with pytest.raises(InputError, match=problem):
+        sj.load(path)
+    del arrays[name]
+    np.savez(path, **arrays)
+    with pytest.raises(InputError, match="cannot be read as a saved system"):
+        sj.load(path)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_closed_system_is_that_of_constant_contact(order):
+    """Where all of a base is pressed both have the same motions, and so the same frequencies."""
+    opens = opening_system(order=order).closed()
+    constant = block(order=order, contact="constant").system(loads())
+    assert opens.opening is None
+    assert opens.n == constant.n
+    for joints in ("loose", "stuck"):
+        a, b = (sj.natural_modes(s, 4, joints=joints).frequencies for s in (opens, constant))
+        assert a == pytest.approx(b, rel=1e-9)
+    assert opens.w.sum() == pytest.approx(constant.w.sum())
+
+
+def test_natural_modes_do_not_move_what_is_pressed():
+    system = opening_system()
+    modes = sj.natural_modes(system, 3, joints="stuck").modes
+    assert np.all(system.opening.N @ modes == 0.0)
+    assert np.all(system.B @ modes == 0.0)
+    assert np.diag(modes.T @ (system.M @ modes)) == pytest.approx(np.ones(3))
+
+
+def test_damping_ratios_take_contact_as_closed():
+    opens, constant = (
+        sj.Structure(
+            s.mesh, s.material, thickness=s.thickness, fixed_x=s.fixed_x, joints=s.joints,
+            damping_ratio=0.01, mass="lumped",
+        ).system(loads())
+        for s in (block(), block(contact="constant"))
+    )  # fmt: skip
+    assert opens.notes == constant.notes
+
+
+def test_slipping_shares_follow_the_present_limits():
+    """All of what is pressed slips in gross slip, however little that is."""
+    run = sj.integrate(opening_system(), **TIMING)
+    shares = run.joint_slipping[:, 0]
+    assert np.all((shares >= 0.0) & (shares <= 1.0 + 1e-12))
+    assert shares.max() == pytest.approx(1.0)
+
+
+def test_joints_without_pressure_at_rest_have_loops_and_slips():
+    system = block(pressure=0.0, gap=1e-6).system(loads(up=-100e3, across=20e3))
+    run = sj.integrate(system, cycles=1, steps_per_cycle=100, save=sj.Save(slips=True))
+    assert run.normal_force_peak.max() > 0.0
+    assert run.friction_work.sum() > 0.0
+    assert run.joint_slip.max() > 0.0
+    assert run.energy_residual < 1e-12

@@ -1,0 +1,111 @@
+"""The elastic block of the GRECO benchmark, with contact that opens and friction."""
+
+import numpy as np
+import pytest
+from benchmarks.contact import PLACES, PRESSURES, PUBLISHED, block, pushed
+from contact_block import OwnBlock
+
+#: Of 32 x 32 bilinear elements by Lagrange multipliers, as published within 5 %; micrometres.
+KNOWN = np.array([28.59, 27.22, 22.85, 19.80, 15.41, 6.45])
+
+
+@pytest.fixture(scope="module")
+def cycle():
+    """Side 150, 30, 150, 30 MPa in 20 steps each, 32 x 32 bilinear elements."""
+    return pushed(block(32), 20)
+
+
+def test_pushed_block_moves_as_published(cycle):
+    x, u, work, _ = cycle
+    found = 1e6 * np.interp(PLACES, x, u[1, :, 0])
+    np.testing.assert_allclose(found, KNOWN, rtol=2e-3)
+    np.testing.assert_allclose(found[:5], PUBLISHED["published (1988)"][:5], rtol=0.05)
+    assert work[1] == pytest.approx(4.401, rel=1e-3)
+
+
+def test_cycle_of_the_block_is_that_of_lagrange_multipliers(cycle):
+    x, u, work, _ = cycle
+    known = [
+        [28.594, 22.850, 16.838, 6.449],
+        [28.474, 21.605, 16.500, 6.449],
+        [28.634, 22.887, 16.880, 6.522],
+        [28.516, 21.658, 16.549, 6.522],
+    ]
+    for k, row in enumerate(known, start=1):
+        found = 1e6 * np.interp(np.array([0.0, 5.0, 10.0, 20.0]) * 1e-3, x, u[k, :, 0])
+        np.testing.assert_allclose(found, row, rtol=1e-4)
+    np.testing.assert_allclose(work[1:], [4.401, 4.863, 5.165, 5.555], rtol=2e-4)
+
+
+def test_edge_of_the_block_lifts_off_and_closes_again(cycle):
+    _, u, _, run = cycle
+    gap = u[:, :, 1]
+    assert np.flatnonzero(gap[1] > 0.0).tolist() == [0, 1, 2]
+    assert 1e6 * gap[1].max() == pytest.approx(0.604, abs=0.001)
+    assert gap.min() > -1e-18
+    assert np.all(gap[2] == 0.0)
+    # three nodes are open, 21 slip, and the one held by symmetry is among the nine that stick
+    limits, forces = run.normal_force[20], run.sigma[20]
+    slipping = (limits[:-1] > 0.0) & (np.abs(np.abs(forces[: limits.size - 1]) - 1.0) < 1e-9)
+    assert slipping.sum() == 21
+
+
+def test_energy_of_the_cycle_balances(cycle):
+    run = cycle[3]
+    assert run.energy_residual < 1e-8
+    assert abs(run.impact_work) < 1e-3 * run.friction_work.sum()
+
+
+@pytest.mark.parametrize("friction", [0.2, 0.5, 1.0])
+def test_block_is_that_of_an_own_solver(friction):
+    _, u, work, _ = pushed(block(16, friction=friction), 5)
+    other, other_work = OwnBlock(16, friction).follow(5)
+    np.testing.assert_allclose(u, other, atol=1e-9 * np.abs(other).max())
+    np.testing.assert_allclose(work, other_work, rtol=1e-7)
+
+
+@pytest.mark.parametrize("steps", [3, pytest.param(7, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("friction", [0.5, 1.0])
+def test_block_that_lifts_off_and_slides_back_is_that_of_an_own_solver(friction, steps):
+    table = np.array([[0.0, 150e6, -30e6, 150e6, 0.0], [0.0, 50e6, 100e6, 20e6, 50e6]])
+    _, u, work, _ = pushed(block(12, friction=friction), steps, table)
+    other, other_work = OwnBlock(12, friction).follow(steps, table)
+    np.testing.assert_allclose(u, other, atol=1e-9 * np.abs(other).max())
+    np.testing.assert_allclose(work, other_work, rtol=1e-7)
+
+
+@pytest.mark.slow
+def test_block_of_a_fine_mesh_is_that_of_an_own_solver():
+    _, u, work, _ = pushed(block(64), 20)
+    other, other_work = OwnBlock(64, 1.0).follow(20)
+    np.testing.assert_allclose(u, other, atol=3e-9 * np.abs(other).max())
+    np.testing.assert_allclose(work, other_work, rtol=1e-7)
+
+
+def test_stiff_normal_contact_of_the_block_tends_to_rigid():
+    table = PRESSURES[:, :2]
+    _, rigid, _, _ = pushed(block(8), 5, table)
+    errors = []
+    for stiffness in (1e15, 1e16):
+        _, u, _, _ = pushed(block(8, normal_stiffness=stiffness), 5, table)
+        errors.append(np.abs(u[-1] - rigid[-1]).max())
+    assert errors[1] < 0.15 * errors[0]
+    assert errors[1] < 1e-3 * np.abs(rigid).max()
+
+
+@pytest.mark.slow
+def test_elements_of_second_order_converge_to_the_same():
+    # With pressures at the corners alone the displacement converges with the element size, and
+    # corners and middles of sides differ: corners of all three meshes are compared.
+    places = np.array([0.0, 5.0, 10.0, 20.0]) * 1e-3
+    table, found = PRESSURES[:, :2], []
+    for n in (8, 16, 32):
+        x, u, _, _ = pushed(block(n, order=2), 20, table)
+        found.append(np.interp(places, x, u[-1, :, 0]))
+    fine = OwnBlock(64, 1.0).follow(20, table)[0][-1, :, 0]
+    fine = np.interp(places, np.linspace(0.0, 0.04, 65), fine)
+    errors = [np.abs(u / fine - 1.0) for u in found]
+    assert errors[0].max() < 0.05
+    assert errors[1].max() < 0.6 * errors[0].max()
+    assert errors[2].max() < 0.6 * errors[1].max()
+    np.testing.assert_allclose(2.0 * found[2] - found[1], fine, rtol=3e-3)
