@@ -85,7 +85,7 @@ class PressureSpace:
 
         As ``G @ force``, but shared among the nodes that touch, those with a force.
         """
-        return np.asarray(self._shared(1.0 * (force > 0.0)) @ (self.hats.T @ force))
+        return np.asarray(self._shared((force > 0.0).astype(np.float64)) @ (self.hats.T @ force))
 
     def _shared(self, among: FloatArray) -> sparse.csr_array:
         """Share of each node in the force of each corner, (k, corners), ``among`` some nodes."""
