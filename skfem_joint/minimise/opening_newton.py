@@ -7,7 +7,7 @@ forces, and w = given + gain p. That w depends on p is no part of the minimisati
 associated): the solution is a fixed point of w -> p -> w.
 
 All is condensed to the slips t = B v and the mean approaches s = N v of the pressure points. Where
-s are weighted means of several unknowns, as under hats of corners on elements of second order, the
+s are weighted means of several unknowns, as under hats of nodes on elements of second order, the
 unknowns that they average are eliminated for given s by their Schur complement. What is left is a
 dense problem z = (t, s) in which friction acts on single points and bounds on single unknowns.
 
