@@ -277,18 +277,19 @@ def press(structure, normal, pulled, steps):
         system, step=1.0 / steps, n_steps=steps * (len(normal) - 1), save=sj.Save(fields=True)
     )
     (joint,), (patch,) = structure.joints, structure.patches
-    space = pressure_space(structure.body, joint)
-    corners, area = space.corners, system.opening.area
-    order = np.argsort(structure.nodes[corners, 0])
+    sizes = structure.body.properties
+    space = pressure_space(structure.body, joint, sizes["width"], sizes["thickness"])
+    nodes, area = space.nodes, system.opening.area
+    order = np.argsort(structure.nodes[nodes, 0])
     point = np.full(len(structure.nodes), -1)
     point[patch.nodes] = patch.points
-    # slips are those of the upper body; forces of nodes go to the corners as those of pressure do
+    # slips are those of the upper body; forces are means over corners, as friction limits are
     limits = (system.opening.gain @ run.normal_force.T).T
-    at_nodes = (-run.sigma * limits)[:, point[space.nodes]]
-    q = (space.at_nodes.T @ at_nodes.T).T / area
-    slip = -np.asarray((system.B @ run.u.T).T)[:, point[corners]]
-    by_x = (values[:, order] for values in (run.normal_force / area, q, slip))
-    return Pressed(structure.nodes[corners[order], 0], *by_x, run)
+    forces = run.normal_force, (-run.sigma * limits)[:, point[nodes]]
+    p, q = ((space.G @ force.T).T / area for force in forces)
+    slip = -np.asarray((system.B @ run.u.T).T)[:, point[nodes]]
+    by_x = (values[:, order] for values in (p, q, slip))
+    return Pressed(structure.nodes[nodes[order], 0], *by_x, run)
 
 
 def half_width(x, p):

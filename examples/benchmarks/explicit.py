@@ -122,4 +122,6 @@ def runge_kutta(system, *, step, n_steps, save=None, cycle_steps=None, check=Tru
         if cycle_steps is not None and (k + 1) % cycle_steps == 0:
             recorder.end_cycle()
     wall_s, counts = time.perf_counter() - begin, {"friction_evaluations": rubs * (4 * n_steps + 1)}
-    return recorder.finish(0.0, now.u, now.v, steps=n_steps, wall_s=wall_s, counts=counts)
+    return recorder.finish(
+        0.0, now.u, now.v, now.sigma, steps=n_steps, wall_s=wall_s, counts=counts
+    )

@@ -112,7 +112,8 @@ def reduce(
         if others != ("auto", "auto", "auto", None, None, False):
             raise InputError(
                 "reduce: with range, interface_modes, friction_points, beta, duration and run are "
-                "found for the whole range, which is of vibration; leave out these and quasi_static"
+                "found for the whole range, which is one of vibration; leave them out, "
+                "and quasi_static too"
             )
         return reduced_for_range(system, range, accuracy=accuracy, modes=modes)
     check("interface_modes", interface_modes, WHOLE, "auto")

@@ -18,7 +18,6 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.opening import OpeningContact
-from skfem_joint.stepping.opening_stepper import OpeningStepper
 from skfem_joint.stepping.steppers import CompiledStepper, PythonStepper, Stepper
 from skfem_joint.system import System
 from skfem_joint.unknowns import ChangeOfUnknowns, selection
@@ -195,7 +194,9 @@ def choose(to: Arranged, *others: Any) -> Stepper:
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    kinds: dict[str, type[Stepper]] = {"chain": CompiledStepper, "dense": CompiledStepper}
-    kinds["opening"] = OpeningStepper
-    stepper = kinds.get(to.kind, PythonStepper)
+    if to.kind == "opening":
+        from skfem_joint.stepping.opening_stepper import OpeningStepper  # loads the compiler
+
+        return OpeningStepper(to.kind, to.system, *others)
+    stepper = CompiledStepper if to.kind in ("chain", "dense") else PythonStepper
     return stepper(to.kind, to.system, *others)

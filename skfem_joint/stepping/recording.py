@@ -465,7 +465,7 @@ class Recorder:
         self.friction_work, self.slip_peak = np.zeros((2, m))
         self.peak, self.run_peak = np.zeros((2, p))
         q = 0 if s.opening is None else s.opening.gap.size
-        self.normal_force = np.zeros((fields if q else 0, q))
+        self.normal_force = np.zeros((fields, q))
         self.normal_force_peak = np.zeros(q)
         self.normal_force_least = np.zeros(0) if s.opening is None else s.opening.force.copy()
         self.vectors = s.load_vectors()

@@ -38,7 +38,7 @@ def test_shapes_are_those_that_are_described(run):
     sizes = {
         "rows": 61, "frames": 25, "cycles": 3, "n": system.n, "m": system.w.size,
         "points": len(system.points), "loads": len(system.loads), "joints": len(system.joints),
-        "rows of B": system.B.shape[0],
+        "rows of B": system.B.shape[0], "q": 0,
     }  # fmt: skip
     checked = 0
     for result in (run, run.cycles):
@@ -48,7 +48,7 @@ def test_shapes_are_those_that_are_described(run):
                 expected = tuple(sizes[part.strip()] for part in shape[1].split(",") if part)
                 assert getattr(result, name).shape == expected, name
                 checked += 1
-    assert checked == 23
+    assert checked == 26
     assert [part.shape for part in run.final] == [(system.n,), (system.n,)]
 
 
