@@ -243,6 +243,8 @@ class Pressed(NamedTuple):
     ----------
     x : ndarray, shape (q,)
         Places of the pressure points, m, from left to right.
+    area : ndarray, shape (q,)
+        Area that each stands for, m2 per metre of thickness.
     p, q : ndarray, shape (levels, q)
         Pressure and traction of friction there, Pa, at every level.
     slip : ndarray, shape (levels, q)
@@ -251,6 +253,7 @@ class Pressed(NamedTuple):
     """
 
     x: np.ndarray
+    area: np.ndarray
     p: np.ndarray
     q: np.ndarray
     slip: np.ndarray
@@ -285,11 +288,11 @@ def press(structure, normal, pulled, steps):
     point[patch.nodes] = patch.points
     # slips are those of the upper body; forces are means over corners, as friction limits are
     limits = (system.opening.gain @ run.normal_force.T).T
-    forces = run.normal_force, (-run.sigma * limits)[:, point[nodes]]
-    p, q = ((space.G @ force.T).T / area for force in forces)
+    of_points = run.normal_force, (-run.sigma * limits)[:, point[nodes]]
+    p, q = ((space.G @ force.T).T / area for force in of_points)
     slip = -np.asarray((system.B @ run.u.T).T)[:, point[nodes]]
     by_x = (values[:, order] for values in (p, q, slip))
-    return Pressed(structure.nodes[nodes[order], 0], *by_x, run)
+    return Pressed(structure.nodes[nodes[order], 0], area[order], *by_x, run)
 
 
 def half_width(x, p):
