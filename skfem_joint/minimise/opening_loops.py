@@ -56,6 +56,16 @@ def _subtract(A, i, step, r):
         r[k] -= step * row[k]
 
 
+@compiled
+def residual(A, right, z, r):
+    """Set ``r`` to right - A z; unknowns at rest, as many are, cost nothing. A is symmetric."""
+    for i in range(r.size):
+        r[i] = right[i]
+    for i in range(z.size):
+        if z[i] != 0.0:
+            _subtract(A, i, z[i], r)
+
+
 @compiled_inside
 def _force(stiffness, over, r):
     """Force of a pressure point that is ``over`` its bound (0 at it); ``r`` is its residual."""

@@ -9,7 +9,8 @@ associated): the solution is a fixed point of w -> p -> w.
 All is condensed to the slips t = B v and the mean approaches s = N v of the pressure points. Where
 s are weighted means of several unknowns, as under hats of nodes on elements of second order, the
 unknowns that they average are eliminated for given s by their Schur complement. What is left is a
-dense problem z = (t, s) in which friction acts on single points and bounds on single unknowns.
+dense problem z = (t, s) in which friction acts on single points and bounds on single unknowns. Of
+these, points that are apart are eliminated too (:mod:`skfem_joint.minimise.touching`).
 
 Each iteration relaxes all points in turn, each with its law solved exactly and its limit from the
 normal forces at hand, and then makes a Newton step on all that moves, with the change of the limits
@@ -28,8 +29,8 @@ forces.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,10 +49,12 @@ from skfem_joint.minimise.opening_loops import (
     normal_forces,
     relax_normals,
     relax_slips,
+    residual,
     subtract_forces,
     tangents,
 )
 from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.touching import DenseContact, Part, Touching
 
 
 class OpeningSettings(NamedTuple):
@@ -141,8 +144,7 @@ class OpeningNewton:
     def __init__(
         self, H: Any, points: ContactPoints, N: Any, gain: Any, stiffness: FloatArray
     ) -> None:
-        self.points, self.N, self.stiffness = points, sparse.csr_array(N), stiffness
-        self.gain = sparse.csr_array(gain)
+        self.points, self.N = points, sparse.csr_array(N)
         slips, normals = points.unknowns, np.unique(self.N.indices)
         kept = np.sort(np.concatenate([slips, normals]))
         self.schur = SchurComplement(H, kept)
@@ -151,18 +153,12 @@ class OpeningNewton:
         self.slips = slips.size
         W = as_dense(self.N[:, normals])
         self._picks = bool(np.array_equal(W, np.eye(len(W), normals.size)))
-        self.A = self._condensed(S, W)
+        A = self._condensed(S, W)
         self.factorizations = 1
-        unknowns = np.arange(self.slips)
-        first = unknowns[points.first_row[:-1]]
-        second = np.where(points.directions == 2, np.append(unknowns, -1)[first + 1], -1)
-        diagonal = self.A.diagonal()
-        stiff, both = diagonal[first], second >= 0
-        i, j = first[both], second[both]
-        mean, half = 0.5 * (diagonal[i] + diagonal[j]), 0.5 * (diagonal[i] - diagonal[j])
-        stiff[both] = mean + np.hypot(half, self.A[i, j])
-        self._first, self._second, self._stiff = first, second, stiff
-        self.row_point = np.repeat(np.arange(points.directions.size), points.directions)
+        self.whole = DenseContact.of(
+            A, points.directions, points.beta, sparse.csr_array(gain), stiffness
+        )
+        self._part: Part | None = None
 
     def _condensed(self, S: FloatArray, W: FloatArray) -> FloatArray:
         """Matrix of slips and mean approaches, from that of slips and the unknowns averaged.
@@ -211,10 +207,6 @@ class OpeningNewton:
         )
         return self.schur.extend(kept, interior)
 
-    @cached_property
-    def _sizes(self) -> FloatArray:
-        return np.abs(self.A)
-
     def start_of(self, v: FloatArray) -> FloatArray:
         """Slips and approaches, (t + q,), of all unknowns."""
         return np.concatenate([v[self.points.unknowns], self.N @ v])
@@ -228,6 +220,7 @@ class OpeningNewton:
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
+        touching: Touching | None = None,
     ) -> OpeningMinimum:
         """Minimise for the right side ``g``, (n,), N.
 
@@ -245,6 +238,8 @@ class OpeningNewton:
             Largest force residual relative to the largest force.
         beta : ndarray, shape (m,), optional
             Values of beta in place of those of the points.
+        touching : Touching, optional
+            Pressure points that touch: others are eliminated. It follows what is found to touch.
         """
         if not np.isfinite(g).all():
             v, sigma = np.full(g.size, np.nan), np.zeros(self.slips)
@@ -253,19 +248,96 @@ class OpeningNewton:
             return OpeningMinimum(v, sigma, p, w, False, {"newton_iterations": 0}, np.nan, where)
         right, beside = self._restrict(g)
         z = np.zeros(right.size) if start is None else self.start_of(start)
-        search = _Search(self, right, bound, given, gain, beta)
         scale = max(float(np.abs(right).max()), float(np.abs(g).max()))
-        search.run(z, tolerance, scale)
-        v = self._extend(search.z, beside)
-        limits = self.points.on_rows(search.w)
-        sigma = search.force[: self.slips] / np.where(limits > 0.0, limits, 1.0)
-        converged = search.converged and bool(np.isfinite(v).all())
-        where = search.where
-        unknown = self.points.unknowns[where] if where < self.slips else -1
+        law = self.whole.beta if beta is None else np.asarray(beta, dtype=float)
+        gain = np.broadcast_to(np.asarray(gain, dtype=float), bound.shape)
+        solved = self._solution(
+            right, z, _Right(bound, given, gain, law), tolerance, scale, touching
+        )
+        v = self._extend(solved.z, beside)
+        limits = self.points.on_rows(solved.w)
+        sigma = solved.force / np.where(limits > 0.0, limits, 1.0)
+        unknown = self.points.unknowns[solved.where] if solved.where < self.slips else -1
         return OpeningMinimum(
-            v, np.clip(sigma, -1.0, 1.0), search.p, search.w, converged, search.counts,
-            search.residual, int(unknown),
+            v, np.clip(sigma, -1.0, 1.0), solved.p, solved.w,
+            solved.converged and bool(np.isfinite(v).all()), solved.counts, solved.residual,
+            int(unknown),
         )  # fmt: skip
+
+    def _solution(
+        self,
+        right: FloatArray,
+        z: FloatArray,
+        given: _Right,
+        tolerance: float,
+        scale: float,
+        touching: Touching | None,
+    ) -> _Solved:
+        """Solution from ``z``; points that pass their bounds though they are apart are kept."""
+        counts: Counter[str] = Counter()
+        while True:
+            part = None if touching is None else self._parted(touching, given.limits)
+            if part is None or touching is None:
+                search = _Search(self.whole, right, given)
+                search.run(z, tolerance, scale)
+                counts.update(search.counts)
+                return _Solved(
+                    search.z, search.force[: self.slips], search.p, search.w, search.converged,
+                    dict(counts), search.residual, search.where,
+                )  # fmt: skip
+            own, apart = part.restrict(right)
+            search = _Search(part.problem, own, given.among(part))
+            search.run(z[part.unknowns], tolerance, scale)
+            counts.update(search.counts)
+            z = part.extend(search.z, apart)
+            if not (search.converged and touching.closes(z[self.slips :], given.bound)):
+                break
+        p, w = np.zeros(given.bound.size), np.zeros(given.limits.size)
+        force = np.zeros(right.size)
+        p[part.pressures], w[part.frictions] = search.p, search.w
+        force[part.unknowns] = search.force
+        return _Solved(
+            z, force[: self.slips], p, w, search.converged, dict(counts), search.residual,
+            int(part.unknowns[search.where]),
+        )  # fmt: skip
+
+    def _parted(self, touching: Touching, given: FloatArray) -> Part | None:
+        """The points that touch, or None where it does not pay to eliminate the others."""
+        if not touching.some_apart:
+            return None
+        if self._part is None or not np.array_equal(self._part.kept, touching.kept):
+            self._part = Part(self.whole, touching.kept)
+            self.factorizations += 1
+        others = np.ones(given.size, dtype=bool)
+        others[self._part.frictions] = False
+        return None if np.any(given[others] > 0.0) else self._part
+
+
+class _Right(NamedTuple):
+    """What a minimisation is given beside its right side, see `OpeningNewton.minimise`."""
+
+    bound: FloatArray
+    limits: FloatArray
+    gain: FloatArray
+    beta: FloatArray
+
+    def among(self, part: Part) -> _Right:
+        """Of some of the points."""
+        c, f = part.pressures, part.frictions
+        return _Right(self.bound[c], self.limits[f], self.gain[c], self.beta[f])
+
+
+class _Solved(NamedTuple):
+    """Solution in slips and approaches, and how well it is solved."""
+
+    z: FloatArray
+    force: FloatArray
+    p: FloatArray
+    w: FloatArray
+    converged: bool
+    counts: dict[str, int]
+    residual: float
+    where: int
 
 
 def _solved(J: FloatArray, right: FloatArray) -> FloatArray:
@@ -318,24 +390,20 @@ class _Search:
 
     def __init__(
         self,
-        problem: OpeningNewton,
+        problem: DenseContact,
         right: FloatArray,
-        bound: FloatArray,
-        given: FloatArray,
-        gain: FloatArray | float,
-        beta: FloatArray | None,
+        given: _Right,
     ) -> None:
         self.problem, self.right = problem, right
-        A, points, t = problem.A, problem.points, problem.slips
-        self.A, n = A, right.size
-        beta = np.array(points.beta if beta is None else beta, dtype=float)
+        t = problem.slips
+        self.A, n = problem.A, right.size
+        beta = np.array(given.beta, dtype=float)
         places = np.arange(t, n)
-        self.pressing = Pressing(places, np.array(bound, dtype=float), problem.stiffness)
-        self.rubbing = Rubbing(problem._first, problem._second, problem._stiff, beta)
-        factors = sparse.diags_array(np.broadcast_to(gain, places.size))
-        self.gain = G = sparse.csr_array(problem.gain @ factors)
+        self.pressing = Pressing(places, np.array(given.bound, dtype=float), problem.stiffness)
+        self.rubbing = Rubbing(problem.first, problem.second, problem.stiff, beta)
+        self.gain = G = sparse.csr_array(problem.gain @ sparse.diags_array(given.gain))
         self.limits = Limits(
-            np.array(given, dtype=float),
+            np.array(given.limits, dtype=float),
             G.indptr.astype(np.int64),
             G.indices.astype(np.int64),
             G.data,
@@ -360,10 +428,11 @@ class _Search:
         z[t:] = np.where(rigid, np.minimum(z[t:], self.pressing.bound), z[t:])
         renewal: _Renewal | None = None  # while limits are kept
         best, since, inner_target, mark = np.inf, 0, 0.0, (z.copy(), np.inf)
-        r = self.right - self.A @ z
+        r = np.empty_like(z)
+        residual(self.A, self.right, z, r)
         for iteration in range(SETTINGS.iterations):
             self._relax(z, r, iteration, renewal is not None)
-            r = self.right - self.A @ z
+            residual(self.A, self.right, z, r)
             frozen, left = self.w.copy(), r.copy()
             self._renew(z, r)
             self.residual = self._subtract(z, left)
@@ -395,14 +464,14 @@ class _Search:
                     renewal, inner_target = _Renewal(), SETTINGS.inner * self.residual
                     if mark[1] < self.residual:
                         z[:] = mark[0]
-                        r = self.right - self.A @ z
+                        residual(self.A, self.right, z, r)
                         self._renew(z, r)
                         left = r.copy()
                         self._subtract(z, left)
                     else:
                         mark = (z.copy(), self.residual)
             self._newton(z, left, r, coupled=renewal is None)
-            r = self.right - self.A @ z
+            residual(self.A, self.right, z, r)
 
     def _relax(self, z: FloatArray, r: FloatArray, iteration: int, kept: bool) -> None:
         """Relax all points in turn, in place, with limits as they are if they are ``kept``."""
@@ -427,7 +496,7 @@ class _Search:
         friction_limits(self.limits, self.p, self.w)
 
     def _round_off(self, z: FloatArray) -> float:
-        size = float((self.problem._sizes @ np.abs(z)).max()) + float(np.abs(self.right).max())
+        size = float((self.problem.sizes @ np.abs(z)).max()) + float(np.abs(self.right).max())
         return SETTINGS.round_off * size
 
     def _newton(self, z: FloatArray, left: FloatArray, r: FloatArray, coupled: bool) -> None:

@@ -22,6 +22,7 @@ from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
 from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.touching import Touching
 from skfem_joint.modes import is_singular
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.levels import Level, NoLevelError
@@ -65,6 +66,7 @@ class OpeningLevels:
         )
         self.constant = inner.w - self.contact.limits_at_rest
         self.last = np.zeros(inner.n)
+        self.touching = Touching(self.contact.force > 0.0)
         self._counts = {"factorizations": 1}
 
     @property
@@ -108,7 +110,7 @@ class OpeningLevels:
         right = force + contact.N.T @ contact.force - self.K @ u
         found = self.problem.minimise(
             right, bound, self.constant, 1.0, start, self.tolerance,
-            np.full(self.constant.size, np.inf),
+            np.full(self.constant.size, np.inf), self.touching,
         )  # fmt: skip
         for name, count in found.counts.items():
             self._counts[name] = self._counts.get(name, 0) + count
@@ -119,6 +121,7 @@ class OpeningLevels:
             raise NoLevelError(
                 f"a force residual of {found.residual:.3g} N is left at unknown {unknown}", unknown
             )
+        self.touching.follow(found.p)
         return found, u + found.v
 
     def _carried(self, found: OpeningMinimum, force: FloatArray) -> float:

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from skfem_joint.arrays import FloatArray, as_dense, check_like
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
+from skfem_joint.minimise.touching import Touching
 from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.stepping.steppers import FailedStep, PythonStepper, Saved
@@ -83,7 +84,7 @@ class OpeningStepper(PythonStepper):
         self.limits = np.array(self.system.w)
         self.constant = self.system.w - contact.limits_at_rest
         self._at_rest: OpeningNewton | None = None
-        self.largest = 0.0  # displacement so far, m
+        self.touching = Touching(contact.force > 0.0)
 
     def new_problem(self, c: Coefficients) -> Any:
         """See `Stepper`."""
@@ -178,12 +179,14 @@ class OpeningStepper(PythonStepper):
         extrapolated = np.where(self.rigid, 1.5 * share, 1.0)
         given = self.constant - contact.gain @ np.where(self.rigid, 0.5 * self.normal.mean, 0.0)
         minimum = problem.minimise(
-            right, bound, given, extrapolated, 2.0 * v - self.v_before, self.tolerance
-        )
+            right, bound, given, extrapolated, 2.0 * v - self.v_before, self.tolerance,
+            touching=self.touching,
+        )  # fmt: skip
         self._count(minimum)  # type: ignore[arg-type]
         if not minimum.converged:
             self.failure = FailedStep(minimum.residual, minimum.where)
             return None
+        self.touching.follow(minimum.p)
         end = lowest + minimum.p
         filtered = (end - c.d_a0 * self.normal.filtered - c.d_d0 * self.normal.end) / c.d_a
         mean = np.where(self.rigid, share * minimum.p, end)
@@ -237,7 +240,8 @@ class OpeningStepper(PythonStepper):
         return self._own()
 
     def _own(self) -> dict[str, NDArray[Any]]:
-        return super()._own() | {"normal": np.array(self.normal), "limits": np.array(self.limits)}
+        own = {"normal": np.array(self.normal), "limits": np.array(self.limits)}
+        return super()._own() | own | self.touching.saved()
 
     def check(self, saved: Saved) -> None:
         """See `Stepper`."""
@@ -256,3 +260,4 @@ class OpeningStepper(PythonStepper):
         self.v_before = np.array(saved["before"])
         self.normal = NormalState(*map(np.array, saved["normal"]))
         self.limits = np.array(saved["limits"])
+        self.touching.restore(saved)

@@ -1,0 +1,90 @@
+"""Points that are apart are eliminated: what a step's solution is does not depend on which."""
+
+import numpy as np
+import pytest
+from opening_blocks import block, loads
+from scipy import sparse
+
+import skfem_joint as sj
+from skfem_joint.minimise import touching as module
+from skfem_joint.minimise.opening_newton import OpeningNewton
+from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.touching import Touching
+from skfem_joint.stepping.checkpoint import Checkpoint
+
+Q = 40
+
+
+def _problem(rng, directions, beta):
+    """Random problem whose friction points are pressed by three pressure points each."""
+    n = (directions + 1) * Q + 6
+    R = rng.normal(size=(n, n))
+    rows = sparse.eye_array(n, format="csr")
+    slips = directions * Q
+    points = ContactPoints(rows[:slips], np.full(Q, directions), np.ones(Q), np.full(Q, beta))
+    gain = 0.5 * (np.eye(Q) + 0.3 * np.eye(Q, k=1) + 0.3 * np.eye(Q, k=-1))
+    gain[:3] = 0.0  # joints of constant force
+    stiffness = np.where(rng.random(Q) < 0.3, 50.0, np.inf)
+    H = R @ R.T + n * np.eye(n)
+    problem = OpeningNewton(H, points, rows[slips : slips + Q], gain, stiffness)
+    bound = np.where(rng.random(Q) < 0.7, rng.uniform(0.0, 0.5, Q), 0.0)
+    given = np.where(np.arange(Q) < 3, 2.0, 0.0)
+    return problem, rng.uniform(-100.0, 100.0, n), bound, given
+
+
+@pytest.mark.parametrize("directions", [1, 2])
+@pytest.mark.parametrize("beta", [np.inf, 30.0], ids=["coulomb", "arctan"])
+def test_the_solution_does_not_depend_on_the_points_that_are_eliminated(directions, beta):
+    taken_back = 0
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 11])
+        problem, g, bound, given = _problem(rng, directions, beta)
+        whole = problem.minimise(g, bound, given)
+        assert whole.converged
+        assert 0 < np.count_nonzero(whole.p) < Q - module.SETTINGS.fewest
+        for kept in (whole.p > 0.0, rng.random(Q) < 0.3):
+            touching = Touching(kept)
+            part = problem.minimise(g, bound, given, touching=touching)
+            assert part.converged
+            taken_back += np.count_nonzero(touching.kept & ~kept)
+            assert not np.any(part.p[~touching.kept])
+            for name in ("v", "p", "w", "sigma"):
+                np.testing.assert_allclose(
+                    getattr(part, name), getattr(whole, name), atol=1e-9, err_msg=name
+                )
+    assert taken_back  # else no wrong set was tried
+
+
+def test_points_long_apart_are_dropped_together_and_come_back():
+    touching = Touching(np.ones(Q, dtype=bool))
+    p = np.where(np.arange(Q) < 20, 1.0, 0.0)
+    for _ in range(module.SETTINGS.apart - 1):
+        touching.follow(p)
+        assert touching.kept.all()
+    touching.follow(p)
+    assert np.array_equal(touching.kept, p > 0.0)
+    approach, bound = np.zeros(Q), np.ones(Q)
+    approach[[30, 31]] = 1.1, 0.5  # the second would close in two steps
+    assert not touching.closes(0.9 * approach, bound)
+    assert touching.closes(approach, bound)
+    assert np.array_equal(np.flatnonzero(touching.kept[20:]), [10, 11])
+
+
+def test_runs_that_eliminate_points_are_taken_up_again_to_the_bit(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "SETTINGS", module.SETTINGS._replace(fewest=2))
+    system = block(elements=8).system(loads(up=230e3))
+    timing = {"cycles": 3, "steps_per_cycle": 60}
+    whole = sj.integrate(system, **timing)
+    assert np.count_nonzero(whole.opened) > 2
+
+    def kill(done, total):
+        if done >= 100:
+            raise ValueError("killed")
+
+    path = tmp_path / "run.npz"
+    with pytest.raises(ValueError, match="killed"):
+        sj.integrate(system, **timing, progress=kill, checkpoint=Checkpoint(path, "a", every=10))
+    again = sj.integrate(system, **timing, checkpoint=Checkpoint(path, "a", resume=True))
+    assert np.array_equal(again.point_u, whole.point_u)
+    assert np.array_equal(again.final[0], whole.final[0])
+    assert again.counters.factorizations == whole.counters.factorizations
