@@ -184,19 +184,13 @@ CLAIMS = {
     ),
     "estimates": Claim(
         f"{ESTIMATES} all --seed 2029 --count 40 --jobs 2 {ROWS}",
-        3800,
+        2300,
         {
             "estimates": lines(r"^\| |^Seeds "),
             "estimates-loads": lines(r"^- .*, by "),
             "estimates-cases": lines("^- (stated|refused)"),
         },
         short=f"{ESTIMATES} bars matrices --seed 3 --count 1",
-    ),
-    "estimates-bolted": Claim(
-        f"{ESTIMATES} plates-bolted --seed 2029 --count 40 --jobs 2 {ROWS}",
-        1000,
-        {"estimates-bolted": lines(r"^\| (class|---|plates-bolted) |^Seeds ")},
-        short=f"{ESTIMATES} plates-bolted --seed 3 --count 1",
     ),
     "estimates-clock": Claim(
         f"{ESTIMATES} all --seed clock --count 8 --jobs 1 {ROWS}",
