@@ -143,7 +143,7 @@ def test_one_wrong_value_is_refused_by_the_name_of_its_key(part):
         ), (seed, where, wrong, problems)
 
 
-REQUIRED = {"material", "load", "time", "file", "E", "density", "friction", "positions",
+REQUIRED = {"material", "load", "time", "file", "E", "density", "pressure", "friction", "positions",
             "values", "kind", "amplitude", "frequency", "components", "peak",
             "rise_time"}  # fmt: skip
 

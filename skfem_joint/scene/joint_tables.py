@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, Tag, ValidationInfo, field_validator, model_validator
 
 from skfem_joint import structure
 from skfem_joint.errors import InputError
@@ -89,6 +89,11 @@ class JointTable(SceneTable):
     against: str | None = key(
         "name of the region or boundary on which it is pressed; a rigid base if not given", None
     )
+    contact: Literal["constant", "unilateral"] = key(
+        "normal force that stays as it is at rest, in contact that stays closed; or one that "
+        "follows the motion, in contact that opens and closes",
+        "constant",
+    )
     pressure: Annotated[
         Annotated[NotNegative, Tag(Form.NUMBER)]
         | Annotated[Literal["preload"], Tag(Form.WORD)]
@@ -98,7 +103,8 @@ class JointTable(SceneTable):
     ] = key(
         "normal pressure, Pa, or a table of it, or 'preload' for the pressure of the [[bolt]]s; "
         "zero if not given, which contact = 'unilateral' allows",
-        0.0,
+        None,
+        validate_default=True,
         allowed="a pressure in Pa, 'preload', a table { positions = [m], values = [Pa], axis = "
         "[x, y] } or a table { bolts = [...], reach = m }",
     )
@@ -119,11 +125,6 @@ class JointTable(SceneTable):
         "direction along which the paper's modes are scaled, [x, y] or [x, y, z]; not for bars",
         None,
     )
-    contact: Literal["constant", "unilateral"] = key(
-        "normal force that stays as it is at rest, in contact that stays closed; or one that "
-        "follows the motion, in contact that opens and closes",
-        "constant",
-    )
     gap: NotNegative = key(
         "distance between the faces at rest, m, beside that of the mesh; with contact = "
         "'unilateral'",
@@ -135,14 +136,20 @@ class JointTable(SceneTable):
         None,
     )
 
-    @model_validator(mode="after")
-    def _is_pressed_or_opens(self) -> Self:
-        if "pressure" not in self.model_fields_set and self.contact != "unilateral":
+    @field_validator("pressure", mode="wrap")
+    @classmethod
+    def _is_given_or_opens(cls, value: object, check: Any, info: ValidationInfo) -> Any:
+        if value is None:  # not given
+            if info.data.get("contact") != "constant":
+                return 0.0
             raise mistake(
                 "missing: a joint is pressed by a pressure in Pa, a table of it, or 'preload'; "
-                "only with contact = 'unilateral' it may be left out",
-                "pressure",
+                "only with contact = 'unilateral' it may be left out"
             )
+        return check(value)
+
+    @model_validator(mode="after")
+    def _opens_alone(self) -> Self:
         if self.contact != "unilateral":
             for name in ("gap", "normal_stiffness"):
                 if getattr(self, name):
