@@ -30,7 +30,7 @@ forces.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -254,15 +254,16 @@ class OpeningNewton:
         solved = self._solution(
             right, z, _Right(bound, given, gain, law), tolerance, scale, touching
         )
-        v = self._extend(solved.z, beside)
+        v = self._extend(solved.v, beside)
         limits = self.points.on_rows(solved.w)
-        sigma = solved.force / np.where(limits > 0.0, limits, 1.0)
-        unknown = self.points.unknowns[solved.where] if solved.where < self.slips else -1
-        return OpeningMinimum(
-            v, np.clip(sigma, -1.0, 1.0), solved.p, solved.w,
-            solved.converged and bool(np.isfinite(v).all()), solved.counts, solved.residual,
-            int(unknown),
-        )  # fmt: skip
+        sigma = solved.sigma / np.where(limits > 0.0, limits, 1.0)
+        return replace(
+            solved,
+            v=v,
+            sigma=np.clip(sigma, -1.0, 1.0),
+            converged=solved.converged and bool(np.isfinite(v).all()),
+            where=int(self.points.unknowns[solved.where]) if solved.where < self.slips else -1,
+        )
 
     def _solution(
         self,
@@ -272,8 +273,11 @@ class OpeningNewton:
         tolerance: float,
         scale: float,
         touching: Touching | None,
-    ) -> _Solved:
-        """Solution from ``z``; points that pass their bounds though they are apart are kept."""
+    ) -> OpeningMinimum:
+        """Solution from ``z``, in slips and approaches, with friction forces in place of sigma.
+
+        Points that pass their bounds though they count as apart are kept.
+        """
         counts: Counter[str] = Counter()
         while True:
             part = None if touching is None else self._parted(touching, given.limits)
@@ -281,7 +285,7 @@ class OpeningNewton:
                 search = _Search(self.whole, right, given)
                 search.run(z, tolerance, scale)
                 counts.update(search.counts)
-                return _Solved(
+                return OpeningMinimum(
                     search.z, search.force[: self.slips], search.p, search.w, search.converged,
                     dict(counts), search.residual, search.where,
                 )  # fmt: skip
@@ -296,7 +300,7 @@ class OpeningNewton:
         force = np.zeros(right.size)
         p[part.pressures], w[part.frictions] = search.p, search.w
         force[part.unknowns] = search.force
-        return _Solved(
+        return OpeningMinimum(
             z, force[: self.slips], p, w, search.converged, dict(counts), search.residual,
             int(part.unknowns[search.where]),
         )  # fmt: skip
@@ -325,19 +329,6 @@ class _Right(NamedTuple):
         """Of some of the points."""
         c, f = part.pressures, part.frictions
         return _Right(self.bound[c], self.limits[f], self.gain[c], self.beta[f])
-
-
-class _Solved(NamedTuple):
-    """Solution in slips and approaches, and how well it is solved."""
-
-    z: FloatArray
-    force: FloatArray
-    p: FloatArray
-    w: FloatArray
-    converged: bool
-    counts: dict[str, int]
-    residual: float
-    where: int
 
 
 def _solved(J: FloatArray, right: FloatArray) -> FloatArray:
