@@ -29,8 +29,8 @@ def constant_contact_alone(what: str, cure: str) -> str:
     """Sentence that refuses contact that opens for ``what``, and says what to do: ``cure``."""
     return (
         f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
-        f"with contact that opens there are full and condensed models over given cycles or a "
-        f"duration; {cure}"
+        f"with contact that opens there are full, condensed and reduced models over given cycles "
+        f"or a duration; {cure}"
     )
 
 

@@ -32,6 +32,7 @@ from skfem_joint.analysis.scene_plan import TO_STEADY
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.reduction.basis import Basis, Options
+from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.reduction.friction_points import SETTINGS as MERGING
 from skfem_joint.reduction.friction_points import merged_points, shared_points
 from skfem_joint.reduction.sources import make_basis
@@ -196,8 +197,8 @@ def _laws(system: System, steepest: float = 0.0) -> tuple[System, System]:
 
 def _on(system: System, basis: Basis, V: FloatArray) -> tuple[System, System]:
     """Reduced models on vectors V under both laws, very many points merged."""
-    small = system.project(V)
-    if system.contact_points > MERGING.many:
+    small = elastic(system).project(V)
+    if system.contact_points > MERGING.many and system.opening is None:
         narrow, carrying = system.project(basis.V), np.flatnonzero(system.w)
         merged = merged_points(narrow, basis.history.velocities, carrying, MERGING.merged)
         small = shared_points(small, merged.shares, merged.w)

@@ -1,9 +1,11 @@
-"""Estimated errors of condensed models with contact that opens.
+"""Estimated errors of condensed and reduced models with contact that opens.
 
-No reduced model stands beside them, and a residual in the full equation would need the normal
-forces of points that the model does not follow. So the model is run again, better in one respect at
-a time: with half and, where it is small, a quarter of its step, and with twice as many
-fixed-interface modes, which a quasi-static run does without: its statics are exact.
+A residual in the full equation would need the normal forces of points that the model does not
+follow. So the model is run again, better in one respect at a time: with half and, where it is
+small, a quarter of its step; and with a better basis. That of a condensed model has twice as many
+fixed-interface modes, which a quasi-static run does without: its statics are exact. The better
+basis of a reduced model is that of the condensed one, whose contact is rigid: its run, by the same
+steps, shows what modes, elastic contact and a less steep law of friction have changed.
 """
 
 from __future__ import annotations
@@ -56,23 +58,52 @@ def of_condensed(
     KeyboardInterrupt
         If one is interrupted.
     """
+    wider = None if plan.quasi_static else _wider(system, basis)
+    return _estimated(run, plan, is_small(system, plan), wider, _with_rest, progress)
+
+
+def of_reduced(
+    system: System,
+    run: Run,
+    plan: Plan,
+    progress: Callable[..., None] | None = None,
+) -> Estimate:
+    """Errors of a reduced model's run with contact that opens.
+
+    Parameters and errors are those of `of_condensed`.
+    """
+    condensed = condensed_system(system, condensed_basis(system).V)
+    return _estimated(run, plan, True, condensed, dict, progress)
+
+
+def _estimated(
+    run: Run,
+    plan: Plan,
+    quarter: bool,
+    better: System | None,
+    with_rest: Callable[[Parts], Parts],
+    progress: Callable[..., None] | None,
+) -> Estimate:
+    """Errors from half and maybe a ``quarter`` of the step, and from a model of a ``better`` basis.
+
+    ``with_rest`` adds to what that changes what it still misses itself.
+    """
 
     def finer(factor: int) -> Run:
         return verification_run(run.system, plan.finer(factor), progress=progress)
 
     base, half = results(run), results(finer(2))
     finest, before = half, None
-    if is_small(system, plan):
+    if quarter:
         finest, before = results(finer(4)), difference(half, base)
     left = left_of_steps(before, difference(finest, base if before is None else half))
     steps = added(difference(finest, base), left)
     truth = finest
     of_basis: Parts = dict.fromkeys(QUANTITIES, 0.0)
-    wider = None if plan.quasi_static else _wider(system, basis)
-    if wider is not None:
-        wide = results(verification_run(wider, plan, progress=progress))
+    if better is not None:
+        wide = results(verification_run(better, plan, progress=progress))
         truth = finest.plus(1.0, wide, base)
-        of_basis = _with_rest(difference(wide, base))
+        of_basis = with_rest(difference(wide, base))
     total = at_least(added(steps, of_basis), truth, base, of_basis, steps)
     parts = {"basis": of_basis, "time_step": steps, "total": total}
     rest = left["friction_energy"] or 0.0

@@ -137,13 +137,15 @@ def of_run(
 ) -> Estimate:
     """Errors of a model's run: a reduced one's, or without ``basis`` the full one's.
 
-    Those of a model for a range are estimated by what it carries, those of a condensed one with
-    contact that opens by :mod:`skfem_joint.analysis.opening_estimate`.
+    Those of a model for a range are estimated by what it carries, those of a condensed or
+    reduced one with contact that opens by :mod:`skfem_joint.analysis.opening_estimate`.
     """
     if run.system.serves is not None:
         return range_estimate.of_range(run, plan, progress)
     if basis is None:
         return step_estimate.of_full(system, run, plan, progress)
     if system.opening is not None:
+        if not sparse.issparse(run.system.B):
+            return opening_estimate.of_reduced(system, run, plan, progress)
         return opening_estimate.of_condensed(system, basis, run, plan, progress)
     return of_reduced(system, basis, run.system, plan, run, progress)

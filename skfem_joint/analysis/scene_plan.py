@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from skfem_joint.reduction.basis import Basis, Options
+from skfem_joint.reduction.elastic_contact import check_reference
 from skfem_joint.reduction.sources import make_basis
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.checkpoint import fingerprint
@@ -99,6 +100,7 @@ def make_reduced(
     """
     if options.reference != "paper":
         return make_basis(system, options, plan, enriched=enriched, path=path)
+    check_reference(system, options.reference)
     from skfem_joint.reduction.scaled.basis import paper_basis  # few scenes need it
 
     return paper_basis(structure, system, options, plan, enriched=enriched)

@@ -394,6 +394,8 @@ def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
 def _basis(model: Model, errors: Estimate) -> str:
     """Cure for a basis that misses modes."""
     if model.run.system.opening is not None:
+        if model.name == "reduced":
+            return "use more modes, or run the condensed model"
         return "run the full model, or sj.condense with more interface_modes"
     if errors.missing is not None and errors.missing.slips:
         return (

@@ -342,7 +342,7 @@ def _solved(J: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(linalg.lapack.dgetrs(factor, pivots, right, trans=1)[0])
 
 
-class _Renewal:
+class Renewal:
     """Friction limits that become those of their own normal forces, by Anderson's acceleration.
 
     The map of limits to the limits of the normal forces under them has a fixed point for any
@@ -417,7 +417,7 @@ class _Search:
         rigid = np.isinf(self.problem.stiffness)
         t = self.problem.slips
         z[t:] = np.where(rigid, np.minimum(z[t:], self.pressing.bound), z[t:])
-        renewal: _Renewal | None = None  # while limits are kept
+        renewal: Renewal | None = None  # while limits are kept
         best, since, inner_target, mark = np.inf, 0, 0.0, (z.copy(), np.inf)
         r = np.empty_like(z)
         residual(self.A, self.right, z, r)
@@ -452,7 +452,7 @@ class _Search:
             else:
                 since += 1
                 if since >= SETTINGS.patience:
-                    renewal, inner_target = _Renewal(), SETTINGS.inner * self.residual
+                    renewal, inner_target = Renewal(), SETTINGS.inner * self.residual
                     if mark[1] < self.residual:
                         z[:] = mark[0]
                         residual(self.A, self.right, z, r)

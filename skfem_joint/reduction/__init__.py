@@ -1,7 +1,7 @@
 """Reduced models of structures with joints.
 
 From data to model: `excitation` (loads of the run to come), `static_path` (how the joints slip,
-without a run of the full model), `pod` (proper orthogonal decomposition of snapshots),
+without a run of the full model), `elastic_contact` (contact that opens), `pod` (proper orthogonal decomposition of snapshots),
 `interface_modes` (vibration without slip), `joint_slides` (joints that slip as a whole), `sources`
 (a basis of these), `basis` (the basis, and the reduced system on it), `friction_points` (fewer
 friction points), `missing_modes` (what a reduced run shows that its basis is missing). `condensed`
@@ -33,6 +33,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
 from skfem_joint.reduction.basis import SETTINGS, Basis, Origin, reduced_system
 from skfem_joint.reduction.condensed import condense as condense
+from skfem_joint.reduction.elastic_contact import check_reference, elastic
 from skfem_joint.reduction.excitation import SHORT_RUNS
 from skfem_joint.reduction.ranges.model import reduced_for_range
 from skfem_joint.reduction.ranges.points import at as at
@@ -92,6 +93,9 @@ def reduce(
     quasi_static : bool
         Whether the run to come is one of `quasi_static`, without inertia and damping.
 
+    Contact that opens becomes elastic where it was rigid, so that few unknowns suffice, and keeps all
+    its points; see `skfem_joint.reduction.elastic_contact`.
+
     Returns
     -------
     System
@@ -105,7 +109,9 @@ def reduce(
         If a number is out of range, the loads have no common period and no duration is given,
         nothing moves, or no point carries friction.
     """
-    system.check_constant_contact("reduce", "take sj.condense(system), or the system itself")
+    if range is not None or quasi_static:
+        what = "reduce: quasi_static" if range is None else "reduce: range"
+        system.check_constant_contact(what, "leave it out, or take sj.condense(system)")
     check("modes", modes, COUNT, "auto")
     if range is not None:
         others = (interface_modes, friction_points, beta, duration, run, quasi_static)
@@ -124,8 +130,9 @@ def reduce(
     if quasi_static:
         system, beta = rate_independent(system), np.inf
     if run is None:
-        basis = _of_static_path(system, count, interface_modes, duration, quasi_static)
+        basis = _of_static_path(elastic(system), count, interface_modes, duration, quasi_static)
     else:
+        check_reference(system, "self")
         beside = 0 if isinstance(interface_modes, str) else interface_modes
         basis = own_basis(system, run, count, interface_modes=beside)
     small = reduced_system(system, basis, friction_points=friction_points, beta=beta)

@@ -16,6 +16,7 @@ import numpy as np
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import Uncondensed
+from skfem_joint.reduction.elastic_contact import check_points, elastic
 from skfem_joint.reduction.friction_points import NO_FRICTION, friction_lost, merged_points
 from skfem_joint.reduction.pod import ProperModes, orthonormal, thinned
 from skfem_joint.system import System
@@ -330,7 +331,11 @@ def reduced_system(
     """
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
+    system = elastic(system)
     reduced = system.project(basis.V)
+    if system.opening is not None:
+        check_points(friction_points)
+        friction_points = "all"
     count = None if isinstance(friction_points, str) else friction_points
     if count is not None and count < 1:
         raise InputError(f"reduction.friction_points: found {count}, must be >= 1")

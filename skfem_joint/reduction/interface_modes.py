@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 from scipy import sparse
@@ -27,6 +27,7 @@ from scipy.linalg import null_space
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.modal_response import modal_response
 from skfem_joint.modes import eigenmodes
+from skfem_joint.opening import OpeningContact
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
@@ -202,6 +203,20 @@ def driven(
     share = omega * np.abs(acceleration).max(axis=1)
     order = np.argsort(-share, kind="stable")[:most]
     return F @ shapes[:, order], share[order] / strain if strain > 0.0 else 0.0 * share[order]
+
+
+def driven_closed(
+    system: System, response: FloatArray, loads: Excitation
+) -> tuple[FloatArray, FloatArray]:
+    """As `driven`, of a system with contact that opens: what is pressed at rest stays closed."""
+    contact = cast("OpeningContact", system.opening)
+    kept = np.setdiff1d(np.arange(system.n), contact.closed_columns)
+    own = response.copy()
+    own[contact.closed_columns] = 0.0
+    shapes, share = driven(system.closed(), own[kept], loads)
+    whole = np.zeros((system.n, shapes.shape[1]))
+    whole[kept] = shapes
+    return whole, share
 
 
 def beside(system: System, V: FloatArray, shapes: FloatArray, share: FloatArray) -> FloatArray:

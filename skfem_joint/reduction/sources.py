@@ -18,6 +18,7 @@ from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction import basis as bases
 from skfem_joint.reduction import static_path
 from skfem_joint.reduction.basis import Basis, Options, basis_of
+from skfem_joint.reduction.elastic_contact import check_reference, elastic, strain_norm
 from skfem_joint.reduction.excitation import SHORT_RUNS
 from skfem_joint.reduction.interface_modes import SETTINGS, RestrictedMotion, beside, driven
 from skfem_joint.reduction.joint_slides import joint_slides
@@ -71,6 +72,8 @@ def make_basis(
         If a run is interrupted.
     """
     notes: list[str] = []
+    system = elastic(system)
+    check_reference(system, options.reference)
     modes, interface = options.mode_count, options.interface_modes
     if options.reference == "self":
         cycles = plan if plan.cycle_steps is None else plan.first(SHORT_RUNS.training_cycles)
@@ -169,7 +172,7 @@ def static_basis(
         the max(2, modes // 6) with the largest shares, without those whose motion the other
         vectors follow already (`skfem_joint.reduction.interface_modes.beside`).
     """
-    proper = proper_decomposition(path.snapshots, shifted(system.K, system.M))
+    proper = proper_decomposition(path.snapshots, strain_norm(system))
     counting = proper.singular_values > _LEAST_SINGULAR * proper.singular_values[0]
     modes = min(modes, int(np.count_nonzero(counting)))
     V = np.hstack([proper.modes[:, :modes], path.response, path.rigid])

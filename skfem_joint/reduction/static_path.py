@@ -25,9 +25,9 @@ import numpy as np
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.linalg.schur import Uncondensed
-from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction import friction_points, interface_modes
 from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.reduction.elastic_contact import OpeningPath, strain_norm
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation, steps_of_a_period
 from skfem_joint.reduction.friction_points import NO_FRICTION, merged_points
 from skfem_joint.reduction.joint_slides import joint_slides
@@ -149,7 +149,7 @@ def slip_path(
     system: System,
     plan: Plan,
     modes: int = 0,
-    path: QuasiStatic | None = None,
+    given: QuasiStatic | None = None,
     tolerance: float = 3e-5,
 ) -> StaticPath:
     """Follow the slip of a system through a run to come.
@@ -163,7 +163,7 @@ def slip_path(
         Number of joint modes to be made. If there are more than the levels of one harmonic's peak
         can tell apart, its path through time is followed too: vibration beside the load's has
         phases of its own.
-    path : QuasiStatic, optional
+    given : QuasiStatic, optional
         A path of the system, whose factors are used.
     tolerance : float
         Largest force residual of a state, over the largest force. Singular values are the same to
@@ -178,12 +178,10 @@ def slip_path(
     KeyboardInterrupt
         If the preliminary run is interrupted.
     """
-    from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
-
     if system.contact_points == 0:
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, plan)
-    path = QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
+    path = _path(system, given, tolerance)
     rise = np.array([loads.rise_time])
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
@@ -192,7 +190,7 @@ def slip_path(
     slides = bool(slipping[every].all())
     beside, interface, share = _beside(system, response, loads, path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
-    rigid, energy = path.to.outer(path.rigid.T).T, shifted(system.K, system.M)
+    rigid, energy = path.to.outer(path.rigid.T).T, strain_norm(system)
     for _ in range(SETTINGS.rounds):
         joint = proper_decomposition(_scaled(snapshots), energy).modes[:, : SETTINGS.modes]
         V = orthonormal(np.hstack([joint, beside, rigid, counting]), system.M)
@@ -207,7 +205,7 @@ def slip_path(
         if newly_slipping <= SETTINGS.newly_slipping:
             break
         slipping |= now
-    if loads.is_one_harmonic and modes > SETTINGS.second_levels:
+    if _is_monotone(system, loads) and modes > SETTINGS.second_levels:
         snapshots.append(_in_time(path, loads, driving))
     return StaticPath(
         snapshots=_scaled(snapshots),
@@ -229,8 +227,25 @@ def slip_path(
     )
 
 
+def _path(system: System, path: QuasiStatic | None, tolerance: float) -> QuasiStatic | OpeningPath:
+    """Path of a system, which uses the factors of a given ``path``."""
+    from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
+
+    if system.opening is not None:
+        return OpeningPath(system, tolerance)
+    return QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
+
+
+def _is_monotone(system: System, loads: Excitation) -> bool:
+    """Whether a path to the peak of a single harmonic shows all: both ways are alike then.
+
+    With contact that opens they are not.
+    """
+    return loads.is_one_harmonic and system.opening is None
+
+
 def _beside(
-    system: System, response: FloatArray, loads: Excitation, path: QuasiStatic
+    system: System, response: FloatArray, loads: Excitation, path: QuasiStatic | OpeningPath
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Static shapes beside the modes, fixed-interface modes and shares of these; see `StaticPath`.
 
@@ -239,20 +254,24 @@ def _beside(
     if loads.plan.quasi_static:
         still = np.zeros((system.n, 0)), np.zeros(0)
         return np.hstack([response, joint_slides(system)]), *still
+    if isinstance(path, OpeningPath):
+        return response, *interface_modes.driven_closed(system, response, loads)
     return response, *interface_modes.driven(system, response, loads, path=path)
 
 
 def _first(
-    system: System, path: QuasiStatic, loads: Excitation, response: FloatArray
+    system: System, path: QuasiStatic | OpeningPath, loads: Excitation, response: FloatArray
 ) -> FloatArray:
     """Snapshots (s, n) of the path under the loads with the inertia of their static response.
 
     InputError if nothing moves.
     """
-    inertia, beyond = system.M @ response, SETTINGS.first_beyond
+    inertia = system.M @ response
+    beyond = SETTINGS.first_beyond if system.opening is None else 1.0  # more might lift it off
     if loads.plan.quasi_static:
         inertia = np.zeros_like(inertia)
-    if len(loads.amplitudes) == 1 and (loads.is_one_harmonic or loads.period is None):
+    pulse = len(loads.amplitudes) == 1 and loads.period is None and system.opening is None
+    if pulse or _is_monotone(system, loads):
         square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
         levels = _levels(SETTINGS.first_levels, beyond)
         force = loads.vectors[:, 0] + square * inertia[:, 0]
@@ -271,10 +290,10 @@ def _first(
 
 
 def _second(
-    path: QuasiStatic, loads: Excitation, response: FloatArray, driving: _Driving
+    path: QuasiStatic | OpeningPath, loads: Excitation, response: FloatArray, driving: _Driving
 ) -> tuple[FloatArray, int]:
     """Snapshots (s, n) of the path under the forces of a run, and the number within its peak."""
-    if loads.is_one_harmonic:
+    if _is_monotone(driving.system, loads):
         count = SETTINGS.second_levels
         force = driving.at(np.array([np.argmax(np.abs(driving.work(response[:, 0])))]))
         levels = np.append(_levels(count, 1.0), [[SETTINGS.second_beyond]], axis=0)
@@ -283,7 +302,7 @@ def _second(
     return snapshots, len(snapshots) // 2
 
 
-def _in_time(path: QuasiStatic, loads: Excitation, driving: _Driving) -> FloatArray:
+def _in_time(path: QuasiStatic | OpeningPath, loads: Excitation, driving: _Driving) -> FloatArray:
     """States and increments (s, n) under the forces of a run: of its start and last period."""
     run, K = driving.run, driving.run.system.K
     rows = np.arange(1, len(run.u))
@@ -327,7 +346,7 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
     points are merged as they slip on the path.
     """
     small, merging = system.project(V), friction_points.SETTINGS
-    if system.contact_points > merging.many:
+    if system.contact_points > merging.many and system.opening is None:
         rates = path @ (system.M @ V)
         small = merged_points(small, rates, np.flatnonzero(system.w), merging.merged)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest

@@ -108,13 +108,14 @@ def arranged(system: System) -> Arranged:
 
 
 def _arranged_opening(system: System) -> Arranged:
-    """Of a system with contact that opens: slips are unknowns, apart from those that approach."""
+    """Of a system with contact that opens: slips are unknowns, apart from those that approach.
+
+    Reduced models keep their unknowns.
+    """
     maps: tuple[ChangeOfUnknowns, ...] = ()
+    if isinstance(cast("OpeningContact", system.opening).N, np.ndarray):
+        return Arranged(system, "opening")
     if not picks_unknowns(system.B):
-        if system.is_dense:
-            raise InputError(
-                "contact that opens: needs the full or the condensed model, found a reduced one"
-            )
         system, slips = system.with_slips_as_unknowns()
         maps = (slips,)
     N = sparse.csr_array(cast("OpeningContact", system.opening).N)

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray, as_dense, check_like
 from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.minimise.opening_dense import OpeningDense
 from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
 from skfem_joint.minimise.touching import Touching
 from skfem_joint.opening import OpeningContact
@@ -83,7 +84,7 @@ class OpeningStepper(PythonStepper):
         self.normal = NormalState(*np.repeat(contact.force[None], 3, axis=0))
         self.limits = np.array(self.system.w)
         self.constant = self.system.w - contact.limits_at_rest
-        self._at_rest: OpeningNewton | None = None
+        self._at_rest: OpeningNewton | OpeningDense | None = None
         self.touching = Touching(contact.force > 0.0)
 
     def new_problem(self, c: Coefficients) -> Any:
@@ -92,9 +93,11 @@ class OpeningStepper(PythonStepper):
         stiffness = self.contact.stiffness * c.c_K
         return self._problem(c.c_M * s.M + s.C + c.c_K * s.K, stiffness)
 
-    def _problem(self, H: Any, stiffness: FloatArray) -> OpeningNewton:
+    def _problem(self, H: Any, stiffness: FloatArray) -> OpeningNewton | OpeningDense:
         dense = isinstance(H, np.ndarray)
         contact = self.contact
+        if isinstance(contact.N, np.ndarray):
+            return OpeningDense(H, self.points, contact.N, contact.gain, stiffness)
         H = as_dense(H) if dense else as_compressed(H)
         return OpeningNewton(H, self.points, contact.N, contact.gain, stiffness)
 
@@ -166,7 +169,7 @@ class OpeningStepper(PythonStepper):
     def _step(self, c: Coefficients, amplitudes: FloatArray) -> OpeningMinimum | None:
         """Do one step; None, and nothing changed, if it does not converge."""
         s, contact = self.system, self.contact
-        problem = cast("OpeningNewton", self.problem(c))
+        problem = cast("OpeningNewton | OpeningDense", self.problem(c))
         u, v, a, d, _ = self.now
         predictor = u + c.u_v * v + c.u_a * a
         right = self.recorder.vectors @ amplitudes - s.K @ predictor

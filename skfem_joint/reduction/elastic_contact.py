@@ -1,0 +1,171 @@
+"""Contact that opens in reduced models: elastic, so that few unknowns suffice.
+
+Modes in which closed contact moves apart at none of its points and opens at others would have to
+know beforehand which points close. A reduced model therefore has elastic contact in place of a
+rigid one: each rigid pressure point c of area a_c gets the stiffness
+
+    k_c = factor a_c (sum_i s_i) / (sum_i a_i),    s_i = 1 / (N diag(K)^-1 N^T)_ii,
+
+with the stiffness s_i that the structure itself opposes to a motion of the point alone. The normal
+forces then follow from the modes, which are made from paths of the same elastic contact: in these
+the faces pass through each other by the normal force over the stiffness, and proper orthogonal
+modes in the norm of strain energy, that of the contact included, have the pressures with the
+displacements.
+
+The factor is a compromise, see ``docs/theory/opening.md``: softer contact is easier to follow, but
+wrong where contact takes a good part of the motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.linalg.shifts import shifted
+from skfem_joint.modes import rigid_motions
+from skfem_joint.stepping.arrangement import Arranged
+from skfem_joint.stepping.levels import Level, NoLevelError
+from skfem_joint.stepping.quasi_static import SETTINGS
+from skfem_joint.system import System
+
+#: Stiffness of contact over that which the structure opposes to single points.
+FACTOR = 10.0
+#: A level that does not converge is reached in parts, halved at most this often.
+HALVINGS = 6
+
+
+def elastic(system: System) -> System:
+    """System whose rigid contact that opens is elastic; itself if there is none."""
+    contact = system.opening
+    if contact is None or not contact.rigid.any():
+        return system
+    N = sparse.csr_array(contact.N)
+    compliance = (N * N) @ (1.0 / np.asarray(system.K.diagonal()))
+    own = np.divide(1.0, compliance, out=np.zeros_like(compliance), where=compliance > 0.0)
+    stiffness = FACTOR * own.sum() / contact.area.sum() * contact.area
+    return replace(
+        system,
+        opening=replace(contact, stiffness=np.where(contact.rigid, stiffness, contact.stiffness)),
+    )
+
+
+def check_reference(system: System, reference: str) -> None:
+    """Refuse modes of contact that opens that do not come from its static path."""
+    if system.opening is not None and reference != "static":
+        raise InputError(
+            f"reduction.reference: found {reference!r}, must be 'static' with contact that opens, "
+            "whose modes come from a path of elastic contact"
+        )
+
+
+def check_points(friction_points: str | int) -> None:
+    """Refuse fewer friction points in a model with contact that opens, which keeps all of them.
+
+    Points that slip alike may still be pressed and let go at different times.
+    """
+    if not isinstance(friction_points, str):
+        raise InputError(
+            f"friction_points: found {friction_points}, must be 'auto' or 'all' with contact that "
+            "opens: all points are kept, as each has a normal force of its own"
+        )
+
+
+def strain_norm(system: System) -> Matrix:
+    """Stiffness, (n, n), in whose norm modes are made: with that of elastic contact at rest.
+
+    A little of the mass is added to it, as bodies may move freely.
+    """
+    contact = system.opening
+    if contact is None:
+        return shifted(system.K, system.M)
+    pressed = sparse.diags_array(
+        np.where((contact.force > 0.0) & ~contact.rigid, contact.stiffness, 0.0)
+    )
+    own = contact.N.T @ (pressed @ contact.N)
+    if system.is_dense:
+        own = own.toarray() if sparse.issparse(own) else own
+    return shifted(system.K + own, system.M)
+
+
+class OpeningPath:
+    """Quasi-static paths of a system with contact that opens, as `slip_path` follows them.
+
+    Parameters
+    ----------
+    system : System
+    tolerance : float
+        Largest force residual relative to the largest force.
+
+    Attributes
+    ----------
+    to : Arranged
+    solves : int
+        Levels that were solved.
+    scaled_back : int
+        Levels that friction and contact do not hold: they are left out.
+    """
+
+    #: No factors to be used elsewhere.
+    unshifted = None
+
+    def __init__(self, system: System, tolerance: float) -> None:
+        from skfem_joint.stepping.opening_levels import OpeningLevels  # loads the compiler
+
+        self.solver = OpeningLevels(system, tolerance)
+        self.to: Arranged = self.solver.to
+        self.solves = self.scaled_back = 0
+
+    @cached_property
+    def rigid(self) -> FloatArray:
+        """Motions of bodies that friction and contact alone hold, (n, r)."""
+        inner = self.to.system
+        if self.solver.added is None:
+            return np.zeros((inner.n, 0))
+        return rigid_motions(inner.K, inner.M, SETTINGS.most_rigid)
+
+    @property
+    def factorizations(self) -> int:
+        """Matrices factorised so far."""
+        return int(self.solver.counts["factorizations"])
+
+    def follow(self, forces: FloatArray, times: FloatArray | None = None) -> FloatArray:
+        """Displacements (levels, n), m, from rest under forces (levels, n), N, one after another.
+
+        A level that does not exist, because its forces lift a body off or slide it away, is that
+        of the last one. ``times`` do not matter: slip follows Coulomb's law.
+
+        Raises
+        ------
+        ConvergenceError
+            If a level does not converge.
+        """
+        del times
+        last, before = self.solver.rest(), np.zeros(self.to.system.n)
+        states = []
+        for force in self.to.force(forces.T).T:
+            last = self._reached(last, before, force, 0)
+            before = force
+            states.append(last.u)
+        return self.to.outer(np.array(states))
+
+    def _reached(self, last: Level, before: FloatArray, force: FloatArray, halvings: int) -> Level:
+        """Level under ``force`` from that under ``before``, in parts if need be."""
+        self.solves += 1
+        try:
+            return self.solver.next(last, force)
+        except NoLevelError as error:
+            if error.beyond:
+                self.scaled_back += 1
+                return last
+            if halvings >= HALVINGS:
+                raise ConvergenceError(
+                    f"reduced model: its path under slowly changing loads was not found: {error}"
+                ) from error
+        middle = 0.5 * (before + force)
+        last = self._reached(last, before, middle, halvings + 1)
+        return self._reached(last, middle, force, halvings + 1)

@@ -1,0 +1,82 @@
+"""Steps of reduced models with contact that opens: the problem of slips in other unknowns."""
+
+import numpy as np
+import pytest
+from scipy import linalg, sparse
+
+from skfem_joint.errors import InputError
+from skfem_joint.minimise.opening_dense import OpeningDense
+from skfem_joint.minimise.opening_newton import OpeningNewton
+from skfem_joint.minimise.problem import ContactPoints
+
+Q = 8
+
+
+def _random(rng, directions, friction, beta=30.0):
+    """Random problem whose slips and approaches are unknowns, with elastic contact."""
+    n = (directions + 1) * Q + 4
+    R = rng.normal(size=(n, n))
+    rows = np.eye(n)
+    slips = directions * Q
+    points = ContactPoints(
+        sparse.csr_array(rows[:slips]), np.full(Q, directions), np.ones(Q), np.full(Q, beta)
+    )
+    gain = friction * (0.6 * np.eye(Q) + 0.2 * np.eye(Q, k=1) + 0.2 * np.eye(Q, k=-1))
+    given = np.where(np.arange(Q) < 2, 1.0, -0.1)
+    problem = R @ R.T + 0.1 * n * np.eye(n), points, rows[slips : slips + Q], gain
+    return problem, 10.0 ** rng.uniform(0.0, 4.0, Q), rng.uniform(-30.0, 30.0, n), given
+
+
+@pytest.mark.parametrize("directions", [1, 2])
+@pytest.mark.parametrize("friction", [0.3, 1.0])
+def test_it_is_the_problem_of_slips_in_other_unknowns(directions, friction):
+    opened = pressed = 0
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 5])
+        (H, points, N, gain), k, g, given = _random(rng, directions, friction)
+        bound = rng.choice([0.0, 0.1, -0.1], Q)
+        known = OpeningNewton(H, points, N, gain, k).minimise(g, bound, given)
+        T = rng.normal(size=H.shape)  # u = T q
+        points = ContactPoints(points.B @ T, points.directions, points.w, points.beta)
+        dense = OpeningDense(T.T @ H @ T, points, N @ T, gain, k)
+        found = dense.minimise(T.T @ g, bound, given)
+        assert known.converged
+        assert found.converged
+        np.testing.assert_allclose(T @ found.v, known.v, atol=1e-8)
+        np.testing.assert_allclose(found.p, known.p, atol=1e-6)
+        np.testing.assert_allclose(found.w, known.w, atol=1e-6)
+        opened, pressed = opened + np.sum(found.p == 0.0), pressed + np.sum(found.p > 0.0)
+    assert opened
+    assert pressed
+
+
+@pytest.mark.parametrize("beta", [1e2, 1e5])
+def test_forces_balance_with_more_points_than_unknowns(beta):
+    for seed in range(6):
+        rng = np.random.default_rng([seed, 6])
+        (H, points, N, gain), k, g, given = _random(rng, 2, 0.6, beta)
+        T = linalg.qr(rng.normal(size=(len(H), 7)), mode="economic")[0]
+        points = ContactPoints(points.B @ T, points.directions, points.w, points.beta)
+        dense = OpeningDense(T.T @ H @ T, points, N @ T, gain, k)
+        bound = rng.choice([0.0, 0.1, -0.1], Q)
+        found = dense.minimise(T.T @ g, bound, given)
+        assert found.converged
+        p = k * np.maximum(N @ (T @ found.v) - bound, 0.0)
+        w = np.maximum(given + gain @ p, 0.0)
+        slip = (points.B @ found.v).reshape(Q, 2)
+        speed = np.linalg.norm(slip, axis=1, keepdims=True)
+        friction = w[:, None] * 2.0 / np.pi * np.arctan(beta * speed) * slip / speed
+        left = T.T @ g - dense.H @ found.v - points.B.T @ friction.ravel() - T.T @ (N.T @ p)
+        np.testing.assert_allclose(left, 0.0, atol=1e-8 * np.abs(g).max())
+        for _ in range(2):
+            again = dense.minimise(T.T @ g, bound, given, start=rng.normal(size=7))
+            np.testing.assert_allclose(again.v, found.v, atol=1e-8)
+
+
+def test_rigid_points_and_set_valued_friction_are_refused():
+    rng = np.random.default_rng(1)
+    (H, points, N, gain), k, g, given = _random(rng, 1, 0.5, np.inf)
+    with pytest.raises(InputError, match="finite normal_stiffness"):
+        OpeningDense(H, points, N, gain, np.full(Q, np.inf))
+    with pytest.raises(InputError, match="set-valued Coulomb friction"):
+        OpeningDense(H, points, N, gain, k).minimise(g, np.zeros(Q), given)

@@ -1,0 +1,93 @@
+"""Reduced models with contact that opens: elastic contact, modes of its path, stated errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from opening_blocks import block, loads
+
+import skfem_joint as sj
+from skfem_joint.analysis.history import difference, results
+from skfem_joint.reduction.elastic_contact import FACTOR, elastic, strain_norm
+
+TIMING = {"cycles": 1, "steps_per_cycle": 100}
+
+
+def _system(elements=5, **joint):
+    return block(elements=elements, **joint).system(loads(up=150e3))
+
+
+def test_stiffness_is_by_area_and_a_given_one_stays():
+    contact = elastic(_system(elements=4)).opening
+    own = contact.stiffness / contact.area
+    np.testing.assert_allclose(own, own[0], rtol=1e-12)
+    given = _system(elements=4, normal_stiffness=1e13)
+    assert np.array_equal(elastic(given).opening.stiffness, given.opening.stiffness)
+    assert elastic(block().system(loads()).closed()).opening is None
+    # In proportion to the stiffness of the structure.
+    softer = replace(block(elements=4), material=sj.Material(1e11, 8000.0, 0.3))
+    other = elastic(softer.system(loads())).opening
+    np.testing.assert_allclose(2.0 * other.stiffness, contact.stiffness, rtol=1e-12)
+    assert FACTOR > 1.0
+
+
+def test_the_norm_has_the_energy_of_elastic_contact():
+    system = elastic(_system())
+    u = np.random.default_rng(0).normal(size=system.n) * 1e-6
+    contact = system.opening
+    assert np.all(contact.force > 0.0)
+    pressed = 0.5 * contact.stiffness @ (contact.N @ u) ** 2
+    whole = 0.5 * u @ (strain_norm(system) @ u)
+    assert whole == pytest.approx(0.5 * u @ (system.K @ u) + pressed, rel=1e-6)
+
+
+def test_a_basis_of_all_unknowns_gives_the_run_of_the_full_model():
+    full = elastic(_system(elements=3)).with_beta(1e4)
+    rng = np.random.default_rng(2)
+    V = np.linalg.qr(rng.normal(size=(full.n, full.n)))[0]
+    runs = [sj.integrate(system, **TIMING) for system in (full, full.project(V))]
+    np.testing.assert_allclose(runs[1].point_u, runs[0].point_u, atol=1e-9 * runs[0].peak.max())
+    np.testing.assert_allclose(runs[1].normal_force_peak, runs[0].normal_force_peak, rtol=1e-6)
+    assert runs[1].friction_work.sum() == pytest.approx(runs[0].friction_work.sum(), rel=1e-6)
+    assert runs[1].opened.tolist() == runs[0].opened.tolist()
+
+
+def test_errors_fall_with_modes_and_are_stated():
+    system = _system(elements=8)
+    whole = sj.integrate(elastic(system), **TIMING)
+    finer = {"cycles": 1, "steps_per_cycle": 8 * TIMING["steps_per_cycle"]}
+    truth = results(sj.integrate(sj.condense(system), **finer, save=sj.Save(every=8)))
+    errors = []
+    for modes in (2, 8, 20):
+        small = sj.reduce(system, modes=modes)
+        assert small.n < 25
+        run = sj.integrate(small, **TIMING)
+        assert run.energy_residual < 1e-8
+        errors.append(np.abs(run.point_u - whole.point_u).max() / whole.peak.max())
+        stated = sj.estimate(run)
+        true = difference(truth, results(run))
+        for name in ("displacement_rms", "friction_energy"):
+            if true[name] > 3e-3:
+                assert stated.of("total", name) > 0.5 * true[name], (modes, name)
+    assert errors[0] > 2.0 * errors[1] > 4.0 * errors[2]
+    assert errors[2] < 0.01
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"friction_points": 5}, "all points are kept"),
+        ({"quasi_static": True}, "quasi_static: found a joint"),
+        ({"range": {"slip": [0.1, 0.5], "frequency": [100.0, 200.0]}}, "range: found a joint"),
+    ],
+)
+def test_what_it_cannot_do_is_refused(options, words):
+    with pytest.raises(sj.InputError, match=words):
+        sj.reduce(_system(elements=3), **options)
+
+
+def test_modes_of_a_run_are_refused():
+    system = _system(elements=3)
+    run = sj.integrate(system, **TIMING, save=sj.Save(fields=True))
+    with pytest.raises(sj.InputError, match="must be 'static' with contact that opens"):
+        sj.reduce(system, run=run)
