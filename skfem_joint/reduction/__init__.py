@@ -1,12 +1,12 @@
 """Reduced models of structures with joints.
 
 From data to model: `excitation` (loads of the run to come), `static_path` (how the joints slip,
-without a run of the full model), `elastic_contact` (contact that opens), `pod` (proper orthogonal decomposition of snapshots),
-`interface_modes` (vibration without slip), `joint_slides` (joints that slip as a whole), `sources`
-(a basis of these), `basis` (the basis, and the reduced system on it), `friction_points` (fewer
-friction points), `missing_modes` (what a reduced run shows that its basis is missing). `condensed`
-keeps all of the contact and reduces the rest; `active_length` measures where joints slip. The
-paper's scaled modes are in `scaled`.
+without a run of the full model), `elastic_contact` (the same with contact that opens), `pod`
+(proper orthogonal decomposition of snapshots), `interface_modes` (vibration without slip),
+`joint_slides` (joints that slip as a whole), `sources` (a basis of these), `basis` (the basis, and
+the reduced system on it), `friction_points` (fewer friction points), `missing_modes` (what a
+reduced run shows that its basis is missing). `condensed` keeps all of the contact and reduces the
+rest; `active_length` measures where joints slip. The paper's scaled modes are in `scaled`.
 
 From the keys of a scene to modes: `scene.tables.ReductionTable` reads the table ``[reduction]``,
 `analysis.scene_plan.options_of` copies it to `reduction.basis.Options`, and its `basis_of_scene`
@@ -93,8 +93,8 @@ def reduce(
     quasi_static : bool
         Whether the run to come is one of `quasi_static`, without inertia and damping.
 
-    Contact that opens becomes elastic where it was rigid, so that few unknowns suffice, and keeps all
-    its points; see `skfem_joint.reduction.elastic_contact`.
+    Contact that opens becomes elastic where it was rigid, so that few unknowns suffice, and keeps
+    all its points; see `skfem_joint.reduction.elastic_contact`.
 
     Returns
     -------
