@@ -263,6 +263,12 @@ CLAIMS = {
     ),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),
+    "contact-block": Claim(f"{BENCHMARKS}/contact.py block", 10, {"contact-block": printed}),
+    "contact-wall": Claim(f"{BENCHMARKS}/contact.py wall", 10, {"contact-wall": printed}),
+    "contact-alike": Claim(f"{BENCHMARKS}/contact.py alike", 30, {"contact-alike": printed}),
+    "contact-loops": Claim(
+        f"{BENCHMARKS}/contact.py loops", 900, {"contact-loops": printed}, timed=True
+    ),
 }
 
 
