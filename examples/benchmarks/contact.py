@@ -289,7 +289,8 @@ def press(structure, normal, pulled, steps):
     # slips are those of the upper body; forces are means over corners, as friction limits are
     limits = (system.opening.gain @ run.normal_force.T).T
     of_points = run.normal_force, (-run.sigma * limits)[:, point[nodes]]
-    p, q = ((space.G @ force.T).T / area for force in of_points)
+    means = space.means(np.zeros(area.size))
+    p, q = ((means @ force.T).T / area for force in of_points)
     slip = -np.asarray((system.B @ run.u.T).T)[:, point[nodes]]
     by_x = (values[:, order] for values in (p, q, slip))
     return Pressed(structure.nodes[nodes[order], 0], area[order], *by_x, run)

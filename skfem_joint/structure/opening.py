@@ -39,15 +39,12 @@ class OpeningFace:
         Nodes of the pressed face that lie over the other one.
     W : sparse array, shape (q, k)
         Mean approach of each pressure point from those of the nodes; rows sum to 1.
-    G : sparse array, shape (k, q)
-        Normal forces of the nodes from those of the pressure points; columns sum to 1.
     gap, force, area, stiffness : ndarray, shape (q,)
         As in :class:`skfem_joint.opening.OpeningContact`.
     """
 
     nodes: IntArray
     W: sparse.csr_array
-    G: sparse.csr_array
     gap: FloatArray
     force: FloatArray
     area: FloatArray
@@ -104,7 +101,7 @@ def _pressed_and_face(
     normals : ndarray, shape (nodes of the body, dim)
         Outward unit normals of the face.
     known_force, known_gap : ndarray, shape (q,), or None
-        Force, N, and gap, m, of each corner under the preload; of the joint's pressure and of the
+        Force, N, and gap, m, of each node under the preload; of the joint's pressure and of the
         mesh if not given.
     cells_and_depth : tuple
         Sub-cells of the face and their depths, from `manifold_of`.
@@ -133,8 +130,8 @@ def _pressed_and_face(
     stiffness = joint.normal_stiffness * space.area
     at = selection(space.nodes, body.n_nodes).T
     other = None if space.other is None else sparse.csr_array(at @ space.other)
-    pressed = Pressed(at @ (space.G @ force), at @ space.area, at @ gap, other)
-    face = OpeningFace(space.nodes, W, space.G, gap, force, space.area, stiffness)
+    pressed = Pressed(at @ force, at @ space.area, at @ gap, other)
+    face = OpeningFace(space.nodes, W, gap, force, space.area, stiffness)
     return pressed, face
 
 
@@ -195,8 +192,8 @@ def opening_rows(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRow
         pivots.append(dim * nodes + free_first[np.arange(nodes.size), slips[nodes]])
         place = np.full(count, -1)
         place[face.nodes] = np.arange(face.nodes.size)
-        of_patch = face.G[place[patch.nodes]]
-        gain = patch.joint.friction * sparse.csr_array(selection(patch.points, m).T @ of_patch)
+        own = selection(place[patch.nodes], face.nodes.size)
+        gain = patch.joint.friction * sparse.csr_array(selection(patch.points, m).T @ own)
         contacts.append(
             OpeningContact(
                 face.W[:, np.flatnonzero(moves)],

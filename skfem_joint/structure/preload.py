@@ -178,5 +178,5 @@ def _pressed(
         )
     at = selection(face.nodes, n_nodes).T
     other = None if face.other is None else sparse.csr_array(at @ face.other)
-    nodal = at @ face.normal_force(force), at @ face.area, at @ gap
+    nodal = at @ (face.means(force) @ force), at @ face.area, at @ gap
     return Pressed(*nodal, other, force, gap)
