@@ -31,7 +31,7 @@ def constant_contact_alone(what: str, cure: str) -> str:
     return (
         f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
         f"with contact that opens there are full and condensed models over given cycles or a "
-        f"duration; {cure}"
+        f"duration, and their backbones; {cure}"
     )
 
 

@@ -91,9 +91,7 @@ def natural_modes(
         raise InputError(f"joints: found {joints!r}, must be 'loose' or 'stuck'")
     if system.opening is not None:
         closed = natural_modes(system.closed(), count, joints=joints)
-        return NaturalModes(
-            closed.frequencies, system.opening.closed_motions() @ closed.modes
-        )
+        return NaturalModes(closed.frequencies, system.opening.closed_motions() @ closed.modes)
     stuck = joints == "stuck"
     K, M = (sparse.csr_array(A) for A in (system.stuck_stiffness if stuck else system.K, system.M))
     if not stuck:
