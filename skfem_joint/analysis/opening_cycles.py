@@ -39,16 +39,19 @@ class OpeningCycleSettings:
     checked : int
         Levels at which a cycle with twice the increments is followed too, for the error.
     closed : float
-        A cycle is closed if the friction limits at rest do this share of its work on what is left
-        of the slips at its end.
+        A cycle is closed if its mean friction limits do this share of its work on what is left of
+        the slips at its end.
     most : int
         Most cycles at a level.
+    least : float
+        Work of friction over alpha q that counts as none: a damping ratio of 1.6e-5.
     """
 
     increments: int = 8
     checked: int = 3
     closed: float = 5e-3
     most: int = 4
+    least: float = 1e-4
 
 
 SETTINGS = OpeningCycleSettings()
@@ -94,7 +97,7 @@ class _Cycle(NamedTuple):
     work : float
         Of friction, J.
     slip_left : float
-        Work of the friction limits at rest on the slips that are left at its end, over ``work``.
+        Work of the mean friction limits on the slips that are left at its end, over ``work``.
     way_left : float
         Modal displacement that is left at its end, over that from peak to peak.
     """
@@ -106,6 +109,10 @@ class _Cycle(NamedTuple):
     work: float
     slip_left: float
     way_left: float
+
+    def start(self, alpha: float) -> _Start:
+        """Its end at a multiple of the force, from which one goes on."""
+        return _Start(Level(*self.end), self.last, alpha)
 
     @property
     def half(self) -> FloatArray:
@@ -159,15 +166,10 @@ class OpeningPath:
             If a level is not found, or the first one has no state.
         """
         start = _Start(self.solver.rest(), np.zeros(self.to.system.n), 0.0)
-        checked, done = spread(level.size, SETTINGS.checked), list[_Cycle]()
-        pairs, notes = list[tuple[_Cycle, _Cycle]](), list[str]()
-        for k, alpha in enumerate(level.tolist()):
+        done, notes = list[_Cycle](), list[str]()
+        for alpha in level.tolist():
             try:
-                found = self._kept(force, alpha, start, SETTINGS.increments, SETTINGS.most)
-                start = _Start(Level(*found.end), found.last, alpha)
-                if k in checked:
-                    finer = self._kept(force, alpha, start, 2 * SETTINGS.increments, 1)
-                    pairs.append((found, finer))
+                done.append(self._kept(force, alpha, start, SETTINGS.increments, SETTINGS.most))
             except NoLevelError as error:
                 share = alpha / level[-1]
                 if not error.beyond or not done:
@@ -175,12 +177,20 @@ class OpeningPath:
                         f"backbone: there is no cycle at {share:.3g} of the highest level: {error}"
                     ) from error
                 notes.append(
-                    f"the curve ends at {level[len(done) - 1] / level[-1]:.3g} of the highest "
-                    f"level that was asked for; at {share:.3g} of it {error}."
+                    f"the curve ends at {start.alpha / level[-1]:.3g} of the highest level that "
+                    f"was asked for: at {share:.3g} of it {error}. A lower up_to has all levels "
+                    "below."
                 )
                 break
-            done.append(found)
-        return self._cycles(level[: len(done)], force, done, pairs, notes)
+            start = done[-1].start(alpha)
+        level = level[: len(done)]
+        pairs = list[tuple[float, _Cycle, _Cycle]]()
+        for k in spread(level.size, SETTINGS.checked).tolist():
+            alpha = float(level[k])
+            begin = done[k].start(alpha)
+            finer = self._kept(force, alpha, begin, 2 * SETTINGS.increments, 1)
+            pairs.append((alpha, done[k], finer))
+        return self._cycles(level, force, done, pairs, notes)
 
     def _kept(
         self, force: FloatArray, alpha: float, start: _Start, increments: int, most: int
@@ -224,7 +234,7 @@ class OpeningPath:
         work = float((0.5 * (limits[1:] + limits[:-1]) * system.slip_norm(slips)).sum())
         normal = np.array([level.normal for level in path])
         end, low = path[-1], path[middle].u
-        left = float(system.w @ system.slip_norm(end.slip - begin.slip))
+        left = float(limits.mean(axis=0) @ system.slip_norm(end.slip - begin.slip))
         way = float(force @ (end.u - low))
         return _Cycle(
             end=cast("tuple[FloatArray, ...]", tuple(end)),
@@ -232,7 +242,7 @@ class OpeningPath:
             low=low,
             opened=(normal <= 0.0).any(axis=0) & pressed,
             work=work,
-            slip_left=left / work if work > 0.0 else 0.0,
+            slip_left=left / max(work, 0.5 * SETTINGS.least * way),
             way_left=abs(float(force @ (end.u - begin.u)) / way),
         )
 
@@ -241,29 +251,24 @@ class OpeningPath:
         level: FloatArray,
         force: FloatArray,
         done: list[_Cycle],
-        pairs: list[tuple[_Cycle, _Cycle]],
+        pairs: list[tuple[float, _Cycle, _Cycle]],
         notes: list[str],
     ) -> Cycles:
-        """Result of the cycles at some levels, and of pairs with once and twice the increments."""
+        """Result of the cycles at all levels, and of those with twice the increments at some."""
         system, pressed = self.to.system, self.solver.contact.force > 0.0
         states = np.array([cycle.half for cycle in done])
         slip = system.slip_norm(np.asarray((system.B @ states.T).T))
         left = max(cycle.slip_left for cycle in done)
         if left > SETTINGS.closed:
             notes.append(
-                f"cycles are not closed after {SETTINGS.most} of them: friction limits at rest "
-                f"would do {100.0 * left:.2g} % of the work of a cycle on the slip that is left at "
-                "its end."
+                f"cycles are not closed after {SETTINGS.most} of them: friction would do "
+                f"{100.0 * left:.2g} % of the work of a cycle on the slip that is left at its end."
             )
+        apart = np.array([_apart(force, *pair) for pair in pairs]).max(axis=0)
         errors = {
-            "frequency": 0.5 * max(cycle.way_left for cycle in done),
-            "damping_ratio": left,
+            "frequency": HALVED * float(apart[0]) + 0.5 * max(cycle.way_left for cycle in done),
+            "damping_ratio": HALVED * float(apart[1]) + left,
         }
-        for name, of in (("frequency", _frequency), ("damping_ratio", _damping)):
-            values = np.array([[of(cycle, force) for cycle in pair] for pair in pairs])
-            values = values[values[:, 1] > 0.0]
-            apart = np.abs(values[:, 0] / values[:, 1] - 1.0).max(initial=0.0)
-            errors[name] += HALVED * float(apart)
         return Cycles(
             level=level,
             states=states,
@@ -279,11 +284,9 @@ class OpeningPath:
         )
 
 
-def _frequency(cycle: _Cycle, force: FloatArray) -> float:
-    """Frequency of a cycle, but for a factor of its level."""
-    return 1.0 / float(np.sqrt(force @ cycle.half))
-
-
-def _damping(cycle: _Cycle, force: FloatArray) -> float:
-    """Damping ratio of friction in a cycle, but for a factor of its level."""
-    return cycle.work / float(force @ cycle.half)
+def _apart(force: FloatArray, alpha: float, cycle: _Cycle, finer: _Cycle) -> tuple[float, float]:
+    """Relative distances of frequency and damping ratio of a cycle from those of a finer one."""
+    q = np.array([force @ cycle.half, force @ finer.half])
+    loss = np.array([cycle.work, finer.work]) / (alpha * q)
+    frequency = abs(float(np.sqrt(q[1] / q[0])) - 1.0)
+    return frequency, abs(float(loss[0] - loss[1])) / max(float(loss[1]), SETTINGS.least)

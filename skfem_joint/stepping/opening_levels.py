@@ -31,6 +31,10 @@ from skfem_joint.system import System
 REPEATED = 40
 #: Share of the load that the added mass may carry at last.
 CARRIED = 1e-9
+#: Where the added mass carries this share, and so much of the forces is left at most, nothing holds
+#: the structure: round-off of motions of kilometres is what is left.
+FLIES, LEFT = 1e-3, 1e-3
+NOT_HELD = "friction and contact do not hold the loads: the structure slides or lifts off"
 
 
 class OpeningLevels:
@@ -88,10 +92,7 @@ class OpeningLevels:
             found, u = self._increment(u, force, np.zeros_like(u))
         else:
             if self.added is not None:
-                raise NoLevelError(
-                    "friction and contact do not hold the loads: the structure slides or lifts off",
-                    beyond=True,
-                )
+                raise NoLevelError(NOT_HELD, beyond=True)
         self.last = first
         friction = found.sigma * self.to.system.on_rows(found.w)
         slip = np.asarray(self.to.system.B @ u)
@@ -115,6 +116,9 @@ class OpeningLevels:
         most = "largest_iterations"
         self._counts[most] = max(self._counts.get(most, 0), found.counts["newton_iterations"])
         if not found.converged:
+            left = found.residual <= LEFT * float(np.abs(right).max())
+            if self.added is not None and left and self._carried(found, force) > FLIES:
+                raise NoLevelError(NOT_HELD, beyond=True)
             unknown = self.to.outer_number(max(found.where, 0))
             raise NoLevelError(
                 f"a force residual of {found.residual:.3g} N is left at unknown {unknown}", unknown
