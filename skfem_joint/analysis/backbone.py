@@ -335,7 +335,7 @@ def _curve(
     else:
         shape, to = opening.of_closed(to.outer(shape)), opening.to
         force = np.asarray(to.system.M @ shape)
-        found = opening.follow(force, level)
+        found = opening.follow(force, level, float(shape @ (to.system.C @ shape)))
     system, level, states = to.system, found.level, found.states
     q = states @ force
     omega = np.sqrt(level / q)

@@ -45,6 +45,8 @@ class OpeningCycleSettings:
         Most cycles at a level.
     least : float
         Work of friction over alpha q that counts as none: a damping ratio of 1.6e-5.
+    doubtful : float
+        Relative error of the damping ratio beyond which a note says so.
     """
 
     increments: int = 8
@@ -52,6 +54,7 @@ class OpeningCycleSettings:
     closed: float = 5e-3
     most: int = 4
     least: float = 1e-4
+    doubtful: float = 0.05
 
 
 SETTINGS = OpeningCycleSettings()
@@ -155,10 +158,11 @@ class OpeningPath:
         """Unknowns of the path, (n,), from those of `System.closed`."""
         return self.to.inner(np.asarray(self._closed @ u))
 
-    def follow(self, force: FloatArray, level: FloatArray) -> Cycles:
+    def follow(self, force: FloatArray, level: FloatArray, damping: float = 0.0) -> Cycles:
         """Cycles of a force (n,), N, between both signs of some levels, from rest.
 
-        They end with the last level that has a state, which a note says.
+        They end with the last level that has a state, which a note says. The error of the damping
+        ratio is that of friction over the whole one, with the modal ``damping``, 1/s.
 
         Raises
         ------
@@ -190,7 +194,12 @@ class OpeningPath:
             begin = done[k].start(alpha)
             finer = self._kept(force, alpha, begin, 2 * SETTINGS.increments, 1)
             pairs.append((alpha, done[k], finer))
-        return self._cycles(level, force, done, pairs, notes)
+        apart = np.array([_apart(force, damping, *pair) for pair in pairs]).max(axis=0)
+        errors = {
+            "frequency": float(apart[0]) + 0.5 * max(cycle.way_left for cycle in done),
+            "damping_ratio": float(apart[1]),
+        }
+        return self._cycles(level, done, errors, notes)
 
     def _kept(
         self, force: FloatArray, alpha: float, start: _Start, increments: int, most: int
@@ -247,14 +256,9 @@ class OpeningPath:
         )
 
     def _cycles(
-        self,
-        level: FloatArray,
-        force: FloatArray,
-        done: list[_Cycle],
-        pairs: list[tuple[float, _Cycle, _Cycle]],
-        notes: list[str],
+        self, level: FloatArray, done: list[_Cycle], errors: dict[str, float], notes: list[str]
     ) -> Cycles:
-        """Result of the cycles at all levels, and of those with twice the increments at some."""
+        """Result of the cycles at all levels."""
         system, pressed = self.to.system, self.solver.contact.force > 0.0
         states = np.array([cycle.half for cycle in done])
         slip = system.slip_norm(np.asarray((system.B @ states.T).T))
@@ -264,11 +268,11 @@ class OpeningPath:
                 f"cycles are not closed after {SETTINGS.most} of them: friction would do "
                 f"{100.0 * left:.2g} % of the work of a cycle on the slip that is left at its end."
             )
-        apart = np.array([_apart(force, *pair) for pair in pairs]).max(axis=0)
-        errors = {
-            "frequency": HALVED * float(apart[0]) + 0.5 * max(cycle.way_left for cycle in done),
-            "damping_ratio": HALVED * float(apart[1]) + left,
-        }
+        if errors["damping_ratio"] > SETTINGS.doubtful:
+            notes.append(
+                "the contact opens and slips so abruptly that the damping errs by an "
+                f"estimated {100.0 * errors['damping_ratio']:.2g} % from the increments of cycles."
+            )
         return Cycles(
             level=level,
             states=states,
@@ -284,9 +288,16 @@ class OpeningPath:
         )
 
 
-def _apart(force: FloatArray, alpha: float, cycle: _Cycle, finer: _Cycle) -> tuple[float, float]:
-    """Relative distances of frequency and damping ratio of a cycle from those of a finer one."""
+def _apart(
+    force: FloatArray, damping: float, alpha: float, cycle: _Cycle, finer: _Cycle
+) -> tuple[float, float]:
+    """Relative errors of frequency and damping ratio of a cycle, by one with half its increments.
+
+    What is left of the slips at its end counts as an error of the work.
+    """
     q = np.array([force @ cycle.half, force @ finer.half])
     loss = np.array([cycle.work, finer.work]) / (alpha * q)
-    frequency = abs(float(np.sqrt(q[1] / q[0])) - 1.0)
-    return frequency, abs(float(loss[0] - loss[1])) / max(float(loss[1]), SETTINGS.least)
+    whole = float(loss[1]) + np.pi * damping * float(np.sqrt(q[1] / alpha))
+    left = cycle.slip_left * max(float(loss[0]), SETTINGS.least)
+    frequency = HALVED * abs(float(np.sqrt(q[1] / q[0])) - 1.0)
+    return frequency, (HALVED * abs(float(loss[0] - loss[1])) + left) / max(whole, SETTINGS.least)

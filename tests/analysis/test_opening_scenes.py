@@ -159,7 +159,6 @@ def test_functions_refuse_it_too():
     system = block().system()
     for analysis in (
         lambda: sj.reduce(system),
-        lambda: sj.backbone(system),
         lambda: sj.response(system, [100.0, 200.0]),
         lambda: sj.integrate(system, steps_per_cycle=100, until="steady"),
     ):
@@ -209,7 +208,7 @@ def test_commands_run_or_refuse_it(scene_file, capsys):
     assert cli.main(["check", str(scene_file)]) == 0
     assert "Contact that opens (base)" in capsys.readouterr().out
     assert cli.main(["preview", str(scene_file), "--out", str(scene_file.with_suffix(".png"))]) == 0
-    for command in ("backbone", "response", "error-time"):
+    for command in ("response", "error-time"):
         assert cli.main([command, str(scene_file), "--out", str(scene_file.parent / "o")]) == 2
         assert f"{command}: found a joint with contact = 'unilateral'" in capsys.readouterr().err
     assert cli.main(["run", str(scene_file), "--models", "reduced", "--out", "o"]) == 2
