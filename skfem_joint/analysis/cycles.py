@@ -23,7 +23,8 @@ class Cycles:
     work : ndarray, shape (levels,)
         Work of friction in a cycle, J.
     slip, sliding : ndarray, shape (levels, m)
-        Slip of each contact point that belongs to ``states``, m, and that of its slider.
+        Slip of each contact point that belongs to ``states``, m, and that of its slider: what is
+        left by a spring in series, and zero where nothing is pressed all along.
     friction : ndarray, shape (levels, rows of B), or None
         Friction over its limit at the level, where the limits are constant.
     loops : ndarray, shape (increments, n)

@@ -97,6 +97,8 @@ class _Cycle(NamedTuple):
         Displacement at the opposite of the level, m.
     opened : ndarray of bool, shape (q,)
         Whether each pressure point was without force at an increment.
+    rubbed : ndarray of bool, shape (m,)
+        Whether each contact point could carry friction at an increment.
     work : float
         Of friction, J.
     slip_left : float
@@ -109,6 +111,7 @@ class _Cycle(NamedTuple):
     last: FloatArray
     low: FloatArray
     opened: BoolArray
+    rubbed: BoolArray
     work: float
     slip_left: float
     way_left: float
@@ -250,6 +253,7 @@ class OpeningPath:
             last=self.solver.last,
             low=low,
             opened=(normal <= 0.0).any(axis=0) & pressed,
+            rubbed=(limits > 0.0).any(axis=0),
             work=work,
             slip_left=left / max(work, 0.5 * SETTINGS.least * way),
             way_left=abs(float(force @ (end.u - begin.u)) / way),
@@ -278,7 +282,7 @@ class OpeningPath:
             states=states,
             work=np.array([cycle.work for cycle in done]),
             slip=slip,
-            sliding=slip,
+            sliding=np.where([cycle.rubbed for cycle in done], slip, 0.0),
             friction=None,
             loops=np.zeros((0, system.n)),
             middle=np.array([cycle.middle for cycle in done]),

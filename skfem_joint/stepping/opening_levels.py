@@ -13,6 +13,7 @@ carries nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import cast
 
 import numpy as np
 
@@ -84,7 +85,7 @@ class OpeningLevels:
 
     def next(self, last: Level, force: FloatArray) -> Level:
         """See `LevelSolver`."""
-        found, u = self._increment(last.u, force, self.last)
+        found, u = self._increment(last.u, force, self._start(last, force))
         first = u - last.u
         for _ in range(REPEATED):
             if self.added is None or self._carried(found, force) <= CARRIED:
@@ -97,6 +98,17 @@ class OpeningLevels:
         friction = found.sigma * self.to.system.on_rows(found.w)
         slip = np.asarray(self.to.system.B @ u)
         return Level(u, friction, slip, found.w, found.p)
+
+    def _start(self, last: Level, force: FloatArray) -> FloatArray:
+        """Increment to begin with: the one before, or none where the load turns round.
+
+        What slips one way is no guess of what will slip the other way: points of a bar of 100 do
+        not come to rest from it.
+        """
+        inner, normal = self.to.system, cast("FloatArray", last.normal)
+        change = force + self.contact.N.T @ (self.contact.force - normal) - self.K @ last.u
+        change -= inner.B.T @ last.friction
+        return self.last if float(change @ self.last) > 0.0 else np.zeros_like(self.last)
 
     def _increment(
         self, u: FloatArray, force: FloatArray, start: FloatArray
