@@ -23,7 +23,7 @@ from skfem_joint.errors import ConvergenceError
 from skfem_joint.opening import OpeningContact
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.levels import Level, NoLevelError, in_parts
-from skfem_joint.stepping.opening_levels import OpeningLevels
+from skfem_joint.stepping.opening_levels import Kept, OpeningLevels
 from skfem_joint.system import System
 
 
@@ -73,14 +73,14 @@ class _Start(NamedTuple):
     Attributes
     ----------
     level : Level
-    last : ndarray, shape (n,)
+    kept : Kept
         What the solver keeps from the increment before.
     alpha : float
         Multiple of the force.
     """
 
     level: Level
-    last: FloatArray
+    kept: Kept
     alpha: float
 
 
@@ -91,8 +91,8 @@ class _Cycle(NamedTuple):
     ----------
     end : tuple of ndarray
         Its end, the arrays of a `Level`.
-    last : ndarray, shape (n,)
-        What the solver keeps from it.
+    kept : tuple
+        What the solver keeps from its last increment, see `Kept`.
     low : ndarray, shape (n,)
         Displacement at the opposite of the level, m.
     opened : ndarray of bool, shape (q,)
@@ -108,7 +108,7 @@ class _Cycle(NamedTuple):
     """
 
     end: tuple[FloatArray, ...]
-    last: FloatArray
+    kept: tuple[FloatArray, float]
     low: FloatArray
     opened: BoolArray
     rubbed: BoolArray
@@ -118,7 +118,7 @@ class _Cycle(NamedTuple):
 
     def start(self, alpha: float) -> _Start:
         """Its end at a multiple of the force, from which one goes on."""
-        return _Start(Level(*self.end), self.last, alpha)
+        return _Start(Level(*self.end), Kept(*self.kept), alpha)
 
     @property
     def half(self) -> FloatArray:
@@ -172,7 +172,7 @@ class OpeningPath:
         ConvergenceError
             If a level is not found, or the first one has no state.
         """
-        start = _Start(self.solver.rest(), np.zeros(self.to.system.n), 0.0)
+        start = _Start(self.solver.rest(), Kept(np.zeros(self.to.system.n), 0.0), 0.0)
         done, notes = list[_Cycle](), list[str]()
         for alpha in level.tolist():
             try:
@@ -219,7 +219,7 @@ class OpeningPath:
         self, force: FloatArray, alpha: float, start: _Start, increments: int, most: int
     ) -> tuple[Any, ...]:
         """The first cycle at a level that is closed, or the last of at most so many."""
-        self.solver.last = start.last
+        self.solver.kept = start.kept
         begin = self._levels(start.level, start.alpha * force, alpha * force)[-1]
         for _ in range(most):
             cycle = self._around(begin, alpha * force, increments)
@@ -250,10 +250,10 @@ class OpeningPath:
         way = float(force @ (end.u - low))
         return _Cycle(
             end=cast("tuple[FloatArray, ...]", tuple(end)),
-            last=self.solver.last,
+            kept=(self.solver.kept.v, self.solver.kept.work),
             low=low,
-            opened=(normal <= 0.0).any(axis=0) & pressed,
-            rubbed=(limits > 0.0).any(axis=0),
+            opened=np.any(normal <= 0.0, axis=0) & pressed,
+            rubbed=np.any(limits > 0.0, axis=0),
             work=work,
             slip_left=left / max(work, 0.5 * SETTINGS.least * way),
             way_left=abs(float(force @ (end.u - begin.u)) / way),

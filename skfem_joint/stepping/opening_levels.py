@@ -13,7 +13,7 @@ carries nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -35,7 +35,33 @@ CARRIED = 1e-9
 #: Where the added mass carries this share, and so much of the forces is left at most, nothing holds
 #: the structure: round-off of motions of kilometres is what is left.
 FLIES, LEFT = 1e-3, 1e-3
+#: Most that an increment is guessed longer than the one before.
+LONGER = 2.0
 NOT_HELD = "friction and contact do not hold the loads: the structure slides or lifts off"
+
+
+class Kept(NamedTuple):
+    """What is kept of an increment, as a guess of the next one.
+
+    Attributes
+    ----------
+    v : ndarray, shape (n,)
+        Increment of the displacement, m.
+    work : float
+        Work of the change of the forces on it, J.
+    """
+
+    v: FloatArray
+    work: float
+
+    def start(self, change: FloatArray) -> FloatArray:
+        """Guess of the increment under a change of the forces (n,), N.
+
+        It grows with the change, and is none where the load turns round: what slips one way is no
+        guess of what will slip the other way. Points of a bar of 100 do not come to rest from it.
+        """
+        work = float(change @ self.v)
+        return self.v * (min(work / self.work, LONGER) if work > 0.0 < self.work else 0.0)
 
 
 class OpeningLevels:
@@ -69,7 +95,7 @@ class OpeningLevels:
             self.contact.stiffness,
         )
         self.constant = inner.w - self.contact.limits_at_rest
-        self.last = np.zeros(inner.n)
+        self.kept = Kept(np.zeros(inner.n), 0.0)
         self._counts = {"factorizations": 1}
 
     @property
@@ -85,7 +111,8 @@ class OpeningLevels:
 
     def next(self, last: Level, force: FloatArray) -> Level:
         """See `LevelSolver`."""
-        found, u = self._increment(last.u, force, self._start(last, force))
+        change = self._change(last, force)
+        found, u = self._increment(last.u, force, self.kept.start(change))
         first = u - last.u
         for _ in range(REPEATED):
             if self.added is None or self._carried(found, force) <= CARRIED:
@@ -94,21 +121,16 @@ class OpeningLevels:
         else:
             if self.added is not None:
                 raise NoLevelError(NOT_HELD, beyond=True)
-        self.last = first
+        self.kept = Kept(first, float(change @ first))
         friction = found.sigma * self.to.system.on_rows(found.w)
         slip = np.asarray(self.to.system.B @ u)
         return Level(u, friction, slip, found.w, found.p)
 
-    def _start(self, last: Level, force: FloatArray) -> FloatArray:
-        """Increment to begin with: the one before, or none where the load turns round.
-
-        What slips one way is no guess of what will slip the other way: points of a bar of 100 do
-        not come to rest from it.
-        """
-        inner, normal = self.to.system, cast("FloatArray", last.normal)
-        change = force + self.contact.N.T @ (self.contact.force - normal) - self.K @ last.u
-        change -= inner.B.T @ last.friction
-        return self.last if float(change @ self.last) > 0.0 else np.zeros_like(self.last)
+    def _change(self, last: Level, force: FloatArray) -> FloatArray:
+        """Change of the forces from a level to ``force``, (n,), N: what does not balance yet."""
+        normal = self.contact.force - cast("FloatArray", last.normal)
+        held = self.to.system.B.T @ last.friction
+        return np.asarray(force + self.contact.N.T @ normal - self.K @ last.u - held)
 
     def _increment(
         self, u: FloatArray, force: FloatArray, start: FloatArray

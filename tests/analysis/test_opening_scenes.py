@@ -215,6 +215,26 @@ def test_commands_run_or_refuse_it(scene_file, capsys):
     assert "run 'condensed' in its place" in capsys.readouterr().err
 
 
+def test_a_backbone_is_written_and_a_ring_down_refused(scene_file, capsys):
+    more = "\n[backbone]\nlevels = 3\nup_to = 0.05\n[models]\nrun = ['full', 'condensed']\n"
+    scene_file.write_text(scene_file.read_text() + more)
+    folder = scene_file.parent / "o"
+    assert cli.main(["backbone", str(scene_file), "--out", str(folder)]) == 0
+    shown = capsys.readouterr().out
+    assert "% of what is pressed at rest opens; the cycles err by an estimated" in shown
+    assert "set contact = 'unilateral'" not in shown
+    header, *rows = (folder / "backbone.csv").read_text().splitlines()
+    assert {"modal_offset", "opened_share"} <= set(header.split(","))
+    assert len(rows) == 6
+    (mode,) = json.loads((folder / "summary.json").read_text())["models"]["full"]["modes"]
+    assert mode["opened_share"] > 0.0
+    assert set(mode["estimated_error"]) == {"frequency", "damping_ratio"}
+    text = scene_file.read_text().replace("levels = 3", "levels = 3\nring_down = 8")
+    scene_file.write_text(text)
+    assert cli.main(["backbone", str(scene_file), "--out", str(folder)]) == 2
+    assert "backbone.ring_down: found a joint with contact" in capsys.readouterr().err
+
+
 def test_a_sweep_runs(scene_file):
     with scene_file.open("a") as file:
         file.write('[models]\nrun = ["condensed"]\n[sweep]\n"joint[0].friction" = [0.2, 0.5]\n')
