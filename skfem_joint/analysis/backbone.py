@@ -10,10 +10,9 @@ amplitude q = phi^T M u, and
 
 where D is the work of friction in a cycle of that amplitude, with exact Coulomb friction.
 
-Where slip keeps its direction Masing's rule holds: the unloading path is the loading path doubled,
-so that D = 4 sum w |slip| without following any cycle. Cycles are followed at three levels to check
-the rule; the ratio of the two works, interpolated over the level, corrects the curve. Where slip
-turns far the rule fails, and a cycle is followed at each level.
+Where limits are constant and slip keeps its direction D follows from loading alone
+(:mod:`skfem_joint.analysis.masing_cycles`). With contact that opens a cycle is followed at each
+level, and q is half of peak to peak (:mod:`skfem_joint.analysis.opening_cycles`).
 
 The method takes for granted that the mode keeps its shape and that other modes do not respond.
 Where a higher frequency lies near an odd multiple of the mode's own, friction excites it and the
@@ -105,8 +104,8 @@ class Backbone:
     stuck_frequency : float
         Its frequency, Hz.
     slips_at : float
-        Level at which the first joint slips as a whole, m/s² kg^1/2. Where friction alone holds
-        the structure: at most that at which the forces on a stuck joint add up to its limit.
+        Level at which the first joint slips as a whole, m/s² kg^1/2, with contact that opens as if
+        it stayed closed. Where friction alone holds the structure: at most that at which the forces on a stuck joint add up to its limit.
     level : ndarray, shape (levels,)
         Acceleration alpha of the mode whose inertia loads the structure, m/s² kg^1/2.
     amplitude : ndarray, shape (levels,)
@@ -217,7 +216,8 @@ def backbone(
     ----------
     system : System
         Full or condensed. Its friction acts as Coulomb's, its loads do not act. The damping under
-        a law of finite steepness is in ``own_law_damping``.
+        a law of finite steepness is in ``own_law_damping``. With contact that opens a cycle is
+        followed at each level, and a curve ends where the structure lifts off, which a note says.
     modes : sequence of int
         Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
         basis has fixed-interface modes.
@@ -230,7 +230,7 @@ def backbone(
         model's `Backbone`; computed if not given.
     progress : callable, optional
         Called with (levels done, levels in all as far as they are known), increments of cycles
-        included.
+        included; with contact that opens, with cycles.
     rows : Rows, optional
         Where levels are kept as they finish, and taken up again.
 
@@ -246,7 +246,7 @@ def backbone(
         whole at the first level, friction alone holds the structure and cannot at the last, or the
         system is a reduced model made for its own loads.
     ConvergenceError
-        If a level does not converge.
+        If a level does not converge, or with contact that opens the first one has no state.
     """
     system.check_any_load("backbone")
     check_whole(system, "backbone")
