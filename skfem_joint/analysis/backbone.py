@@ -105,7 +105,8 @@ class Backbone:
         Its frequency, Hz.
     slips_at : float
         Level at which the first joint slips as a whole, m/s² kg^1/2, with contact that opens as if
-        it stayed closed. Where friction alone holds the structure: at most that at which the forces on a stuck joint add up to its limit.
+        it stayed closed. Where friction alone holds the structure: at most that at which the forces
+        on a stuck joint add up to its limit.
     level : ndarray, shape (levels,)
         Acceleration alpha of the mode whose inertia loads the structure, m/s² kg^1/2.
     amplitude : ndarray, shape (levels,)
