@@ -68,10 +68,13 @@ def main(arguments):
         ]
         shown = [f"{f:.1f} Hz, {d:.2f} %" for f, d in zip(*values, strict=True)]
         row(f"`{contact}`", f"{curve.stuck_frequency:.1f}", *shown)
-        errors = {name: f"{100.0 * error:.2g} %" for name, error in curve.estimated.items()}
+        errors = " and ".join(
+            f"{100.0 * error:.2g} % in {name.removesuffix('_ratio')}"
+            for name, error in curve.estimated.items()
+        )
         notes.append(
             f"{contact}: {system.n} unknowns, {levels} levels in {seconds[contact]:.0f} s"
-            + (f", estimated errors {errors}" if errors else "")
+            + (f", errors of the cycles {errors}" if errors else "")
             + ("" if curve.opened is None else f", up to {100.0 * curve.opened.max():.3g} % opens")
         )
     for name, ((_, stuck, _), (_, f, damping)) in PUBLISHED.items():
