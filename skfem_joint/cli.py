@@ -385,7 +385,7 @@ def _backbone(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    scene.check_vibrates(options.name)
+    scene.check_vibrates(options.name, opens=True)
     with kept(options.out) as notes, _rows(options, BACKBONE_ROWS) as rows:
         with _progress(options) as progress:
             backbone = scene_backbone(scene, progress, rows)

@@ -20,9 +20,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy import sparse
+from scipy import linalg, sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.unknowns import selection
 
 
 def constant_contact_alone(what: str, cure: str) -> str:
@@ -30,7 +31,7 @@ def constant_contact_alone(what: str, cure: str) -> str:
     return (
         f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
         f"with contact that opens there are full, condensed and reduced models over given cycles "
-        f"or a duration; {cure}"
+        f"or a duration, and backbones of the first two; {cure}"
     )
 
 
@@ -98,16 +99,29 @@ class OpeningContact:
         """Friction limits of the contact points at rest, (m,), N."""
         return np.asarray(self.gain @ self.force)
 
-    @property
-    def closed_columns(self) -> IntArray:
-        """Unknowns that do not move while all points that are pressed at rest stay closed.
+    def closed_motions(self) -> sparse.csc_array:
+        """Motions, (n, k), in which all rigid points that are pressed at rest stay closed.
 
-        They are those whose motion opens or closes pressed points alone.
+        Columns are unit vectors, but for the motions of unknowns that pressed points and others
+        average together, which are orthonormal.
         """
-        N = sparse.csc_array(self.N)
-        touched = np.diff(N.indptr) > 0
-        open_ones = sparse.csc_array(N[np.flatnonzero(self.force <= 0.0)])
-        return np.flatnonzero(touched & (np.diff(open_ones.indptr) == 0))
+        N = sparse.csr_array(self.N)
+        held = N[np.flatnonzero((self.force > 0.0) & self.rigid)]
+        touched = np.unique(held.indices[held.data != 0.0])
+        n = N.shape[1]
+        free = sparse.csc_array(sparse.eye_array(n))[:, np.setdiff1d(np.arange(n), touched)]
+        if touched.size <= held.shape[0]:
+            return free
+        Q = linalg.qr(held[:, touched].T.toarray())[0]
+        others = selection(touched, n).T @ sparse.csc_array(Q[:, held.shape[0] :])
+        return sparse.csc_array(sparse.hstack([free, others]))
+
+    @property
+    def springs(self) -> sparse.csc_array:
+        """Stiffness, (n, n), N/m, of elastic points that are pressed at rest, while they are."""
+        k = np.where(self.rigid | (self.force <= 0.0), 0.0, self.stiffness)
+        N = sparse.csr_array(self.N)
+        return sparse.csc_array(N.T @ sparse.diags_array(k) @ N)
 
     def in_unknowns(self, T: Matrix) -> OpeningContact:
         """Same contact in the unknowns q of u = T q."""

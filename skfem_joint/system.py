@@ -269,8 +269,9 @@ class System:
     def closed(self) -> System:
         """Same system with contact that stays closed wherever it is pressed at rest.
 
-        Normal forces are those at rest then, and constant; what is apart at rest stays free. It is
-        the system itself if no contact opens.
+        Rigid points do not move apart then, and elastic ones stay on their springs. Friction limits
+        are those at rest; what is apart at rest stays free. It is the system itself if no contact
+        opens. Its motions are ``system.opening.closed_motions()``.
 
         Raises
         ------
@@ -280,16 +281,17 @@ class System:
         """
         if self.opening is None:
             return self
-        N = self.opening.N
-        if not sparse.issparse(N):
+        if not sparse.issparse(self.opening.N):
             raise InputError(
                 "closed: found a projected system, must be a full or condensed one, whose unknowns "
                 "have the approaches of the faces among them"
             )
-        kept = np.setdiff1d(np.arange(self.n), self.opening.closed_columns)
-        T = selection(kept, self.n).T
+        T, K = self.opening.closed_motions(), self.K
+        if not self.opening.rigid.all():
+            springs = self.opening.springs
+            K = K + (as_dense(springs) if self.is_dense else springs)
         T = as_dense(T) if self.is_dense else sparse.csr_array(T)
-        return replace(self, opening=None)._with(T, self.B @ T)
+        return replace(self, K=K, opening=None)._with(T, self.B @ sparse.csr_array(T))
 
     @property
     def joint_points(self) -> list[IntArray]:

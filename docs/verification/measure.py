@@ -161,6 +161,9 @@ CLAIMS = {
         short="",
     ),
     "brake-reuss": Claim("python examples/brake_reuss.py", 30, {"brake-reuss": as_text}, short=""),
+    "brake-reuss-opening": Claim(
+        f"{BENCHMARKS}/brake_reuss.py", 150, {"brake-reuss-opening": printed}, timed=True
+    ),
     "stability": Claim(
         f"{STABILITY}/run.py --out {{out}}",
         150,

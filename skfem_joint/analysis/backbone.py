@@ -10,10 +10,9 @@ amplitude q = phi^T M u, and
 
 where D is the work of friction in a cycle of that amplitude, with exact Coulomb friction.
 
-Where slip keeps its direction Masing's rule holds: the unloading path is the loading path doubled,
-so that D = 4 sum w |slip| without following any cycle. Cycles are followed at three levels to check
-the rule; the ratio of the two works, interpolated over the level, corrects the curve. Where slip
-turns far the rule fails, and a cycle is followed at each level.
+Where limits are constant and slip keeps its direction D follows from loading alone
+(:mod:`skfem_joint.analysis.masing_cycles`). With contact that opens a cycle is followed at each
+level, and q is half of peak to peak (:mod:`skfem_joint.analysis.opening_cycles`).
 
 The method takes for granted that the mode keeps its shape and that other modes do not respond.
 Where a higher frequency lies near an odd multiple of the mode's own, friction excites it and the
@@ -29,17 +28,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import sparse
 
+from skfem_joint.analysis.cycles import Cycles, spread
 from skfem_joint.analysis.gross_slip import (
     gross_slip_level,
     is_gross,
     sticking_share,
     still_share,
 )
+from skfem_joint.analysis.masing_cycles import SETTINGS as MASING
+from skfem_joint.analysis.masing_cycles import levels_to_follow, masing_cycles
+from skfem_joint.analysis.opening_cycles import OpeningPath, cycles_to_follow
 from skfem_joint.analysis.own_law_damping import own_law_damping
 from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.saved_path import SavedPath
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.modes import eigenmodes
 from skfem_joint.progress import Progress, Tally, silent
@@ -60,20 +63,15 @@ class BackboneSettings:
         Largest force residual of a level, relative to its force.
     lowest : float
         Lowest level of a curve over its highest.
-    increments : int
-        Increments of each half of a cycle that is followed.
-    checked : int
-        Levels at which cycles are followed to check Masing's rule.
-    turned : float
-        Masing's rule is given up where the slip added up along the path is more than this times
-        the slip at its end.
     rigid : float
         A mode moves the structure as a rigid body where its square frequency is below this share
         of the mean one.
     fewest : int
         Slipping points below which the damping is rough, so that a note says so.
     multiples : tuple of int
-        Multiples of the mode's frequency near which higher modes are excited.
+        Multiples of the mode's frequency near which friction excites higher modes.
+    even_multiples : tuple of int
+        Those near which contact that opens excites them too.
     near : float
         Relative distance from a multiple that is near.
     higher_modes : int
@@ -82,12 +80,10 @@ class BackboneSettings:
 
     tolerance: float = 1e-6
     lowest: float = 0.05
-    increments: int = 4
-    checked: int = 3
-    turned: float = 1.05
     rigid: float = 1e-9
     fewest: int = 5
     multiples: tuple[int, ...] = (3, 5, 7)
+    even_multiples: tuple[int, ...] = (2, 4, 6)
     near: float = 0.07
     higher_modes: int = 10
 
@@ -108,12 +104,13 @@ class Backbone:
     stuck_frequency : float
         Its frequency, Hz.
     slips_at : float
-        Level at which the first joint slips as a whole, m/s² kg^1/2. Where friction alone holds
-        the structure: at most that at which the forces on a stuck joint add up to its limit.
+        Level at which the first joint slips as a whole, m/s² kg^1/2, with contact that opens as if
+        it stayed closed. Where friction alone holds the structure: at most that at which the forces
+        on a stuck joint add up to its limit.
     level : ndarray, shape (levels,)
         Acceleration alpha of the mode whose inertia loads the structure, m/s² kg^1/2.
     amplitude : ndarray, shape (levels,)
-        Modal amplitude q, m kg^1/2.
+        Modal amplitude q, m kg^1/2; half of peak to peak.
     frequency : ndarray, shape (levels,)
         Hz.
     friction_damping : ndarray, shape (levels,)
@@ -124,11 +121,13 @@ class Backbone:
     viscous_damping : ndarray, shape (levels,)
         Damping ratio by C.
     displacement : ndarray, shape (levels, points)
-        Of the named points, m.
+        Of the named points, m; half of peak to peak.
     states : ndarray, shape (levels, n)
-        Displacement u, m.
+        Displacement u, m; with contact that opens half of that from one turning point of the cycle
+        to the other, see ``middle``.
     loops : ndarray, shape (increments, n)
-        Increments of displacement along the half cycles that were followed, m.
+        Increments of displacement along the half cycles that were followed, m; none with contact
+        that opens.
     slip : ndarray, shape (levels, m)
         Of each contact point, m; that of springs in series with friction included.
     share : ndarray, shape (levels,)
@@ -141,10 +140,18 @@ class Backbone:
     warnings : tuple of str
         What to beware of.
     estimated : dict of str to float
-        Estimated largest relative errors of ``frequency`` and ``damping_ratio``, of a reduced model
-        for a range; empty for other models.
+        Estimated largest relative errors of ``frequency`` and ``damping_ratio``: of a reduced model
+        for a range, or of the increments and of what is left open of the cycles with contact that
+        opens; empty for others.
     friction : ndarray, shape (levels, rows of B), optional
         Friction over its limit, where it has springs in series.
+    middle : ndarray, shape (levels, n), optional
+        With contact that opens: displacement in the middle of both turning points of the cycle, m.
+        ``middle + states`` and ``middle - states`` are those at the level and at its opposite.
+    offset : ndarray, shape (levels,), optional
+        The same as a modal displacement, m kg^1/2.
+    opened : ndarray, shape (levels,), optional
+        Share of the pressure points pressed at rest that opened in the cycle.
     """
 
     mode: int
@@ -167,6 +174,9 @@ class Backbone:
     warnings: tuple[str, ...]
     estimated: Mapping[str, float] = field(default_factory=dict)
     friction: FloatArray | None = None
+    middle: FloatArray | None = None
+    offset: FloatArray | None = None
+    opened: FloatArray | None = None
 
     @property
     def damping_ratio(self) -> FloatArray:
@@ -207,7 +217,8 @@ def backbone(
     ----------
     system : System
         Full or condensed. Its friction acts as Coulomb's, its loads do not act. The damping under
-        a law of finite steepness is in ``own_law_damping``.
+        a law of finite steepness is in ``own_law_damping``. With contact that opens a cycle is
+        followed at each level, and a curve ends where the structure lifts off, which a note says.
     modes : sequence of int
         Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
         basis has fixed-interface modes.
@@ -220,7 +231,7 @@ def backbone(
         model's `Backbone`; computed if not given.
     progress : callable, optional
         Called with (levels done, levels in all as far as they are known), increments of cycles
-        included.
+        included; with contact that opens, with cycles.
     rows : Rows, optional
         Where levels are kept as they finish, and taken up again.
 
@@ -236,20 +247,20 @@ def backbone(
         whole at the first level, friction alone holds the structure and cannot at the last, or the
         system is a reduced model made for its own loads.
     ConvergenceError
-        If a level does not converge.
+        If a level does not converge, or with contact that opens the first one has no state.
     """
     system.check_any_load("backbone")
-    system.check_constant_contact("backbone")
     check_whole(system, "backbone")
     check_each("backbone: modes", modes, COUNT)
     check("backbone: levels", levels, COUNT)
     check("backbone: up_to", up_to, POSITIVE)
     if slips_at is not None:
         check("backbone: slips_at", slips_at, POSITIVE)
-    to = arranged(system)
-    numbers = np.asarray(modes, dtype=int)
-    tally = Tally(progress, len(modes) * levels_of_a_curve(levels))
-    path = SavedPath(to.system, SETTINGS.tolerance, tally, rows or Rows())
+    numbers, rows, opens = np.asarray(modes, dtype=int), rows or Rows(), system.opening is not None
+    tally = Tally(progress, len(modes) * levels_of_a_curve(levels, opens))
+    to = arranged(system.closed())
+    path = SavedPath(to.system, SETTINGS.tolerance, tally, rows)
+    opening = OpeningPath(system, SETTINGS.tolerance, tally, rows) if opens else None
     frequencies, shapes = stuck_modes(to.system, int(numbers.max()) + SETTINGS.higher_modes)
     if numbers.max() > frequencies.size:
         raise InputError(
@@ -263,7 +274,7 @@ def backbone(
     curves = []
     for k in numbers.tolist():
         mode = _Mode(k, shapes[:, k - 1], frequencies, to.system.M @ shapes[:, k - 1])
-        curves.append(_curve(to, path, mode, shares, slips_at))
+        curves.append(_curve(to, path, opening, mode, shares, slips_at))
     if system.serves is None:
         return curves
     larger = alone(system)
@@ -273,12 +284,13 @@ def backbone(
     return curves
 
 
-def levels_of_a_curve(levels: int) -> int:
-    """Quasi-static levels of a curve with so many points, increments of its cycles included.
+def levels_of_a_curve(levels: int, opens: bool = False) -> int:
+    """Items of work of a curve with so many points, as far as they are known before slip turns.
 
-    As far as it is known before slip turns.
+    They are quasi-static levels, increments of cycles included, or, with contact that ``opens``,
+    cycles.
     """
-    return levels + SETTINGS.increments * min(SETTINGS.checked, levels)
+    return cycles_to_follow(levels) if opens else levels_to_follow(levels)
 
 
 @dataclass(frozen=True)
@@ -309,31 +321,36 @@ class _Mode:
 
 
 def _curve(
-    to: Arranged, path: SavedPath, mode: _Mode, shares: FloatArray, slips_at: float | None
+    to: Arranged,
+    path: SavedPath,
+    opening: OpeningPath | None,
+    mode: _Mode,
+    shares: FloatArray,
+    slips_at: float | None,
 ) -> Backbone:
     """Backbone of a mode at some shares of the level at which the first joint slips as a whole."""
-    system = to.system
     slips_at = _check_levels(path, mode, shares, slips_at)
-    level = shares * slips_at
-    states = path.follow(np.outer(level, mode.force), limit_share=np.inf)
-    friction = path.frictions
-    work, loops, masing_error = _friction_work(path, level, mode.force, states, friction)
-    q = states @ mode.force
+    level, force, shape = shares * slips_at, mode.force, mode.shape
+    if opening is None:
+        found = masing_cycles(path, force, level)
+    else:
+        shape, to = opening.of_closed(to.outer(shape)), opening.to
+        force = np.asarray(to.system.M @ shape)
+        found = opening.follow(force, level, float(shape @ (to.system.C @ shape)))
+    system, level, states = to.system, found.level, found.states
+    q = states @ force
     omega = np.sqrt(level / q)
     frequency = omega / (2.0 * np.pi)
-    friction_damping = work / (2.0 * np.pi * level * q)
-    rows = np.asarray((system.B @ states.T).T)
-    slip = system.slip_norm(rows)
-    sliding = system.slip_norm(system.slider_slip(rows, friction))
-    slipping = sliding > still_share(path) * slip.max()
-    state = _stick_or_slip(path, mode, shares, slip, sliding, slipping)
-    peaks = level, states, friction, friction_damping
-    own_damping, own_notes = own_law_damping(
-        path, mode.number, mode.force, *peaks, _spread(level.size)
-    )
+    friction_damping = found.work / (2.0 * np.pi * level * q)
+    slipping = found.sliding > still_share(path) * found.slip.max()
+    state = _stick_or_slip(path, mode, shares, found, slipping)
+    own_damping, own_notes = _own_law(path, mode, found, friction_damping)
+    notes = [f"Mode {mode.number}: {note}" for note in found.notes]
+    notes += _few_points(mode, slipping) + _excited_modes(mode, frequency, opening is not None)
+    middle = found.middle
     return Backbone(
         mode=mode.number,
-        shape=to.outer(mode.shape),
+        shape=to.outer(shape),
         stuck_frequency=mode.frequency,
         slips_at=slips_at,
         level=level,
@@ -341,17 +358,38 @@ def _curve(
         frequency=frequency,
         friction_damping=friction_damping,
         own_law_damping=own_damping,
-        viscous_damping=float(mode.shape @ (system.C @ mode.shape)) / (2.0 * omega),
+        viscous_damping=float(shape @ (system.C @ shape)) / (2.0 * omega),
         displacement=np.abs((system.P @ states.T).T),
         states=to.outer(states),
-        loops=to.outer(loops),
-        slip=slip,
+        loops=to.outer(found.loops),
+        slip=found.slip,
         share=slipping @ system.w / system.w.sum(),
         state=state,
-        masing_error=masing_error,
-        warnings=(*_few_points(mode, slipping), *_excited_modes(mode, frequency), *own_notes),
-        friction=friction if system.has_springs else None,
+        masing_error=found.masing_error,
+        warnings=(*notes, *own_notes),
+        estimated=found.errors,
+        friction=found.friction if system.has_springs else None,
+        middle=None if middle is None else to.outer(middle),
+        offset=None if middle is None else middle @ force,
+        opened=found.opened,
     )
+
+
+def _own_law(
+    path: SavedPath, mode: _Mode, found: Cycles, coulomb: FloatArray
+) -> tuple[FloatArray, list[str]]:
+    """Damping ratios (levels,) under the system's own law, and notes; nan if it is not known."""
+    if found.friction is not None:
+        peaks = found.level, found.states, found.friction, coulomb
+        chosen = spread(found.level.size, MASING.checked)
+        return own_law_damping(path, mode.number, mode.force, *peaks, chosen)
+    if np.isinf(path.to.system.beta[path.to.system.rubs]).all():
+        return coulomb, []
+    note = (
+        f"Mode {mode.number}: the curve is of Coulomb's law; what the joints' own law with a "
+        "finite beta damps is not known with contact that opens."
+    )
+    return np.full_like(coulomb, np.nan), [note]
 
 
 def _check_levels(
@@ -385,68 +423,8 @@ def _check_levels(
     return slips_at
 
 
-def _friction_work(
-    path: SavedPath,
-    level: FloatArray,
-    force: FloatArray,
-    states: FloatArray,
-    friction: FloatArray,
-) -> tuple[FloatArray, FloatArray, float | None]:
-    """Work of friction in a cycle at each level, (levels,), J.
-
-    Returns also the increments (k, n), m, of the half cycles that were followed, and the largest
-    relative error of Masing's rule; None where it was not used.
-    """
-    system = path.to.system
-    rows = system.slider_slip(np.asarray((system.B @ states.T).T), friction)
-    slip = system.slip_norm(rows)
-    work = 4.0 * slip @ system.w
-    along_the_path = np.cumsum(system.slip_norm(np.diff(rows, axis=0, prepend=0.0)), axis=0)
-    masing = bool(np.all(along_the_path @ system.w <= SETTINGS.turned * (slip @ system.w)))
-    followed = _spread(level.size) if masing else np.arange(level.size)
-    followed = followed[work[followed] > 0.0]
-    more = SETTINGS.increments * (followed.size - min(SETTINGS.checked, level.size))
-    path.tally.total += more
-    path.rows.total += more
-    parts = [_half_cycle(path, level[k] * force, states[k], friction[k]) for k in followed]
-    increments = np.reshape([part[0] for part in parts], (-1, system.n))
-    turned = np.reshape([part[1] for part in parts], (-1, system.B.shape[0]))
-    slid = system.slider_slip(np.asarray((system.B @ increments.T).T), turned)
-    dissipated = system.slip_norm(slid) @ system.w
-    cycle = 2.0 * dissipated.reshape(-1, SETTINGS.increments).sum(axis=1)
-    ratio = cycle / work[followed]
-    if followed.size:
-        work *= np.interp(np.log(level), np.log(level[followed]), ratio)
-    error = float(np.abs(ratio - 1.0).max(initial=0.0)) if masing else None
-    return work, increments, error
-
-
-def _spread(levels: int) -> IntArray:
-    """Numbers of the levels at which cycles are followed, evenly spread with both ends."""
-    return np.unique(np.linspace(0, levels - 1, SETTINGS.checked).round().astype(np.intp))
-
-
-def _half_cycle(
-    path: SavedPath, force: FloatArray, state: FloatArray, friction: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Increments of displacement (increments, n), m, from a state to its mirror image.
-
-    Also returns those of the friction over its limit, (increments, rows).
-    """
-    turn = np.linspace(1.0, -1.0, SETTINGS.increments + 1)[1:]
-    start = state, force, *([friction] if path.to.system.has_springs else [])
-    states = path.follow(np.outer(turn, force), limit_share=np.inf, start=start)
-    frictions = np.vstack([friction, path.frictions])
-    return np.diff(np.vstack([state, states]), axis=0), np.diff(frictions, axis=0)
-
-
 def _stick_or_slip(
-    path: SavedPath,
-    mode: _Mode,
-    shares: FloatArray,
-    slip: FloatArray,
-    sliding: FloatArray,
-    slipping: BoolArray,
+    path: SavedPath, mode: _Mode, shares: FloatArray, found: Cycles, slipping: BoolArray
 ) -> tuple[str, ...]:
     """Whether the contact sticks, slips in part, or a joint slips as a whole, at each level.
 
@@ -455,7 +433,7 @@ def _stick_or_slip(
     joints = path.to.system.joint_points
     gross = [
         is_gross(min(sticking_share(path, both[0], points, both[1]) for points in joints))
-        for both in zip(slip, sliding, strict=True)
+        for both in zip(found.slip, found.sliding, strict=True)
     ]
     if gross[0]:
         raise InputError(
@@ -478,19 +456,24 @@ def _few_points(mode: _Mode, slipping: BoolArray) -> list[str]:
     ]
 
 
-def _excited_modes(mode: _Mode, frequency: FloatArray) -> list[str]:
-    """Note of higher modes near odd multiples of the frequencies (levels,), Hz, of a mode."""
+def _excited_modes(mode: _Mode, frequency: FloatArray, opens: bool) -> list[str]:
+    """Note of higher modes near multiples of the frequencies (levels,), Hz, of a mode.
+
+    Friction has odd harmonics; contact that ``opens`` has even ones too.
+    """
     low = frequency.min() * (1.0 - SETTINGS.near)
     high = mode.frequency * (1.0 + SETTINGS.near)
+    multiples = SETTINGS.multiples + (SETTINGS.even_multiples if opens else ())
     near = [
         f"mode {k} at {other / mode.frequency:.3g} times"
         for k, other in enumerate(mode.frequencies[mode.number :], mode.number + 1)
-        if any(m * low < other < m * high for m in SETTINGS.multiples)
+        if any(m * low < other < m * high for m in multiples)
     ]
     if not near:
         return []
+    kind, what = ("", "contact excites") if opens else ("odd ", "friction excites")
     return [
-        f"Mode {mode.number}: higher frequencies lie near odd multiples of its own "
-        f"({', '.join(near)}), so that friction excites them: the true damping may be "
-        "twice as large or more. See its ring-down, or response."
+        f"Mode {mode.number}: higher frequencies lie near {kind}multiples of its own "
+        f"({', '.join(near)}), so that {what} them: the true damping may be "
+        f"twice as large or more. {'' if opens else 'See its ring-down, or response.'}".rstrip()
     ]

@@ -91,10 +91,7 @@ def natural_modes(
         raise InputError(f"joints: found {joints!r}, must be 'loose' or 'stuck'")
     if system.opening is not None:
         closed = natural_modes(system.closed(), count, joints=joints)
-        moving = np.setdiff1d(np.arange(system.n), system.opening.closed_columns)
-        shapes = np.zeros((system.n, closed.frequencies.size))
-        shapes[moving] = closed.modes
-        return NaturalModes(closed.frequencies, shapes)
+        return NaturalModes(closed.frequencies, system.opening.closed_motions() @ closed.modes)
     stuck = joints == "stuck"
     K, M = (sparse.csr_array(A) for A in (system.stuck_stiffness if stuck else system.K, system.M))
     if not stuck:

@@ -104,7 +104,7 @@ def scene_backbone(
     """
     table, system, rows = scene.backbone, scene.system(), rows or Rows()
     # Of each mode: its friction limit, the levels of its curve, and its ring-down.
-    of_a_mode = 1 + levels_of_a_curve(table.levels) + bool(table.ring_down)
+    of_a_mode = 1 + levels_of_a_curve(table.levels, scene.opens) + bool(table.ring_down)
     rows.total += len(scene.models.run) * len(table.modes) * of_a_mode
     report = partial(progress, "full model")
     full = backbone(system, table.modes, table.levels, table.up_to, progress=report, rows=rows)
@@ -283,6 +283,8 @@ def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:
     distances = {}
     for name in ("frequency", "damping_ratio"):
         values, reference = getattr(curve, name), getattr(full, name)
+        count = min(values.size, reference.size)  # one may end before the other
+        values, reference = values[:count], reference[:count]
         known = reference > 0.0
         ratio = values[known] / reference[known]
         distances[name] = float(np.abs(ratio - 1.0).max(initial=0.0))

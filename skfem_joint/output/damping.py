@@ -31,6 +31,8 @@ Rows = Sequence[Sequence[Any]]
 
 _COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#1a1a1a", "#b8860b")
 _LINES = {"full": "-", "condensed": ":", "reduced": "--"}
+#: Columns of a backbone with contact that opens.
+_OPENING = ("modal_offset", "opened_share")
 _DOTS = {"full": ".", "condensed": "+", "reduced": "x"}
 
 
@@ -39,11 +41,12 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     points, structure = backbone.scene.system().points, backbone.scene.structure()
     curves = [c for model in backbone.models for c in model.curves]
     names, lengths = _active_lengths(structure, (slip for c in curves for slip in c.slip))
+    opens = curves[0].opened is not None
     header = [
         "model", "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
         *(f"displacement_{name}_m" for name in safe_names(points)),
         "slipping_share", "friction_damping_ratio", "own_law_friction_damping_ratio",
-        "viscous_damping_ratio", "state",
+        "viscous_damping_ratio", "state", *(_OPENING if opens else ()),
         *names,
     ]  # fmt: skip
     rows = [
@@ -51,6 +54,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
             model.name, c.mode, c.level[k] / c.slips_at, c.amplitude[k], c.frequency[k],
             c.damping_ratio[k], *c.displacement[k], c.share[k], c.friction_damping[k],
             c.own_law_damping[k], c.viscous_damping[k], c.state[k],
+            *(() if c.offset is None or c.opened is None else (c.offset[k], c.opened[k])),
         ]
         for model in backbone.models
         for c in model.curves
@@ -91,7 +95,7 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
             lines.append(
                 f"{model.name} model, mode {curve.mode}: {f[0]:.6g} to {f[-1]:.6g} Hz (stuck "
                 f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
-                f"{state[0]} to {state[-1]} slip."
+                f"{state[0]} to {state[-1]} slip.{_opened(curve)}"
             )
         if model.name != "full":
             worst = {k: 100.0 * max(e[k] for e in model.errors) for k in model.errors[0]}
@@ -104,6 +108,20 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
         for mode, change in _normal_changes(backbone).items()
     ]
     return lines
+
+
+def _opened(curve: Backbone) -> str:
+    """Sentence about contact that opens along a curve, and the errors of its cycles, if it can."""
+    if curve.opened is None:
+        return ""
+    errors = " and ".join(
+        f"{100.0 * error:.2g} % in {name.removesuffix('_ratio')}"
+        for name, error in curve.estimated.items()
+    )
+    return (
+        f" Up to {100.0 * curve.opened.max():.3g} % of what is pressed at rest opens; the cycles "
+        f"err by an estimated {errors}."
+    )
 
 
 def _active_lengths(
@@ -139,6 +157,10 @@ def _mode(
         "largest_damping_ratio": float(c.damping_ratio.max()),
         "lowest_frequency_Hz": float(c.frequency.min()),
     }
+    if c.estimated:
+        content["estimated_error"] = dict(c.estimated)
+    if c.opened is not None:
+        content["opened_share"] = float(c.opened.max())
     if c.mode in changes:
         content["normal_force_change"] = changes[c.mode].share
     if model.name != "full":

@@ -285,9 +285,9 @@ def _open(
         start = part.stop
         force = run.normal_force[:, part]
         apart = np.where(force > 0.0, 0.0, gaps[:, part])
-        pressure[:, face.nodes] = (face.G @ force.T).T / face.area
+        pressure[:, face.nodes] = (face.means @ force.T).T / face.area
         gap[:, face.nodes] = apart
-        closed = np.asarray((face.G @ force.T).T) > 0.0
+        closed = force > 0.0
         states[:, face.nodes] = np.where(closed, states[:, face.nodes], -1)
 
 

@@ -24,19 +24,17 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.arrays import FloatArray, Matrix, as_dense
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.modes import rigid_motions
 from skfem_joint.stepping.arrangement import Arranged
-from skfem_joint.stepping.levels import Level, NoLevelError
+from skfem_joint.stepping.levels import Level, NoLevelError, in_parts
 from skfem_joint.stepping.quasi_static import SETTINGS
 from skfem_joint.system import System
 
 #: Stiffness of contact over that which the structure opposes to single points.
 FACTOR = 10.0
-#: A level that does not converge is reached in parts, halved at most this often.
-HALVINGS = 6
 
 
 def elastic(system: System) -> System:
@@ -83,13 +81,8 @@ def strain_norm(system: System) -> Matrix:
     contact = system.opening
     if contact is None:
         return shifted(system.K, system.M)
-    pressed = sparse.diags_array(
-        np.where((contact.force > 0.0) & ~contact.rigid, contact.stiffness, 0.0)
-    )
-    own = contact.N.T @ (pressed @ contact.N)
-    if system.is_dense:
-        own = own.toarray() if sparse.issparse(own) else own
-    return shifted(system.K + own, system.M)
+    springs = as_dense(contact.springs) if system.is_dense else contact.springs
+    return shifted(system.K + springs, system.M)
 
 
 class OpeningPath:
@@ -148,24 +141,20 @@ class OpeningPath:
         last, before = self.solver.rest(), np.zeros(self.to.system.n)
         states = []
         for force in self.to.force(forces.T).T:
-            last = self._reached(last, before, force, 0)
-            before = force
+            last, before = self._reached(last, before, force), force
             states.append(last.u)
         return self.to.outer(np.array(states))
 
-    def _reached(self, last: Level, before: FloatArray, force: FloatArray, halvings: int) -> Level:
-        """Level under ``force`` from that under ``before``, in parts if need be."""
-        self.solves += 1
+    def _reached(self, last: Level, before: FloatArray, force: FloatArray) -> Level:
+        """Level under ``force`` after that under ``before``, as far as there are levels."""
         try:
-            return self.solver.next(last, force)
+            for _, level in in_parts(self.solver.next, last, before, force):
+                self.solves += 1
+                last = level
         except NoLevelError as error:
-            if error.beyond:
-                self.scaled_back += 1
-                return last
-            if halvings >= HALVINGS:
+            if not error.beyond:
                 raise ConvergenceError(
                     f"reduced model: its path under slowly changing loads was not found: {error}"
                 ) from error
-        middle = 0.5 * (before + force)
-        last = self._reached(last, before, middle, halvings + 1)
-        return self._reached(last, middle, force, halvings + 1)
+            self.scaled_back += 1
+        return last

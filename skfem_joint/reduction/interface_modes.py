@@ -209,14 +209,9 @@ def driven_closed(
     system: System, response: FloatArray, loads: Excitation
 ) -> tuple[FloatArray, FloatArray]:
     """As `driven`, of a system with contact that opens: what is pressed at rest stays closed."""
-    contact = cast("OpeningContact", system.opening)
-    kept = np.setdiff1d(np.arange(system.n), contact.closed_columns)
-    own = response.copy()
-    own[contact.closed_columns] = 0.0
-    shapes, share = driven(system.closed(), own[kept], loads)
-    whole = np.zeros((system.n, shapes.shape[1]))
-    whole[kept] = shapes
-    return whole, share
+    T = cast("OpeningContact", system.opening).closed_motions()
+    shapes, share = driven(system.closed(), T.T @ response, loads)
+    return np.asarray(T @ shapes), share
 
 
 def beside(system: System, V: FloatArray, shapes: FloatArray, share: FloatArray) -> FloatArray:

@@ -183,13 +183,17 @@ class Scene(SceneTable):
         """Whether contact of a joint opens and closes."""
         return any(joint.contact == "unilateral" for joint in self.joint)
 
-    def check_vibrates(self, command: str) -> None:
-        """Refuse a scene for a command that computes vibration of contact that stays closed.
+    def check_vibrates(self, command: str, opens: bool = False) -> None:
+        """Refuse a scene for a command that computes vibration.
 
-        `InputError` for a quasi-static scene, and for one with contact that opens.
+        `InputError` for a quasi-static scene, and for one with contact that opens unless the
+        command takes it, which ``opens`` says; ring-downs never do.
         """
-        if self.opens:
+        rings = opens and self.backbone.ring_down > 0
+        if self.opens and (rings or not opens):
             cure = "use the command run, or leave contact = 'unilateral' out"
+            if rings:
+                command, cure = "backbone.ring_down", "leave ring_down out"
             where = self._path or "scene"
             raise InputError(f"{where}: {constant_contact_alone(command, cure)}")
         if self.time.quasi_static:

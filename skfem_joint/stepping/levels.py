@@ -9,7 +9,7 @@ series with friction, its forces are theirs: a level starts from those of the on
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -22,6 +22,8 @@ from skfem_joint.system import System
 
 #: Where friction alone holds, a level is solved again at most so many times.
 REPEATED = 3
+#: A level that does not converge is reached in parts, halved at most this often.
+HALVINGS = 8
 
 
 class Level(NamedTuple):
@@ -85,6 +87,51 @@ class LevelSolver(Protocol):
         NoLevelError
             If it does not exist, or was not found.
         """
+
+
+def in_parts(
+    next_level: Callable[[Level, FloatArray], Level],
+    last: Level,
+    before: FloatArray,
+    after: FloatArray,
+    depth: int = 0,
+) -> Iterator[tuple[FloatArray, Level]]:
+    """Levels on the way from loads ``before``, with the level ``last``, to loads ``after``.
+
+    It is the one of ``after`` alone if that is found, and otherwise those of ever smaller parts.
+
+    Parameters
+    ----------
+    next_level : callable
+        Of the level before and the loads: `LevelSolver.next` for loads as forces.
+    last : Level
+    before, after : ndarray
+        Loads, N, which change in proportion.
+    depth : int
+        How often the way was halved.
+
+    Yields
+    ------
+    loads : ndarray
+    level : Level
+
+    Raises
+    ------
+    NoLevelError
+        If a level does not exist, or is not found after `HALVINGS`.
+    """
+    try:
+        level = next_level(last, after)
+    except NoLevelError as error:
+        if error.beyond or depth >= HALVINGS:
+            raise
+    else:
+        yield after, level
+        return
+    for end in (0.5 * (before + after), after):
+        for loads, level in in_parts(next_level, last, before, end, depth + 1):
+            yield loads, level
+            before, last = loads, level
 
 
 class CoulombLevels:

@@ -13,6 +13,7 @@ carries nothing.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -32,6 +33,36 @@ from skfem_joint.system import System
 REPEATED = 40
 #: Share of the load that the added mass may carry at last.
 CARRIED = 1e-9
+#: Where the added mass carries this share, and so much of the forces is left at most, nothing holds
+#: the structure: round-off of motions of kilometres is what is left.
+FLIES, LEFT = 1e-3, 1e-3
+#: Most that an increment is guessed longer than the one before.
+LONGER = 2.0
+NOT_HELD = "friction and contact do not hold the loads: the structure slides or lifts off"
+
+
+class Kept(NamedTuple):
+    """What is kept of an increment, as a guess of the next one.
+
+    Attributes
+    ----------
+    v : ndarray, shape (n,)
+        Increment of the displacement, m.
+    work : float
+        Work of the change of the forces on it, J.
+    """
+
+    v: FloatArray
+    work: float
+
+    def start(self, change: FloatArray) -> FloatArray:
+        """Guess of the increment under a change of the forces (n,), N.
+
+        It grows with the change, and is none where the load turns round: what slips one way is no
+        guess of what will slip the other way. Points of a bar of 100 do not come to rest from it.
+        """
+        work = float(change @ self.v)
+        return self.v * (min(work / self.work, LONGER) if work > 0.0 < self.work else 0.0)
 
 
 class OpeningLevels:
@@ -65,8 +96,8 @@ class OpeningLevels:
             self.contact.stiffness,
         )
         self.constant = inner.w - self.contact.limits_at_rest
-        self.last = np.zeros(inner.n)
         self.touching = Touching(self.contact.force > 0.0)
+        self.kept = Kept(np.zeros(inner.n), 0.0)
         self._counts = {"factorizations": 1}
 
     @property
@@ -82,7 +113,8 @@ class OpeningLevels:
 
     def next(self, last: Level, force: FloatArray) -> Level:
         """See `LevelSolver`."""
-        found, u = self._increment(last.u, force, self.last)
+        change = self._change(last, force)
+        found, u = self._increment(last.u, force, self.kept.start(change))
         first = u - last.u
         for _ in range(REPEATED):
             if self.added is None or self._carried(found, force) <= CARRIED:
@@ -90,14 +122,17 @@ class OpeningLevels:
             found, u = self._increment(u, force, np.zeros_like(u))
         else:
             if self.added is not None:
-                raise NoLevelError(
-                    "friction and contact do not hold the loads: the structure slides or lifts off",
-                    beyond=True,
-                )
-        self.last = first
+                raise NoLevelError(NOT_HELD, beyond=True)
+        self.kept = Kept(first, float(change @ first))
         friction = found.sigma * self.to.system.on_rows(found.w)
         slip = np.asarray(self.to.system.B @ u)
         return Level(u, friction, slip, found.w, found.p)
+
+    def _change(self, last: Level, force: FloatArray) -> FloatArray:
+        """Change of the forces from a level to ``force``, (n,), N: what does not balance yet."""
+        normal = self.contact.force - cast("FloatArray", last.normal)
+        held = self.to.system.B.T @ last.friction
+        return np.asarray(force + self.contact.N.T @ normal - self.K @ last.u - held)
 
     def _increment(
         self, u: FloatArray, force: FloatArray, start: FloatArray
@@ -117,6 +152,9 @@ class OpeningLevels:
         most = "largest_iterations"
         self._counts[most] = max(self._counts.get(most, 0), found.counts["newton_iterations"])
         if not found.converged:
+            left = found.residual <= LEFT * float(np.abs(right).max())
+            if self.added is not None and left and self._carried(found, force) > FLIES:
+                raise NoLevelError(NOT_HELD, beyond=True)
             unknown = self.to.outer_number(max(found.where, 0))
             raise NoLevelError(
                 f"a force residual of {found.residual:.3g} N is left at unknown {unknown}", unknown

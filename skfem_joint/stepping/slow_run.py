@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.opening import OpeningContact
-from skfem_joint.stepping.levels import CoulombLevels, Level, LevelSolver, NoLevelError
+from skfem_joint.stepping.levels import CoulombLevels, Level, LevelSolver, NoLevelError, in_parts
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.loops import LoopRecorder
 from skfem_joint.stepping.plan import Plan
@@ -31,8 +31,6 @@ from skfem_joint.stepping.schemes import State
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.system import System
 
-#: A level that does not converge is reached in parts, halved at most this often.
-HALVINGS = 8
 #: Progress is reported this often, s.
 REPORTED_S = 0.2
 
@@ -189,7 +187,7 @@ class _SlowDriver:
         """Loads that act from the start on are raised to it in one increment."""
         first = self.loads.at(0.0)[:, 0]
         if np.any(first):
-            self._to(first, 1.0, 0)
+            self._to(first, 1.0)
         self._store(0)
 
     def _step(self, step: int) -> None:
@@ -202,21 +200,24 @@ class _SlowDriver:
         for a, b in pairwise(ends):
             after, last = self.loads.at(a, b).T
             if a in self.loads.jumps:
-                self._to(after, h, 0)
-            self._to(last, h, 0)
+                self._to(after, h)
+            self._to(last, h)
         self.rate = (self.level.u - before) / h
 
-    def _to(self, amplitudes: FloatArray, h: float, depth: int) -> None:
+    def _to(self, amplitudes: FloatArray, h: float) -> None:
         """Level under amplitudes (loads,), N, in parts if need be."""
-        try:
-            level = self.solver.next(self.level, self.vectors @ amplitudes)
-        except NoLevelError as error:
-            if error.beyond or depth >= HALVINGS:
-                raise
-            self.recorder.halved_steps += depth == 0
-            self._to(0.5 * (self.amplitudes + amplitudes), h, depth + 1)
-            self._to(amplitudes, h, depth + 1)
-            return
+
+        def next_level(last: Level, some: FloatArray) -> Level:
+            return self.solver.next(last, self.vectors @ some)
+
+        whole = True
+        for some, level in in_parts(next_level, self.level, self.amplitudes, amplitudes):
+            self.recorder.halved_steps += whole and some is not amplitudes
+            whole = False
+            self._add(some, level, h)
+
+    def _add(self, amplitudes: FloatArray, level: Level, h: float) -> None:
+        """Record the way to a level under amplitudes (loads,), N, which is the last one then."""
         both = self.amplitudes, amplitudes
         old, new = self._state(self.level), self._state(level)
         limits = None

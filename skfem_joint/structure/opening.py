@@ -39,12 +39,15 @@ class OpeningFace:
         Nodes of the pressed face that lie over the other one.
     W : sparse array, shape (q, k)
         Mean approach of each pressure point from those of the nodes; rows sum to 1.
+    means : sparse array, shape (q, q)
+        Means of forces over the hats of corners, by which pressures are shown.
     gap, force, area, stiffness : ndarray, shape (q,)
         As in :class:`skfem_joint.opening.OpeningContact`.
     """
 
     nodes: IntArray
     W: sparse.csr_array
+    means: sparse.csr_array
     gap: FloatArray
     force: FloatArray
     area: FloatArray
@@ -131,7 +134,7 @@ def _pressed_and_face(
     at = selection(space.nodes, body.n_nodes).T
     other = None if space.other is None else sparse.csr_array(at @ space.other)
     pressed = Pressed(at @ force, at @ space.area, at @ gap, other)
-    face = OpeningFace(space.nodes, W, gap, force, space.area, stiffness)
+    face = OpeningFace(space.nodes, W, space.means(force), gap, force, space.area, stiffness)
     return pressed, face
 
 

@@ -10,8 +10,8 @@ stays even, also on elements of second order, whose nodal forces would have othe
 
 For second order these pressures swing between the corners of elements and the nodes between them,
 on finer meshes too: 43, 95, 78, 73, 65 MPa at a hole's edge where the mean falls evenly. What they
-say of the extent of the contact, and of the force in each neighbourhood, is right. Constant friction
-limits are therefore made of their means over the hats psi_c of the corners: with psi_c(x_i),
+say of the extent of the contact, and of the force in each neighbourhood, is right. Limits of
+constant friction are therefore made of their means over the hats psi_c of the corners:
 
     T_c = sum_i psi_c(x_i) F_i,    N_i = sum_c T_c psi_c(x_i) a_i / sum_j psi_c(x_j) a_j,
 

@@ -165,7 +165,6 @@ def test_functions_refuse_it_too():
     system = block().system()
     for analysis in (
         lambda: sj.reduce(system, quasi_static=True),
-        lambda: sj.backbone(system),
         lambda: sj.response(system, [100.0, 200.0]),
         lambda: sj.integrate(system, steps_per_cycle=100, until="steady"),
     ):
@@ -215,12 +214,32 @@ def test_commands_run_or_refuse_it(scene_file, capsys):
     assert cli.main(["check", str(scene_file)]) == 0
     assert "Contact that opens (base)" in capsys.readouterr().out
     assert cli.main(["preview", str(scene_file), "--out", str(scene_file.with_suffix(".png"))]) == 0
-    for command in ("backbone", "response", "error-time"):
+    for command in ("response", "error-time"):
         assert cli.main([command, str(scene_file), "--out", str(scene_file.parent / "o")]) == 2
         assert f"{command}: found a joint with contact = 'unilateral'" in capsys.readouterr().err
     out = str(scene_file.parent / "reduced")
     assert cli.main(["run", str(scene_file), "--models", "reduced", "--out", out]) == 0
     assert "contact opened" in capsys.readouterr().out
+
+
+def test_a_backbone_is_written_and_a_ring_down_refused(scene_file, capsys):
+    more = "\n[backbone]\nlevels = 3\nup_to = 0.05\n[models]\nrun = ['full', 'condensed']\n"
+    scene_file.write_text(scene_file.read_text() + more)
+    folder = scene_file.parent / "o"
+    assert cli.main(["backbone", str(scene_file), "--out", str(folder)]) == 0
+    shown = capsys.readouterr().out
+    assert "% of what is pressed at rest opens; the cycles err by an estimated" in shown
+    assert "set contact = 'unilateral'" not in shown
+    header, *rows = (folder / "backbone.csv").read_text().splitlines()
+    assert {"modal_offset", "opened_share"} <= set(header.split(","))
+    assert len(rows) == 6
+    (mode,) = json.loads((folder / "summary.json").read_text())["models"]["full"]["modes"]
+    assert mode["opened_share"] > 0.0
+    assert set(mode["estimated_error"]) == {"frequency", "damping_ratio"}
+    text = scene_file.read_text().replace("levels = 3", "levels = 3\nring_down = 8")
+    scene_file.write_text(text)
+    assert cli.main(["backbone", str(scene_file), "--out", str(folder)]) == 2
+    assert "backbone.ring_down: found a joint with contact" in capsys.readouterr().err
 
 
 def test_a_sweep_runs(scene_file):

@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from joint_scenes import bar_scene, joint, lap_joint
+from opening_blocks import opening_system
 
 import skfem_joint as sj
 from skfem_joint import cli
@@ -157,6 +158,11 @@ def plate_backbone(rows: Rows) -> Any:
     return backbone(system, (1,), 3, 0.5, rows=rows)
 
 
+def opening_backbone(rows: Rows) -> Any:
+    """Cycles with contact that opens."""
+    return backbone(opening_system(), (1, 2), 4, 0.05, rows=rows)
+
+
 def error_time_of(rows: Rows) -> Any:
     wanted = {"parts": (1, 4), "factors": (10.0,), "modes": (2, 1000), "reduced_parts": (2,)}
     scene = lap_joint(bar="short_lap_joint", beta=200.0, time={"cycles": 1, "steps_per_cycle": 50})
@@ -172,6 +178,7 @@ COMMANDS: dict[str, tuple[Callable[[Rows], Any], tuple[type, ...]]] = {
     "response, side by side": (side_by_side, RESPONSE_ROWS),
     "backbone": (backbone_of, BACKBONE_ROWS),
     "backbone of a plate": (plate_backbone, BACKBONE_ROWS),
+    "backbone with contact that opens": (opening_backbone, BACKBONE_ROWS),
     "error-time": (error_time_of, et.ROWS),
 }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import growth, plates, ready_made, reduction, solids, steady
+from benchmarks import brake_reuss, growth, plates, ready_made, reduction, solids, steady
 from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
 from benchmarks.integrators import FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
@@ -276,3 +276,18 @@ def test_harmonic_balance_converges_to_our_steady_vibration():
     errors = [abs(balanced(bar, most) / ours - 1.0) for most in ([1], [1, 3], [1, 3, 5])]
     assert errors[2] < 5e-5
     assert errors[0] > 5.0 * errors[1] > 25.0 * errors[2]
+
+
+@pytest.mark.slow
+def test_the_beam_with_contact_that_opens_lies_near_the_published_curves():
+    """Damping between that of flat faces and of measured topography, frequency within 6 %."""
+    system = brake_reuss.beam("unilateral").system(points=["upper_end"])
+    (curve,) = sj.backbone(system, modes=[7], levels=7)
+    reach = np.abs(curve.displacement).max(axis=1)
+    ends = [end for _, end in brake_reuss.PUBLISHED.values()]
+    frequency, damping = (
+        np.interp(ends[0][0], reach, y) for y in (curve.frequency, 100.0 * curve.damping_ratio)
+    )
+    assert ends[0][2] < damping < ends[1][2]
+    assert all(abs(frequency / end[1] - 1.0) < 0.06 for end in ends)
+    assert max(curve.estimated.values()) < 0.01

@@ -1,0 +1,181 @@
+"""Backbones with contact that opens: closed forms of oscillators, limits, stated errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from opening_blocks import block, loads, opening_system
+from scipy import sparse
+from test_backbone import bar
+
+import skfem_joint as sj
+from skfem_joint.analysis import opening_cycles
+from skfem_joint.opening import OpeningContact
+
+K0, K1, K2 = 3e6, 2e6, 1e6  # N/m
+PRESSED, MU = 500.0, 0.3  # N
+
+
+def oscillator(
+    K: list[list[float]], normal: list[float], slip: list[float], stiffness: float = np.inf
+) -> sj.System:
+    """Unit masses, of which one vibrates, with a pressure point and a contact point."""
+    contact = OpeningContact(
+        sparse.csr_array([normal]), np.zeros(1), np.array([PRESSED]),
+        sparse.csr_array([[MU]]), np.array([stiffness]), np.ones(1),
+    )  # fmt: skip
+    M = sparse.eye_array(len(K), format="csr")
+    B, w = sparse.csr_array([slip]), np.array([MU * PRESSED])
+    return sj.System(M, None, sparse.csr_array(K), B, w, np.inf, opening=contact)
+
+
+def test_a_mass_on_a_preloaded_spring_has_the_secant_of_two_stiffnesses():
+    """K0 alone once the spring of stiffness K1 has lost its preload; x, and a slip that is not."""
+    system = oscillator([[K0, 0.0], [0.0, K2]], [1.0, 0.0], [0.0, 1.0], K1)
+    lifts = PRESSED * (K0 + K1) / K1
+    (curve,) = sj.backbone(system, slips_at=lifts, levels=6, up_to=3.0)
+    assert curve.stuck_frequency == pytest.approx(np.sqrt(K0 + K1) / (2 * np.pi))
+    F = curve.level
+    down = np.where(lifts < F, (F - PRESSED) / K0, F / (K0 + K1))
+    up = F / (K0 + K1)
+    assert curve.amplitude == pytest.approx(0.5 * (up + down))
+    assert curve.frequency == pytest.approx(np.sqrt(2.0 * F / (up + down)) / (2 * np.pi))
+    assert np.abs(curve.offset) == pytest.approx(0.5 * (down - up), abs=1e-12)
+    assert np.array_equal(curve.opened, lifts < F)
+    assert np.all(curve.friction_damping == 0.0)
+    assert max(curve.estimated.values()) < 1e-6
+
+
+def test_a_rigid_stop_that_lifts_leaves_both_springs_in_series():
+    """Mass on a spring K2 from a foot that is pressed on a base and held by a spring K0."""
+    K = [[K0 + K2, -K2, 0.0], [-K2, K2, 0.0], [0.0, 0.0, K1]]
+    system = oscillator(K, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0])
+    (curve,) = sj.backbone(system, slips_at=PRESSED, levels=6, up_to=3.0)
+    lifted = np.maximum(curve.level - PRESSED, 0.0) / K0
+    assert curve.stuck_frequency == pytest.approx(np.sqrt(K2) / (2 * np.pi))
+    assert curve.amplitude == pytest.approx(curve.level / K2 + 0.5 * lifted)
+    assert np.abs(curve.offset) == pytest.approx(0.5 * lifted, abs=1e-12)
+
+
+def slider() -> sj.System:
+    """Mass x that drags a slider t by a spring K1 and presses it by a spring K2; unknowns t, n, x.
+
+    The friction limit is MU (PRESSED + K2 x) while the slider is pressed.
+    """
+    K = [[K1, 0.0, -K1], [0.0, K2, -K2], [-K1, -K2, K0 + K1 + K2]]
+    return oscillator(K, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+
+
+def loop_of_the_slider(F: float) -> tuple[float, float]:
+    """Half of peak to peak, and the work of friction, of its closed cycle."""
+    high = (F - MU * PRESSED) / (K0 + K2 + MU * K2)
+    low = -(F - MU * PRESSED) / (K0 + K2 - MU * K2)
+    t_high = high - MU * (PRESSED + K2 * high) / K1
+    t_low = low + MU * (PRESSED + K2 * low) / K1
+    from_high = (K1 * t_high - MU * PRESSED) / (K1 + MU * K2)  # where it begins to slip
+    from_low = (K1 * t_low + MU * PRESSED) / (K1 - MU * K2)
+    force = 2.0 * MU * PRESSED + 0.5 * MU * K2 * (from_high + low + from_low + high)
+    return 0.5 * (high - low), force * (t_high - t_low)
+
+
+def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_form(monkeypatch):
+    slips = MU * PRESSED * (K0 + K1 + K2) / K1
+    errors, stated = [], []
+    for increments in (8, 16, 32):
+        settings = replace(opening_cycles.SETTINGS, increments=increments)
+        monkeypatch.setattr(opening_cycles, "SETTINGS", settings)
+        (curve,) = sj.backbone(slider(), slips_at=slips, levels=3, up_to=3.0)
+        assert curve.state == ("stick", "stick", "gross")
+        q, work = loop_of_the_slider(curve.level[-1])
+        exact = work / (2.0 * np.pi * curve.level[-1] * q)
+        assert curve.amplitude[-1] == pytest.approx(q, rel=1e-9)
+        errors.append(abs(curve.friction_damping[-1] / exact - 1.0))
+        stated.append(curve.estimated["damping_ratio"])
+    assert errors[0] < 0.03
+    assert errors[2] < 0.25 * errors[0]
+    assert all(true < 3.0 * said for true, said in zip(errors, stated, strict=True))
+
+
+def test_normal_forces_that_cannot_vary_have_the_curve_of_constant_ones():
+    """Points whose normal motion is that of springs of their own."""
+    constant = bar()
+    m, n = constant.w.size, constant.n
+    beside = sparse.eye_array(m, format="csr")
+    both = {
+        name: sparse.block_diag([getattr(constant, name), 1e9 * beside], format="csr")
+        for name in ("M", "C", "K")
+    }
+    contact = OpeningContact(
+        sparse.csr_array(sparse.hstack([sparse.csr_array((m, n)), beside])), np.zeros(m),
+        constant.w / MU, sparse.csr_array(MU * beside), np.full(m, np.inf), np.ones(m),
+    )  # fmt: skip
+    B = sparse.csr_array(sparse.hstack([constant.B, sparse.csr_array((m, m))]))
+    opens = sj.System(**both, B=B, w=constant.w, beta=np.inf, opening=contact)
+    (one,) = sj.backbone(constant, levels=6)
+    (other,) = sj.backbone(opens, levels=6, slips_at=one.slips_at)
+    for name in ("amplitude", "frequency", "friction_damping", "share"):
+        assert getattr(other, name) == pytest.approx(getattr(one, name), rel=1e-6)
+    assert other.state == one.state
+    assert np.all(other.opened == 0.0)
+    assert other.masing_error is None
+    assert max(other.estimated.values()) < 1e-6
+    (own,) = sj.backbone(replace(opens, beta=np.full(m, 1e3)), levels=2)
+    assert np.isnan(own.own_law_damping).all()
+    assert any("finite beta" in text for text in own.warnings)
+
+
+def with_gaps(order: int) -> sj.System:
+    """Block two of whose pressure points are apart at rest."""
+    system = opening_system(order=order)
+    contact = system.opening
+    apart = np.arange(contact.gap.size) < 2
+    contact = replace(
+        contact, gap=np.where(apart, 1e-5, 0.0), force=np.where(apart, 0.0, contact.force)
+    )
+    return replace(system, opening=contact, w=contact.limits_at_rest)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_small_vibration_has_the_stuck_frequency(order):
+    """Also where a mean over a hat has nodes of pressed points and of others."""
+    system = with_gaps(order)
+    pressed = np.flatnonzero(system.opening.force > 0.0)
+    motions = system.opening.closed_motions()
+    held = sparse.csr_array(system.opening.N)[pressed]
+    assert np.abs((held @ motions).toarray()).max() < 1e-12
+    assert motions.shape[1] == system.n - pressed.size
+    (curve,) = sj.backbone(system, levels=2, up_to=1e-3)
+    assert curve.state == ("stick", "stick")
+    assert curve.frequency == pytest.approx(curve.stuck_frequency, rel=1e-6)
+    modes = sj.natural_modes(system, 1, joints="stuck")
+    assert modes.frequencies[0] == pytest.approx(curve.stuck_frequency)
+
+
+def test_a_condensed_model_has_the_curve_of_the_full_one():
+    system = block().system(loads())
+    full, small = (sj.backbone(s, levels=4, up_to=0.05)[0] for s in (system, sj.condense(system)))
+    assert full.opened[-1] > 0.0
+    for name in ("frequency", "amplitude"):
+        assert getattr(small, name) == pytest.approx(getattr(full, name), rel=0.01)
+
+
+def test_what_lifts_off_ends_the_curve():
+    system = block().system(loads())
+    (curve,) = sj.backbone(system, levels=8, up_to=0.7)
+    assert 0 < curve.level.size < 8
+    assert len(curve.state) == len(curve.states) == len(curve.middle) == curve.level.size
+    assert any("the curve ends at" in text and "lifts off" in text for text in curve.warnings)
+    with pytest.raises(sj.ConvergenceError, match="there is no cycle at 1 of the highest level"):
+        sj.backbone(system, levels=1, up_to=0.7)
+
+
+def test_turning_points_are_the_middle_and_half_of_the_way():
+    """Both obey the equation of a level, and a static state of them closes the path."""
+    system = oscillator([[K0, 0.0], [0.0, K2]], [1.0, 0.0], [0.0, 1.0], K1)
+    (curve,) = sj.backbone(system, slips_at=PRESSED, levels=3, up_to=4.0)
+    load = curve.level[:, np.newaxis] * (system.M @ curve.shape)
+    for sign in (1.0, -1.0):
+        u = curve.middle + sign * curve.states
+        normal = np.array([system.opening.elastic_forces(x) for x in u])
+        left = u @ system.K.toarray() + (normal - PRESSED) @ system.opening.N - sign * load
+        assert np.abs(left).max() < 1e-5 * np.abs(load).max()
