@@ -23,7 +23,7 @@ from scipy.sparse.linalg import SuperLU
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.linalg import bands
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.linalg.factors import Factoriser, factorised, symmetric_lu
+from skfem_joint.linalg.factors import Factoriser, complement, factorised, symmetric_lu
 
 
 @dataclass(frozen=True)
@@ -183,9 +183,13 @@ class SchurComplement(Uncondensed):
 def _dense_complement(A: Any, kept: IntArray, interior: IntArray, solve: Any) -> FloatArray:
     """Dense Schur complement.
 
-    For large matrices it is the product of the last pivot blocks of a factorisation of A that has
-    the kept unknowns last. That replaces a solution with A_rr for each kept unknown.
+    For large matrices it comes from PARDISO where that is used. From SuperLU it is the product of
+    the last pivot blocks of a factorisation of A that has the kept unknowns last. That replaces a
+    solution with A_rr for each kept unknown: 1 s instead of 6 s for 2,500 of 27,600 of a solid.
     """
+    S: FloatArray | None = complement(A, kept)
+    if S is not None:
+        return 0.5 * (S + S.T)
     lu = getattr(solve, "__self__", None)
     if isinstance(lu, SuperLU):
         order = np.concatenate([interior[np.argsort(lu.perm_c)], kept])
