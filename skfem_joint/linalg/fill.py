@@ -28,10 +28,12 @@ class FillSettings:
     Attributes
     ----------
     leaf : int
-        Sets of so many unknowns are not cut further, but eliminated level by level.
+        Sets of so many unknowns are not cut further, but eliminated level by level. With 60 the
+        entries are 0.99 to 1.2 times those of PARDISO's factors for plates and solids of 4,000 to
+        57,000 unknowns, with 600 they are 1.4 to 2.5 times as many.
     """
 
-    leaf: int = 150
+    leaf: int = 60
 
 
 SETTINGS = FillSettings()
@@ -52,7 +54,7 @@ class Fill(NamedTuple):
     work: float
 
     def plus(self, eliminated: FloatArray, left: FloatArray) -> Fill:
-        """With dense fronts in which some unknowns are eliminated and others are left, (fronts,)."""
+        """With dense fronts, (fronts,), of unknowns that are eliminated and others that are left."""
         s, b = eliminated, left
         entries = float(np.sum(s * (0.5 * s + b)))
         work = float(np.sum(s * (s * s / 3.0 + s * b + b * b)))

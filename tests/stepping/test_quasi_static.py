@@ -82,7 +82,7 @@ def test_the_contact_alone_is_stepped_as_the_whole_is(fixed, monkeypatch):
     forces = np.array([0.3, 0.6, 0.2, -0.5])[:, np.newaxis] * pull
     alone = QuasiStatic(system, 1e-10)
     assert (alone.condensed is not None) == bool(fixed)
-    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, most_dense=0))
+    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0))
     together = QuasiStatic(system, 1e-10)
     assert together.whole is None
     u, v = (np.asarray((system.B @ path.follow(forces).T).T) for path in (alone, together))
