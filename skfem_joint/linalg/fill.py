@@ -104,7 +104,7 @@ def _dissected(pattern: sparse.csr_matrix, weight: FloatArray) -> Fill:
             sets += np.split(some[order], np.cumsum(np.bincount(part))[:-1])
             continue
         level = _levels_from_afar(own)
-        sizes = np.bincount(level, weight[some])
+        sizes = np.bincount(level, weight[some]).astype(float)
         before = np.cumsum(sizes)
         if before[-1] <= SETTINGS.leaf or sizes.size < 4:
             found = found.plus(sizes, np.append(sizes[1:], 0.0) + left)

@@ -93,7 +93,7 @@ def condensing_pays(A: Any, kept: IntArray, dense: tuple[float, float] | None = 
     k, (square, cube) = float(kept.size), dense or SETTINGS.dense
     least = Fill(0.5 * A.nnz, 0.0)  # of any factor: it has the entries of the matrix
     known = square * k**2 + cube * k**3 - SETTINGS.sparse[0] * A.nnz
-    return known <= _saved(least) or known <= _saved(fill(A))
+    return bool(known <= _saved(least) or known <= _saved(fill(A)))
 
 
 def _saved(factor: Fill) -> float:

@@ -431,8 +431,8 @@ class QuasiStatic:
         """Share of the load that the added mass carries."""
         if not self.shift:
             return 0.0
-        carried = float(np.linalg.norm(self.added @ increment.v))
-        return carried / float(np.linalg.norm(f)) if carried > 0.0 else 0.0
+        carried, force = (float(np.linalg.norm(x)) for x in (self.added @ increment.v, f))
+        return carried / force if force > 0.0 else 0.0  # no load: friction holds what was held
 
     def _limit(self, f: FloatArray, rate: FloatArray) -> float:
         """Multiple of the forces at which everything slips; ConvergenceError as `limit`."""
