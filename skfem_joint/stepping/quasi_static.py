@@ -18,7 +18,8 @@ Bodies that friction alone holds have a singular stiffness. A little of the mass
 forces that would make everything slip are scaled back to just below what friction holds. That limit
 is found from the rigid motion d that a load sets off: by the upper bound theorem of limit analysis
 sum w |B d| / f d is never below the limit, and Dinkelbach's iteration (Manag. Sci. 13, 1967)
-decreases it to the limit.
+decreases it to the limit. It starts from the least that repeated least squares find among the rigid
+motions, which is mostly the limit already.
 """
 
 from __future__ import annotations
@@ -434,10 +435,33 @@ class QuasiStatic:
         carried, force = (float(np.linalg.norm(x)) for x in (self.added @ increment.v, f))
         return carried / force if force > 0.0 else 0.0  # no load: friction holds what was held
 
+    def _least_of_rigid(self, f: FloatArray) -> float:
+        """Least sum w |B d| / f d of rigid motions d, by repeated least squares; at least the limit.
+
+        ``inf`` where the forces set off no rigid motion.
+        """
+        rigid = self.rigid if self.condensed is None else self.rigid[self.condensed.kept]
+        work, system = f @ rigid, self.to.system
+        if not rigid.size or np.all(np.abs(work) <= SETTINGS.still * (np.abs(f) @ np.abs(rigid))):
+            return np.inf
+        slips, weight, least = np.asarray(self.B @ rigid), system.w, np.inf
+        for _ in range(SETTINGS.limit_iterations):
+            square = slips.T @ (system.on_rows(weight)[:, np.newaxis] * slips)
+            d = linalg.lstsq(square, work)[0]
+            if not work @ d > 0.0:
+                break
+            slip = system.slip_norm(slips @ d) / float(work @ d)
+            least, before = min(least, float(system.w @ slip)), least
+            if least >= before * (1.0 - 1e-9):
+                break
+            weight = system.w / np.maximum(slip, SETTINGS.still * slip.max())
+        return least
+
     def _limit(self, f: FloatArray, rate: FloatArray) -> float:
         """Multiple of the forces at which everything slips; ConvergenceError as `limit`."""
-        limit, inner = np.inf, self.to.system
-        multiple, without_friction = 1.0, self._without_friction()
+        limit, inner = self._least_of_rigid(f), self.to.system
+        multiple = 1.01 * limit if np.isfinite(limit) else 1.0
+        without_friction = self._without_friction()
         for _ in range(SETTINGS.limit_iterations):
             increment = self._minimise(multiple * f, rate)
             if self._carried(increment, multiple * f) <= SETTINGS.carried:
@@ -447,8 +471,8 @@ class QuasiStatic:
                     return np.inf
                 multiple *= 10.0
                 continue
-            rigid = without_friction(self.added @ increment.v)  # the rigid part of it
-            lower = float(inner.w @ inner.slip_norm(self.B @ rigid) / (f @ rigid))
+            slip = without_friction(self.added @ increment.v)  # the rigid part of it
+            lower = float(inner.w @ inner.slip_norm(self.B @ slip) / (f @ slip))
             if lower >= limit * (1.0 - 1e-6):
                 return limit
             limit, multiple = lower, 1.01 * lower
