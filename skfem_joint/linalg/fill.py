@@ -54,7 +54,7 @@ class Fill(NamedTuple):
     work: float
 
     def plus(self, eliminated: FloatArray, left: FloatArray) -> Fill:
-        """With dense fronts, (fronts,), of unknowns that are eliminated and others that are left."""
+        """With dense fronts, (fronts,): some unknowns are eliminated in them, the others left."""
         s, b = eliminated, left
         entries = float(np.sum(s * (0.5 * s + b)))
         work = float(np.sum(s * (s * s / 3.0 + s * b + b * b)))

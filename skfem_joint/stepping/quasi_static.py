@@ -436,7 +436,7 @@ class QuasiStatic:
         return carried / force if force > 0.0 else 0.0  # no load: friction holds what was held
 
     def _least_of_rigid(self, f: FloatArray) -> float:
-        """Least sum w |B d| / f d of rigid motions d, by repeated least squares; at least the limit.
+        """Least sum w |B d| / f d of rigid motions d, by repeated least squares; never too low.
 
         ``inf`` where the forces set off no rigid motion.
         """
