@@ -29,8 +29,8 @@ class FillSettings:
     ----------
     leaf : int
         Sets of so many unknowns are not cut further, but eliminated level by level. With 60 the
-        entries are 0.99 to 1.2 times those of PARDISO's factors for plates and solids of 4,000 to
-        57,000 unknowns, with 600 they are 1.4 to 2.5 times as many.
+        entries are 1.03 to 1.24 times those of PARDISO's factors for plates and solids of 4,000 to
+        57,000 unknowns, with 600 they are 1.4 to 2.6 times as many.
     """
 
     leaf: int = 60

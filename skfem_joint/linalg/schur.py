@@ -33,9 +33,10 @@ class SchurSettings:
     """When a sparse matrix is condensed.
 
     Costs are in nanoseconds of a time step with friction, in which the complement or the matrix is
-    multiplied some twenty times and a tangent is factorised once or twice. They were fitted to 11
-    plates and 5 solids (720 to 38,000 unknowns, 144 to 3,344 of them kept; one core), stepped in
-    both ways: where these took equally long, so they did by these numbers within 30 %.
+    multiplied some twenty times and a tangent is factorised once or twice. They were set by hand to
+    times of 11 plates and 5 solids (720 to 38,000 unknowns, 144 to 3,344 of them kept; on a machine
+    that others used), stepped in both ways. The three plates that took equally long do so by these
+    numbers within 30 %; solids took a fifth to a thirtieth of the time if condensed.
 
     Attributes
     ----------
@@ -243,9 +244,9 @@ class SchurComplement(Uncondensed):
 def _dense_complement(A: Any, kept: IntArray, interior: IntArray, solve: Any) -> FloatArray:
     """Dense Schur complement.
 
-    For large matrices it comes from PARDISO where that is used. From SuperLU it is the product of
-    the last pivot blocks of a factorisation of A that has the kept unknowns last. That replaces a
-    solution with A_rr for each kept unknown: 1 s instead of 6 s for 2,500 of 27,600 of a solid.
+    For large matrices it comes from PARDISO where that is used: 1 s for 2,500 of 27,600 unknowns of
+    a solid, where a solution with A_rr for each kept unknown took 6 s. From SuperLU it is the
+    product of the last pivot blocks of a factorisation of A that has the kept unknowns last.
     """
     S: FloatArray | None = complement(A, kept)
     if S is not None:
