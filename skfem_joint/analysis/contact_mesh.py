@@ -5,7 +5,9 @@ contact points share the work of friction, the friction energy depends on where 
 Counted are the points that share it: with e = w |slip| of each point, N = (sum e)^2 / sum e^2.
 
 Measured for slow cycles to 30, 50, 70 and 90 % of the friction limit: all changes of the energy of
-a cycle, in percent, as N: change. Solids pressed by rings, 62 to 272 points, against a mesh with 848:
+a cycle, in percent, as N: change.
+
+Solids pressed by rings, 62 to 272 points, against a mesh with 848:
 
     8: 123, 11: 32, 14: 9, 17: 51, 18: 17, 22: 20, 28: 21, 29: 8, 40: 5, 43: 8, 62: 3, 86: 1
 
@@ -19,8 +21,8 @@ Plates pressed by bolts on a rigid base, 24 to 104 points, against a mesh with 2
 
 Evenly pressed plates changed by less than 4 % at any N, a bar by 0.1 %. So only joints under bolts
 are judged, and only where the contact is an area. The change scatters by a factor of three about
-350 / N: the sentence is a warning, not an estimate. N counts all bolts of a joint, two in the solids
-and plates measured; where there are more, it is too large.
+350 / N: the sentence is a warning, not an estimate. N counts all bolts of a joint, two in the
+solids and plates measured; where there are more, it is too large.
 """
 
 from __future__ import annotations
@@ -92,6 +94,6 @@ def coarse_contact(structure: AnyStructure, system: System, u: FloatArray) -> It
             yield (
                 f"Joint '{patch.joint.name}': under the bolts {count:.2g} of {patch.points.size} "
                 "contact points share the work of friction. With so few the friction energy "
-                f"depends on the mesh of the contact, by something like {float(change):g} %: refine "
+                f"depends on the mesh of the contact, by some {float(change):g} %: refine "
                 "it there, or let `skfem-joint run --certify --models full` measure it."
             )
