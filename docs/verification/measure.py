@@ -238,6 +238,9 @@ CLAIMS = {
         timed=True,
     ),
     "solids": Claim(f"{BENCHMARKS}/solids.py", 260, {"solids": printed}, timed=True),
+    "contact-points": Claim(
+        f"{BENCHMARKS}/contact_points.py", 240, {"contact-points": printed}, timed=True
+    ),
     "ranges": Claim(
         f"{BENCHMARKS}/ranges.py --seed 79",
         1500,

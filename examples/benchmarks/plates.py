@@ -92,7 +92,7 @@ def report(along, across, width, bolted):
     with (
         patience,
         patch.object(
-            schur, "SETTINGS", replace(schur.SETTINGS, most_dense=0, fewest_sparse=np.inf)
+            schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0, fewest_sparse=np.inf)
         ),
     ):
         line("refactoring each iteration", first.wall_s / 60, [run(system, n_steps=60)])

@@ -38,7 +38,7 @@ SIZES = {
 }
 
 
-def plates(elements, cycles, steps):
+def plates(elements, cycles, steps, reach=0.01):
     lap, rest, across, deep = elements
     strips = ("upper_rest", 0.1, rest), ("upper_lap", 0.1, lap)
     others = ("lower_lap", 0.1, lap), ("lower_rest", 0.1, rest)
@@ -50,7 +50,7 @@ def plates(elements, cycles, steps):
     bolt = {"force": 20e3, "head_radius": 0.0075, "hole_radius": 0.0045}
     bolts = [{"at": [x, 0.5 * WIDTH, 0.01], **bolt} for x in (0.125, 0.175)]
     scene = tomllib.loads((EXAMPLES / "solid_lap_joint.toml").read_text(encoding="utf-8"))
-    scene["joint"][0]["pressure"] = {"reach": 0.01, "bolts": bolts}
+    scene["joint"][0]["pressure"] = {"reach": reach, "bolts": bolts}
     scene["time"] = {"steps_per_cycle": steps, "cycles": cycles}
     scene["models"] = {"run": ["full", "condensed", "reduced"]}
     scene["reduction"] = {"modes": 44, "friction_points": 30}

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint import modes
+from skfem_joint.analysis.contact_mesh import coarse_contact, judged
 from skfem_joint.analysis.gross_slip import gross_slip_level
 from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
 from skfem_joint.analysis.normal_force import NormalChange
@@ -214,6 +215,9 @@ def _moves(
     stuck_under_it = to.inner(vibration.follows @ vibration.most)
     level = gross_slip_level(path, force, stuck_under_it, path.limit(force))
     share = 1.0 / level
+    if share < 1.0 and judged(structure):
+        moved = path.afresh(path.to).follow(force[np.newaxis])[0]
+        draft.doubts += coarse_contact(structure, path.to.system, moved)
     values |= {
         "friction_limit_N": float(system.w.sum()),
         "amplification": amplified,

@@ -7,7 +7,11 @@ from pathlib import Path
 
 from skfem_joint.analysis.scene_plan import save_of
 from skfem_joint.errors import InputError
+from skfem_joint.linalg.schur import complement_bytes
+from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.scene import Scene
+from skfem_joint.stepping.arrangement import MOST_DENSE, arranged
+from skfem_joint.system import System
 
 GIB = 2**30
 #: Parts of the memory, and what makes each smaller.
@@ -16,6 +20,7 @@ CURES = {
     "fields": "fewer output.frames, or output.vtk = false",
     "training run of the reduced model": 'reduction.reference = "static"',
     "mesh and factors": "a coarser mesh",
+    "contact's own matrix": "fewer contact points",
 }
 # Entries of the factors of a step matrix for each unknown: share times this power of the unknowns,
 # by dimension; measured.
@@ -59,7 +64,18 @@ def needed(scene: Scene) -> dict[str, int]:
     factors += factors if "reduced" in scene.models.run and models > 1 else 0
     assembled = 1100 * nodes + 120 * structure.n_entries  # measured
     parts = 8 * stored * row, 8 * frames * frame, 8 * training, factors + assembled
-    return dict(zip(CURES, parts, strict=True))
+    return dict(zip(CURES, (*parts, _of_contact(system)), strict=True))
+
+
+def _of_contact(system: System) -> int:
+    """Bytes of the matrices to which a step is condensed."""
+    closed = system.closed()
+    if closed.is_dense or not closed.contact_points or closed.n <= MOST_DENSE:
+        return 0
+    to = arranged(closed)
+    if to.kind != "contact":
+        return 0
+    return complement_bytes(to.system.K, ContactPoints.of(to.system).limited)
 
 
 def check(scene: Scene, limit: float) -> None:

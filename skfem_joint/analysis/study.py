@@ -31,7 +31,8 @@ from skfem_joint.analysis.scene_range import served_scene, structure_of
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, JointError
-from skfem_joint.linalg import schur
+from skfem_joint.linalg.schur import condensing_pays
+from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.reduction.basis import notes_of_reduction, reduced_system
@@ -399,8 +400,11 @@ def _condensed(
     notes: tuple[str, ...] = ()
     basis = condensed_basis(system)
     small = condensed_system(system, basis.V)
-    kept = small.B.shape[0]
-    if kept > schur.SETTINGS.most_dense or arranged(system).kind == "chain":
+    kept, to = small.B.shape[0], arranged(system)
+    sparse = to.kind == "contact" and not condensing_pays(
+        to.system.K, ContactPoints.of(to.system).limited
+    )
+    if sparse or to.kind == "chain":
         notes = (
             f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
             "the full one, which has few entries, will hardly cost more; a reduced one costs less.",

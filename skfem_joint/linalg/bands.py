@@ -153,14 +153,14 @@ def _from_far_end(pattern: sparse.csr_matrix, order: IntArray) -> IntArray:
     count, part = connected_components(pattern, directed=False)
     starts = np.zeros(count, dtype=np.intp)
     starts[part[order]] = order  # the last unknown of each part, where the reversed order starts
-    reached, depth = _levels(pattern, starts)
+    reached, depth = levels(pattern, starts)
     deepest = np.zeros(count, dtype=np.intp)
     np.maximum.at(deepest, part[reached], depth)
-    reached = _levels(pattern, reached[depth == deepest[part[reached]]])[0]
+    reached = levels(pattern, reached[depth == deepest[part[reached]]])[0]
     return reached[np.argsort(part[reached], kind="stable")]
 
 
-def _levels(pattern: sparse.csr_matrix, starts: IntArray) -> tuple[IntArray, IntArray]:
+def levels(pattern: sparse.csr_matrix, starts: IntArray) -> tuple[IntArray, IntArray]:
     """Unknowns in the order of their distance in the graph from ``starts``, and these distances."""
     n, indices = pattern.shape[0], np.concatenate([pattern.indices, starts])
     # An additional unknown is connected to all starts.

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, cast
 from weakref import finalize
 
 import numpy as np
@@ -97,7 +98,8 @@ def pardiso() -> Any:
     """The package ``pypardiso``, or None where it is not installed or does not work.
 
     The package searches for Intel's library MKL when it is imported. It raises ImportError if there
-    is none, and OSError if the library cannot be loaded.
+    is none, and OSError if the library cannot be loaded. It would search again for each solver,
+    which takes a quarter of a second; so it is told what it has found.
     """
     if find_spec("pypardiso") is None:
         return None
@@ -106,28 +108,64 @@ def pardiso() -> Any:
     except (ImportError, OSError) as error:
         _log.warning("pypardiso is installed but cannot be used, SuperLU is used: %s", error)
         return None
+    os.environ.setdefault("PYPARDISO_MKL_RT", pypardiso.ps.libmkl._name)
     return pypardiso
 
 
 def _of_any_pattern(A: Any) -> Any:
     """Solver by PARDISO for large matrices if it is installed and succeeds, else by SuperLU."""
-    if A.shape[0] >= SETTINGS.large and (library := pardiso()) is not None:
-        try:
-            return _by_pardiso(A, library)
-        except library.pardiso_wrapper.PyPardisoError as error:
-            if error.value != -4:  # PARDISO's code for a matrix that is not positive definite
-                raise
-    return symmetric_lu(A).solve
+    solve = _if_pardiso(_by_pardiso, A)
+    return symmetric_lu(A).solve if solve is None else solve
 
 
-def _by_pardiso(A: Any, library: Any) -> Callable[[FloatArray], FloatArray]:
-    """Solver by PARDISO; its memory is freed with the solver."""
-    solver = library.PyPardisoSolver(mtype=2)  # symmetric positive definite, by its upper triangle
-    upper = sparse.csr_matrix(sparse.triu(A, format="csr"))
+def complement(A: Any, kept: IntArray) -> FloatArray | None:
+    """Dense Schur complement of a sparse matrix on its ``kept`` unknowns, (k, k), by PARDISO.
+
+    It takes little longer than a factor. None where PARDISO is not used or does not succeed.
+    """
+    return cast("FloatArray | None", _if_pardiso(_complement_by_pardiso, A, kept))
+
+
+def _if_pardiso(make: Callable[..., Any], A: Any, *more: Any) -> Any:
+    """``make(library, A, *more)`` for large matrices if PARDISO is installed; None if it fails."""
+    if A.shape[0] < SETTINGS.large or (library := pardiso()) is None:
+        return None
+    try:
+        return make(library, A, *more)
+    except library.pardiso_wrapper.PyPardisoError as error:
+        if error.value != -4:  # PARDISO's code for a matrix that is not positive definite
+            raise
+        return None
+
+
+def _pardiso_solver(library: Any, A: Any) -> tuple[Any, sparse.csr_matrix]:
+    """Solver of PARDISO for symmetric positive definite A, and the upper triangle that it takes."""
+    solver = library.PyPardisoSolver(mtype=2)
     # 1: parameters are given; 2: order by METIS; 8: no iterative refinement, with which a solution
     # takes twice as long.
     for place, value in {1: 1, 2: 2, 8: 0}.items():
         solver.set_iparm(place, value)
+    upper = sparse.csr_matrix(sparse.triu(A, format="csr"))
+    upper.sort_indices()
+    return solver, upper
+
+
+def _complement_by_pardiso(library: Any, A: Any, kept: IntArray) -> FloatArray:
+    """See `complement`."""
+    solver, upper = _pardiso_solver(library, A)
+    solver.set_iparm(36, 1)  # the Schur complement of unknowns that are marked
+    solver.perm = np.zeros(A.shape[0], dtype=np.int32)
+    solver.perm[kept] = 1
+    solver.set_phase(12)
+    try:  # the package has no public way to have it
+        return np.asarray(solver._call_pardiso(upper, np.zeros((kept.size, kept.size))))
+    finally:
+        solver.free_memory(everything=True)
+
+
+def _by_pardiso(library: Any, A: Any) -> Callable[[FloatArray], FloatArray]:
+    """Solver by PARDISO; its memory is freed with the solver."""
+    solver, upper = _pardiso_solver(library, A)
     solver.factorize(upper)
 
     def solve(right: FloatArray) -> FloatArray:

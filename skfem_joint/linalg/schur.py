@@ -11,9 +11,10 @@ does on the contact's.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -23,20 +24,33 @@ from scipy.sparse.linalg import SuperLU
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.linalg import bands
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.linalg.factors import Factoriser, factorised, symmetric_lu
+from skfem_joint.linalg.factors import Factoriser, complement, factorised, symmetric_lu
+from skfem_joint.linalg.fill import Fill, fill
 
 
 @dataclass(frozen=True)
 class SchurSettings:
     """When a sparse matrix is condensed.
 
+    Costs are in nanoseconds of a time step with friction, in which the complement or the matrix is
+    multiplied some twenty times and a tangent is factorised once or twice. They were set by hand to
+    times of 11 plates and 5 solids (720 to 38,000 unknowns, 144 to 3,344 of them kept; on a machine
+    that others used), stepped in both ways. The three plates that took equally long do so by these
+    numbers within 30 %; solids took a fifth to a thirtieth of the time if condensed.
+
     Attributes
     ----------
-    most_dense : int
-        Most kept unknowns of a dense Schur complement.
-    square_per_entry : float
-        Largest square of the number of kept unknowns, over the number of entries of the matrix. For
-        more unknowns products with the dense complement cost more than with the sparse matrix.
+    dense : tuple of float
+        Cost of a dense complement for the square and the cube of its unknowns.
+    sparse : tuple of float
+        Cost of the matrix itself for an entry, for an entry of its factor, and for a multiplication
+        with an addition to make that factor.
+    interior : float
+        Cost of the two solves with the interior, for an entry of the factor of all.
+    copies : int
+        Dense complements that are in memory when it is made or a tangent of it is factorised.
+    memory_share : float
+        Most of the machine's memory that these may take.
     fewest_sparse : int
         A complement of at least so many unknowns stays sparse if few of them are coupled to the
         interior: at most half of them, and no more than `bands.SETTINGS.widest` rows.
@@ -44,8 +58,11 @@ class SchurSettings:
         Right sides that are solved for together while a dense complement is made.
     """
 
-    most_dense: int = 1200
-    square_per_entry: float = 3.0
+    dense: tuple[float, float] = (14.0, 0.0027)
+    sparse: tuple[float, float, float] = (30.0, 15.0, 0.15)
+    interior: float = 6.0
+    copies: int = 3
+    memory_share: float = 0.25
     fewest_sparse: int = 512
     block: int = 64
 
@@ -53,22 +70,66 @@ class SchurSettings:
 SETTINGS = SchurSettings()
 
 
-def condensing_pays(A: Any, kept: IntArray) -> bool:
-    """Whether problems that change A on its ``kept`` unknowns alone are cheaper if condensed."""
+def condensing_pays(A: Any, kept: IntArray, dense: tuple[float, float] | None = None) -> bool:
+    """Whether problems that change A on its ``kept`` unknowns alone are cheaper if condensed.
+
+    That is so if the complement stays sparse, or if it fits into memory and a step costs less with
+    it than with A and its factor. It depends on the pattern of A and on the machine's memory, not
+    on the memory that is free.
+
+    Parameters
+    ----------
+    A : ndarray or sparse array, shape (n, n)
+    kept : ndarray of int, shape (k,)
+    dense : tuple of float, optional
+        Cost of a dense complement for k^2 and for k^3, ns, where it is not that of a time step,
+        see `SchurSettings`.
+    """
     if isinstance(A, np.ndarray):
         return kept.size < len(A)
-    most = min(SETTINGS.most_dense, np.sqrt(SETTINGS.square_per_entry * A.nnz))
-    return bool(kept.size <= most or _narrow_border(A, kept).size)
+    if _narrow_border(A, kept).size:
+        return True
+    if dense_bytes(kept.size) > SETTINGS.memory_share * physical_memory():
+        return False
+    k, (square, cube) = float(kept.size), dense or SETTINGS.dense
+    least = Fill(0.5 * A.nnz, 0.0)  # of any factor: it has the entries of the matrix
+    known = square * k**2 + cube * k**3 - SETTINGS.sparse[0] * A.nnz
+    return bool(known <= _saved(least) or known <= _saved(fill(A)))
 
 
-def condensed(A: Any, kept: IntArray, most: int = 0) -> Uncondensed:
+def _saved(factor: Fill) -> float:
+    """Cost of a factor of all unknowns, less that of the interior's, which a complement needs."""
+    entry, operation = SETTINGS.sparse[1:]
+    return (entry - SETTINGS.interior) * factor.entries + operation * factor.work
+
+
+def dense_bytes(kept: int) -> int:
+    """Memory for dense complements of so many unknowns, bytes."""
+    return 8 * SETTINGS.copies * kept**2
+
+
+def complement_bytes(A: Any, kept: IntArray) -> int:
+    """Memory for the dense complement of A, bytes; 0 where it is not condensed or stays sparse."""
+    if _narrow_border(A, kept).size or not condensing_pays(A, kept):
+        return 0
+    return dense_bytes(kept.size)
+
+
+@cache
+def physical_memory() -> float:
+    """Memory of the machine, bytes; 4 GiB where the system does not say."""
+    try:
+        return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+    except (AttributeError, ValueError, OSError):  # not on every system
+        return 4.0 * 2**30
+
+
+def condensed(A: Any, kept: IntArray, dense: tuple[float, float] | None = None) -> Uncondensed:
     """Schur complement of A on its ``kept`` unknowns where that pays, else A itself.
 
-    With at most ``most`` kept unknowns the complement is made in any case.
+    Parameters are those of `condensing_pays`.
     """
-    if kept.size <= most or condensing_pays(A, kept):
-        return SchurComplement(A, kept)
-    return Uncondensed(A)
+    return SchurComplement(A, kept) if condensing_pays(A, kept, dense) else Uncondensed(A)
 
 
 def _narrow_border(A: Any, kept: IntArray) -> IntArray:
@@ -183,9 +244,13 @@ class SchurComplement(Uncondensed):
 def _dense_complement(A: Any, kept: IntArray, interior: IntArray, solve: Any) -> FloatArray:
     """Dense Schur complement.
 
-    For large matrices it is the product of the last pivot blocks of a factorisation of A that has
-    the kept unknowns last. That replaces a solution with A_rr for each kept unknown.
+    For large matrices it comes from PARDISO where that is used: 1 s for 2,500 of 27,600 unknowns of
+    a solid, where a solution with A_rr for each kept unknown took 6 s. From SuperLU it is the
+    product of the last pivot blocks of a factorisation of A that has the kept unknowns last.
     """
+    S: FloatArray | None = complement(A, kept)
+    if S is not None:
+        return 0.5 * (S + S.T)
     lu = getattr(solve, "__self__", None)
     if isinstance(lu, SuperLU):
         order = np.concatenate([interior[np.argsort(lu.perm_c)], kept])

@@ -16,8 +16,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from skfem_joint.linalg.schur import condensing_pays
 from skfem_joint.minimise.problem import ContactPoints, LinearProblem, StepProblem
 
@@ -50,6 +48,5 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
     from skfem_joint.minimise.condensed_newton import CondensedNewton
     from skfem_joint.minimise.truncated_newton import TruncatedNewton
 
-    limited = np.unique(points.unknowns[points.on_rows(points.w) > 0.0])
-    pays = condense and condensing_pays(H, limited)
+    pays = condense and condensing_pays(H, points.limited)
     return CondensedNewton(H, points) if pays else TruncatedNewton(H, points)

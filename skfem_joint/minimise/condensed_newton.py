@@ -32,10 +32,9 @@ class CondensedNewton:
 
     def __init__(self, H: Any, points: ContactPoints) -> None:
         self.H, self.points = H, points
-        limited = points.on_rows(points.w) > 0.0
-        self._limited = np.flatnonzero(limited)
+        self._limited = np.flatnonzero(points.on_rows(points.w))
         self._points = np.flatnonzero(points.w > 0.0)
-        self.schur = SchurComplement(H, np.unique(points.unknowns[limited]))
+        self.schur = SchurComplement(H, points.limited)
         self.contact = self._contact()
 
     def _contact(self) -> TruncatedNewton:

@@ -139,6 +139,11 @@ class ContactPoints:
         """Unknown that each row picks, (rows,); for problems whose slips are unknowns."""
         return np.asarray(sparse.csr_array(self.B).indices, dtype=np.intp)
 
+    @property
+    def limited(self) -> IntArray:
+        """Unknowns that friction acts on, increasing; for problems whose slips are unknowns."""
+        return np.unique(self.unknowns[self.on_rows(self.w) > 0.0])
+
     @cached_property
     def _coulomb(self) -> BoolArray:
         return np.asarray((self.w > 0.0) & np.isinf(self.beta) & (self.compliance == 0.0))

@@ -36,6 +36,7 @@ solves where the matrix is a narrow band, and as thirty elsewhere.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -128,7 +129,7 @@ class TruncatedNewton:
 
     def __init__(self, H: Any, points: ContactPoints) -> None:
         n = H.shape[0]
-        self.H, self.points, self.sizes, self.dense = H, points, abs(H), isinstance(H, np.ndarray)
+        self.H, self.points, self.dense = H, points, isinstance(H, np.ndarray)
         self.rows = Full(H) if self.dense else compressed_rows(H)
         self.kept: tuple[FloatArray, BoolArray] | None = None
         self.factor: Callable[[FloatArray], FloatArray] | None = None
@@ -341,6 +342,11 @@ class TruncatedNewton:
         resting = sticking | reverses
         d, _, length, solves, trials = self._newton_step(v + stop, left, r, resting, laws)
         return stop + length * d, solves, trials
+
+    @cached_property
+    def sizes(self) -> Any:
+        """Magnitudes of the entries of H, as large as H: few steps need them."""
+        return abs(self.H)
 
     def _round_off(self, v: FloatArray, g: FloatArray, laws: Points) -> float:
         size = float(times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())

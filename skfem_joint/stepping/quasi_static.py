@@ -18,7 +18,8 @@ Bodies that friction alone holds have a singular stiffness. A little of the mass
 forces that would make everything slip are scaled back to just below what friction holds. That limit
 is found from the rigid motion d that a load sets off: by the upper bound theorem of limit analysis
 sum w |B d| / f d is never below the limit, and Dinkelbach's iteration (Manag. Sci. 13, 1967)
-decreases it to the limit.
+decreases it to the limit. The motion in which everything slips strains nothing: where the rigid
+motions are known the limit is their least ratio, which repeated least squares find without a solve.
 """
 
 from __future__ import annotations
@@ -63,6 +64,10 @@ class QuasiStaticSettings:
         Share of the load that the added mass may carry before everything counts as slipping.
     limit_iterations : int
         Most iterations for the friction limit.
+    least_squares : int
+        Most repetitions of least squares for it.
+    settled : float
+        It is found when a repetition lowers it by no more than this share.
     rigid : float
         Motions whose stiffness over mass is below this share of the mean square frequency are
         rigid.
@@ -76,6 +81,8 @@ class QuasiStaticSettings:
     halvings: int = 6
     carried: float = 1e-3
     limit_iterations: int = 20
+    least_squares: int = 200
+    settled: float = 1e-9
     rigid: float = 1e-9
     most_rigid: int = 12
     still: float = 1e-6
@@ -431,13 +438,39 @@ class QuasiStatic:
         """Share of the load that the added mass carries."""
         if not self.shift:
             return 0.0
-        carried = float(np.linalg.norm(self.added @ increment.v))
-        return carried / float(np.linalg.norm(f)) if carried > 0.0 else 0.0
+        carried, force = (float(np.linalg.norm(x)) for x in (self.added @ increment.v, f))
+        return carried / force if force > 0.0 else 0.0  # no load: friction holds what was held
+
+    def _least_of_rigid(self, f: FloatArray) -> tuple[float, bool]:
+        """Smallest sum w |B d| / f d found among rigid motions d, and whether it is the least.
+
+        Repeated least squares with weights w / |B d|; each lowers the sum. It is ``inf`` where the
+        forces set off no rigid motion, and not the least where there may be more motions.
+        """
+        rigid = self.rigid if self.condensed is None else self.rigid[self.condensed.kept]
+        work, system = f @ rigid, self.to.system
+        if np.all(np.abs(work) <= SETTINGS.still * (np.abs(f) @ np.abs(rigid))):
+            return np.inf, False
+        slips, weight, least = np.asarray(self.B @ rigid), system.w, np.inf
+        for _ in range(SETTINGS.least_squares):
+            square = slips.T @ (system.on_rows(weight)[:, np.newaxis] * slips)
+            d = linalg.lstsq(square, work)[0]
+            if not work @ d > 0.0:
+                break
+            slip = system.slip_norm(slips @ d) / float(work @ d)
+            before, least = least, min(least, float(system.w @ slip))
+            if least >= before * (1.0 - SETTINGS.settled):
+                return least, rigid.shape[1] < SETTINGS.most_rigid
+            weight = system.w / np.maximum(slip, SETTINGS.still * slip.max())
+        return least, False
 
     def _limit(self, f: FloatArray, rate: FloatArray) -> float:
         """Multiple of the forces at which everything slips; ConvergenceError as `limit`."""
-        limit, inner = np.inf, self.to.system
-        multiple, without_friction = 1.0, self._without_friction()
+        (limit, least), inner = self._least_of_rigid(f), self.to.system
+        if least:
+            return limit
+        multiple = 1.01 * limit if np.isfinite(limit) else 1.0
+        without_friction = self._without_friction()
         for _ in range(SETTINGS.limit_iterations):
             increment = self._minimise(multiple * f, rate)
             if self._carried(increment, multiple * f) <= SETTINGS.carried:
@@ -447,8 +480,8 @@ class QuasiStatic:
                     return np.inf
                 multiple *= 10.0
                 continue
-            rigid = without_friction(self.added @ increment.v)  # the rigid part of it
-            lower = float(inner.w @ inner.slip_norm(self.B @ rigid) / (f @ rigid))
+            slip = without_friction(self.added @ increment.v)  # the rigid part of it
+            lower = float(inner.w @ inner.slip_norm(self.B @ slip) / (f @ slip))
             if lower >= limit * (1.0 - 1e-6):
                 return limit
             limit, multiple = lower, 1.01 * lower

@@ -34,9 +34,9 @@ class ActiveSetSettings:
     shift : float
         Share of the stiffness' diagonal that is added before factorisation, because K is singular
         while too few nodes touch to support every body.
-    largest_schur : int
-        Unknowns up to which the stiffness is condensed to those in contact; their Schur complement
-        is dense (0.2 GB at 5000).
+    dense : tuple of float
+        Cost of a set of touching nodes with the stiffness condensed to those in contact, ns for the
+        square and the cube of their unknowns: all are factorised, and solved for a few times.
     active_sets : int
         Most sets of touching nodes that are tried.
     corrections : int
@@ -49,7 +49,7 @@ class ActiveSetSettings:
 
     stiffness: float = 1e5
     shift: float = 1e-10
-    largest_schur: int = 5000
+    dense: tuple[float, float] = (4.0, 0.0133)
     active_sets: int = 100
     corrections: int = 20
     tolerance: float = 1e-9
@@ -92,7 +92,7 @@ class UnilateralContact:
     def _open(self) -> Uncondensed:
         """Stiffness with contact open, condensed to the unknowns that closed contact changes."""
         K = sparse.csr_array(self.K + SETTINGS.shift * sparse.diags_array(self.K.diagonal()))
-        return condensed(K, np.unique(self.G.indices), SETTINGS.largest_schur)
+        return condensed(K, np.unique(self.G.indices), SETTINGS.dense)
 
     def solve(self) -> tuple[FloatArray, FloatArray, int]:
         """Displacement (m), pressure (Pa), and the number of sets of touching nodes tried."""

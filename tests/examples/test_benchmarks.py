@@ -8,7 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import brake_reuss, growth, plates, ready_made, reduction, solids, steady
+from benchmarks import (
+    brake_reuss,
+    contact_points,
+    growth,
+    plates,
+    ready_made,
+    reduction,
+    solids,
+    steady,
+)
 from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
 from benchmarks.integrators import FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
@@ -16,7 +25,9 @@ from joint_scenes import lap_joint
 import skfem_joint as sj
 from skfem_joint.analysis import error_time as et
 from skfem_joint.analysis.certificate import make_reference
+from skfem_joint.analysis.description import describe
 from skfem_joint.analysis.history import difference, results
+from skfem_joint.linalg import schur
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 #: What the example of two plates printed when the pages were made.
@@ -161,6 +172,38 @@ def test_the_benchmark_of_solids_runs(monkeypatch, capsys):
     full, condensed = np.array(curves, dtype=float)
     np.testing.assert_allclose(condensed, full, rtol=1e-3)
     assert "memory said" in text
+
+
+def test_the_benchmark_of_contact_points_runs(monkeypatch, capsys):
+    monkeypatch.setattr(contact_points, "QUICK", ((6, 1, 2, 1),))
+    contact_points.main(["--quick"])
+    (cells,) = [line.split("|")[1:-1] for line in capsys.readouterr().out.splitlines()[2:]]
+    points, unknowns = int(cells[1]), int(cells[2])
+    assert unknowns == 2 * points
+    assert cells[3].strip() == "yes"
+    assert float(cells[8]) > 0.0
+
+
+def test_solids_are_stepped_alike_condensed_or_not(monkeypatch):
+    system = solids.plates((6, 1, 2, 1), 1, 40, reach=0.025).system()
+    how = {"step": 1.0 / 200.0 / 40, "n_steps": 40, "save": sj.Save(fields=True)}
+    condensed = sj.integrate(system, **how)
+    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0))
+    on_all = sj.integrate(system, **how)
+    assert condensed.friction_work.sum() > 0.0
+    assert condensed.counters.newton_iterations < on_all.counters.newton_iterations
+    np.testing.assert_allclose(condensed.u, on_all.u, atol=1e-9 * np.abs(on_all.u).max())
+    done = on_all.friction_work.sum()
+    np.testing.assert_allclose(condensed.friction_work.sum(), done, rtol=1e-7)
+
+
+def test_few_points_under_bolts_are_said_to_share_the_work():
+    """Their friction energy changes by more than a tenth on a finer mesh, not if pressed evenly."""
+    coarse = solids.plates((8, 1, 2, 1), 1, 40)
+    (note,) = [said for said in describe(coarse).doubts if "share the work of friction" in said]
+    assert "--certify" in note
+    evenly = coarse.changed(joint={"pressure": 5e6})
+    assert not any("share the work" in said for said in describe(evenly).doubts)
 
 
 @pytest.mark.slow

@@ -5,7 +5,8 @@ import pytest
 from grid_matrices import grid
 from scipy import sparse
 
-from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg import factors, schur
+from skfem_joint.linalg.factors import complement, factorised
 from skfem_joint.linalg.schur import SchurComplement, condensed, condensing_pays
 
 
@@ -44,3 +45,58 @@ def test_many_that_meet_few_others_stay_sparse():
     u = condensed(A, kept).solver(added)(some)
     np.testing.assert_allclose(A @ u + added @ u, some, atol=1e-11)
     assert not condensing_pays(A, np.arange(0, A.shape[0], 2))
+
+
+def blocks(shape):
+    """Pattern of a body of bricks or squares of first order: all nodes of an element coupled."""
+    whole = sparse.eye_array(1)
+    for n in shape:
+        whole = sparse.kron(
+            whole, sparse.diags_array([1.0, 4.0, 1.0], offsets=[-1, 0, 1], shape=(n, n))
+        )
+    return sparse.csr_array(sparse.kron(whole, np.eye(len(shape)) + 0.1))
+
+
+@pytest.mark.parametrize("points", [100, 300, 600, 700, 1500])
+def test_contact_of_solids_is_condensed_at_any_number_of_points(points):
+    """Two slips at each point of one face, which has as many nodes, of a body four nodes thick."""
+    side = int(np.sqrt(points))
+    A = blocks((side, points // side, 4))
+    nodes = np.arange(0, A.shape[0] // 3, 4)
+    assert condensing_pays(A, np.sort(np.concatenate([3 * nodes, 3 * nodes + 1])))
+
+
+@pytest.mark.parametrize(("kept", "pays"), [(100, True), (600, True), (4800, False)])
+def test_contact_of_a_plate_is_condensed_where_it_is_small(kept, pays):
+    """Of 12,800 unknowns, scattered so that all meet others."""
+    A = blocks((80, 80))
+    assert condensing_pays(A, np.arange(0, A.shape[0], A.shape[0] // kept)[:kept]) == pays
+
+
+def test_what_does_not_fit_into_memory_is_not_condensed(monkeypatch):
+    A, kept = blocks((12, 12, 4)), np.arange(0, 300)
+    assert condensing_pays(A, kept)
+    least = schur.dense_bytes(kept.size) / schur.SETTINGS.memory_share
+    monkeypatch.setattr(schur, "physical_memory", lambda: 1.001 * least)
+    assert condensing_pays(A, kept)
+    monkeypatch.setattr(schur, "physical_memory", lambda: 0.999 * least)
+    assert not condensing_pays(A, kept)
+
+
+def test_the_count_of_fill_is_not_made_where_the_entries_decide(monkeypatch):
+    monkeypatch.setattr(schur, "fill", lambda A: pytest.fail("counted"))
+    assert condensing_pays(blocks((12, 12, 4)), np.arange(100))
+
+
+@pytest.mark.parametrize("count", [1, 300])
+def test_a_large_complement_is_that_of_a_small_library(count, monkeypatch):
+    """PARDISO's own complement, where it is installed, is that by solutions."""
+    pytest.importorskip("pypardiso")
+    A = blocks((12, 12, 12))
+    kept = np.sort(np.random.default_rng(1).permutation(A.shape[0])[:count])
+    assert complement(A, kept) is not None
+    made = SchurComplement(A, kept).complement
+    monkeypatch.setattr(factors, "pardiso", lambda: None)
+    assert complement(A, kept) is None
+    other = SchurComplement(A, kept).complement
+    np.testing.assert_allclose(made, other, atol=1e-12 * np.abs(other).max())

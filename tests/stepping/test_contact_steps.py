@@ -54,7 +54,7 @@ def test_condensing_changes_nothing(beta, elements, monkeypatch):
 
 
 def test_few_factorizations_serve_many_iterations(monkeypatch):
-    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, most_dense=0))
+    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0))
     system = reference_plate(1e5, elements=(30, 6))
     counters = run(system, steps=200).counters
     assert counters.newton_iterations < 5 * counters.steps

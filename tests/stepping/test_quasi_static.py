@@ -60,6 +60,9 @@ def test_a_level_held_back_that_does_not_converge_is_an_error(monkeypatch):
 def test_a_friction_limit_that_is_not_found_is_an_error(monkeypatch):
     few = replace(quasi_static.SETTINGS, limit_iterations=1)
     monkeypatch.setattr(quasi_static, "SETTINGS", few)
+    monkeypatch.setattr(
+        QuasiStatic, "_least_of_rigid", lambda path, f: (np.inf, False)
+    )  # else at once
     system = bar(held=False)
     with pytest.raises(sj.ConvergenceError, match="what friction can hold was not found"):
         QuasiStatic(system).limit(2.0 * float(system.w.sum()) * system.loads[0].vector)
@@ -82,7 +85,7 @@ def test_the_contact_alone_is_stepped_as_the_whole_is(fixed, monkeypatch):
     forces = np.array([0.3, 0.6, 0.2, -0.5])[:, np.newaxis] * pull
     alone = QuasiStatic(system, 1e-10)
     assert (alone.condensed is not None) == bool(fixed)
-    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, most_dense=0))
+    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0))
     together = QuasiStatic(system, 1e-10)
     assert together.whole is None
     u, v = (np.asarray((system.B @ path.follow(forces).T).T) for path in (alone, together))
@@ -153,3 +156,18 @@ def test_a_dense_system_slips_as_the_sparse_one_does(held):
 def test_systems_without_friction_are_refused():
     with pytest.raises(sj.InputError, match="needs friction"):
         QuasiStatic(replace(bar(), w=np.zeros(bar().w.size)))
+
+
+@pytest.mark.parametrize("pull", [(1.0, 0.0), (0.3, 1.0)])
+def test_the_limit_of_rigid_motions_is_that_of_the_iteration(pull, monkeypatch):
+    """Of a plate on its base, which slides and turns when it is pulled at an edge."""
+    mesh = sj.build_plate([("joint", 0.1, 8), ("free", 0.1, 8)], 0.05, 4)
+    made = structure(mesh, [pressed(pressure=5e6, friction=0.5)], ())
+    system = made.system([sj.Load("right", sj.Harmonic(1.0, 1.0), pull)], [])
+    force, path = 1e3 * system.loads[0].vector, QuasiStatic(system, 1e-10)
+    limit = path.limit(force)
+    assert path.solves == 0
+    monkeypatch.setattr(QuasiStatic, "_least_of_rigid", lambda path, f: (np.inf, False))
+    other = QuasiStatic(system, 1e-10)
+    assert limit == pytest.approx(other.limit(force), rel=1e-5)
+    assert other.solves > 0
