@@ -124,6 +124,19 @@ def test_slow_cycles_lose_the_energy_of_the_closed_form(run):
         assert one.loops.force.max() == pytest.approx(share * names["limit"], rel=1e-12)
 
 
+def test_a_lifted_block_is_in_equilibrium_and_its_faces_only_push(run):
+    names = run("contact_opens")
+    opened, pressed = names["run"], names["pressed"]
+    lift = 0.15 * pressed * np.sin(2.0 * np.pi * opened.field_times)
+    force = opened.normal_force
+    np.testing.assert_allclose(force.sum(axis=1), pressed - lift, rtol=1e-9)
+    assert force.min() == 0.0
+    gap = opened.system.opening.gaps(opened.u)
+    assert gap.min() > -1e-15  # m
+    assert np.abs(force * gap).max() < 1e-12 * pressed * names["length"]
+    assert opened.energy_residual < 1e-9  # what rigid contact is solved to
+
+
 def test_a_bar_has_the_frequencies_of_its_closed_form_loose_and_stuck(run):
     limits = run("stuck_and_loose")["limits"]
     for joints, length in (("loose", 0.6), ("stuck", 0.5)):
