@@ -306,16 +306,18 @@ def half_width(x, p):
     return float(np.sqrt(-top / slope)), float(np.sqrt(top))
 
 
-def stick_width(x, slip):
+def stick_width(x, slip, n):
     """Half width of the part that sticks, m: where the slip from both edges ends; the mean.
 
-    Near its end slip grows with the distance to the power of 3/2.
+    Near its end slip grows with the distance to the power of 3/2, which is fitted to it over four
+    of the ``n`` elements of the half width: within each element of second order it swings between
+    corners and the nodes between them.
     """
     size, widths = np.abs(slip), []
     for side in (1.0, -1.0):
         at = side * x
         slips = (at > 0.0) & (at < 0.95 * HALF_WIDTH) & (size > 1e-3 * size.max())
-        nearest = np.flatnonzero(slips)[np.argsort(at[slips])][:4]
+        nearest = slips & (at < at[slips].min() + 3.9 * HALF_WIDTH / n)
         slope, at_zero = np.polyfit(at[nearest], size[nearest] ** (2.0 / 3.0), 1)
         widths.append(-at_zero / slope)
     return float(np.mean(widths))
@@ -337,7 +339,7 @@ def print_alike(quick):
                 cylinders(n, order, shift), [0, known.force, known.force], [0, 0, pull], 10
             )
             a, peak = half_width(found.x, found.p[10])
-            stick = stick_width(found.x, found.slip[-1] - found.slip[10])
+            stick = stick_width(found.x, found.slip[-1] - found.slip[10], n)
             error = np.sqrt(np.mean((found.q[-1] - known.traction(found.x, PULL)) ** 2))
             lost = found.run.friction_work_rows[10].sum() / found.run.stored_energy[1]
             cells = f"{a / HALF_WIDTH:.4f}", f"{peak / known.peak:.4f}", f"{lost:.1e}"

@@ -323,7 +323,7 @@ def test_harmonic_balance_converges_to_our_steady_vibration():
 
 @pytest.mark.slow
 def test_the_beam_with_contact_that_opens_lies_near_the_published_curves():
-    """Damping between that of flat faces and of measured topography, frequency within 6 %."""
+    """Damping within 5 % of that of flat faces, frequency within 6 % of both."""
     system = brake_reuss.beam("unilateral").system(points=["upper_end"])
     (curve,) = sj.backbone(system, modes=[7], levels=7)
     reach = np.abs(curve.displacement).max(axis=1)
@@ -331,6 +331,6 @@ def test_the_beam_with_contact_that_opens_lies_near_the_published_curves():
     frequency, damping = (
         np.interp(ends[0][0], reach, y) for y in (curve.frequency, 100.0 * curve.damping_ratio)
     )
-    assert ends[0][2] < damping < ends[1][2]
+    assert damping == pytest.approx(ends[0][2], rel=0.05)
     assert all(abs(frequency / end[1] - 1.0) < 0.06 for end in ends)
     assert max(curve.estimated.values()) < 0.01

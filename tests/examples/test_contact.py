@@ -55,7 +55,7 @@ def test_alike_cylinders_do_not_slip_when_they_are_pressed(pulled):
 
 def test_pulled_cylinders_stick_and_slip_as_cattaneo_and_mindlin_say(pulled):
     n, found = pulled
-    stick = contact.stick_width(found.x, found.slip[-1] - found.slip[10])
+    stick = contact.stick_width(found.x, found.slip[-1] - found.slip[10], n)
     half_an_element = 0.5 * HALF_WIDTH / n
     assert stick == pytest.approx(HALF_WIDTH * np.sqrt(1.0 - PULL), abs=half_an_element)
     error = found.q[-1] - KNOWN.traction(found.x, PULL)
