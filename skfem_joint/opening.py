@@ -31,7 +31,7 @@ def constant_contact_alone(what: str, cure: str) -> str:
     return (
         f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
         f"with contact that opens there are full, condensed and reduced models over given cycles "
-        f"or a duration, and backbones of the first two; {cure}"
+        f"or a duration, or until = 'steady', and backbones of the first two; {cure}"
     )
 
 
@@ -119,9 +119,21 @@ class OpeningContact:
     @property
     def springs(self) -> sparse.csc_array:
         """Stiffness, (n, n), N/m, of elastic points that are pressed at rest, while they are."""
-        k = np.where(self.rigid | (self.force <= 0.0), 0.0, self.stiffness)
+        return self.with_springs(np.where(self.rigid | (self.force <= 0.0), 0.0, self.stiffness))
+
+    def with_springs(self, stiffness: FloatArray) -> sparse.csc_array:
+        """Stiffness, (n, n), N/m, of springs of a ``stiffness`` (q,) at all pressure points."""
         N = sparse.csr_array(self.N)
-        return sparse.csc_array(N.T @ sparse.diags_array(k) @ N)
+        return sparse.csc_array(N.T @ sparse.diags_array(stiffness) @ N)
+
+    def opposed(self, K: Matrix) -> FloatArray:
+        """Stiffness, (q,), N/m, that a structure opposes to the approach of single points."""
+        N = sparse.csr_array(self.N)
+        diagonal = np.asarray(K.diagonal())
+        compliance = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
+        of_points = np.asarray((N * N) @ compliance)
+        own = np.divide(1.0, of_points, out=np.zeros_like(of_points), where=of_points > 0.0)
+        return np.asarray(own)
 
     def in_unknowns(self, T: Matrix) -> OpeningContact:
         """Same contact in the unknowns q of u = T q."""

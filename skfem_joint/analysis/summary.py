@@ -220,17 +220,17 @@ def violated(study: Study, model: Model) -> list[str]:
         )
     warnings += _creeping(study, model)
     warnings += _free_offsets(model)
+    if run.steady is not None and model.name == next(iter(study.models)):
+        warnings += run.steady.notes
     state = steady_state(run)
     if run.loops is not None:
         warnings += _of_loops(model.name, run.system.joints, run.loops)
     elif state is not None and not state.reached:
-        opens = study.system.opening is not None
-        instead = "" if opens else ", or time.until = 'steady' in place of cycles"
         warnings.append(
             f"The {model.name} model has not reached a steady state: the last cycle differs by "
             f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
             "peaks from the one before. Energies and peaks per cycle are those of the last cycle. "
-            f"For the steady state give more cycles{instead}."
+            "For the steady state give more cycles, or time.until = 'steady' in place of cycles."
         )
     if np.any(peaks(run) > 0.0) and run.energy_residual > LIMITS.open:
         warnings.append(

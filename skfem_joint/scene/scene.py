@@ -431,10 +431,6 @@ def _opening_problems(scene: Scene) -> Iterator[str]:
             "run 'condensed' in its place",
         ),
         "reduction.range": (scene.reduction.range is not None, "leave it out"),
-        "time.until = 'steady'": (
-            scene.time.until == "steady",
-            "give as many time.cycles as it takes",
-        ),
         "accuracy": (
             scene.accuracy.is_given,
             "give the steps yourself, the estimated errors say whether they do",

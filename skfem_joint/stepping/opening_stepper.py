@@ -140,6 +140,18 @@ class OpeningStepper(PythonStepper):
         gap[np.abs(gap) <= CLOSED * scale] = 0.0
         return gap
 
+    @property
+    def beside(self) -> FloatArray:
+        """Normal forces and friction limits, N, in a row."""
+        return np.concatenate([*self.normal, self.limits])
+
+    def go_on(self, now: State, beside: FloatArray) -> None:
+        """See `Stepper`; mean forces and limits that a mixture makes negative are none."""
+        end, filtered, mean, limits = np.split(beside, np.arange(1, 4) * self.rigid.size)
+        self.normal = NormalState(end.copy(), filtered.copy(), np.maximum(mean, 0.0))
+        self.limits = np.maximum(limits, 0.0)
+        self.now, self.v_before = now, now.v
+
     def store_start(self) -> None:
         """Store the normal forces of the start."""
         self.recorder.store_normal(0, self.normal.mean)

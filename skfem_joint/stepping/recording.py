@@ -169,6 +169,8 @@ class Steady:
         Rigid displacement in a period, m, of bodies that friction alone holds.
     unstrained : int
         Number of rigid motions that friction alone holds, or nothing.
+    notes : tuple of str
+        What to beware of: with contact that opens it need not be the only steady vibration.
     """
 
     periods: int
@@ -177,6 +179,7 @@ class Steady:
     offset: FloatArray
     drift: FloatArray
     unstrained: int
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import lstsq, lu_factor, lu_solve
@@ -17,15 +18,17 @@ from scipy.linalg import lstsq, lu_factor, lu_solve
 from skfem_joint.arrays import FloatArray
 from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import SETTINGS, Driver
+from skfem_joint.stepping.opening_steady import MAY_DEPEND, marched_state, opening_norm
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.schemes import State
 from skfem_joint.stepping.sprung_transition import Springs, sprung_transition
 from skfem_joint.stepping.steady import (
+    EnergyNorm,
     Passage,
+    Place,
     note_of,
     periodic_state,
     turns_over,
-    unstrained,
 )
 from skfem_joint.stepping.transition import (
     Transition,
@@ -60,6 +63,24 @@ class ShootingSettings:
 
 
 NEWTON = ShootingSettings()
+
+
+class Start(NamedTuple):
+    """What a passage starts from.
+
+    Attributes
+    ----------
+    state : State
+    beside : ndarray
+        Numbers beside it, see `Stepper.beside`.
+    """
+
+    state: State
+    beside: FloatArray
+
+    def copied(self) -> Start:
+        """Start that later steps, which may work in place, do not change."""
+        return Start(State(*(np.array(part) for part in self.state)), self.beside.copy())
 
 
 class _Derivative:
@@ -111,6 +132,9 @@ class Shooting:
         self.parts, self.sign = (2, -1.0) if turns else (1, 1.0)
         self.trapezoidal = plan.scheme.coefficients(driver.h).trapezoidal
         self.springs = Springs.of(driver.system, driver.h)
+        self.opens = driver.system.opening is not None
+        if self.opens:  # on one side alone, with a state of its own
+            self.parts, self.sign, self.trapezoidal = 1, 1.0, False
         equal = not driver.loads.jumps and not any(driver.loads.cuts.values())
         chain = driver.to.kind == "chain" and not self.springs.rows.size
         self.most = NEWTON.unknowns if chain else NEWTON.dense
@@ -126,15 +150,32 @@ class Shooting:
     def coordinates(self, state: State) -> FloatArray:
         """State as a row of numbers."""
         if not self.trapezoidal:
-            return np.concatenate(state)
+            return np.concatenate([*state, self.driver.stepper.beside])
         sigma = self.driver.stepper.by_row(state.sigma)
         springs = self.springs.advanced(state.v, sigma)
         return np.concatenate([advanced(state, self.driver.h), springs])
 
-    @property
-    def flexibility(self) -> FloatArray:
-        """Squares of the numbers beyond displacement and velocity, over twice their energy, m/N."""
-        return 1.0 / self.springs.stiffness if self.trapezoidal else np.zeros(0)
+    @cached_property
+    def norm(self) -> EnergyNorm:
+        """Of the states: of the energy, with that of springs under advanced forces."""
+        system = self.driver.system
+        if self.opens:
+            return opening_norm(system)
+        springs = 1.0 / self.springs.stiffness if self.trapezoidal else np.zeros(0)
+        return EnergyNorm(system.K, system.M, springs)
+
+    def energy(self) -> float:
+        """Of the state now, J: of the norm where contact opens, which has more than springs."""
+        state = self.driver.stepper.state()
+        if self.opens:
+            return 0.5 * self.norm.squared(np.concatenate([state.u, state.v]))
+        return self.driver.system.stored_energy(state.u, state.v, state.sigma)
+
+    def start(self, x: FloatArray) -> Start:
+        """What a passage starts from, of a row of numbers."""
+        sizes = [part.size for part in self.driver.stepper.now]
+        beside = np.array(x[sum(sizes) :]) if self.opens else np.zeros(0)
+        return Start(self.state(x), beside)
 
     def state(self, x: FloatArray) -> State:
         """State of a row of numbers."""
@@ -147,24 +188,42 @@ class Shooting:
                 return state
             sigma = self.springs.friction(x[two_n:], state.v, stepper.by_row(now.sigma))
             return state._replace(sigma=stepper.placed(sigma))
-        ends = np.cumsum([part.size for part in now])[:-1]
-        return State(*map(np.array, np.split(x, ends)))
+        ends = np.cumsum([part.size for part in now])
+        return State(*map(np.array, np.split(x, ends)[: len(now)]))
 
     def __call__(self, x: FloatArray) -> Passage:
         """Go through it from a state."""
         newton = self.patience is not None and self.passed >= self.patience
         save = Save(points=False, fields=newton)
-        energy = through(self.driver, self.state(x), save, self.parts, self.show)
+        energy = self.through(self.start(x), save, self.parts)
         self.passed += 1
         recorder = self.driver.recorder
         work = float(np.abs(recorder.input_work).sum())
         end = self.sign * self.coordinates(self.driver.stepper.now)
         return Passage(end, energy, work, float(recorder.friction_work.sum()))
 
+    def through(self, start: Start, save: Save, parts: int) -> float:
+        """Go through a period, or one of two ``parts`` of it, from ``start``.
+
+        Returns the largest energy at its quarters, J.
+        """
+        driver, energy = self.driver, 0.0
+        steps = driver.n_steps // parts
+        driver.done = 0
+        driver.stepper.go_on(*start)
+        driver.begin(Recorder(driver.system, save, driver.n_steps, driver.h))
+        for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
+            while driver.done < end:
+                driver.advance(end, SETTINGS.chunk_s)
+                self.show()
+            energy = max(energy, self.energy())
+        return energy
+
     @property
-    def end(self) -> State:
+    def end(self) -> Start:
         """State at the end of the last passage, its sign changed if the map does that."""
-        return State(*(self.sign * part for part in self.driver.stepper.now))
+        stepper = self.driver.stepper
+        return Start(State(*(self.sign * part for part in stepper.now)), stepper.beside)
 
     def derivative(self) -> _Derivative | None:
         """Derivative where it went through last; None if a step was halved, or too much moves."""
@@ -211,30 +270,32 @@ def steady_run(
             progress(int(gone), 0, note_of(gone, changes))
 
     shooting, first = Shooting(driver, show, correction), stepper.now.u.copy()
-    motions, odd = unstrained(system), shooting.parts == 2
-    momenta = system.M @ motions
-    moved = periodic_state(system, shooting.coordinates(stepper.now), shooting, motions, changes)
-    start, periods = shooting.end, -(-len(changes) // shooting.parts)
-    if odd:  # half a period, its sign changed: back where it began from there
-        place, moved = -0.5 * moved, np.zeros_like(moved)
+    place, begun = Place.of(system), shooting.coordinates(stepper.now)
+    if system.opening is not None:
+        moved = marched_state(begun, shooting, system.opening, place, changes)
     else:
-        place = motions @ (momenta.T @ (first - start.u))
-    start = start._replace(u=start.u + place)
+        moved = periodic_state(begun, shooting, place, changes)
+    end, periods = shooting.end, -(-len(changes) // shooting.parts)
+    if shooting.parts == 2:  # half a period, its sign changed: back where it began from there
+        shift, moved = -0.5 * moved, np.zeros_like(moved)
+    else:
+        shift = place.part(first - end.state.u)
+    start = end._replace(state=end.state._replace(u=end.state.u + shift))
     # One more passage suffices where it stores every row.
     save = replace(plan.save, points=True) if plan.save.every == 1 else Save()
-    through(driver, copied(start), save, 1, show)
+    shooting.through(start.copied(), save, 1)
     drift = system.P @ moved
     ahead = np.linspace(0.0, 1.0, driver.n_steps + 1)[:, np.newaxis] * drift
     vibration = driver.recorder.stored.point_u - ahead
     high, low = vibration.max(axis=0), vibration.min(axis=0)
     if plan.save != save:
-        through(driver, copied(start), plan.save, 1, show)
+        shooting.through(start.copied(), plan.save, 1)
         periods += 1
     if plan.cycle_steps is not None:
         driver.recorder.end_cycle()
     driver.elapsed = time.perf_counter() - begin
-    sigma = stepper.by_row(start.sigma)
-    run = driver.finish(system.stored_energy(*start[:2], sigma))
+    state = start.state
+    run = driver.finish(system.stored_energy(*state[:2], stepper.by_row(state.sigma)))
     counters = replace(run.counters, steps=(periods + 1) * driver.n_steps)
     vibrates = Steady(
         periods=periods,
@@ -242,30 +303,7 @@ def steady_run(
         amplitude=0.5 * (high - low),
         offset=0.5 * (high + low),
         drift=drift,
-        unstrained=motions.shape[1],
+        unstrained=place.motions.shape[1],
+        notes=() if system.opening is None else (MAY_DEPEND,),
     )
     return replace(run, steady=vibrates, counters=counters)
-
-
-def through(
-    driver: Driver, start: State, save: Save, parts: int, show: Callable[[], None]
-) -> float:
-    """Go through a period, or one of two ``parts`` of it, from ``start``.
-
-    Returns the largest energy at its quarters, J.
-    """
-    stepper, steps, energy = driver.stepper, driver.n_steps // parts, 0.0
-    driver.done, stepper.now = 0, start
-    driver.begin(Recorder(driver.system, save, driver.n_steps, driver.h))
-    for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
-        while driver.done < end:
-            driver.advance(end, SETTINGS.chunk_s)
-            show()
-        state = stepper.state()
-        energy = max(energy, driver.system.stored_energy(state.u, state.v, state.sigma))
-    return energy
-
-
-def copied(state: State) -> State:
-    """State that later steps, which may work in place, do not change."""
-    return State(*(np.array(part) for part in state))

@@ -46,10 +46,11 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.loads import common_period
 from skfem_joint.modes import is_singular, rigid_motions
+from skfem_joint.opening import OpeningContact
 from skfem_joint.system import System
 
 
@@ -93,6 +94,8 @@ class SteadySettings:
         How far Newton steps are held back at first where full ones fail, and the factors of that.
     good : float
         What is left of the change, over what was, after a step that is as good as predicted.
+    approach : float
+        Approach of faces, over the largest displacement, that counts as none in a rigid motion.
     odd : float
         Share of the largest force by which halves of a period may differ and count as mirror
         images.
@@ -113,10 +116,47 @@ class SteadySettings:
     freer: float = 0.2
     tighter: float = 4.0
     good: float = 0.3
+    approach: float = 1e-6
     odd: float = 1e-10
 
 
 SETTINGS = SteadySettings()
+
+
+@dataclass(frozen=True)
+class EnergyNorm:
+    """Root of twice an energy of states, rows of numbers that begin with displacement and velocity.
+
+    Attributes
+    ----------
+    K, M : ndarray or sparse array, shape (n, n)
+        Stiffness and mass.
+    flexibility : ndarray, shape (s,)
+        Of springs in series with friction, m/N, whose forces follow displacement and velocity.
+    """
+
+    K: Matrix
+    M: Matrix
+    flexibility: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def size(self) -> int:
+        """How many numbers of a state it sees."""
+        return 2 * int(self.M.shape[0]) + self.flexibility.size
+
+    def weighted(self, x: FloatArray) -> FloatArray:
+        """Displacements, velocities and forces of springs times K, M and the flexibility."""
+        n = self.M.shape[0]
+        forces = self.flexibility * x[2 * n : self.size]
+        return np.concatenate([self.K @ x[:n], self.M @ x[n : 2 * n], forces])
+
+    def squared(self, x: FloatArray) -> float:
+        """Twice the energy of a state, J."""
+        return float(x[: self.size] @ self.weighted(x))
+
+    def __call__(self, x: FloatArray) -> float:
+        """Norm of a state."""
+        return float(np.sqrt(max(self.squared(x), 0.0)))
 
 
 @dataclass
@@ -127,9 +167,7 @@ class Anderson:
 
     Attributes
     ----------
-    system : System
-    flexibility : ndarray, shape (s,)
-        As of `PeriodMap`.
+    norm : EnergyNorm
     states : list of ndarray
         The last states g(x).
     changes : list of ndarray, shape (2 n + s,)
@@ -138,8 +176,7 @@ class Anderson:
         The same times K, M and the flexibility.
     """
 
-    system: System
-    flexibility: FloatArray = field(default_factory=lambda: np.zeros(0))
+    norm: EnergyNorm
     states: list[FloatArray] = field(default_factory=list)
     changes: list[FloatArray] = field(default_factory=list)
     weighted: list[FloatArray] = field(default_factory=list)
@@ -149,13 +186,9 @@ class Anderson:
 
         Beside it ``memory`` states are kept.
         """
-        n = self.system.n
-        end = 2 * n + self.flexibility.size
         self.states.append(state)
-        self.changes.append(change[:end])
-        states = self.system.K @ change[:n], self.system.M @ change[n : 2 * n]
-        parts = *states, self.flexibility * change[2 * n : end]
-        self.weighted.append(np.concatenate(parts))
+        self.changes.append(change[: self.norm.size])
+        self.weighted.append(self.norm.weighted(change))
         for kept in (self.states, self.changes, self.weighted):
             del kept[: -memory - 1]
         return float(np.sqrt(max(float(self.changes[-1] @ self.weighted[-1]), 0.0)))
@@ -197,7 +230,10 @@ def odd_loads(system: System) -> bool:
 
 
 def unstrained(system: System) -> FloatArray:
-    """Motions (n, k) of unit mass that strain nothing: of bodies that no support holds."""
+    """Motions (n, k) of unit mass that strain nothing: of bodies that no support holds.
+
+    They do not move what contact that opens holds either.
+    """
     if not is_singular(system.K):
         return np.zeros((system.n, 0))
     most = 12  # of two bodies in space
@@ -205,7 +241,47 @@ def unstrained(system: System) -> FloatArray:
     while motions.shape[1] == most < system.n:
         most *= 2
         motions = rigid_motions(system.K, system.M, most)
-    return motions
+    return motions if system.opening is None else _without_approach(motions, system.opening)
+
+
+def _without_approach(motions: FloatArray, contact: OpeningContact) -> FloatArray:
+    """Those combinations of orthonormal motions (n, k) in which no faces approach each other."""
+    approach = np.asarray(contact.N @ motions)
+    if not motions.shape[1]:
+        return motions
+    _, sizes, rows = np.linalg.svd(approach, full_matrices=True)
+    rank = int(np.count_nonzero(sizes > SETTINGS.approach * np.abs(motions).max()))
+    return np.asarray(motions @ rows[rank:].T)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Rigid displacement of states, along motions that strain nothing.
+
+    Attributes
+    ----------
+    motions, momenta : ndarray, shape (n, k)
+        Motions of unit mass, and the mass times them.
+    """
+
+    motions: FloatArray
+    momenta: FloatArray
+
+    @staticmethod
+    def of(system: System) -> Place:
+        """Of bodies that no support holds."""
+        motions = unstrained(system)
+        return Place(motions, np.asarray(system.M @ motions))
+
+    def part(self, u: FloatArray) -> FloatArray:
+        """Rigid part of a displacement, (n,), m."""
+        return np.asarray(self.motions @ (self.momenta.T @ u))
+
+    def without(self, x: FloatArray) -> FloatArray:
+        """State without rigid displacement."""
+        x, n = x.copy(), len(self.motions)
+        x[:n] -= self.part(x[:n])
+        return x
 
 
 class Passage(NamedTuple):
@@ -243,16 +319,15 @@ class PeriodMap(Protocol):
         2 where it goes through half a period and changes the sign, else 1.
     patience : int or None
         Passages before Newton's method is tried; None where it is not.
-    flexibility : ndarray, shape (s,)
-        Of springs in series with friction, m/N, whose forces follow displacement and velocity in
-        the state.
+    norm : EnergyNorm
+        Of its states.
     """
 
     parts: int
     patience: int | None
 
     @property
-    def flexibility(self) -> FloatArray:
+    def norm(self) -> EnergyNorm:
         """See above."""
 
     def __call__(self, x: FloatArray) -> Passage:
@@ -333,13 +408,13 @@ class Newton:
 
 
 def periodic_state(
-    system: System, start: FloatArray, through: PeriodMap, motions: FloatArray, changes: list[float]
+    start: FloatArray, through: PeriodMap, place: Place, changes: list[float]
 ) -> FloatArray:
     """Find a state at the start of a period that ends as it began, from ``start``.
 
     The last passage of ``through`` ends in it. States are rows of numbers that begin with
-    displacements and velocities, (n,) each. ``motions`` (n, j) strain nothing. ``changes`` takes
-    the change over each passage, see `SteadySettings.change`.
+    displacements and velocities, (n,) each. ``changes`` takes the change over each passage, see
+    `SteadySettings.change`.
 
     Returns
     -------
@@ -351,23 +426,8 @@ def periodic_state(
     ConvergenceError
         If the search does not converge.
     """
-    n, momenta, flexibility = system.n, system.M @ motions, through.flexibility
-    mixing, end_of_forces = Anderson(system, flexibility), 2 * n + flexibility.size
-
-    def without_rigid(x: FloatArray) -> FloatArray:
-        x = x.copy()
-        x[:n] -= motions @ (momenta.T @ x[:n])
-        return x
-
-    def twice_energy(x: FloatArray) -> float:
-        energy = system.stored_energy(x[:n], x[n : 2 * n])
-        forces = x[2 * n : end_of_forces]
-        return 2.0 * energy + float(forces @ (flexibility * forces))
-
-    def norm(x: FloatArray) -> float:
-        return float(np.sqrt(max(twice_energy(x), 0.0)))
-
-    x = plain = without_rigid(start)
+    n, norm, mixing = len(place.motions), through.norm, Anderson(through.norm)
+    x = plain = place.without(start)
     least = before = left = np.inf
     newton = Newton(norm)
     known: Derivative | None = None
@@ -381,17 +441,17 @@ def periodic_state(
 
     for count in range(through.parts * SETTINGS.periods):
         end, energy, work, friction = through(x)
-        after = without_rigid(end)
+        after = place.without(end)
         memory = SETTINGS.linear_memory if friction <= SETTINGS.linear * work else SETTINGS.memory
         if (step := through.corrected(after - x)) is None:
             size = mixing.add(after, after - x, memory)
         else:
-            step, size = without_rigid(step), norm(after - x)
+            step, size = place.without(step), norm(after - x)
             mixing.add(x + step, step, memory)
         scale = np.sqrt(2.0 * energy)
         left = size / scale if scale > 0.0 else 0.0
         changes.append(left)
-        gained = 0.5 * (twice_energy(after) - twice_energy(x))
+        gained = 0.5 * (norm.squared(after) - norm.squared(x))
         settled = left <= SETTINGS.change and abs(gained) <= SETTINGS.energy * work
         following = through.patience is not None and count >= through.patience
         if not (settled or (newton.held == 0.0 and size <= SETTINGS.reuse * before)):
@@ -404,7 +464,7 @@ def periodic_state(
             if norm(last) <= SETTINGS.distance * scale:
                 return np.asarray(end[:n] - after[:n])
         if following and (step := newton.next(x, after - x, derivative)) is not None:
-            x = without_rigid(step)
+            x = place.without(step)
             continue
         if size > SETTINGS.growth * least and x is not plain:
             x = plain

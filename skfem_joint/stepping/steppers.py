@@ -201,6 +201,16 @@ class Stepper(ABC):
         """Friction of each slip row of the system, (rows,), from that in the order of ``now``."""
         return sigma
 
+    @property
+    def beside(self) -> FloatArray:
+        """Numbers that a step starts from beside ``now``; those of friction are none."""
+        return np.zeros(0)
+
+    def go_on(self, now: State, beside: FloatArray) -> None:
+        """Go on from a state and the numbers beside it."""
+        del beside
+        self.now = now
+
     def store_start(self) -> None:  # noqa: B027
         """Store what a start has beside its state."""
 

@@ -2,8 +2,12 @@
 
 from typing import Any
 
+import numpy as np
+from scipy import sparse
+
 import skfem_joint as sj
 from skfem_joint.loads import Harmonic
+from skfem_joint.opening import OpeningContact
 
 STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)
 SIZE = 0.04
@@ -39,3 +43,22 @@ def loads(up: float = 185e3, across: float = 200e3, frequency: float = 2000.0) -
 def opening_system(**values: Any) -> sj.System:
     """System of the block under both loads: a part of its base opens in each period."""
     return block(**values).system(loads())
+
+
+def oscillator(frequency: float, damping: float, contact: float, pressed: float = 0.0) -> sj.System:
+    """Mass of 1 kg on a spring, 1 Hz, with a one-sided spring of so many times its stiffness.
+
+    The force has an amplitude of 1 N. ``damping`` is the ratio without the contact, ``pressed`` the
+    force with which the one-sided spring is pressed at rest, N.
+    """
+    omega = 2.0 * np.pi
+    one = sparse.csr_array(np.eye(1))
+    opening = OpeningContact(
+        one, np.zeros(1), np.array([pressed]), sparse.csr_array((0, 1)),
+        np.array([contact * omega**2]), np.ones(1),
+    )  # fmt: skip
+    return sj.System(
+        one, 2.0 * damping * omega * one, omega**2 * one, sparse.csr_array((0, 1)), np.zeros(0),
+        np.zeros(0), loads=(sj.AppliedLoad(np.ones(1), Harmonic(1.0, frequency), "mass"),), P=one,
+        points=("mass",), opening=opening,
+    )  # fmt: skip
