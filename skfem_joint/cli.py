@@ -408,7 +408,7 @@ def _response(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    scene.check_vibrates(options.name)
+    scene.check_vibrates(options.name, opens=True)
     with _progress(options) as progress, announced(progress, "making the structure"):
         response_table(scene)  # before earlier results are removed
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:

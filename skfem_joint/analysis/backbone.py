@@ -183,6 +183,12 @@ class Backbone:
         """Damping ratio of friction, under Coulomb's law, and viscous forces."""
         return self.friction_damping + self.viscous_damping
 
+    @property
+    def highest(self) -> FloatArray:
+        """Displacement at the highest level, (n,), m, from which a ring-down begins."""
+        end = self.states[-1]
+        return end if self.middle is None else np.asarray(end + self.middle[-1])
+
 
 def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
     """Lowest frequencies (Hz) and modes (n, k), of unit mass, with all contact points held.

@@ -93,6 +93,7 @@ class CoarseModel:
             If a state of the static slip path does not converge.
         """
         size = full.n if basis is None else basis.shape[1]
+        # Not of contact that opens either, where no load counts as odd.
         if not full.contact_points or size <= NEWTON.dense or not odd_loads(full):
             return None
         if arranged(full).kind == "chain":

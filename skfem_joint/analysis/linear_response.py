@@ -60,7 +60,8 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
 
     Under very small loads all contact points stick; under very large ones friction is negligible,
     and all of them are loose. The motion at each frequency is the sum of its harmonics,
-    ``u = (K + i w C - w^2 M)^-1 f``.
+    ``u = (K + i w C - w^2 M)^-1 f``. Contact that opens counts as closed where it is pressed at
+    rest.
 
     Parameters
     ----------
@@ -77,7 +78,7 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
     ndarray, shape (k, points)
         Half of peak to peak of the named points, m.
     """
-    inner = arranged(system).system
+    inner = arranged(system.closed()).system
     V = motions_without_slip(inner, True) if stuck else sparse.eye_array(inner.n, format="csc")
     stiffness = inner.stuck_stiffness if stuck else inner.K
     K, C, M = (sparse.csr_array(congruent(A, V)) for A in (stiffness, inner.C, inner.M))

@@ -16,10 +16,10 @@ from skfem_joint.analysis.estimate import (
     SETTINGS,
     Estimate,
     Parts,
+    Verification,
     added,
     at_least,
     left_of_steps,
-    verification_run,
 )
 from skfem_joint.analysis.history import QUANTITIES, difference, joint_differences, results
 from skfem_joint.analysis.step_estimate import is_small
@@ -59,7 +59,7 @@ def of_condensed(
         If one is interrupted.
     """
     wider = None if plan.quasi_static else _wider(system, basis)
-    return _estimated(run, plan, is_small(system, plan), wider, _with_rest, progress)
+    return _estimated(run, plan, is_small(system, plan), wider, _with_rest, True, progress)
 
 
 def of_reduced(
@@ -73,7 +73,7 @@ def of_reduced(
     Parameters and errors are those of `of_condensed`.
     """
     condensed = condensed_system(system, condensed_basis(system).V)
-    return _estimated(run, plan, True, condensed, dict, progress)
+    return _estimated(run, plan, True, condensed, dict, False, progress)
 
 
 def _estimated(
@@ -82,26 +82,26 @@ def _estimated(
     quarter: bool,
     better: System | None,
     with_rest: Callable[[Parts], Parts],
+    begins_alike: bool,
     progress: Callable[..., None] | None,
 ) -> Estimate:
     """Errors from half and maybe a ``quarter`` of the step, and from a model of a ``better`` basis.
 
-    ``with_rest`` adds to what that changes what it still misses itself.
+    ``with_rest`` adds to what that changes what it still misses itself. ``begins_alike`` says
+    whether the better basis begins with the unknowns of the model's own.
     """
-
-    def finer(factor: int) -> Run:
-        return verification_run(run.system, plan.finer(factor), progress=progress)
-
-    base, half = results(run), results(finer(2))
+    verify = Verification(progress, run)
+    base, half = results(run), results(verify(run.system, plan.finer(2)))
     finest, before = half, None
     if quarter:
-        finest, before = results(finer(4)), difference(half, base)
+        finest, before = results(verify(run.system, plan.finer(4))), difference(half, base)
     left = left_of_steps(before, difference(finest, base if before is None else half))
     steps = added(difference(finest, base), left)
     truth = finest
     of_basis: Parts = dict.fromkeys(QUANTITIES, 0.0)
     if better is not None:
-        wide = results(verification_run(better, plan, progress=progress))
+        verify = verify if begins_alike else Verification(progress)
+        wide = results(verify(better, plan))
         truth = finest.plus(1.0, wide, base)
         of_basis = with_rest(difference(wide, base))
     total = at_least(added(steps, of_basis), truth, base, of_basis, steps)

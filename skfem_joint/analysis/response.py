@@ -135,8 +135,8 @@ class SteadyPoint:
     slip : ndarray, shape (m,)
         Largest slip of each contact point, m.
     share : float
-        Share of the friction limits whose points slip by more than a thousandth of the largest
-        slip.
+        Share of the friction limits, with contact that opens of those at rest, whose points slip by
+        more than a thousandth of the largest slip.
     periods : int
         Periods that the search took.
     change : float
@@ -264,9 +264,10 @@ def suited_steps(system: System, steps_per_cycle: int) -> int:
 
     The trapezoidal rule turns the sign of the force at sticking points from step to step, for ever.
     A period, or half of one with a change of sign, must not end with the sign that it began with:
-    else Newton's method has no unique step.
+    else Newton's method has no unique step. With contact that opens, where the search is marching,
+    the sign must be the same: else points would come to rest differently in every second period.
     """
-    if odd_loads(system):
+    if odd_loads(system) or system.opening is not None:
         return 4 * -(-steps_per_cycle // 4)
     return steps_per_cycle + 1 - steps_per_cycle % 2
 
@@ -294,8 +295,9 @@ def response(
     ----------
     system : System
         Full, condensed, or reduced for a range with ``reduce(system, range=...)``; its loads are
-        harmonic. A model that `skfem_joint.reduce` made without a range serves its own loads only
-        and is refused. One for a range has no points in gross slip, which say so.
+        harmonic. Full and condensed ones may have contact that opens. A model that
+        `skfem_joint.reduce` made without a range serves its own loads only and is refused. One for
+        a range has no points in gross slip, which say so.
     frequencies : ndarray, shape (k,)
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
@@ -397,7 +399,6 @@ def _checked(
 ) -> tuple[FloatArray, list[float]]:
     """Frequencies and levels of a response; InputError as `response`."""
     system.check_any_load("response")
-    system.check_constant_contact("response")
     check_whole(system, "response")
     check_each("response: frequencies", frequencies, POSITIVE)
     check_each("response: levels", levels, POSITIVE)

@@ -62,6 +62,8 @@ class RingDown:
     step_error : dict of str to float
         Estimated relative errors of ``frequency`` and ``damping_ratio`` from the time step: largest
         differences to the first cycles with half of it, times 4/3.
+    impact_work : float
+        Energy that impacts have taken by the end, J, with contact that opens.
     estimated : dict of str to float
         Estimated errors of the same two by the modes of a reduced model for a range that was
         released in its mode; empty for others.
@@ -74,6 +76,7 @@ class RingDown:
     energy: FloatArray
     friction_work: FloatArray
     step_error: dict[str, float]
+    impact_work: float = 0.0
     estimated: dict[str, float] = field(default_factory=dict)
 
 
@@ -96,7 +99,8 @@ def ring_down(
     Parameters
     ----------
     system : System
-        That the curve belongs to. Its own law acts, its loads do not.
+        That the curve belongs to. Its own law acts, its loads do not. Where contact opens friction
+        limits follow its normal forces, and the energy is that above the state at rest.
     curve : Backbone
         Of the mode.
     cycles : int
@@ -125,7 +129,6 @@ def ring_down(
         If a step does not converge, or no cycle is left to measure.
     """
     system.check_any_load("ring_down")
-    system.check_constant_contact("ring_down")
     check_whole(system, "ring_down")
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
@@ -144,7 +147,7 @@ def ring_down(
     initial = start
     if start is None:
         springs = [] if curve.friction is None else [curve.friction[-1]]
-        initial = curve.states[-1], np.zeros(system.n), *springs
+        initial = curve.highest, np.zeros(system.n), *springs
     run = integrate_plan(unloaded, plan, initial=initial, progress=progress).finished()
     decay = _decay(run.point("modal"), plan)
     some = plan.first(min(cycles, max(FEWEST_AGAIN, int(AGAIN * cycles))))
@@ -158,6 +161,7 @@ def ring_down(
         ),
         friction_work=run.joint_work[::steps_per_cycle],
         step_error=_apart(ours, _decay(finer.point("modal"), again)),
+        impact_work=run.impact_work,
     )
 
 

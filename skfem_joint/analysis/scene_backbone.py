@@ -154,7 +154,7 @@ def given_backbones(
     if "backbone" not in scene.model_fields_set:
         return []
     table, report, rows = scene.backbone, partial(progress, "backbone"), rows or Rows()
-    rows.total += len(table.modes) * (1 + levels_of_a_curve(table.levels))
+    rows.total += len(table.modes) * (1 + levels_of_a_curve(table.levels, scene.opens))
     return backbone(
         scene.system(), table.modes, table.levels, table.up_to, progress=report, rows=rows
     )
@@ -222,7 +222,9 @@ def _of_small_model(
     report = partial(progress, f"{name} model, mode {curve.mode}")
     (own,) = backbone(small, (curve.mode,), table.levels, table.up_to, curve.slips_at, report, rows)
     slip = system.slip_norm((system.B @ (V @ own.states.T)).T)
-    if start is not None:
+    if start is not None and system.opening is not None:
+        start = _loads_end(scene, small)  # a projection would press faces into each other
+    elif start is not None:
         projected = np.linalg.solve(small.M, V.T @ (system.M @ np.array(start).T))
         start = projected[:, 0], projected[:, 1]
     return _OfMode(small, replace(own, slip=slip), start), notes_of_reduction(system, small)
@@ -255,7 +257,7 @@ def _ring_down(name: str, scene: Scene, model: _OfMode, progress: Progress, rows
     system, curve, cycles = model.system, model.curve, scene.backbone.ring_down
     steps, given = scene.time.steps_per_cycle, "rho_infinity" in scene.time.model_fields_set
     scheme = generalized_alpha(scene.time.rho_infinity) if given else None
-    origin = curve.shape, curve.stuck_frequency, curve.states[-1], model.start
+    origin = curve.shape, curve.stuck_frequency, curve.highest, model.start
     mark = rows.mark("ring-down", system, *origin, cycles, steps, scheme)
     report = partial(progress, f"{name} model, mode {curve.mode} rings down")
     return rows.row(

@@ -34,6 +34,7 @@ from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.opening_steady import MAY_DEPEND
 from skfem_joint.stepping.steady import odd_loads
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import doubts
@@ -187,6 +188,8 @@ def scene_response(
         models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
     of_models = [note for model in models for note in model.notes]
     warnings = (*doubts(scene.structure(), system), *of_models)
+    if scene.opens:
+        warnings += (MAY_DEPEND,)
     if scene.time.rho_infinity < 1.0:
         warnings += ("time.rho_infinity has no effect on responses: their steps are trapezoidal.",)
     return SceneResponse(scene, frequencies, fine, stuck, loose, models, warnings)
@@ -390,6 +393,6 @@ def _errors(
     ``full`` and ``loaded`` are the full system and the model, under the same load.
     """
     plan = steady_plan(full, suited_steps(full, steps_per_cycle))
-    initial = start if odd_loads(full) else None
+    initial = start if odd_loads(full) or full.opening is not None else None
     run = integrate_plan(loaded, plan, initial=initial, progress=report)
     return dict(run_estimate.of_run(full, basis, run, plan, progress=report).parts)

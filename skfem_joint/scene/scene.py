@@ -187,13 +187,10 @@ class Scene(SceneTable):
         """Refuse a scene for a command that computes vibration.
 
         `InputError` for a quasi-static scene, and for one with contact that opens unless the
-        command takes it, which ``opens`` says; ring-downs never do.
+        command takes it, which ``opens`` says.
         """
-        rings = opens and self.backbone.ring_down > 0
-        if self.opens and (rings or not opens):
+        if self.opens and not opens:
             cure = "use the command run, or leave contact = 'unilateral' out"
-            if rings:
-                command, cure = "backbone.ring_down", "leave ring_down out"
             where = self._path or "scene"
             raise InputError(f"{where}: {constant_contact_alone(command, cure)}")
         if self.time.quasi_static:

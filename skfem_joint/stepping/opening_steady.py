@@ -83,7 +83,8 @@ SETTINGS = MarchingSettings()
 #: What a result says that has contact that opens.
 MAY_DEPEND = (
     "With contact that opens a steady vibration need not be the only one: which one is reached may "
-    "depend on how the vibration began. A run over given cycles shows where it leads from its start"
+    "depend on how the vibration began. A run over given cycles shows where it leads from its "
+    "start."
 )
 
 

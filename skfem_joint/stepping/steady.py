@@ -221,8 +221,11 @@ def turns_over(amplitudes: FloatArray) -> bool:
 def odd_loads(system: System) -> bool:
     """Whether the harmonic loads of a system change their sign every half period.
 
-    Then the steady vibration that the search finds is the only one, wherever it starts.
+    Then the steady vibration that the search finds is the only one, wherever it starts. With
+    contact that opens, which is one-sided, this is never so.
     """
+    if system.opening is not None:
+        return False
     amplitudes = [load.amplitude for load in system.loads]
     half = 0.5 * (common_period(amplitudes) or 0.0)
     parts = [part.frequency * half for amplitude in amplitudes for part in amplitude.harmonics]
