@@ -46,7 +46,7 @@ def fingerprint(*parts: Any) -> str:
             digest.update(f"{part.dtype.str}{part.shape}".encode())
             digest.update(np.ascontiguousarray(part).tobytes())
         elif sparse.issparse(part):
-            rows = sparse.csr_array(part)
+            rows = sparse.csr_array(part).sorted_indices()  # which others may sort in place
             add([part.shape, rows.indptr.astype(np.int64), rows.indices.astype(np.int64)])
             add(rows.data)
         elif is_dataclass(part):

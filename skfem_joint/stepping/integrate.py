@@ -71,8 +71,8 @@ def integrate(
         Steps of a cycle, for works and peaks by cycle; ``steps_per_cycle`` if that is given.
     until : {"end", "steady"}
         ``"steady"`` gives the one period at which vibration under loads that repeat has become
-        steady, see :mod:`skfem_joint.stepping.steady`; its amplitudes and offsets are in
-        `Run.steady`.
+        steady, see :mod:`skfem_joint.stepping.steady` and, with contact that opens,
+        :mod:`skfem_joint.stepping.opening_steady`; its amplitudes and offsets are in `Run.steady`.
     initial : tuple of ndarray, shape (n,), optional
         Displacement (m) and velocity (m/s) at the start; at rest if not given. A third array,
         (rows of B,), is the friction over its limit: springs in series with friction start under

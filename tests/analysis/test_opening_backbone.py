@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from opening_blocks import block, loads, opening_system
 from scipy import sparse
+from scipy.optimize import brentq
 from test_backbone import bar
 
 import skfem_joint as sj
@@ -179,3 +180,57 @@ def test_turning_points_are_the_middle_and_half_of_the_way():
         normal = np.array([system.opening.elastic_forces(x) for x in u])
         left = u @ system.K.toarray() + (normal - PRESSED) @ system.opening.N - sign * load
         assert np.abs(left).max() < 1e-5 * np.abs(load).max()
+
+
+def frequency_of_two_stiffnesses(amplitude: float) -> float:
+    """Hz, of free vibration of the mass on K0 and the preloaded K1, which has half cycles of each.
+
+    ``amplitude`` is half of peak to peak, m.
+    """
+    stiff, soft = np.sqrt(K0 + K1), np.sqrt(K0)
+    lifts, centre = PRESSED / K1, PRESSED / K0  # of the motion on K0 alone
+    if amplitude <= lifts:
+        return float(stiff / (2.0 * np.pi))
+
+    def radius(high: float) -> float:
+        return float(np.hypot(centre + lifts, stiff / soft * np.sqrt(high**2 - lifts**2)))
+
+    def missing(high: float) -> float:
+        return 0.5 * (high + radius(high) - centre) - amplitude
+
+    high = brentq(missing, lifts, 10.0 * amplitude)
+    closed = 2.0 * (np.pi - np.arccos(lifts / high)) / stiff
+    return float(1.0 / (closed + 2.0 * np.arccos((centre + lifts) / radius(high)) / soft))
+
+
+def test_a_ring_down_has_the_frequency_of_two_stiffnesses_at_each_amplitude():
+    ratio = 1e-3
+    system = oscillator([[K0, 0.0], [0.0, K2]], [1.0, 0.0], [0.0, 1.0], K1)
+    system = replace(system, C=2.0 * ratio * np.sqrt(K0 + K1) * system.M)
+    lifts = PRESSED * (K0 + K1) / K1
+    (curve,) = sj.backbone(system, slips_at=lifts, levels=2, up_to=3.0)
+    assert abs(curve.highest[0]) == pytest.approx(3.0 * lifts / (K0 + K1))  # the pressed side
+    errors = []
+    for steps in (50, 100):
+        rung = sj.ring_down(system, curve, 30, steps)
+        exact = np.array([frequency_of_two_stiffnesses(a) for a in rung.amplitude])
+        assert exact[-1] / exact[0] > 1.005  # it rises as the mass comes to rest
+        errors.append(np.abs(rung.frequency / exact - 1.0)[2:].max())
+        assert rung.impact_work == 0.0  # of an elastic contact
+    assert errors[1] < 5e-4
+    assert errors[1] < 0.35 * errors[0]
+    assert rung.damping_ratio[2:] == pytest.approx(ratio, rel=0.15)
+
+
+@pytest.mark.parametrize("model", [lambda s: s, sj.condense], ids=["full", "condensed"])
+def test_a_ring_down_ends_in_the_stuck_mode_and_loses_what_it_had(model):
+    system = model(block().system(loads(up=1e3, across=1e3)))
+    (curve,) = sj.backbone(system, levels=2, up_to=0.05)
+    assert curve.opened[-1] > 0.0
+    rung = sj.ring_down(system, curve, 12, 100)
+    assert rung.frequency[-1] == pytest.approx(curve.stuck_frequency, rel=5e-4)
+    assert rung.damping_ratio[-1] == pytest.approx(curve.viscous_damping[0], rel=2e-3)
+    assert rung.damping_ratio[0] > 1.1 * rung.damping_ratio[-1]
+    assert np.all(np.diff(rung.energy) < 0.0)
+    lost = rung.energy[0] - rung.energy[-1]
+    assert 0.0 < rung.friction_work[-1].sum() + rung.impact_work < lost

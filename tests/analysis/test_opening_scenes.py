@@ -9,9 +9,12 @@ from joint_scenes import plate_scene
 
 import skfem_joint as sj
 from skfem_joint import cli
+from skfem_joint.analysis import response
 from skfem_joint.analysis.against_opening import OpeningSettings, against_opening
 from skfem_joint.analysis.description import describe
 from skfem_joint.analysis.estimate import QUANTITIES
+from skfem_joint.analysis.rows import Rows
+from skfem_joint.analysis.scene_response import response_table
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError
@@ -97,7 +100,6 @@ def test_facts_are_those_of_contact_that_is_closed_at_rest(study):
 def test_notes_ask_for_nothing_that_is_refused(study):
     notes = "\n".join(study.warnings)
     assert "has not reached a steady state" in notes
-    assert "time.until" not in notes
     assert "[accuracy]" not in notes
 
 
@@ -149,7 +151,6 @@ def test_constant_joints_have_the_fields_they_had():
             },
             "time.quasi_static with models.run = 'reduced'",
         ),
-        ({"time": {"until": "steady", "steps_per_cycle": 100}}, "time.until = 'steady'"),
         ({"accuracy": {"energy": 0.01}}, "accuracy"),
     ],
 )
@@ -165,8 +166,7 @@ def test_functions_refuse_it_too():
     system = block().system()
     for analysis in (
         lambda: sj.reduce(system, quasi_static=True),
-        lambda: sj.response(system, [100.0, 200.0]),
-        lambda: sj.integrate(system, steps_per_cycle=100, until="steady"),
+        lambda: sj.reduce(system, range={"slip": [1e-6, 1e-5], "frequency": [1e3, 2e3]}),
     ):
         with pytest.raises(InputError, match="found a joint with contact = 'unilateral'"):
             analysis()
@@ -214,15 +214,14 @@ def test_commands_run_or_refuse_it(scene_file, capsys):
     assert cli.main(["check", str(scene_file)]) == 0
     assert "Contact that opens (base)" in capsys.readouterr().out
     assert cli.main(["preview", str(scene_file), "--out", str(scene_file.with_suffix(".png"))]) == 0
-    for command in ("response", "error-time"):
-        assert cli.main([command, str(scene_file), "--out", str(scene_file.parent / "o")]) == 2
-        assert f"{command}: found a joint with contact = 'unilateral'" in capsys.readouterr().err
+    assert cli.main(["error-time", str(scene_file), "--out", str(scene_file.parent / "o")]) == 2
+    assert "error-time: found a joint with contact = 'unilateral'" in capsys.readouterr().err
     out = str(scene_file.parent / "reduced")
     assert cli.main(["run", str(scene_file), "--models", "reduced", "--out", out]) == 0
     assert "contact opened" in capsys.readouterr().out
 
 
-def test_a_backbone_is_written_and_a_ring_down_refused(scene_file, capsys):
+def test_a_backbone_and_a_ring_down_are_written(scene_file, capsys):
     more = "\n[backbone]\nlevels = 3\nup_to = 0.05\n[models]\nrun = ['full', 'condensed']\n"
     scene_file.write_text(scene_file.read_text() + more)
     folder = scene_file.parent / "o"
@@ -236,10 +235,37 @@ def test_a_backbone_is_written_and_a_ring_down_refused(scene_file, capsys):
     (mode,) = json.loads((folder / "summary.json").read_text())["models"]["full"]["modes"]
     assert mode["opened_share"] > 0.0
     assert set(mode["estimated_error"]) == {"frequency", "damping_ratio"}
-    text = scene_file.read_text().replace("levels = 3", "levels = 3\nring_down = 8")
+    text = scene_file.read_text().replace("levels = 3", "levels = 3\nring_down = 12")
     scene_file.write_text(text)
-    assert cli.main(["backbone", str(scene_file), "--out", str(folder)]) == 2
-    assert "backbone.ring_down: found a joint with contact" in capsys.readouterr().err
+    assert cli.main(["backbone", str(scene_file), "--out", str(folder)]) == 0
+    header, *rows = (folder / "ring_down.csv").read_text().splitlines()
+    frequency = header.split(",").index("frequency_Hz")
+    ends = [[float(row.split(",")[frequency]) for row in rows if row.startswith(name)][-1]
+            for name in ("full", "condensed")]  # fmt: skip
+    assert ends == pytest.approx([mode["stuck_frequency_Hz"]] * 2, rel=5e-3)
+
+
+def test_a_response_is_written(scene_file, capsys):
+    """Its second point starts from the first, and has the amplitude of a scene of its own."""
+    table = "\n[response]\nfrequencies = { from = 1900.0, to = 2000.0, points = 2 }\n"
+    text = scene_file.read_text().replace("185e3", "150e3").replace("= 50\n", "= 24\n")
+    text += "[damping]\nstiffness = 2e-7\n"
+    scene_file.write_text(text + table + "levels = [1.0]\n[models]\nrun = ['condensed']\n")
+    folder = scene_file.parent / "o"
+    assert cli.main(["response", str(scene_file), "--out", str(folder)]) == 0
+    assert "With contact that opens a steady vibration need not be" in capsys.readouterr().out
+    header, *rows = (folder / "response.csv").read_text().splitlines()
+    columns = header.split(",")
+    assert len(rows) == 2
+    scene_file.write_text(
+        text.replace("cycles = 1", 'until = "steady"') + "[models]\nrun = ['full']\n"
+    )
+    assert cli.main(["run", str(scene_file), "--out", str(folder)]) == 0
+    assert "With contact that opens a steady vibration need not be" in capsys.readouterr().out
+    model = json.loads((folder / "summary.json").read_text())["models"]["full"]
+    assert model["steady_state_reached"] is True
+    amplitude = float(rows[1].split(",")[columns.index("amplitude_top_m")])
+    assert amplitude == pytest.approx(model["amplitude_m"]["top"], rel=1e-3)
 
 
 def test_a_sweep_runs(scene_file):
@@ -300,3 +326,26 @@ def test_faces_that_will_hit_each_other_want_a_lumped_mass():
         scene = block(contact=contact, material=steel | {"mass_matrix": mass})
         notes = doubts(scene.structure(), scene.system())
         assert any("mass_matrix = 'lumped'" in note for note in notes) is said
+
+
+def test_a_response_of_a_reduced_model_is_refused():
+    table = {"frequencies": {"from": 1e3, "to": 2e3, "points": 2}, "levels": [1.0]}
+    with pytest.raises(InputError, match=r"found models\.run = 'reduced' beside contact"):
+        response_table(block("condensed", "reduced", response=table))
+
+
+def test_points_of_a_response_are_taken_up_again(tmp_path, monkeypatch):
+    loads = [UP | {"amplitude": 150e3}, ACROSS]
+    system = sj.condense(block(load=loads).system())
+    options = {"steps_per_cycle": 24, "refined": False, "estimated": False}
+    kept = Rows(tmp_path / "rows.jsonl", (response.SteadyPoint,))
+    (first,) = sj.response(system, [1900.0, 2000.0], rows=kept, **options)
+    assert all(point.failure is None for point in first.points)
+
+    def never(*arguments, **options):
+        raise AssertionError
+
+    monkeypatch.setattr(response, "integrate_plan", never)
+    again = Rows(kept.path, (response.SteadyPoint,))
+    (other,) = sj.response(system, [1900.0, 2000.0], rows=again, **options)
+    assert np.array_equal(first.column("amplitude"), other.column("amplitude"))
