@@ -8,7 +8,7 @@ from opening_blocks import block, loads
 
 import skfem_joint as sj
 from skfem_joint.analysis.history import difference, results
-from skfem_joint.reduction.elastic_contact import FACTOR, elastic, strain_norm
+from skfem_joint.reduction.elastic_contact import FACTOR, HALVINGS, OpeningPath, elastic, strain_norm
 
 TIMING = {"cycles": 1, "steps_per_cycle": 100}
 
@@ -39,6 +39,19 @@ def test_the_norm_has_the_energy_of_elastic_contact():
     pressed = 0.5 * contact.stiffness @ (contact.N @ u) ** 2
     whole = 0.5 * u @ (strain_norm(system) @ u)
     assert whole == pytest.approx(0.5 * u @ (system.K @ u) + pressed, rel=1e-6)
+
+
+def test_forces_beyond_what_is_held_are_followed_as_far_as_they_are():
+    """Lifted by twice what presses it, the block is left with up to 1/16 of its normal force."""
+    system = elastic(_system(elements=3))
+    contact, up = system.opening, system.load_vectors()[:, 0]  # a force of 1 N
+    pressed = contact.force.sum()
+    path = OpeningPath(system, 1e-9)
+    states = path.follow(np.array([[0.5], [2.0], [0.5]]) * up * pressed)
+    left = np.array([contact.elastic_forces(u).sum() for u in states]) / pressed
+    np.testing.assert_allclose(left[[0, 2]], 0.5, atol=1e-3)
+    assert 0.0 < left[1] <= 2.0 / 2**HALVINGS
+    assert path.scaled_back == 1
 
 
 def test_a_basis_of_all_unknowns_gives_the_run_of_the_full_model():
