@@ -298,9 +298,7 @@ def _lapped_solids(rng, kind, size, counts):
     (width, thick), (across, layers) = size, counts
     lap, arms = _between(rng, 0.06, 0.1), rng.uniform(0.06, 0.12, 2).round(3).tolist()
     along = int(rng.integers(8, 14))
-    bolts = [
-        (arms[0] + part * lap, 0.5 * width) for part in ((0.5,), (0.3, 0.7))[rng.integers(2)]
-    ]
+    bolts = [(arms[0] + part * lap, 0.5 * width) for part in ((0.5,), (0.3, 0.7))[rng.integers(2)]]
     radius = 0.3 * min(width, lap)
     parts = []
     for body, clamped, start, low in (
@@ -504,7 +502,10 @@ def _laps_opening(rng, folder):
         counts = rng.integers((6, 12, 12, 6), (13, 25, 25, 13)).tolist()
         upper = [("upper_arm", arms[0], counts[0]), ("upper_lap", lap, counts[1])]
         lower = [("lower_lap", lap, counts[2]), ("lower_arm", arms[1], counts[3])]
-        order, kind = int(rng.choice([1, 2], p=(0.7, 0.3))), rng.choice(["quadrilateral", "triangle"])
+        order, kind = (
+            int(rng.choice([1, 2], p=(0.7, 0.3))),
+            rng.choice(["quadrilateral", "triangle"]),
+        )
         mesh = _lapped_from_the_side(
             upper, lower, _between(rng, 0.008, 0.02), kind=str(kind), order=order
         )

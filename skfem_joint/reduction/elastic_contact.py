@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy import sparse
@@ -35,6 +36,8 @@ from skfem_joint.system import System
 
 #: Where forces are not held, the way to them is halved so many times to find how far they are.
 HALVINGS = 5
+#: Increments of half a slow cycle that modes are made of.
+IN_HALF = 8
 #: Stiffness of contact over that which the structure opposes to single points.
 FACTOR = 10.0
 
@@ -176,3 +179,40 @@ class OpeningPath:
             tried = 0.5 * (held + lost)
         self.scaled_back += 1
         return last, before
+
+
+def states_of_cycles(
+    system: System, force: FloatArray, level: FloatArray, tolerance: float = 3e-5
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """States of slow cycles of a force at some levels, for modes of a damping curve.
+
+    Parameters
+    ----------
+    system : System
+        With elastic contact.
+    force : ndarray, shape (n,)
+        N at the level 1.
+    level : ndarray, shape (levels,)
+        Rising levels.
+    tolerance : float
+        Largest force residual relative to the largest force.
+
+    Returns
+    -------
+    states, increments : ndarray, shape (s, n)
+        Displacements, m, and their changes on the way.
+    rigid : ndarray, shape (n, r)
+        Motions of bodies that friction and contact alone hold.
+
+    Raises
+    ------
+    ConvergenceError
+        If a level does not converge.
+    """
+    turns = [0.0]
+    for top in level.tolist():
+        turns += [top, -top, top]
+    shares = [np.linspace(a, b, IN_HALF + 1)[1:] for a, b in pairwise(turns)]
+    path = OpeningPath(system, tolerance)
+    states = path.follow(np.concatenate(shares)[:, np.newaxis] * force)
+    return states, np.diff(states, axis=0, prepend=0.0), path.to.outer(path.rigid.T).T
