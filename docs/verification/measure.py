@@ -195,6 +195,15 @@ CLAIMS = {
         },
         short=f"{ESTIMATES} bars matrices --seed 3 --count 1",
     ),
+    "estimates-opening": Claim(
+        f"{ESTIMATES} laps-opening --seed 2029 --count 28 --jobs 2 {ROWS}",
+        900,
+        {
+            "estimates-opening": lines(r"^\| |^Seeds "),
+            "estimates-opening-cases": lines("^- (stated|refused)"),
+        },
+        short=f"{ESTIMATES} laps-opening --seed 3 --count 1",
+    ),
     "estimates-clock": Claim(
         f"{ESTIMATES} all --seed clock --count 8 --jobs 1 {ROWS}",
         1600,
