@@ -284,6 +284,9 @@ CLAIMS = {
     "contact-loops": Claim(
         f"{BENCHMARKS}/contact.py loops", 900, {"contact-loops": printed}, timed=True
     ),
+    "contact-reduced": Claim(
+        f"{BENCHMARKS}/contact.py reduced", 600, {"contact-reduced": printed}, timed=True
+    ),
 }
 
 

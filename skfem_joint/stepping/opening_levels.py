@@ -100,9 +100,10 @@ class OpeningLevels:
             least = shifts.SETTINGS.least * inner.mean_square_frequency
             M = as_dense(inner.M) if inner.is_dense else as_compressed(inner.M)
             self.added = least * M
+        self.H = K if self.added is None else K + self.added
         self.few = isinstance(self.contact.N, np.ndarray)
         self.problem = (OpeningDense if self.few else OpeningNewton)(
-            K if self.added is None else K + self.added,
+            self.H,
             ContactPoints.of(inner),
             self.contact.N,
             self.contact.gain,
@@ -156,7 +157,7 @@ class OpeningLevels:
             return self._increment(u, force, start)
         unknown = not self.largest_slip
         if unknown:  # that without friction is no less
-            held = self.problem.H + as_dense(self.contact.springs)
+            held = self.H + as_dense(self.contact.springs)
             self.largest_slip = self._slip(np.linalg.solve(held, change)) or 1.0
         for _ in range(STEEPER):
             found, after = self._increment(u, force, start)
