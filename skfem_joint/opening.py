@@ -31,7 +31,7 @@ def constant_contact_alone(what: str, cure: str) -> str:
     return (
         f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
         f"with contact that opens there are full, condensed and reduced models over given cycles "
-        f"or a duration, and backbones of the first two; {cure}"
+        f"or a duration, slow cycles and backbones of them; {cure}"
     )
 
 

@@ -276,15 +276,16 @@ class System:
         Raises
         ------
         InputError
-            If the unknowns do not have the approaches of the faces among them, as those of a full
-            and of a condensed system have.
+            If contact is rigid and the unknowns do not have the approaches of the faces among them,
+            as those of a full and of a condensed system have.
         """
         if self.opening is None:
             return self
-        if not sparse.issparse(self.opening.N):
+        if not sparse.issparse(self.opening.N) and self.opening.rigid.any():
             raise InputError(
-                "closed: found a projected system, must be a full or condensed one, whose unknowns "
-                "have the approaches of the faces among them"
+                "closed: found a projected system of rigid contact, must be a full or condensed "
+                "one, whose unknowns have the approaches of the faces among them, or of elastic "
+                "contact, as sj.reduce makes it"
             )
         T, K = self.opening.closed_motions(), self.K
         if not self.opening.rigid.all():

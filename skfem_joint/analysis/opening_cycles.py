@@ -137,7 +137,7 @@ class OpeningPath:
     Parameters
     ----------
     system : System
-        Full or condensed.
+        Full, condensed or reduced.
     tolerance : float
         Largest force residual of a level, relative to its largest force.
     tally : Tally
@@ -266,6 +266,7 @@ class OpeningPath:
         system, pressed = self.to.system, self.solver.contact.force > 0.0
         states = np.array([cycle.half for cycle in done])
         slip = system.slip_norm(np.asarray((system.B @ states.T).T))
+        slip[slip <= SETTINGS.increments * self.solver.creep] = 0.0  # half of a cycle's
         left = max(cycle.slip_left for cycle in done)
         if left > SETTINGS.closed:
             notes.append(
