@@ -90,6 +90,11 @@ class OpeningContact:
         return wrong
 
     @property
+    def rubs(self) -> Any:
+        """Whether a normal force gives each contact point, (m,), a friction limit."""
+        return np.diff(sparse.csr_array(self.gain).indptr) > 0
+
+    @property
     def rigid(self) -> Any:
         """Whether each pressure point is rigid, (q,)."""
         return np.isinf(self.stiffness)

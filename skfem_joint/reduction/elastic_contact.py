@@ -58,7 +58,13 @@ def elastic(system: System) -> System:
 
 
 def check_reference(system: System, reference: str) -> None:
-    """Refuse modes of contact that opens that do not come from its static path."""
+    """Refuse modes of contact that opens that do not come from its static path, and springs."""
+    if system.opening is not None and system.has_springs:
+        raise InputError(
+            "reduced model: found springs in series with friction beside contact that opens, which "
+            "has full and condensed models alone; give sj.condense(system), or leave "
+            "tangential_stiffness out"
+        )
     if system.opening is not None and reference != "static":
         raise InputError(
             f"reduction.reference: found {reference!r}, must be 'static' with contact that opens, "

@@ -27,6 +27,7 @@ from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.opening_dense import OpeningDense
 from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
+from skfem_joint.minimise.opening_springs import OpeningOnSprings
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.minimise.touching import Touching
 from skfem_joint.modes import is_singular
@@ -102,14 +103,16 @@ class OpeningLevels:
             self.added = least * M
         self.H = K if self.added is None else K + self.added
         self.few = isinstance(self.contact.N, np.ndarray)
-        self.problem = (OpeningDense if self.few else OpeningNewton)(
-            self.H,
-            ContactPoints.of(inner),
-            self.contact.N,
-            self.contact.gain,
-            self.contact.stiffness,
-        )
+        contact = self.contact.N, self.contact.gain, self.contact.stiffness
+        given = self.H, ContactPoints.of(inner), *contact
+        self.springs = inner.on_rows(inner.spring_constants)
+        self.problem: OpeningDense | OpeningNewton | OpeningOnSprings
+        if inner.has_springs:
+            self.problem = OpeningOnSprings(*given, self.springs)
+        else:
+            self.problem = (OpeningDense if self.few else OpeningNewton)(*given)
         self.largest_slip = 0.0
+        self._friction = np.zeros(self.springs.size)
         self.constant = inner.w - self.contact.limits_at_rest
         self.touching = Touching(self.contact.force > 0.0)
         self.kept = Kept(np.zeros(inner.n), 0.0)
@@ -134,17 +137,19 @@ class OpeningLevels:
     def next(self, last: Level, force: FloatArray) -> Level:
         """See `LevelSolver`."""
         change = self._change(last, force)
+        self._friction = last.friction
         found, u = self._first_increment(last.u, force, change)
         first = u - last.u
         for _ in range(REPEATED):
             if self.added is None or self._carried(found, force) <= CARRIED:
                 break
+            self._friction = self._friction_of(found)
             found, u = self._increment(u, force, np.zeros_like(u))
         else:
             if self.added is not None:
                 raise NoLevelError(NOT_HELD, beyond=True)
         self.kept = Kept(first, float(change @ first))
-        friction = found.sigma * self.to.system.on_rows(found.w)
+        friction = self._friction_of(found)
         slip = np.asarray(self.to.system.B @ u)
         return Level(u, friction, slip, found.w, found.p)
 
@@ -170,6 +175,9 @@ class OpeningLevels:
         self.largest_slip = max(self.largest_slip, slip)
         return found, after
 
+    def _friction_of(self, found: OpeningMinimum) -> FloatArray:
+        return np.asarray(found.sigma * self.to.system.on_rows(found.w))
+
     def _slip(self, d: FloatArray) -> float:
         """Largest slip of a point in an increment (n,), m."""
         inner = self.to.system
@@ -191,9 +199,12 @@ class OpeningLevels:
         bound[soft] -= contact.force[soft] / contact.stiffness[soft]
         right = force + contact.N.T @ contact.force - self.K @ u
         steepness = 1.0 / self.creep if self.few else np.inf
+        held = {}
+        if self.to.system.has_springs:
+            held["held"] = np.where(self.springs > 0.0, self._friction, 0.0)
         found = self.problem.minimise(
             right, bound, self.constant, 1.0, start, self.tolerance,
-            np.full(self.constant.size, steepness), self.touching,
+            np.full(self.constant.size, steepness), self.touching, **held,
         )  # fmt: skip
         for name, count in found.counts.items():
             self._counts[name] = self._counts.get(name, 0) + count
