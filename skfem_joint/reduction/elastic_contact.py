@@ -43,9 +43,23 @@ FACTOR = 10.0
 
 
 def elastic(system: System) -> System:
-    """System whose rigid contact that opens is elastic; itself if there is none."""
+    """System whose rigid contact that opens is elastic; itself if there is none.
+
+    Raises
+    ------
+    InputError
+        If there are springs in series with friction beside contact that opens.
+    """
     contact = system.opening
-    if contact is None or not contact.rigid.any():
+    if contact is None:
+        return system
+    if system.opening is not None and system.has_springs:
+        raise InputError(
+            "reduced model: found springs in series with friction beside contact that opens, which "
+            "has full and condensed models alone; give sj.condense(system), or leave "
+            "tangential_stiffness out"
+        )
+    if not contact.rigid.any():
         return system
     N = sparse.csr_array(contact.N)
     compliance = (N * N) @ (1.0 / np.asarray(system.K.diagonal()))
@@ -58,13 +72,7 @@ def elastic(system: System) -> System:
 
 
 def check_reference(system: System, reference: str) -> None:
-    """Refuse modes of contact that opens that do not come from its static path, and springs."""
-    if system.opening is not None and system.has_springs:
-        raise InputError(
-            "reduced model: found springs in series with friction beside contact that opens, which "
-            "has full and condensed models alone; give sj.condense(system), or leave "
-            "tangential_stiffness out"
-        )
+    """Refuse modes of contact that opens that do not come from its static path."""
     if system.opening is not None and reference != "static":
         raise InputError(
             f"reduction.reference: found {reference!r}, must be 'static' with contact that opens, "
