@@ -663,7 +663,7 @@ class Recorder:
         u: FloatArray,
         v: FloatArray,
         sigma: FloatArray,
-        limits: FloatArray | None,
+        limits: FloatArray | None = None,
         *,
         steps: int,
         counts: Mapping[str, int],
