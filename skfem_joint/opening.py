@@ -31,8 +31,8 @@ def constant_contact_alone(what: str, cure: str) -> str:
     return (
         f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
         f"with contact that opens there are full, condensed and reduced models over given cycles "
-        f"or a duration, or until = 'steady', and responses, backbones and ring-downs of the first "
-        f"two; {cure}"
+        f"or a duration, or until = 'steady', slow cycles and backbones of them, and responses and "
+        f"ring-downs of the first two; {cure}"
     )
 
 
@@ -89,6 +89,11 @@ class OpeningContact:
         if not wrong and np.any((self.gap > 0.0) & (self.force > 0.0)):
             wrong.append("opening: a point with a gap at rest cannot carry a normal force")
         return wrong
+
+    @property
+    def rubs(self) -> Any:
+        """Whether a normal force gives each contact point, (m,), a friction limit."""
+        return np.diff(sparse.csr_array(self.gain).indptr) > 0
 
     @property
     def rigid(self) -> Any:

@@ -198,11 +198,6 @@ class System:
             problems.append("stiffness: must be positive (inf for no spring)")
         if self.opening is not None:
             problems += self.opening.problems(m, n)
-            if np.isfinite(self.stiffness).any():
-                problems.append(
-                    "stiffness: springs in series with friction cannot be computed yet beside "
-                    "contact that opens; leave one of them out"
-                )
         refuse(problems)
 
     def __repr__(self) -> str:
@@ -276,15 +271,16 @@ class System:
         Raises
         ------
         InputError
-            If the unknowns do not have the approaches of the faces among them, as those of a full
-            and of a condensed system have.
+            If contact is rigid and the unknowns do not have the approaches of the faces among them,
+            as those of a full and of a condensed system have.
         """
         if self.opening is None:
             return self
-        if not sparse.issparse(self.opening.N):
+        if not sparse.issparse(self.opening.N) and self.opening.rigid.any():
             raise InputError(
-                "closed: found a projected system, must be a full or condensed one, whose unknowns "
-                "have the approaches of the faces among them"
+                "closed: found a projected system of rigid contact, must be a full or condensed "
+                "one, whose unknowns have the approaches of the faces among them, or of elastic "
+                "contact, as sj.reduce makes it"
             )
         T, K = self.opening.closed_motions(), self.K
         if not self.opening.rigid.all():
@@ -330,12 +326,15 @@ class System:
     @cached_property
     def has_springs(self) -> bool:
         """Whether any point with friction has a spring in series."""
-        return bool(np.any(np.isfinite(self.stiffness) & (self.w > 0.0)))
+        return bool(self.sprung.any())
 
     @property
     def sprung(self) -> BoolArray:
         """Whether each contact point, (m,), has friction with a spring in series."""
-        return np.asarray(np.isfinite(self.stiffness) & (self.w > 0.0))
+        rubs = self.w > 0.0
+        if self.opening is not None:
+            rubs |= self.opening.rubs
+        return np.asarray(np.isfinite(self.stiffness) & rubs)
 
     @cached_property
     def spring_matrix(self) -> Matrix:
@@ -645,22 +644,29 @@ class System:
             stiffness += float(slip @ (self.on_rows(self.spring_constants) * slip))
         return float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
 
-    def stored_energy(self, u: FloatArray, v: FloatArray, sigma: FloatArray | None = None) -> float:
+    def stored_energy(
+        self,
+        u: FloatArray,
+        v: FloatArray,
+        sigma: FloatArray | None = None,
+        limits: FloatArray | None = None,
+    ) -> float:
         """Kinetic plus strain energy, J; with ``sigma`` (rows,), that of springs included.
 
         That of contact that opens is zero at rest.
-        ``sigma`` is the friction over its limit, which in a spring in series is its force.
+        ``sigma`` is the friction over its limit, which in a spring in series is its force, and
+        ``limits``, (m,), N, are these limits, those at rest if not given.
         """
         energy = float(0.5 * (v @ (self.M @ v)) + 0.5 * (u @ (self.K @ u)))
         if self.opening is not None:
             energy += self.opening.potential(u)
-        return energy if sigma is None else energy + self.spring_energy(sigma)
+        return energy if sigma is None else energy + self.spring_energy(sigma, limits)
 
-    def spring_energy(self, sigma: FloatArray) -> float:
-        """Energy, J, stored in the springs in series with friction, from ``sigma``, (rows,)."""
+    def spring_energy(self, sigma: FloatArray, limits: FloatArray | None = None) -> float:
+        """Energy, J, stored in the springs in series with friction, see `stored_energy`."""
         if not self.has_springs:
             return 0.0
-        force = self.on_rows(self.w) * sigma
+        force = self.on_rows(self.w if limits is None else limits) * sigma
         return float(0.5 * force @ (force / self.on_rows(self.stiffness)))
 
     def spring_offset(
@@ -687,6 +693,11 @@ class System:
         stretch = self.spring_stretch * sigma
         slip = np.asarray(self.B @ known) + stretch
         return np.where(self.on_rows(self.sprung), -slip / moved, 0.0)
+
+    @property
+    def spring_flexibility(self) -> FloatArray:
+        """Slip that each row's spring takes under a unit force, (rows,), m/N; 0 for none."""
+        return self.on_rows(np.where(self.sprung, 1.0 / self.stiffness, 0.0))
 
     @cached_property
     def spring_stretch(self) -> FloatArray:

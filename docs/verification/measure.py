@@ -195,6 +195,15 @@ CLAIMS = {
         },
         short=f"{ESTIMATES} bars matrices --seed 3 --count 1",
     ),
+    "estimates-opening": Claim(
+        f"{ESTIMATES} laps-opening --seed 2029 --count 28 --jobs 2 {ROWS}",
+        900,
+        {
+            "estimates-opening": lines(r"^\| |^Seeds "),
+            "estimates-opening-cases": lines("^- (stated|refused)"),
+        },
+        short=f"{ESTIMATES} laps-opening --seed 3 --count 1",
+    ),
     "estimates-clock": Claim(
         f"{ESTIMATES} all --seed clock --count 8 --jobs 1 {ROWS}",
         1600,
@@ -274,6 +283,9 @@ CLAIMS = {
     "contact-alike": Claim(f"{BENCHMARKS}/contact.py alike", 30, {"contact-alike": printed}),
     "contact-loops": Claim(
         f"{BENCHMARKS}/contact.py loops", 900, {"contact-loops": printed}, timed=True
+    ),
+    "contact-reduced": Claim(
+        f"{BENCHMARKS}/contact.py reduced", 600, {"contact-reduced": printed}, timed=True
     ),
 }
 

@@ -4,6 +4,7 @@
     python examples/benchmarks/contact.py wall      a bar that hits a wall
     python examples/benchmarks/contact.py alike     two alike cylinders: Hertz, Cattaneo, Mindlin
     python examples/benchmarks/contact.py loops     two bolted solid plates; some minutes
+    python examples/benchmarks/contact.py reduced   the same plates in reduced models; ten minutes
     python examples/benchmarks/contact.py           the first three; --quick takes coarse meshes
 
 The block is half of that of the GRECO benchmark (Raous, Chabrand and Lebon, 1988; SSNV128 of
@@ -27,6 +28,7 @@ import skfem_joint as sj
 from benchmarks import EXAMPLES, head, row
 from skfem_joint.mesh import merged, named
 from skfem_joint.opening import OpeningContact
+from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.structure.pressure_space import pressure_space
 
 #: Side of the block, m, and its material.
@@ -442,7 +444,36 @@ def print_loops(quick):
                 return
 
 
-TABLES = {"block": print_block, "wall": print_wall, "alike": print_alike, "loops": print_loops}
+def print_reduced(quick):
+    """Reduced models of two bolted solid plates in bending beside the condensed one, same steps."""
+    held, way = {"fixed_y": [], "fixed_z": []}, (0.0, 0.0, 1.0)
+    structure = sj.load_scene(EXAMPLES / "solid_lap_joint.toml").structure()
+    joints = [replace(joint, contact="unilateral") for joint in structure.joints]
+    load = sj.Load("lower_end", sj.Harmonic(0.6 * FULL["bending"], 40.0), way)
+    system = replace(structure, joints=joints, **held).system([load])
+    times = {"cycles": 1, "steps_per_cycle": 20} if quick else {"cycles": 2, "steps_per_cycle": 100}
+    print("Two bolted solid plates in bending, 60 % of slip: errors beside the condensed model\n")
+    head("model", "unknowns", "history, %", "friction energy of the last cycle, %", "ms a step")
+    whole = sj.integrate(sj.condense(system), **times)
+    row("condensed", whole.system.n, "", "", f"{1e3 * whole.wall_s / whole.counters.steps:.0f}")
+    models = {"condensed, elastic contact": lambda: sj.condense(elastic(system))}
+    for modes in (20, 60):
+        models[f"reduced, {modes} modes"] = lambda modes=modes: sj.reduce(system, modes=modes)
+    for name, make in models.items():
+        run = sj.integrate(make(), **times)
+        apart = sj.compare(whole, run)
+        energy = apart.friction_energy_per_cycle
+        shown = f"{100 * apart.displacement_rms:.2f}", f"{100 * energy:+.1f}"
+        row(name, run.system.n, *shown, f"{1e3 * run.wall_s / run.counters.steps:.0f}")
+
+
+TABLES = {
+    "reduced": print_reduced,
+    "block": print_block,
+    "wall": print_wall,
+    "alike": print_alike,
+    "loops": print_loops,
+}
 
 
 def main(arguments):

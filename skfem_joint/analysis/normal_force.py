@@ -46,8 +46,7 @@ class NormalChange:
         return [
             f"{when}{subject} would change the normal force by {self.text}: that it stays as the "
             "clamping makes it, which constant contact assumes, is doubtful there. Above "
-            f"{100.0 * LARGE:.3g} % set contact = 'unilateral' in that [[joint]], in full and "
-            "condensed models."
+            f"{100.0 * LARGE:.3g} % set contact = 'unilateral' in that [[joint]]."
         ]
 
 

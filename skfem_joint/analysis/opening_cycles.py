@@ -97,8 +97,8 @@ class _Cycle(NamedTuple):
         Displacement at the opposite of the level, m.
     opened : ndarray of bool, shape (q,)
         Whether each pressure point was without force at an increment.
-    rubbed : ndarray of bool, shape (m,)
-        Whether each contact point could carry friction at an increment.
+    slid : ndarray, shape (m,)
+        Half of the slip of each slider between the turning points, m; zero where no friction acts.
     work : float
         Of friction, J.
     slip_left : float
@@ -111,7 +111,7 @@ class _Cycle(NamedTuple):
     kept: tuple[FloatArray, float]
     low: FloatArray
     opened: BoolArray
-    rubbed: BoolArray
+    slid: FloatArray
     work: float
     slip_left: float
     way_left: float
@@ -137,7 +137,7 @@ class OpeningPath:
     Parameters
     ----------
     system : System
-        Full or condensed.
+        Full, condensed or reduced.
     tolerance : float
         Largest force residual of a level, relative to its largest force.
     tally : Tally
@@ -156,6 +156,7 @@ class OpeningPath:
         self.to, self.tally, self.rows = self.solver.to, tally, rows
         self.origin = rows.mark("cycle", system, tolerance, SETTINGS)
         self._closed = cast("OpeningContact", system.opening).closed_motions()
+        self._taken = self.to.system.spring_flexibility
 
     def of_closed(self, u: FloatArray) -> FloatArray:
         """Unknowns of the path, (n,), from those of `System.closed`."""
@@ -242,18 +243,20 @@ class OpeningPath:
                 path += self._levels(path[-1], a * force, b * force)
             middle = middle or len(path) - 1
         limits = np.array([level.limits for level in path])
-        slips = np.diff([level.slip for level in path], axis=0)
+        ways = np.array([level.slip - self._taken * level.friction for level in path])
+        slips = np.diff(ways, axis=0)
         work = float((0.5 * (limits[1:] + limits[:-1]) * system.slip_norm(slips)).sum())
         normal = np.array([level.normal for level in path])
         end, low = path[-1], path[middle].u
-        left = float(limits.mean(axis=0) @ system.slip_norm(end.slip - begin.slip))
+        left = float(limits.mean(axis=0) @ system.slip_norm(ways[-1] - ways[0]))
+        slid = 0.5 * system.slip_norm(ways[-1] - ways[middle])
         way = float(force @ (end.u - low))
         return _Cycle(
             end=cast("tuple[FloatArray, ...]", tuple(end)),
             kept=(self.solver.kept.v, self.solver.kept.work),
             low=low,
             opened=np.any(normal <= 0.0, axis=0) & pressed,
-            rubbed=np.any(limits > 0.0, axis=0),
+            slid=np.where(np.any(limits > 0.0, axis=0), slid, 0.0),
             work=work,
             slip_left=left / max(work, 0.5 * SETTINGS.least * way),
             way_left=abs(float(force @ (end.u - begin.u)) / way),
@@ -266,6 +269,9 @@ class OpeningPath:
         system, pressed = self.to.system, self.solver.contact.force > 0.0
         states = np.array([cycle.half for cycle in done])
         slip = system.slip_norm(np.asarray((system.B @ states.T).T))
+        creep = SETTINGS.increments * self.solver.creep  # in half of a cycle
+        slip[slip <= creep] = 0.0
+        slid = np.array([cycle.slid for cycle in done])
         left = max(cycle.slip_left for cycle in done)
         if left > SETTINGS.closed:
             notes.append(
@@ -282,7 +288,7 @@ class OpeningPath:
             states=states,
             work=np.array([cycle.work for cycle in done]),
             slip=slip,
-            sliding=np.where([cycle.rubbed for cycle in done], slip, 0.0),
+            sliding=np.where(slid > creep, slid, 0.0),
             friction=None,
             loops=np.zeros((0, system.n)),
             middle=np.array([cycle.middle for cycle in done]),

@@ -1,33 +1,42 @@
 """Estimated errors of condensed and reduced models with contact that opens.
 
 A residual in the full equation would need the normal forces of points that the model does not
-follow. So the model is run again, better in one respect at a time: with half and, where it is
-small, a quarter of its step; and with a better basis. That of a condensed model has twice as many
-fixed-interface modes, which a quasi-static run does without: its statics are exact. The better
-basis of a reduced model is that of the condensed one, whose contact is rigid: its run, by the same
-steps, shows what modes, elastic contact and a less steep law of friction have changed.
+follow. So a better model is run: the condensed one with more fixed-interface modes, whose contact
+is rigid where the full model's is. Its runs with the step, half and a quarter of it show what the
+basis, elastic contact, a less steep law of friction and the step have changed, together and with
+their signs: the distance of the run from the finest of them is its error, but for what that still
+misses. Where a quarter of the step would cost too much, the model itself is run with half of the
+step (a reduced one with a quarter too), and the better one with the step alone; the differences
+are added with their signs. A quasi-static run of a condensed model needs no better one: its statics
+are exact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
+from skfem_joint.analysis.condensed_reference import SETTINGS as REFERENCE
 from skfem_joint.analysis.estimate import (
-    SETTINGS,
     Estimate,
-    Parts,
+    Steps,
     Verification,
     added,
     at_least,
-    left_of_steps,
 )
 from skfem_joint.analysis.history import QUANTITIES, difference, joint_differences, results
-from skfem_joint.analysis.step_estimate import is_small
+from skfem_joint.analysis.step_estimate import by_finer_steps, is_small
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
+
+#: Largest product of the steps of a run and the square of the better model's unknowns with which
+#: that takes the shorter steps, some ten seconds of its own run.
+AFFORDED = 1e8
+#: What more modes than those of the better model would change, over what these have changed.
+LEFT_OF_MODES = 0.25
 
 
 def of_condensed(
@@ -58,8 +67,18 @@ def of_condensed(
     KeyboardInterrupt
         If one is interrupted.
     """
-    wider = None if plan.quasi_static else _wider(system, basis)
-    return _estimated(run, plan, is_small(system, plan), wider, _with_rest, True, progress)
+    small = is_small(system, plan)
+    kept = condensed_basis(system, 0).V.shape[1]
+    modes = max(REFERENCE.modes, 2 * (basis.V.shape[1] - kept))
+    V = basis.V if plan.quasi_static else condensed_basis(system, modes).V
+    if V.shape[1] <= basis.V.shape[1]:
+        verify = Verification(progress, run)
+        finer = [verify(run.system, plan.finer(k)) for k in ((2, 4) if small else (2,))]
+        errors = by_finer_steps(run, *finer)
+        return replace(errors, parts={"basis": dict.fromkeys(QUANTITIES, 0.0), **errors.parts})
+    better = condensed_system(system, V)
+    alike = Verification(progress, run)
+    return _estimated(run, plan, better, small, (alike, alike), LEFT_OF_MODES)
 
 
 def of_reduced(
@@ -72,53 +91,41 @@ def of_reduced(
 
     Parameters and errors are those of `of_condensed`.
     """
-    condensed = condensed_system(system, condensed_basis(system).V)
-    return _estimated(run, plan, True, condensed, dict, False, progress)
+    modes = 0 if plan.quasi_static else REFERENCE.modes
+    better = condensed_system(system, condensed_basis(system, modes).V)
+    return _estimated(
+        run, plan, better, True, (Verification(progress, run), Verification(progress))
+    )
 
 
 def _estimated(
     run: Run,
     plan: Plan,
+    better: System,
     quarter: bool,
-    better: System | None,
-    with_rest: Callable[[Parts], Parts],
-    begins_alike: bool,
-    progress: Callable[..., None] | None,
+    verify: tuple[Verification, Verification],
+    left_of_modes: float = 0.0,
 ) -> Estimate:
-    """Errors from half and maybe a ``quarter`` of the step, and from a model of a ``better`` basis.
+    """Errors by a ``better`` model's run with the step and by half and maybe a quarter of it.
 
-    ``with_rest`` adds to what that changes what it still misses itself. ``begins_alike`` says
-    whether the better basis begins with the unknowns of the model's own.
+    The better model takes these steps, or, where it is large, the run's own. ``verify`` runs the
+    model's own system and the better one. ``left_of_modes`` is what still more modes would change,
+    over what those of the better one have.
     """
-    verify = Verification(progress, run)
-    base, half = results(run), results(verify(run.system, plan.finer(2)))
-    finest, before = half, None
-    if quarter:
-        finest, before = results(verify(run.system, plan.finer(4))), difference(half, base)
-    left = left_of_steps(before, difference(finest, base if before is None else half))
-    steps = added(difference(finest, base), left)
-    truth = finest
-    of_basis: Parts = dict.fromkeys(QUANTITIES, 0.0)
-    if better is not None:
-        verify = verify if begins_alike else Verification(progress)
-        wide = results(verify(better, plan))
-        truth = finest.plus(1.0, wide, base)
-        of_basis = with_rest(difference(wide, base))
-    total = at_least(added(steps, of_basis), truth, base, of_basis, steps)
-    parts = {"basis": of_basis, "time_step": steps, "total": total}
-    rest = left["friction_energy"] or 0.0
+    better_steps = quarter and plan.n_steps * better.n**2 <= AFFORDED
+    own, of_better = verify
+    wide = of_better(better, plan)
+    stepped, runs = (wide, of_better) if better_steps else (run, own)
+    finer = [runs(stepped.system, plan.finer(k)) for k in ((2, 4) if quarter else (2,))]
+    steps, base, same = Steps(stepped, *finer), results(run), results(wide)
+    truth = steps.finest if better_steps else steps.finest.plus(1.0, same, base)
+    of_basis = difference(truth, truth.plus(1.0, base, same))
+    left = {k: None if e is None else left_of_modes * e for k, e in of_basis.items()}
+    of_steps = steps.with_rest(steps.finest, results(stepped))
+    total = added(steps.with_rest(truth, base), left)
+    if not better_steps:  # else it is a distance, in which nothing cancels by chance
+        total = at_least(total, truth, base, of_basis, of_steps)
+    parts = {"basis": added(of_basis, left), "time_step": of_steps, "total": total}
+    rest = steps.left["friction_energy"] or 0.0
     joints = joint_differences(truth, base, run.system.joints, rest)
     return Estimate(parts, by_joint=joints)
-
-
-def _wider(system: System, basis: Basis) -> System | None:
-    """Condensed model with twice as many fixed-interface modes; None where it has all motions."""
-    kept = condensed_basis(system, 0).V.shape[1]
-    V = condensed_basis(system, max(SETTINGS.added, 2 * (basis.V.shape[1] - kept))).V
-    return condensed_system(system, V) if V.shape[1] > basis.V.shape[1] else None
-
-
-def _with_rest(change: Parts) -> Parts:
-    """Change by twice as many modes, and what is left when changes go on to fall as they may."""
-    series = 1.0 / (1.0 - SETTINGS.slowest)
-    return {name: None if e is None else series * e for name, e in change.items()}

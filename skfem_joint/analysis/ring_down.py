@@ -24,7 +24,7 @@ from skfem_joint.analysis.history import extrapolation
 from skfem_joint.analysis.peaks import parabola_vertex
 from skfem_joint.analysis.range_modes import alone, check_whole, distances, ringing
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import ConvergenceError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.served import Served
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -124,12 +124,19 @@ def ring_down(
     Raises
     ------
     InputError
-        If too few cycles are asked for, or the system is a reduced model made for its own loads.
+        If too few cycles are asked for, the system is a reduced model made for its own loads, or
+        springs in series with friction stand beside contact that opens.
     ConvergenceError
         If a step does not converge, or no cycle is left to measure.
     """
     system.check_any_load("ring_down")
     check_whole(system, "ring_down")
+    if system.opening is not None and system.has_springs:
+        raise InputError(
+            "ring_down: found springs in series with friction beside contact that opens, whose "
+            "forces at the release are not kept yet; leave tangential_stiffness out, or run "
+            "integrate under a pulse"
+        )
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
     if system.serves is not None:

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from skfem_joint.analysis.backbone import Backbone, backbone, levels_of_a_curve, stuck_modes
+from skfem_joint.analysis.cycles import spread
 from skfem_joint.analysis.normal_force import NormalChange, normal_change_of_mode
 from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.analysis.rows import Rows
@@ -18,6 +19,8 @@ from skfem_joint.errors import InputError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import notes_of_reduction, reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.reduction.elastic_contact import elastic, states_of_cycles
+from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.reduction.sources import stuck_basis
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.integrate import integrate_plan
@@ -32,6 +35,8 @@ State = tuple[FloatArray, FloatArray]
 BACKBONE_ROWS = (RingDown,)
 #: Relative error of a ring-down's damping from its time step beyond which a note says so.
 DOUBTFUL_STEP = 0.02
+#: Levels of a curve whose cycles modes of contact that opens are made of.
+CYCLES = 3
 
 
 @dataclass(frozen=True)
@@ -234,7 +239,9 @@ def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, 
     """Basis (n, k) and condensed or reduced system for a mode.
 
     The reduced one has the modes of the stuck structure up to two beyond the mode, and proper
-    orthogonal modes of the curve's states: 24 unless the scene says otherwise.
+    orthogonal modes of the curve's states: 24 unless the scene says otherwise. With contact that
+    opens these are states of cycles of elastic contact, and rigid motions that contact and friction
+    alone hold stand beside them.
     """
     system, options, frequency = scene.system(), options_of(scene), curve.stuck_frequency
     if not curve.share.any():
@@ -247,8 +254,14 @@ def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, 
         return V, condensed_system(system, V)
     modes = 24 if isinstance(options.modes, str) else options.modes
     beyond = 2 if isinstance(options.interface_modes, str) else options.interface_modes
-    stuck = stuck_modes(system, curve.mode + beyond)[1]
-    basis = stuck_basis(system, stuck, curve.states, curve.loops, modes, frequency)
+    stuck = stuck_modes(system.closed(), curve.mode + beyond)[1]
+    states, increments = curve.states, curve.loops
+    if system.opening is not None:
+        stuck, system = system.opening.closed_motions() @ stuck, elastic(system)
+        levels = curve.level[spread(curve.level.size, CYCLES)]
+        states, increments, rigid = states_of_cycles(system, system.M @ curve.shape, levels)
+        stuck = orthonormal(np.hstack([stuck, rigid]), system.M)
+    basis = stuck_basis(system, stuck, states, increments, modes, frequency)
     return basis.V, reduced_system(system, basis, **options.friction, periodic=False)
 
 

@@ -109,9 +109,8 @@ def reduce(
         If a number is out of range, the loads have no common period and no duration is given,
         nothing moves, or no point carries friction.
     """
-    if range is not None or quasi_static:
-        what = "reduce: quasi_static" if range is None else "reduce: range"
-        system.check_constant_contact(what, "leave it out, or take sj.condense(system)")
+    if range is not None:
+        system.check_constant_contact("reduce: range", "leave it out")
     check("modes", modes, COUNT, "auto")
     if range is not None:
         others = (interface_modes, friction_points, beta, duration, run, quasi_static)

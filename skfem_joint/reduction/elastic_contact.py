@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from scipy import sparse
@@ -33,14 +34,32 @@ from skfem_joint.stepping.levels import Level, NoLevelError, in_parts
 from skfem_joint.stepping.quasi_static import SETTINGS
 from skfem_joint.system import System
 
+#: Where forces are not held, the way to them is halved so many times to find how far they are.
+HALVINGS = 5
+#: Increments of half a slow cycle that modes are made of.
+IN_HALF = 8
 #: Stiffness of contact over that which the structure opposes to single points.
 FACTOR = 10.0
 
 
 def elastic(system: System) -> System:
-    """System whose rigid contact that opens is elastic; itself if there is none."""
+    """System whose rigid contact that opens is elastic; itself if there is none.
+
+    Raises
+    ------
+    InputError
+        If there are springs in series with friction beside contact that opens.
+    """
     contact = system.opening
-    if contact is None or not contact.rigid.any():
+    if contact is None:
+        return system
+    if system.opening is not None and system.has_springs:
+        raise InputError(
+            "reduced model: found springs in series with friction beside contact that opens, which "
+            "has full and condensed models alone; give sj.condense(system), or leave "
+            "tangential_stiffness out"
+        )
+    if not contact.rigid.any():
         return system
     N = sparse.csr_array(contact.N)
     compliance = (N * N) @ (1.0 / np.asarray(system.K.diagonal()))
@@ -129,8 +148,8 @@ class OpeningPath:
     def follow(self, forces: FloatArray, times: FloatArray | None = None) -> FloatArray:
         """Displacements (levels, n), m, from rest under forces (levels, n), N, one after another.
 
-        A level that does not exist, because its forces lift a body off or slide it away, is that
-        of the last one. ``times`` do not matter: slip follows Coulomb's law.
+        Forces that friction and contact do not hold, because they lift a body off or slide it away,
+        are followed as far as they are held. ``times`` do not matter: slip follows Coulomb's law.
 
         Raises
         ------
@@ -141,20 +160,73 @@ class OpeningPath:
         last, before = self.solver.rest(), np.zeros(self.to.system.n)
         states = []
         for force in self.to.force(forces.T).T:
-            last, before = self._reached(last, before, force), force
+            last, before = self._reached(last, before, force)
             states.append(last.u)
         return self.to.outer(np.array(states))
 
-    def _reached(self, last: Level, before: FloatArray, force: FloatArray) -> Level:
-        """Level under ``force`` after that under ``before``, as far as there are levels."""
-        try:
-            for _, level in in_parts(self.solver.next, last, before, force):
-                self.solves += 1
-                last = level
-        except NoLevelError as error:
-            if not error.beyond:
-                raise ConvergenceError(
-                    f"reduced model: its path under slowly changing loads was not found: {error}"
-                ) from error
-            self.scaled_back += 1
-        return last
+    def _reached(
+        self, last: Level, before: FloatArray, force: FloatArray
+    ) -> tuple[Level, FloatArray]:
+        """Level on the way to ``force`` from that under ``before``, and the forces of it, N.
+
+        Where the whole way is not held, a bisection finds how much of it is.
+        """
+        held, lost, tried = 0.0, 1.0, 1.0
+        start, change = before, force - before
+        for _ in range(1 + HALVINGS):
+            aim = start + tried * change
+            try:
+                for _, level in in_parts(self.solver.next, last, before, aim):
+                    self.solves += 1
+                    last = level
+            except NoLevelError as error:
+                if not error.beyond:
+                    raise ConvergenceError(
+                        "reduced model: its path under slowly changing loads was not found: "
+                        f"{error}"
+                    ) from error
+                lost = tried
+            else:
+                held, before = tried, aim
+                if held == 1.0:
+                    return last, before
+            tried = 0.5 * (held + lost)
+        self.scaled_back += 1
+        return last, before
+
+
+def states_of_cycles(
+    system: System, force: FloatArray, level: FloatArray, tolerance: float = 3e-5
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """States of slow cycles of a force at some levels, for modes of a damping curve.
+
+    Parameters
+    ----------
+    system : System
+        With elastic contact.
+    force : ndarray, shape (n,)
+        N at the level 1.
+    level : ndarray, shape (levels,)
+        Rising levels.
+    tolerance : float
+        Largest force residual relative to the largest force.
+
+    Returns
+    -------
+    states, increments : ndarray, shape (s, n)
+        Displacements, m, and their changes on the way.
+    rigid : ndarray, shape (n, r)
+        Motions of bodies that friction and contact alone hold.
+
+    Raises
+    ------
+    ConvergenceError
+        If a level does not converge.
+    """
+    turns = [0.0]
+    for top in level.tolist():
+        turns += [top, -top, top]
+    shares = [np.linspace(a, b, IN_HALF + 1)[1:] for a, b in pairwise(turns)]
+    path = OpeningPath(system, tolerance)
+    states = path.follow(np.concatenate(shares)[:, np.newaxis] * force)
+    return states, np.diff(states, axis=0, prepend=0.0), path.to.outer(path.rigid.T).T

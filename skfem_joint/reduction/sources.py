@@ -14,7 +14,6 @@ import numpy as np
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction import basis as bases
 from skfem_joint.reduction import static_path
 from skfem_joint.reduction.basis import Basis, Options, basis_of
@@ -227,7 +226,7 @@ def stuck_basis(
     size = np.sqrt(np.maximum(np.einsum("ij,ij->i", slips, (system.K @ slips.T).T), 0.0))
     counting = size > _LEAST_SINGULAR * size.max()
     slips = slips[counting] / size[counting, np.newaxis]
-    proper = proper_decomposition(slips, shifted(system.K, system.M))
+    proper = proper_decomposition(slips, strain_norm(system))
     V = np.hstack([stuck, proper.modes[:, :modes]])
     slip_peak = system.slip_norm((system.B @ u.T).T).max(axis=0)
     velocity = 2.0 * np.pi * frequency * float(slip_peak.max())

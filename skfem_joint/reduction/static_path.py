@@ -109,7 +109,7 @@ class StaticPath:
     rigid : ndarray, shape (n, r)
         Rigid motions that friction alone holds, if it did not hold them on a path, or all points
         slipped there: the sliding of a body then takes part, and states of paths, which are held,
-        hardly show it.
+        hardly show it. With contact that opens always: a body also rocks on its contact.
     interface : ndarray, shape (n, k)
         Fixed-interface modes, in the order of their shares in the response.
     share : ndarray, shape (k,)
@@ -187,7 +187,7 @@ def slip_path(
     snapshots = [_first(system, path, loads, response)]
     slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
     every = system.w > 0.0
-    slides = bool(slipping[every].all())
+    slides = bool(slipping[every].all()) or system.opening is not None
     beside, interface, share = _beside(system, response, loads, path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
     rigid, energy = path.to.outer(path.rigid.T).T, strain_norm(system)
@@ -210,7 +210,7 @@ def slip_path(
     return StaticPath(
         snapshots=_scaled(snapshots),
         response=beside,
-        rigid=rigid if path.scaled_back or slides else rigid[:, :0],
+        rigid=rigid if slides or path.scaled_back else rigid[:, :0],
         interface=interface,
         share=share,
         slip_peak=slip_peak,

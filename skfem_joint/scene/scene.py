@@ -423,10 +423,6 @@ def _opening_problems(scene: Scene) -> Iterator[str]:
     if not scene.opens:
         return
     asked = {
-        "time.quasi_static with models.run = 'reduced'": (
-            scene.time.quasi_static and "reduced" in scene.models.run,
-            "run 'condensed' in its place",
-        ),
         "reduction.range": (scene.reduction.range is not None, "leave it out"),
         "accuracy": (
             scene.accuracy.is_given,

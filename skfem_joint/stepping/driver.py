@@ -185,6 +185,7 @@ class Driver:
             state.u,
             state.v,
             state.sigma,
+            self.stepper.limits_now,
             steps=self.done,
             wall_s=self.elapsed,
             preparation_s=self.preparation,

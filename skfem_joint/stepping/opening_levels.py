@@ -8,6 +8,10 @@ with the friction limits w of the normal forces at its end, see
 :mod:`skfem_joint.minimise.opening_newton`. Where bodies are held by friction or contact alone K is
 singular; a little of the mass is added to it, and each level is repeated until the added mass
 carries nothing.
+
+A reduced model has fewer unknowns than slips, of which each cannot stick by itself. Its friction is
+w sigma(B d) with a law so steep that sticking points creep by a share `CREEP` of the largest slip
+of any increment before; contact is elastic there, see :mod:`skfem_joint.minimise.opening_dense`.
 """
 
 from __future__ import annotations
@@ -21,7 +25,9 @@ from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.minimise.opening_dense import OpeningDense
 from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
+from skfem_joint.minimise.opening_springs import OpeningOnSprings
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.minimise.touching import Touching
 from skfem_joint.modes import is_singular
@@ -38,6 +44,13 @@ CARRIED = 1e-9
 FLIES, LEFT = 1e-3, 1e-3
 #: Most that an increment is guessed longer than the one before.
 LONGER = 2.0
+#: Slip of a sticking point in an increment of a reduced model, over the largest slip of any.
+CREEP = 1e-6
+#: Slips below this share of the one that the law was made for ask for a steeper law, at most so
+#: often.
+SMALLER, STEEPER = 0.1, 10
+#: Work of friction over that of the change of the loads below which the law is steep enough.
+IDLE = 1e-8
 NOT_HELD = "friction and contact do not hold the loads: the structure slides or lifts off"
 
 
@@ -88,13 +101,18 @@ class OpeningLevels:
             least = shifts.SETTINGS.least * inner.mean_square_frequency
             M = as_dense(inner.M) if inner.is_dense else as_compressed(inner.M)
             self.added = least * M
-        self.problem = OpeningNewton(
-            K if self.added is None else K + self.added,
-            ContactPoints.of(inner),
-            self.contact.N,
-            self.contact.gain,
-            self.contact.stiffness,
-        )
+        self.H = K if self.added is None else K + self.added
+        self.few = isinstance(self.contact.N, np.ndarray)
+        contact = self.contact.N, self.contact.gain, self.contact.stiffness
+        given = self.H, ContactPoints.of(inner), *contact
+        self.springs = inner.on_rows(inner.spring_constants)
+        self.problem: OpeningDense | OpeningNewton | OpeningOnSprings
+        if inner.has_springs:
+            self.problem = OpeningOnSprings(*given, self.springs)
+        else:
+            self.problem = (OpeningDense if self.few else OpeningNewton)(*given)
+        self.largest_slip = 0.0
+        self._friction = np.zeros(self.springs.size)
         self.constant = inner.w - self.contact.limits_at_rest
         self.touching = Touching(self.contact.force > 0.0)
         self.kept = Kept(np.zeros(inner.n), 0.0)
@@ -105,6 +123,11 @@ class OpeningLevels:
         """See `LevelSolver`."""
         return self._counts
 
+    @property
+    def creep(self) -> float:
+        """Slip of a sticking point in an increment up to now, m; none but of few unknowns."""
+        return CREEP * self.largest_slip
+
     def rest(self) -> Level:
         """See `LevelSolver`."""
         inner = self.to.system
@@ -114,19 +137,51 @@ class OpeningLevels:
     def next(self, last: Level, force: FloatArray) -> Level:
         """See `LevelSolver`."""
         change = self._change(last, force)
-        found, u = self._increment(last.u, force, self.kept.start(change))
+        self._friction = last.friction
+        found, u = self._first_increment(last.u, force, change)
         first = u - last.u
         for _ in range(REPEATED):
             if self.added is None or self._carried(found, force) <= CARRIED:
                 break
+            self._friction = self._friction_of(found)
             found, u = self._increment(u, force, np.zeros_like(u))
         else:
             if self.added is not None:
                 raise NoLevelError(NOT_HELD, beyond=True)
         self.kept = Kept(first, float(change @ first))
-        friction = found.sigma * self.to.system.on_rows(found.w)
+        friction = self._friction_of(found)
         slip = np.asarray(self.to.system.B @ u)
         return Level(u, friction, slip, found.w, found.p)
+
+    def _first_increment(
+        self, u: FloatArray, force: FloatArray, change: FloatArray
+    ) -> tuple[OpeningMinimum, FloatArray]:
+        """Increment from ``u``, guessed by that before; of few unknowns with a law steep enough."""
+        start = self.kept.start(change)
+        if not self.few:
+            return self._increment(u, force, start)
+        unknown = not self.largest_slip
+        if unknown:  # that without friction is no less
+            held = self.H + as_dense(self.contact.springs)
+            self.largest_slip = self._slip(np.linalg.solve(held, change)) or 1.0
+        for _ in range(STEEPER):
+            found, after = self._increment(u, force, start)
+            slip = self._slip(found.v)
+            idle = found.w.sum() * slip <= IDLE * abs(float(change @ found.v))
+            if not unknown or idle or slip >= SMALLER * self.largest_slip:
+                break
+            self.largest_slip *= SMALLER
+            start = found.v
+        self.largest_slip = max(self.largest_slip, slip)
+        return found, after
+
+    def _friction_of(self, found: OpeningMinimum) -> FloatArray:
+        return np.asarray(found.sigma * self.to.system.on_rows(found.w))
+
+    def _slip(self, d: FloatArray) -> float:
+        """Largest slip of a point in an increment (n,), m."""
+        inner = self.to.system
+        return float(inner.slip_norm(np.asarray(inner.B @ d)).max(initial=0.0))
 
     def _change(self, last: Level, force: FloatArray) -> FloatArray:
         """Change of the forces from a level to ``force``, (n,), N: what does not balance yet."""
@@ -143,9 +198,13 @@ class OpeningLevels:
         soft = ~contact.rigid
         bound[soft] -= contact.force[soft] / contact.stiffness[soft]
         right = force + contact.N.T @ contact.force - self.K @ u
+        steepness = 1.0 / self.creep if self.few else np.inf
+        held = {}
+        if self.to.system.has_springs:
+            held["held"] = np.where(self.springs > 0.0, self._friction, 0.0)
         found = self.problem.minimise(
             right, bound, self.constant, 1.0, start, self.tolerance,
-            np.full(self.constant.size, np.inf), self.touching,
+            np.full(self.constant.size, steepness), self.touching, **held,
         )  # fmt: skip
         for name, count in found.counts.items():
             self._counts[name] = self._counts.get(name, 0) + count

@@ -21,6 +21,7 @@ m. Friction limits at the end of a step come from m extrapolated there by half a
 are of second order.
 
 Points with a stiffness carry an elastic force at the end of each step, as the structure does.
+Springs in series with friction keep their force from step to step, which sigma times the limit is.
 """
 
 from __future__ import annotations
@@ -35,6 +36,8 @@ from skfem_joint.arrays import FloatArray, as_dense, check_like
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.opening_dense import OpeningDense
 from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
+from skfem_joint.minimise.opening_springs import OpeningOnSprings
+from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.minimise.touching import Touching
 from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.schemes import Coefficients, State
@@ -84,22 +87,32 @@ class OpeningStepper(PythonStepper):
         self.normal = NormalState(*np.repeat(contact.force[None], 3, axis=0))
         self.limits = np.array(self.system.w)
         self.constant = self.system.w - contact.limits_at_rest
-        self._at_rest: OpeningNewton | OpeningDense | None = None
+        self._at_rest: OpeningNewton | OpeningDense | OpeningOnSprings | None = None
         self.touching = Touching(contact.force > 0.0)
 
     def new_problem(self, c: Coefficients) -> Any:
         """See `Stepper`."""
         s = self.system
-        stiffness = self.contact.stiffness * c.c_K
-        return self._problem(c.c_M * s.M + s.C + c.c_K * s.K, stiffness)
+        H, springs = c.c_M * s.M + s.C + c.c_K * s.K, c.c_K * s.spring_constants
+        return self._problem(H, self.contact.stiffness * c.c_K, self.of_step(c), springs)
 
-    def _problem(self, H: Any, stiffness: FloatArray) -> OpeningNewton | OpeningDense:
-        dense = isinstance(H, np.ndarray)
+    def _problem(
+        self, H: Any, stiffness: FloatArray, points: ContactPoints, springs: FloatArray
+    ) -> OpeningNewton | OpeningDense | OpeningOnSprings:
+        """Problem of a matrix, with the stiffness of pressure points and of springs, (m,)."""
         contact = self.contact
         if isinstance(contact.N, np.ndarray):
-            return OpeningDense(H, self.points, contact.N, contact.gain, stiffness)
-        H = as_dense(H) if dense else as_compressed(H)
-        return OpeningNewton(H, self.points, contact.N, contact.gain, stiffness)
+            return OpeningDense(H, points, contact.N, contact.gain, stiffness)
+        H = as_dense(H) if isinstance(H, np.ndarray) else as_compressed(H)
+        given = H, points, contact.N, contact.gain, stiffness
+        if not self.system.has_springs:
+            return OpeningNewton(*given)
+        return OpeningOnSprings(*given, self.system.on_rows(springs))
+
+    @property
+    def limits_now(self) -> FloatArray:
+        """See `Stepper`."""
+        return self.limits
 
     def restart(self, amplitudes: FloatArray) -> bool:
         """Make acceleration and normal forces consistent with the loads now."""
@@ -110,18 +123,21 @@ class OpeningStepper(PythonStepper):
         right += contact.N.T @ (contact.force - contact.elastic_forces(u))
         sigma = np.zeros(slip.size)
         given = self.constant.copy()
-        free = moving | np.isfinite(s.beta)
+        free = moving | np.isfinite(s.beta) | s.sprung
         if free.any():
             from skfem_joint.minimise.law import force_vectors
 
             rubbing = s.on_rows(np.where(free & (self.limits > 0.0), 1.0, 0.0))
             sigma = np.asarray(force_vectors(slip, s.beta, s.directions)) * rubbing
+            sigma = np.where(s.on_rows(s.sprung), self.now.sigma, sigma)  # springs do not jump
             right = right - s.B.T @ (s.on_rows(self.limits) * sigma)
             given[free] = NEVER_RUBS
         closed = self.rigid & (self._gaps(u) <= 0.0) & (contact.N @ v >= 0.0)
         if self._at_rest is None:
             soft = np.where(self.rigid, np.inf, 1e-300)
-            self._at_rest = self._problem(s.M, soft)
+            # Sliders without friction follow: their springs, of whatever stiffness, are forceless.
+            springs = np.where(s.sprung, float(s.M.diagonal().mean()), 0.0)
+            self._at_rest = self._problem(s.M, soft, self.points, springs)
         bound = np.where(closed, 0.0, np.inf)
         minimum = self._at_rest.minimise(right, bound, given, 1.0, None, self.tolerance)
         if not minimum.converged:
@@ -181,7 +197,7 @@ class OpeningStepper(PythonStepper):
     def _step(self, c: Coefficients, amplitudes: FloatArray) -> OpeningMinimum | None:
         """Do one step; None, and nothing changed, if it does not converge."""
         s, contact = self.system, self.contact
-        problem = cast("OpeningNewton | OpeningDense", self.problem(c))
+        problem = cast("OpeningNewton | OpeningDense | OpeningOnSprings", self.problem(c))
         u, v, a, d, _ = self.now
         predictor = u + c.u_v * v + c.u_a * a
         right = self.recorder.vectors @ amplitudes - s.K @ predictor
@@ -193,9 +209,10 @@ class OpeningStepper(PythonStepper):
         bound = self._bounds(c, predictor, u)
         extrapolated = np.where(self.rigid, 1.5 * share, 1.0)
         given = self.constant - contact.gain @ np.where(self.rigid, 0.5 * self.normal.mean, 0.0)
+        held = {"held": self._held(predictor - u)} if s.has_springs else {}
         minimum = problem.minimise(
             right, bound, given, extrapolated, 2.0 * v - self.v_before, self.tolerance,
-            touching=self.touching,
+            touching=self.touching, **held,
         )  # fmt: skip
         self._count(minimum)  # type: ignore[arg-type]
         if not minimum.converged:
@@ -212,6 +229,13 @@ class OpeningStepper(PythonStepper):
         d_new = c.d_a * a_new + c.d_a0 * a + c.d_d0 * d
         self.now = State(predictor + c.c_K * v_new, v_new, a_new, d_new, minimum.sigma)
         return minimum
+
+    def _held(self, known: FloatArray) -> FloatArray:
+        """Forces of springs, (rows,), N, after a known displacement (n,), if no slider slips."""
+        s = self.system
+        springs = s.on_rows(s.spring_constants)
+        before = np.where(springs > 0.0, s.on_rows(self.limits) * self.now.sigma, 0.0)
+        return np.asarray(before + springs * (s.B @ known))
 
     def _mean_of_step(self, c: Coefficients) -> tuple[float, FloatArray]:
         """Share of the end's force in the mean force over a step, and what earlier forces give."""

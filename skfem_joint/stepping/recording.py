@@ -574,16 +574,18 @@ class Recorder:
         if self._rubs:
             rows, points = self.order
             slip_change = system.B @ change
-            if system.has_springs:  # the slider slips by what its spring leaves
-                slip_change -= system.spring_stretch * (new.sigma - old.sigma)
-            work, slip_change = self.friction_work[points], slip_change[rows]
+            work = self.friction_work[points]
             size, before, after = self._limits, old.sigma, new.sigma
+            soft = system.spring_stretch
             if limits is not None:  # forces in place of shares of a constant limit
                 before, after = (
                     sigma * system.on_rows(w)
                     for sigma, w in zip((before, after), limits, strict=True)
                 )
-                size = np.ones_like(size)
+                size, soft = np.ones_like(size), system.spring_flexibility
+            if system.has_springs:  # the slider slips by what its spring leaves
+                slip_change -= soft * (after - before)
+            slip_change = slip_change[rows]
             energy.add_friction_work(size, before[rows], after[rows], slip_change, work)
             self.friction_work[points] = work
         self.observe(new.u)
@@ -664,12 +666,16 @@ class Recorder:
         u: FloatArray,
         v: FloatArray,
         sigma: FloatArray,
+        limits: FloatArray | None = None,
         *,
         steps: int,
         counts: Mapping[str, int],
         **others: Any,
     ) -> Run:
-        """Run of the steps so far; ``counts`` are of the stepper, ``others`` further fields."""
+        """Run of the steps so far; ``counts`` are of the stepper, ``others`` further fields.
+
+        ``limits``, (m,), N, are the friction limits now, those at rest if not given.
+        """
         every, fields_every = self.save.strides
         times = self.h * every * np.arange(self.rows, dtype=np.float64)
         return Run(
@@ -686,7 +692,7 @@ class Recorder:
             normal_force_peak=self.normal_force_peak,
             normal_force_least=self.normal_force_least,
             friction_work=self.friction_work,
-            stored_energy=(start_energy, self.system.stored_energy(u, v, sigma)),
+            stored_energy=(start_energy, self.system.stored_energy(u, v, sigma, limits)),
             cycles=self._cycles(),
             peak=np.maximum(self.run_peak, self.peak),
             slip_peak=self.slip_peak,

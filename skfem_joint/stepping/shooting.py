@@ -295,7 +295,9 @@ def steady_run(
         driver.recorder.end_cycle()
     driver.elapsed = time.perf_counter() - begin
     state = start.state
-    run = driver.finish(system.stored_energy(*state[:2], stepper.by_row(state.sigma)))
+    limits = start.beside[-system.w.size :] if shooting.opens and system.w.size else None
+    sigma = stepper.by_row(state.sigma)
+    run = driver.finish(system.stored_energy(*state[:2], sigma, limits))
     counters = replace(run.counters, steps=(periods + 1) * driver.n_steps)
     vibrates = Steady(
         periods=periods,

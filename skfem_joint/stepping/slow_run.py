@@ -294,6 +294,7 @@ class _SlowDriver:
             self.level.u,
             still,
             self._state(self.level).sigma,
+            self.level.limits,
             steps=self.done,
             wall_s=elapsed,
             preparation_s=self.preparation,

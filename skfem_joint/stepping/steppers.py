@@ -106,6 +106,11 @@ class Stepper(ABC):
         rest = *np.zeros((2, system.n)), np.zeros(system.B.shape[0])
         self.now = State(np.array(u), np.array(v), *rest)
 
+    @property
+    def limits_now(self) -> FloatArray | None:
+        """Friction limits now, (m,), N; None where they are those of the system."""
+        return None
+
     @abstractmethod
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do ``amplitudes.shape[1] - 1`` steps of ``h``; return how many converged.

@@ -104,11 +104,6 @@ def joint_value_problems(joint: Joint) -> Iterator[str]:
             f"{joint.label}: normal_force: found {joint.normal_force!r} beside contact = "
             "'unilateral', must be 'consistent'"
         )
-    if joint.opens and np.isfinite(joint.tangential_stiffness):
-        yield (
-            f"{joint.label}: tangential_stiffness: found {joint.tangential_stiffness:g} beside "
-            "contact = 'unilateral', which cannot be computed together yet; leave one of them out"
-        )
     if not joint.opens and (joint.gap > 0.0 or np.isfinite(joint.normal_stiffness)):
         yield (
             f"{joint.label}: found gap or normal_stiffness, which need contact = 'unilateral': "

@@ -7,8 +7,14 @@ import pytest
 from opening_blocks import block, loads
 
 import skfem_joint as sj
-from skfem_joint.analysis.history import difference, results
-from skfem_joint.reduction.elastic_contact import FACTOR, elastic, strain_norm
+from skfem_joint.analysis.history import QUANTITIES, difference, results
+from skfem_joint.reduction.elastic_contact import (
+    FACTOR,
+    HALVINGS,
+    OpeningPath,
+    elastic,
+    strain_norm,
+)
 
 TIMING = {"cycles": 1, "steps_per_cycle": 100}
 
@@ -39,6 +45,19 @@ def test_the_norm_has_the_energy_of_elastic_contact():
     pressed = 0.5 * contact.stiffness @ (contact.N @ u) ** 2
     whole = 0.5 * u @ (strain_norm(system) @ u)
     assert whole == pytest.approx(0.5 * u @ (system.K @ u) + pressed, rel=1e-6)
+
+
+def test_forces_beyond_what_is_held_are_followed_as_far_as_they_are():
+    """Lifted by twice what presses it, the block is left with up to 1/16 of its normal force."""
+    system = elastic(_system(elements=3))
+    contact, up = system.opening, system.load_vectors()[:, 0]  # a force of 1 N
+    pressed = contact.force.sum()
+    path = OpeningPath(system, 1e-9)
+    states = path.follow(np.array([[0.5], [2.0], [0.5]]) * up * pressed)
+    left = np.array([contact.elastic_forces(u).sum() for u in states]) / pressed
+    np.testing.assert_allclose(left[[0, 2]], 0.5, atol=1e-3)
+    assert 0.0 < left[1] <= 2.0 / 2**HALVINGS
+    assert path.scaled_back == 1
 
 
 def test_a_basis_of_all_unknowns_gives_the_run_of_the_full_model():
@@ -73,11 +92,43 @@ def test_errors_fall_with_modes_and_are_stated():
     assert errors[2] < 0.01
 
 
+def test_slow_cycles_agree_with_the_condensed_model_within_their_stated_errors():
+    """Coulomb's law of sticking points that creep by 1e-5 of the slips, without inertia."""
+    system = _system(elements=8)
+    slow = {"cycles": 2, "steps_per_cycle": 40}
+    whole = sj.quasi_static(sj.condense(system), **slow)
+    elastically = sj.quasi_static(elastic(system), **slow)
+    away = []
+    for modes in (4, 20):
+        run = sj.quasi_static(sj.reduce(system, modes=modes, quasi_static=True), **slow)
+        assert run.energy_residual < 1e-8
+        stated, true = sj.estimate(run), difference(results(whole), results(run))
+        for name in QUANTITIES:
+            if true[name] > 3e-3:  # both by the same steps
+                assert stated.of("basis", name) == pytest.approx(true[name], rel=0.2), name
+                assert 0.5 * true[name] < stated.of("total", name), name
+        away.append(difference(results(elastically), results(run))["friction_energy"])
+    assert away[0] > 3.0 * away[1]
+    assert away[1] < 0.01
+
+
+@pytest.mark.parametrize("lift", [1.0, 1.5])
+def test_a_slow_load_that_lifts_a_body_off_ends_the_run_of_a_reduced_model_too(lift):
+    """What presses the block is 200 kN; a slow load that lifts by more has no level."""
+    system = block(elements=4).system(loads(up=lift * 185e3, across=0.0))
+    small = sj.reduce(system, modes=6, quasi_static=True)
+    if lift == 1.0:
+        run = sj.quasi_static(small, cycles=1, steps_per_cycle=40, save=sj.Save(fields=True))
+        assert run.normal_force.sum(axis=1).min() == pytest.approx(15e3, rel=1e-3)
+        return
+    with pytest.raises(sj.ConvergenceError, match="there is no level at"):
+        sj.quasi_static(small, cycles=1, steps_per_cycle=40)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ({"friction_points": 5}, "all points are kept"),
-        ({"quasi_static": True}, "quasi_static: found a joint"),
         ({"range": {"slip": [0.1, 0.5], "frequency": [100.0, 200.0]}}, "range: found a joint"),
     ],
 )

@@ -20,9 +20,12 @@ class KilledError(Exception):
     """Ends a run as a kill would."""
 
 
-@pytest.mark.parametrize("model", ["full", "condensed"])
-def test_a_run_taken_up_again_is_the_same_to_the_bit(model, tmp_path):
-    system = block().system(loads(up=230e3))
+SPRUNG = {"tangential_stiffness": 2e13}
+
+
+@pytest.mark.parametrize(("model", "joint"), [("full", {}), ("condensed", {}), ("full", SPRUNG)])
+def test_a_run_taken_up_again_is_the_same_to_the_bit(model, joint, tmp_path):
+    system = block(**joint).system(loads(up=230e3))
     system = system if model == "full" else sj.condense(system)
     whole = sj.integrate(system, **TIMING)
     assert whole.opened.any()
@@ -146,3 +149,28 @@ def test_joints_without_pressure_at_rest_have_loops_and_slips():
     assert run.friction_work.sum() > 0.0
     assert run.joint_slip.max() > 0.0
     assert run.energy_residual < 1e-12
+
+
+@pytest.mark.parametrize("across", [{}, {"normal_stiffness": 1e14}])
+def test_springs_beside_contact_that_opens_are_alike_in_full_and_condensed_models(across):
+    full = block(elements=5, **SPRUNG, **across).system(loads())
+    condensed = sj.condense(full, 12)
+    runs = [sj.quasi_static(system, cycles=2, steps_per_cycle=40) for system in (full, condensed)]
+    assert runs[0].cycles.friction[-1] == pytest.approx(runs[1].cycles.friction[-1], rel=1e-6)
+    hammered = block(elements=5, **SPRUNG, **across).system(loads(up=230e3))
+    run = sj.integrate(hammered, cycles=2, steps_per_cycle=100)
+    assert run.opened.any()
+    assert run.energy_residual < 1e-9
+    with pytest.raises(InputError, match="springs in series with friction"):
+        sj.reduce(full)
+
+
+def test_stiffer_springs_tend_to_the_friction_of_rigid_surfaces():
+    """The difference of the work falls as the flexibility does."""
+    rigid, *springs = (
+        sj.quasi_static(block(**joint).system(loads()), cycles=2, steps_per_cycle=40)
+        for joint in ({}, {"tangential_stiffness": 1e15}, {"tangential_stiffness": 1e16})
+    )
+    works = [run.cycles.friction[-1] for run in springs]
+    apart = [abs(work / rigid.cycles.friction[-1] - 1.0) for work in works]
+    assert apart[1] < 0.2 * apart[0] < 0.02
