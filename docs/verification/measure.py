@@ -281,6 +281,8 @@ CLAIMS = {
     "contact-block": Claim(f"{BENCHMARKS}/contact.py block", 10, {"contact-block": printed}),
     "contact-wall": Claim(f"{BENCHMARKS}/contact.py wall", 10, {"contact-wall": printed}),
     "contact-alike": Claim(f"{BENCHMARKS}/contact.py alike", 30, {"contact-alike": printed}),
+    "contact-slider": Claim(f"{BENCHMARKS}/slider.py", 30, {"contact-slider": printed}),
+    "contact-washer": Claim(f"{BENCHMARKS}/washer.py", 20, {"contact-washer": printed}),
     "contact-loops": Claim(
         f"{BENCHMARKS}/contact.py loops", 900, {"contact-loops": printed}, timed=True
     ),

@@ -358,11 +358,13 @@ def guided_response(
     executor: Executor | None = None,
     progress: Progress = silent,
     rows: Rows | None = None,
+    finished: Callable[[int, Curve], None] | None = None,
 ) -> list[Curve]:
     """Steady vibration over frequency of a system beside which there may be a coarse model.
 
-    That corrects the searches, and the error of the step is found on it. The other arguments,
-    result and errors are those of `response`.
+    That corrects the searches, and the error of the step is found on it. ``finished`` is called
+    with the number of each level, and its curve, when that is there, while others may be searched
+    for. The other arguments, result and errors are those of `response`.
     """
     frequencies, levels = _checked(system, frequencies, levels, steps_per_cycle)
     by_model = estimated and system.serves is not None
@@ -388,7 +390,7 @@ def guided_response(
         )
         for number, level in enumerate(levels)
     ]
-    curves = _curves(searches, system, coarse, executor, tally, rows)
+    curves = _curves(searches, system, coarse, executor, tally, rows, finished)
     if not by_model:
         return curves
     return [_with_model_errors(c, system, steps_per_cycle, tally, rows) for c in curves]
@@ -478,6 +480,7 @@ def _curves(
     executor: Executor | None,
     tally: Tally,
     rows: Rows,
+    finished: Callable[[int, Curve], None] | None,
 ) -> list[Curve]:
     """Curves of all searches: one after another, or side by side with an executor.
 
@@ -501,18 +504,20 @@ def _curves(
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
+            if finished is not None:
+                finished(number, end.value)
 
     try:
         for number in range(len(searches)):
             advance(number, None)
         while running:
-            finished: dict[int, SteadyPoint] = {}
+            found: dict[int, SteadyPoint] = {}
             # What is finished is kept before anything that failed is raised.
             for future in sorted(wait(running, return_when=FIRST_COMPLETED).done, key=_failed):
                 number, mark, begin = running.pop(future)
-                finished[number] = rows.keep(mark, future.result(), time.perf_counter() - begin)
+                found[number] = rows.keep(mark, future.result(), time.perf_counter() - begin)
                 tally.add()
-            for number, point in finished.items():
+            for number, point in found.items():
                 advance(number, point)
     finally:
         for future in running:

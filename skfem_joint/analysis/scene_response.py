@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -189,9 +189,10 @@ def scene_response(
                 rows.total -= len(table.levels) * frequencies.size
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
-        curves = _curves(model, scene, table, frequencies, executor, progress, rows)
+        errors = _PeakErrors(model, scene, executor, rows)
+        curves = _curves(model, scene, table, frequencies, errors, progress, rows)
         wall, compiled = watch.read()
-        estimates, notes = _checked(model, scene, curves, executor, progress, rows)
+        estimates, notes = _checked(model, scene, curves, errors, progress)
         times = offline, wall + rows.earlier_s - earlier, compilation + compiled
         models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
     of_models = [note for model in models for note in model.notes]
@@ -275,11 +276,14 @@ def _curves(
     scene: Scene,
     table: ResponseTable,
     frequencies: FloatArray,
-    executor: Executor | None,
+    errors: _PeakErrors,
     progress: Progress,
     rows: Rows,
 ) -> list[Curve]:
-    """Curves of a model at the levels of a scene, rising, with the slip of all contact points."""
+    """Curves of a model at the levels of a scene, rising, with the slip of all contact points.
+
+    Their ``errors`` begin to be estimated while other curves are computed.
+    """
     levels, system = sorted(table.levels), scene.system()
     curves = guided_response(
         model.system,
@@ -288,9 +292,10 @@ def _curves(
         model.coarse,
         steps_per_cycle=scene.time.steps_per_cycle,
         estimated=scene.accuracy.estimate,
-        executor=executor,
+        executor=errors.executor,
         progress=partial(progress, f"{model.name} model"),
         rows=rows,
+        finished=lambda number, curve: errors.begin(levels[number], curve),
     )
     shares = model.system.shares
     if model.system.serves is not None and shares is not None:
@@ -318,12 +323,7 @@ def _curves(
 
 
 def _checked(
-    model: _Prepared,
-    scene: Scene,
-    curves: list[Curve],
-    executor: Executor | None,
-    progress: Progress,
-    rows: Rows,
+    model: _Prepared, scene: Scene, curves: list[Curve], errors: _PeakErrors, progress: Progress
 ) -> tuple[list[Estimate], list[str]]:
     """Errors at the peak of each curve, if they are asked for, and what to beware of."""
     estimates, notes = [], []
@@ -331,14 +331,16 @@ def _checked(
         notes += _frequencies_without(model.name, curve)
     if not scene.accuracy.estimate:
         return [], notes
-    found = _estimated(model, scene, curves, executor, progress, rows)
-    for curve, errors in zip(curves, found, strict=True):
-        if isinstance(errors, ConvergenceError):  # which does not cost the curve
+    for curve in curves:
+        parts: dict[str, Parts] = {}
+        try:
+            parts = errors.of(curve, progress)
+        except ConvergenceError as error:  # which does not cost the curve
             notes.append(
                 f"The errors of the {model.name} model at the peak of level {curve.level:g} are "
-                f"not estimated: {errors}"
+                f"not estimated: {error}"
             )
-        estimates.append(Estimate({} if isinstance(errors, ConvergenceError) else errors))
+        estimates.append(Estimate(parts))
         notes += step_error_notes(model.name, curve, scene.time.steps_per_cycle)
     return estimates, notes
 
@@ -354,38 +356,57 @@ def _frequencies_without(name: str, curve: Curve) -> list[str]:
     ]
 
 
-def _estimated(
-    model: _Prepared,
-    scene: Scene,
-    curves: list[Curve],
-    executor: Executor | None,
-    progress: Progress,
-    rows: Rows,
-) -> Iterator[dict[str, Parts] | ConvergenceError]:
-    """Errors at the peak of each curve, side by side with an executor, or why there are none."""
-    report = partial(progress, f"errors of the {model.name} model")
-    basis = model.basis
-    if basis is not None and executor is not None:
-        basis = replace(basis, stiffness=None)  # whose factors cannot go to another process
-    jobs: list[tuple[str, Callable[[], dict[str, Parts]]]] = []
-    for curve in curves:
-        frequency = curve.peak[0]
-        full = at_frequency(scene.system(), frequency, curve.level)
-        loaded = at_frequency(model.system, frequency, curve.level / model.level)
-        job = partial(_errors, full, loaded, basis, scene.time.steps_per_cycle, curve.start)
-        V = None if basis is None else basis.V
-        mark = rows.mark(
-            "errors", origin_of(scene), model.system, V, model.level, frequency, curve.level
+class _PeakErrors:
+    """Estimated errors of a model at the peaks of its curves; with an executor side by side.
+
+    Parameters
+    ----------
+    model : _Prepared
+    scene : Scene
+    executor : concurrent.futures.Executor or None
+    rows : Rows
+        Where estimates are kept, and taken up again.
+    """
+
+    def __init__(
+        self, model: _Prepared, scene: Scene, executor: Executor | None, rows: Rows
+    ) -> None:
+        self.model, self.scene, self.executor, self.rows = model, scene, executor, rows
+        basis = model.basis
+        if basis is not None and executor is not None:
+            basis = replace(basis, stiffness=None)  # whose factors cannot go to another process
+        self.basis, self.begun = basis, dict[str, Future[dict[str, Parts]]]()
+
+    def begin(self, level: float, curve: Curve) -> None:
+        """Begin with a curve at a level of the scene, where there is an executor."""
+        if self.executor is None or not self.scene.accuracy.estimate:
+            return
+        mark, job = self._job(level, curve)
+        if mark not in self.rows:
+            self.begun[mark] = self.executor.submit(job)
+
+    def of(self, curve: Curve, progress: Progress) -> dict[str, Parts]:
+        """Errors at the peak of a curve, at a level of the scene, by source and quantity.
+
+        ConvergenceError if a run of the estimate does not converge.
+        """
+        mark, job = self._job(curve.level, curve)
+        if (begun := self.begun.get(mark)) is not None:
+            return self.rows.row(mark, begun.result)
+        report = partial(progress, f"errors of the {self.model.name} model")
+        return self.rows.row(mark, partial(job, report))
+
+    def _job(self, level: float, curve: Curve) -> tuple[str, Callable[..., dict[str, Parts]]]:
+        """Name of a row, and what computes it."""
+        model, scene, frequency = self.model, self.scene, curve.peak[0]
+        full = at_frequency(scene.system(), frequency, level)
+        loaded = at_frequency(model.system, frequency, level / model.level)
+        V = None if self.basis is None else self.basis.V
+        mark = self.rows.mark(
+            "errors", origin_of(scene), model.system, V, model.level, frequency, level
         )
-        if executor is None or mark in rows:
-            jobs.append((mark, partial(job, report)))
-        else:
-            jobs.append((mark, executor.submit(job).result))
-    for mark, errors in jobs:
-        try:
-            yield rows.row(mark, errors)
-        except ConvergenceError as error:
-            yield error
+        steps = scene.time.steps_per_cycle
+        return mark, partial(_errors, full, loaded, self.basis, steps, curve.start)
 
 
 def _errors(

@@ -245,10 +245,12 @@ class BlockFactors:
 
     def _solver(self, values: FloatArray, among: BoolArray | None) -> Any:
         if isinstance(self.A, np.ndarray):
-            T = self.A.copy() if among is None else self.A[np.ix_(among, among)]
             place, moves = np.arange(len(self.A)), np.ones(self.rows.size, dtype=bool)
+            T = self.A.copy()
             if among is not None:
                 place, moves = np.cumsum(among) - 1, among[self.rows]
+                free = np.flatnonzero(among)
+                T = self.A.take(free, axis=0).take(free, axis=1)
             T[place[self.rows[moves]], place[self.columns[moves]]] += values[moves]
             return factorised(T)
         entries, n = self.A.tocoo(copy=False), self.A.shape[0]
