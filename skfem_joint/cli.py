@@ -415,7 +415,7 @@ def _response(options: argparse.Namespace) -> int:
         with _progress(options) as progress, _executor(options) as executor:
             # The backbones first: they take seconds, and a wrong mode ends the command at once.
             curves = given_backbones(scene, progress, rows)
-            response = scene_response(scene, executor, progress, rows)
+            response = scene_response(scene, executor, progress, rows, options.workers)
         notes = [*notes, *(note for curve in curves for note in curve.warnings)]
         response = replace(response, warnings=(*response.warnings, *notes))
         files = damping.write_response(options.out, response, curves)

@@ -359,12 +359,14 @@ def guided_response(
     progress: Progress = silent,
     rows: Rows | None = None,
     finished: Callable[[int, Curve], None] | None = None,
+    workers: int | None = None,
 ) -> list[Curve]:
     """Steady vibration over frequency of a system beside which there may be a coarse model.
 
     That corrects the searches, and the error of the step is found on it. ``finished`` is called
     with the number of each level, and its curve, when that is there, while others may be searched
-    for. The other arguments, result and errors are those of `response`.
+    for; ``workers`` is how many the executor has, if that is known. The other arguments, result and
+    errors are those of `response`.
     """
     frequencies, levels = _checked(system, frequencies, levels, steps_per_cycle)
     by_model = estimated and system.serves is not None
@@ -390,7 +392,7 @@ def guided_response(
         )
         for number, level in enumerate(levels)
     ]
-    curves = _curves(searches, system, coarse, executor, tally, rows, finished)
+    curves = _curves(searches, system, coarse, executor, tally, rows, finished, workers)
     if not by_model:
         return curves
     return [_with_model_errors(c, system, steps_per_cycle, tally, rows) for c in curves]
@@ -481,24 +483,26 @@ def _curves(
     tally: Tally,
     rows: Rows,
     finished: Callable[[int, Curve], None] | None,
+    workers: int | None,
 ) -> list[Curve]:
     """Curves of all searches: one after another, or side by side with an executor.
 
-    Each steady vibration is a row, named by all that it depends on.
+    Each steady vibration is a row, named by all that it depends on. Levels rise, and high ones take
+    longest: theirs go first where there are fewer workers than levels.
     """
     origin = rows.mark("steady point", system, coarse)
     curves: dict[int, Curve] = {}
+    waiting: dict[int, tuple[str, _Request]] = {}
     running: dict[Future[SteadyPoint], tuple[int, str, float]] = {}
 
     def advance(number: int, point: SteadyPoint | None) -> None:
-        """Answer the requests of a search up to its end, or to one that goes to the executor."""
+        """Answer the requests of a search up to its end, or to one that waits for the executor."""
         try:
             while True:
                 request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
                 mark = rows.mark(origin, request)
                 if executor is not None and mark not in rows:
-                    future = executor.submit(request.compute, system, coarse, silent)
-                    running[future] = number, mark, time.perf_counter()
+                    waiting[number] = mark, request
                     return
                 point = rows.row(mark, partial(request.compute, system, coarse, tally.within))
                 tally.add()
@@ -510,7 +514,12 @@ def _curves(
     try:
         for number in range(len(searches)):
             advance(number, None)
-        while running:
+        while executor is not None and (waiting or running):
+            while waiting and len(running) < (workers or len(searches)):
+                number = max(waiting)
+                mark, request = waiting.pop(number)
+                future = executor.submit(request.compute, system, coarse, silent)
+                running[future] = number, mark, time.perf_counter()
             found: dict[int, SteadyPoint] = {}
             # What is finished is kept before anything that failed is raised.
             for future in sorted(wait(running, return_when=FIRST_COMPLETED).done, key=_failed):

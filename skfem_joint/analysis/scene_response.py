@@ -135,6 +135,7 @@ def scene_response(
     executor: Executor | None = None,
     progress: Progress = silent,
     rows: Rows | None = None,
+    workers: int | None = None,
 ) -> SceneResponse:
     """Response of each model of a scene with a table ``[response]``, at its levels.
 
@@ -150,6 +151,8 @@ def scene_response(
         Called with (what is done, how much, of how much).
     rows : Rows, optional
         Made for `RESPONSE_ROWS`; where finished work is kept, and taken up again.
+    workers : int, optional
+        How many the executor has: levels that take longest go first where they are fewer.
 
     Raises
     ------
@@ -189,7 +192,7 @@ def scene_response(
                 rows.total -= len(table.levels) * frequencies.size
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
-        errors = _PeakErrors(model, scene, executor, rows)
+        errors = _PeakErrors(model, scene, executor, workers, rows)
         curves = _curves(model, scene, table, frequencies, errors, progress, rows)
         wall, compiled = watch.read()
         estimates, notes = _checked(model, scene, curves, errors, progress)
@@ -296,6 +299,7 @@ def _curves(
         progress=partial(progress, f"{model.name} model"),
         rows=rows,
         finished=lambda number, curve: errors.begin(levels[number], curve),
+        workers=errors.workers,
     )
     shares = model.system.shares
     if model.system.serves is not None and shares is not None:
@@ -364,14 +368,22 @@ class _PeakErrors:
     model : _Prepared
     scene : Scene
     executor : concurrent.futures.Executor or None
+    workers : int or None
+        How many it has, if that is known.
     rows : Rows
         Where estimates are kept, and taken up again.
     """
 
     def __init__(
-        self, model: _Prepared, scene: Scene, executor: Executor | None, rows: Rows
+        self,
+        model: _Prepared,
+        scene: Scene,
+        executor: Executor | None,
+        workers: int | None,
+        rows: Rows,
     ) -> None:
-        self.model, self.scene, self.executor, self.rows = model, scene, executor, rows
+        self.model, self.scene, self.rows = model, scene, rows
+        self.executor, self.workers = executor, workers
         basis = model.basis
         if basis is not None and executor is not None:
             basis = replace(basis, stiffness=None)  # whose factors cannot go to another process

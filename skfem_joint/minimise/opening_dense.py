@@ -27,6 +27,7 @@ from scipy import linalg, sparse
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.minimise import law
+from skfem_joint.minimise.opening_loops import Limits, Rows, rows_of_tangent
 from skfem_joint.minimise.opening_newton import OpeningMinimum, Renewal
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.minimise.touching import Touching
@@ -133,17 +134,18 @@ class OpeningDense:
         self.B, self.N = np.ascontiguousarray(as_dense(points.B)), np.ascontiguousarray(as_dense(N))
         self.gain, self.stiffness = sparse.csr_array(gain), stiffness
         self.first, directions = points.first_row[:-1], points.directions
-        self.point = np.repeat(np.arange(directions.size), directions)
+        point = np.repeat(np.arange(directions.size), directions)
         # The other row of each row's point; of points with one row, that row itself.
-        other = 2 * np.repeat(self.first, directions) + 1 - np.arange(self.point.size)
+        other = 2 * np.repeat(self.first, directions) + 1 - np.arange(point.size)
         self.paired = np.repeat(directions == 2, directions)
-        self.other = np.where(self.paired, other, np.arange(other.size))
-        self.beside = self.B[self.other]
+        other = np.where(self.paired, other, np.arange(other.size))
+        self.rows = Rows(self.B, point, other, self.N, np.array(stiffness, dtype=float))
+        self.left, self.right = np.empty((2, len(self.B) + len(self.N), len(self.H)))
         self.factorizations = 1
 
     def norms(self, rows: FloatArray) -> FloatArray:
         """Norms, (m,), of vectors given by rows."""
-        other = np.where(self.paired, rows[self.other], 0.0)
+        other = np.where(self.paired, rows[self.rows.other], 0.0)
         return np.asarray(np.hypot(rows, other)[self.first])
 
     def minimise(
@@ -192,6 +194,9 @@ class _Search:
                 "for each slip, which a reduced model has not; use System.no_steeper"
             )
         self.beta = np.where(np.isfinite(beta), beta, 0.0)
+        G = self.gain
+        self.limits = Limits(given, G.indptr, G.indices, G.data)
+        self.constant = Limits(given, np.zeros_like(G.indptr), G.indices, G.data)
         self.on_rows = problem.points.on_rows
         self.counts = {
             "newton_iterations": 0,
@@ -337,20 +342,13 @@ class _Search:
         predicted = self.on_rows(w) * s.sigma
         if self.predicted is not None:  # by other limits, maybe: then J would not be definite
             predicted = self._cut(self.predicted, w)
-        share, other = share[problem.point], problem.other
-        own = across[problem.point] + share * s.slip * predicted
+        share, other = share[problem.rows.point], problem.rows.other
+        own = across[problem.rows.point] + share * s.slip * predicted
         beside = 0.5 * share * (s.slip * predicted[other] + s.slip[other] * predicted)
         beside *= problem.paired
-        pressed = np.flatnonzero(s.over > 0.0)
-        N = problem.N[pressed]
-        forces = problem.stiffness[pressed, np.newaxis] * N
-        changes = own[:, np.newaxis] * problem.B
-        changes += beside[:, np.newaxis] * problem.beside
-        if coupled:
-            of_limits = self.gain[:, pressed] @ forces
-            of_limits[w <= 0.0] = 0.0
-            changes += s.sigma[:, np.newaxis] * of_limits[problem.point]
-        return problem.H + problem.B.T @ changes + N.T @ forces, (own, beside)
+        limits, left, right = self.limits if coupled else self.constant, problem.left, problem.right
+        count = rows_of_tangent(problem.rows, limits, own, beside, s.sigma, w, s.over, left, right)
+        return problem.H + left[:count].T @ right[:count], (own, beside)
 
     def _predict(
         self,
@@ -362,7 +360,9 @@ class _Search:
         """Friction after a step by its tangent, limited to what friction can be."""
         own, beside = tangent
         moved = after.slip - s.slip
-        force = self.on_rows(limits) * s.sigma + own * moved + beside * moved[self.problem.other]
+        force = (
+            self.on_rows(limits) * s.sigma + own * moved + beside * moved[self.problem.rows.other]
+        )
         self.predicted = self._cut(force, limits)
 
     def _cut(self, force: FloatArray, limits: FloatArray) -> FloatArray:

@@ -579,11 +579,13 @@ class _Search:
         of_rigid = weights
         if not rigid.all():
             of_rigid = sparse.csr_array(weights @ sparse.diags_array(rigid.astype(float)))
-        J[rows] -= of_rigid @ self.A[t:].take(free, axis=1)
+        pressing = np.unique(of_rigid.indices)
+        of_rigid, of_pressing = of_rigid[:, pressing], self.A.take(t + pressing, axis=0)
+        J[rows] -= of_rigid @ of_pressing.take(free, axis=1)
         moved = np.flatnonzero(target)
         right = right.copy()
         if moved.size:
-            right[rows] += of_rigid @ (self.A[t:].take(moved, axis=1) @ target[moved])
+            right[rows] += of_rigid @ (of_pressing.take(moved, axis=1) @ target[moved])
         if not rigid.all():
             stiffness = np.where(rigid, 0.0, problem.stiffness)
             of_soft = (weights @ sparse.diags_array(stiffness)).toarray()

@@ -198,27 +198,38 @@ class Part:
         rubs = np.isin(whole.row_point, self.frictions)
         self.unknowns = np.flatnonzero(np.concatenate([rubs, kept]))
         self.eliminated = np.setdiff1d(np.arange(len(whole.A)), self.unknowns)
-        A, k, e = whole.A, self.unknowns, self.eliminated
-        self.factor = linalg.cho_factor(A[np.ix_(e, e)], overwrite_a=True, check_finite=False)
-        self.coupling = A[np.ix_(e, k)]
-        self.response = linalg.cho_solve(self.factor, self.coupling, check_finite=False)
-        S = A[np.ix_(k, k)] - self.coupling.T @ self.response
+        A, k = whole.A, self.unknowns
+        of_eliminated = A.take(self.eliminated, axis=0)
+        # Lower factor L of A_ee, and L^-1 A_ek. The transposes are arrays as LAPACK wants them.
+        self.L = linalg.cholesky(
+            of_eliminated.take(self.eliminated, axis=1).T, lower=True, overwrite_a=True,
+            check_finite=False,
+        )  # fmt: skip
+        self.coupling = self._solved(of_eliminated.take(k, axis=1))
+        S = A.take(k, axis=0).take(k, axis=1) - self.coupling.T @ self.coupling
         self.problem = DenseContact.of(
-            np.ascontiguousarray(0.5 * (S + S.T)),
+            S,
             1 + (whole.second >= 0)[self.frictions],
             whole.beta[self.frictions],
             sparse.csr_array(whole.gain[self.frictions][:, self.pressures]),
             whole.stiffness[self.pressures],
         )
 
+    def _solved(self, right: FloatArray, transposed: bool = False) -> FloatArray:
+        """Solution of L x = right, or with the transpose of L."""
+        trans = 1 if transposed else 0
+        return np.asarray(
+            linalg.solve_triangular(self.L, right, lower=True, trans=trans, check_finite=False)
+        )
+
     def restrict(self, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Right side of the kept unknowns, and the response of the others while these rest."""
-        apart = linalg.cho_solve(self.factor, right[self.eliminated], check_finite=False)
+        """Right side of the kept unknowns, and what `extend` needs of the others."""
+        apart = self._solved(right[self.eliminated])
         return right[self.unknowns] - self.coupling.T @ apart, apart
 
     def extend(self, z: FloatArray, apart: FloatArray) -> FloatArray:
         """All unknowns from the kept ones and what `restrict` gave of the others."""
         whole = np.empty(z.size + apart.size)
         whole[self.unknowns] = z
-        whole[self.eliminated] = apart - self.response @ z
+        whole[self.eliminated] = self._solved(apart - self.coupling @ z, transposed=True)
         return whole
