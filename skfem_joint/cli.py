@@ -430,7 +430,7 @@ def _error_time(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    scene.check_vibrates(options.name)
+    scene.check_vibrates(options.name, opens=True)
     if not comparison.threads_pinned(os.environ):
         # numpy reads the number of threads when it starts: another process is needed.
         again = [sys.executable, SAFE_PATH, "-m", "skfem_joint", *options.given]

@@ -31,8 +31,8 @@ def constant_contact_alone(what: str, cure: str) -> str:
     return (
         f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
         f"with contact that opens there are full, condensed and reduced models over given cycles "
-        f"or a duration, or until = 'steady', slow cycles and backbones of them, and responses and "
-        f"ring-downs of the first two; {cure}"
+        f"or a duration, or until = 'steady', slow cycles, backbones and ring-downs of them, and "
+        f"responses of the first two; {cure}"
     )
 
 

@@ -3,21 +3,22 @@
 The reduced model is refined where its estimated error comes from, until the estimate is below what
 is asked for: by the modes that it misses, more friction points, a steeper law, half the time step.
 The full model is run with the step that the reduced one needs, and again with a shorter one if its
-own estimate says so.
+own estimate says so. With contact that opens the modes that a reduced model misses are not known:
+it is made anew with twice as many; full and condensed models find their steps by themselves.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, log2
 from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis import estimate, step_estimate
+from skfem_joint.analysis import estimate, opening_estimate, step_estimate
 from skfem_joint.analysis.condensed_reference import CondensedReference
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
@@ -26,6 +27,7 @@ from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis, reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import AccuracyTable
+from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
@@ -139,14 +141,21 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     watch = Stopwatch()
     structure, system, given = scene.structure(), scene.system(), scene
     scene = resolved(scene, system)
-    basis_for = partial(basis_of_scene, scene, structure, system, options_of(scene), path)
+    options, opens = options_of(scene), system.opening is not None
+
+    def basis_for(modes: int | None = None, enriched: bool = False) -> Basis:
+        chosen = options if modes is None else replace(options, modes=modes)
+        return basis_of_scene(scene, structure, system, chosen, path, enriched=enriched)
+
     if "reduced" not in given.models.run:
-        if system.contact_points and given.reduction.reference != "self":
+        if not opens and system.contact_points and given.reduction.reference != "self":
             with suppress(InputError):  # no reduced model: the full one's own estimate decides
                 scene = with_steps_of(scene, basis_for())
         return Choice(scene)
     basis = basis_for(enriched=True)
-    accurate = accurate_model(scene, basis, partial(progress, "choosing a reduced model"))
+    accurate = accurate_model(
+        scene, basis, partial(progress, "choosing a reduced model"), basis_for
+    )
     # What a basis misses before it is enriched is of no concern.
     notes = basis.notes if accurate.basis is basis else ()
     said = (
@@ -207,10 +216,16 @@ def with_steps_of(scene: Scene, basis: Basis) -> Scene:
     return scene
 
 
-def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> AccurateModel:
+def accurate_model(
+    scene: Scene,
+    basis: Basis,
+    report: Progress = silent,
+    remade: Callable[[int], Basis] | None = None,
+) -> AccurateModel:
     """Refine a reduced model until its estimated errors are below what the scene asks for.
 
-    It starts with ``basis``; ``report`` is called with (rounds done, most rounds).
+    It starts with ``basis``; ``report`` is called with (rounds done, most rounds). ``remade`` makes
+    a basis of some number of joint modes anew, where it is not known which ones are missing.
 
     Raises
     ------
@@ -219,14 +234,14 @@ def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> Acc
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
-    reference = CondensedReference.of(system, shared=True)
+    reference = None if system.opening is not None else CondensedReference.of(system, shared=True)
     errors: list[float] = []
     for done in range(SETTINGS.rounds):
         report(done, SETTINGS.rounds)
         own: dict[str, Any] = {"friction_points": points, "beta": beta}
         reduced = reduced_system(system, basis, **own, periodic=scene.periodic)
         step, plan = scene.time_step, plan_of(scene)
-        stands = estimate.of_reduced(system, basis, reduced, plan, reference=reference)
+        stands = _estimate(system, basis, reduced, plan, reference)
         errors.append(excess(accuracy, stands))
         if errors[-1] <= 1.0:
             return AccurateModel(scene, basis, reduced, stands)
@@ -241,6 +256,10 @@ def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> Acc
             V, velocities = stands.missing.V, stands.missing.velocities
             most = slice(SETTINGS.most_vectors)  # the most important ones stand first
             basis = basis.enriched(system, V[:, most], velocities[:, most])
+        elif "basis" in refined and remade is not None:
+            if 2 * basis.modes > SETTINGS.most_vectors:
+                break
+            basis = remade(2 * basis.modes)
         if "points" in refined:
             points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
         if "law" in refined:
@@ -256,6 +275,20 @@ def accurate_model(scene: Scene, basis: Basis, report: Progress = silent) -> Acc
         f"with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of it from "
         f"its {worst}. Ask for less, or run 'full' alone"
     )
+
+
+def _estimate(
+    system: System,
+    basis: Basis,
+    reduced: System,
+    plan: Plan,
+    reference: CondensedReference | None,
+) -> Estimate:
+    """Estimated errors of a reduced model, which is run for them."""
+    if system.opening is None:
+        return estimate.of_reduced(system, basis, reduced, plan, reference=reference)
+    run = estimate.verification_run(reduced, plan)
+    return opening_estimate.of_reduced(system, run, plan)
 
 
 def _halvings(ratio: float) -> int:
@@ -276,6 +309,11 @@ def shorter(scene: Scene, errors: Estimate) -> Scene | None:
     ratio = excess(scene.accuracy, errors)
     if ratio <= 1.0:
         return None
+    if excess(scene.accuracy, errors, "basis") > 1.0:
+        raise ConvergenceError(
+            f"accuracy: the model errs by an estimated {stated(errors)}, and what its modes miss "
+            "is more than what is asked for, however short the steps. Run 'full', or ask for less"
+        )
     halvings = _halvings(ratio)
     if halvings > SETTINGS.most_halvings:
         raise ConvergenceError(
@@ -286,17 +324,21 @@ def shorter(scene: Scene, errors: Estimate) -> Scene | None:
 
 
 def shortened_steps(
-    scene: Scene, system: System, integrate: Callable[..., Run]
+    scene: Scene,
+    integrate: Callable[..., Run],
+    estimated: Callable[[Run, Plan], Estimate],
 ) -> tuple[Scene, Run, Estimate | None]:
-    """Run a full model with steps that meet the accuracy asked for.
+    """Run a full or condensed model with steps that meet the accuracy asked for.
 
     Parameters
     ----------
     scene : Scene
         Its steps are tried first; they are taken as they are where no accuracy is asked for.
-    system : System
     integrate : callable
-        As `integrate_plan`. What it saved is not taken up again with another step.
+        Runs the model by a plan, as `integrate_plan`. What it saved is not taken up again with
+        another step.
+    estimated : callable
+        Estimates the errors of a run by its plan.
 
     Returns
     -------
@@ -309,19 +351,19 @@ def shortened_steps(
     ConvergenceError
         If no step that is tried meets the accuracy.
     """
-    run = integrate(system, plan_of(scene))
+    run = integrate(plan_of(scene))
     if not scene.accuracy.is_given:
         return scene, run, None
     for _ in range(SETTINGS.rounds):
         if run.interrupted:
             return scene, run, None
-        errors = step_estimate.of_full(system, run, plan_of(scene))
+        errors = estimated(run, plan_of(scene))
         finer = shorter(scene, errors)
         if finer is None:
             return scene, run, errors
         scene = finer
-        run = integrate(system, plan_of(scene), checkpoint=None)
+        run = integrate(plan_of(scene), checkpoint=None)
     raise ConvergenceError(
-        f"accuracy: no step that the full model meets it with was found; "
-        f"{scene.time_step:.4g} s does not do. Ask for less"
+        f"accuracy: no step that the model meets it with was found; {scene.time_step:.4g} s does "
+        "not do. Ask for less"
     )

@@ -269,7 +269,10 @@ class _Reduction:
         options = replace(options_of(scene), modes=self.modes)
         basis = basis_of_scene(scene, scene.structure(), self.system, options)
         offline = time.perf_counter() - begin
-        for family, points in ((REDUCED, "all"), (FEW_POINTS, "auto")):
+        families = {REDUCED: "all", FEW_POINTS: "auto"}
+        if self.system.opening is not None:  # all points are kept
+            del families[FEW_POINTS]
+        for family, points in families.items():
             begin, chosen = time.perf_counter(), replace(options, friction_points=points)
             small = reduced_system(self.system, basis, **chosen.friction, periodic=scene.periodic)
             made[family] = small, offline + time.perf_counter() - begin

@@ -387,7 +387,7 @@ class _PeakErrors:
         basis = model.basis
         if basis is not None and executor is not None:
             basis = replace(basis, stiffness=None)  # whose factors cannot go to another process
-        self.basis, self.begun = basis, dict[str, Future[dict[str, Parts]]]()
+        self.basis, self.begun = basis, dict[float, Future[dict[str, Parts]]]()  # by level
 
     def begin(self, level: float, curve: Curve) -> None:
         """Begin with a curve at a level of the scene, where there is an executor."""
@@ -395,7 +395,7 @@ class _PeakErrors:
             return
         mark, job = self._job(level, curve)
         if mark not in self.rows:
-            self.begun[mark] = self.executor.submit(job)
+            self.begun[level] = self.executor.submit(job)
 
     def of(self, curve: Curve, progress: Progress) -> dict[str, Parts]:
         """Errors at the peak of a curve, at a level of the scene, by source and quantity.
@@ -403,7 +403,7 @@ class _PeakErrors:
         ConvergenceError if a run of the estimate does not converge.
         """
         mark, job = self._job(curve.level, curve)
-        if (begun := self.begun.get(mark)) is not None:
+        if (begun := self.begun.get(curve.level)) is not None:
             return self.rows.row(mark, begun.result)
         report = partial(progress, f"errors of the {self.model.name} model")
         return self.rows.row(mark, partial(job, report))

@@ -18,11 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.analysis import run_estimate
+from skfem_joint.analysis import run_estimate, step_estimate
 from skfem_joint.analysis.accuracy import Choice, InRange, choose, shortened_steps, stated
 from skfem_joint.analysis.active_region import region_of
 from skfem_joint.analysis.against_coulomb import against_coulomb
 from skfem_joint.analysis.description import describe
+from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import compare, difference, joint_differences, results
 from skfem_joint.analysis.models import Failure, Model, Study
 from skfem_joint.analysis.range_choice import choose_in_range
@@ -316,17 +317,24 @@ def _full(
     study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
 ) -> ModelResult:
     scene, run, errors = shortened_steps(
-        study.scene, study.system, partial(_named_places, study, integrate)
+        study.scene,
+        partial(_named_places, study, integrate, study.system),
+        partial(step_estimate.of_full, study.system),
     )
-    notes: tuple[str, ...] = ()
-    if errors is not None:
-        notes = (
-            f"For the accuracy asked for the full model has steps of {scene.time_step:.4g} s; it "
-            f"errs by an estimated {stated(errors)}.",
-        )
+    notes = _of_accuracy("full", scene, errors)
     active = _active(replace(study, scene=scene), run.slip_peak)
     model = Model("full", run, run.preparation_s, *active, estimate=errors)
     return ModelResult(scene, replace(model, compilation_s=run.compilation_s), notes)
+
+
+def _of_accuracy(name: str, scene: Scene, errors: Estimate | None) -> tuple[str, ...]:
+    """Note of the steps that a model takes for the accuracy asked for, if one was."""
+    if errors is None:
+        return ()
+    return (
+        f"For the accuracy asked for the {name} model has steps of {scene.time_step:.4g} s; it "
+        f"errs by an estimated {stated(errors)}.",
+    )
 
 
 def _named_places(
@@ -410,13 +418,15 @@ def _condensed(
             "the full one, which has few entries, will hardly cost more; a reduced one costs less.",
         )
     before, compiled = watch.read()
-    run = integrate(small, plan_of(study.scene))
+    estimated = partial(run_estimate.of_run, system, basis)
+    scene, run, errors = shortened_steps(study.scene, partial(integrate, small), estimated)
+    notes += _of_accuracy("condensed", scene, errors)
     peak = np.asarray(run.slip_peak @ small.shares)
     basis = replace(basis, history=replace(basis.history, slip_peak=peak))
     offline = before + run.preparation_s
     model = Model("condensed", run, offline, *_active(study, peak), basis)
-    model = replace(model, compilation_s=compiled + run.compilation_s)
-    return ModelResult(study.scene, model, notes)
+    model = replace(model, compilation_s=compiled + run.compilation_s, estimate=errors)
+    return ModelResult(scene, model, notes)
 
 
 _MAKERS = {"full": _full, "condensed": _condensed, "reduced": _reduced}

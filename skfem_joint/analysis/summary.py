@@ -386,8 +386,8 @@ def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
     yield (
         f"The {worst.replace('_', ' ')} of the {model.name} model errs by an estimated "
         f"{100 * total[worst]:.2g} %, most of it ({100 * sources[source]:.2g} %) from "
-        f"{'its' if source != 'mesh' else 'the'} {source.replace('_', ' ')}: {cures[source]}"
-        f"{'' if study.system.opening is not None else '; or say in [accuracy] what is needed'}."
+        f"{'its' if source != 'mesh' else 'the'} {source.replace('_', ' ')}: {cures[source]}; or "
+        "say in [accuracy] what is needed."
     )
 
 

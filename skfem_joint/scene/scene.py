@@ -420,18 +420,8 @@ def _slow_problems(scene: Scene) -> Iterator[str]:
 
 def _opening_problems(scene: Scene) -> Iterator[str]:
     """Problems of contact that opens with what needs constant normal forces."""
-    if not scene.opens:
-        return
-    asked = {
-        "reduction.range": (scene.reduction.range is not None, "leave it out"),
-        "accuracy": (
-            scene.accuracy.is_given,
-            "give the steps yourself, the estimated errors say whether they do",
-        ),
-    }
-    yield from (
-        constant_contact_alone(what, cure) for what, (is_so, cure) in asked.items() if is_so
-    )
+    if scene.opens and scene.reduction.range is not None:
+        yield constant_contact_alone("reduction.range", "leave it out")
 
 
 def _matrix_problems(scene: Scene, matrices: MatricesTable) -> Iterator[str]:

@@ -10,7 +10,7 @@ from joint_scenes import plate_scene
 
 import skfem_joint as sj
 from skfem_joint import cli
-from skfem_joint.analysis import response
+from skfem_joint.analysis import error_time, response
 from skfem_joint.analysis.against_opening import OpeningSettings, against_opening
 from skfem_joint.analysis.description import describe
 from skfem_joint.analysis.estimate import QUANTITIES
@@ -19,7 +19,7 @@ from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.analysis.scene_response import response_table
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.mesh import build_plate, write_mesh
 from skfem_joint.output import report
 from skfem_joint.output.fields import frames_of
@@ -30,6 +30,8 @@ SIZE = 0.04
 BASE: dict[str, Any] = {"on": "base", "friction": 0.5, "pressure": 50e6, "contact": "unilateral"}
 UP = {"on": "top", "direction": [0.0, 1.0], "kind": "harmonic", "frequency": 2000.0}
 ACROSS = UP | {"on": "left", "direction": [1.0, 0.0], "amplitude": 200e3}
+MODELS = ("full", "condensed", "reduced")
+UNESTIMATED = {"accuracy": {"estimate": False}}
 SLOW = {"cycles": 2, "steps_per_cycle": 20, "quasi_static": True}
 
 
@@ -99,10 +101,28 @@ def test_facts_are_those_of_contact_that_is_closed_at_rest(study):
     assert "Contact that opens (base)" in "\n".join(study.description.facts)
 
 
-def test_notes_ask_for_nothing_that_is_refused(study):
-    notes = "\n".join(study.warnings)
-    assert "has not reached a steady state" in notes
-    assert "[accuracy]" not in notes
+def test_models_take_the_steps_and_modes_for_an_accuracy():
+    """Against the full model with an eighth of the step that it needed itself."""
+    asked = {"displacement": 0.05, "energy": 0.15}
+    rough = {"cycles": 2, "steps_per_cycle": 50}
+    found = {name: run_scene(block(name, accuracy=asked, time=rough)) for name in MODELS}
+    steps = {name: each.scene.time_step for name, each in found.items()}
+    finer = {"cycles": 2, "steps_per_cycle": round(8.0 / UP["frequency"] / steps["full"])}
+    (whole,) = run_scene(block(time=finer, **UNESTIMATED)).runs.values()
+    for name, each in found.items():
+        run = each.runs[name]
+        assert run.peak_of("top") == pytest.approx(whole.peak_of("top"), rel=asked["displacement"])
+        friction = whole.cycles.friction[-1]
+        assert run.cycles.friction[-1] == pytest.approx(friction, rel=asked["energy"])
+        assert f"For the accuracy asked for the {name} model has" in "\n".join(each.warnings)
+    assert max(steps.values()) < block(time=rough).time_step
+
+
+def test_an_accuracy_that_modes_do_not_reach_is_refused():
+    with pytest.raises(
+        ConvergenceError, match="what its modes miss is more than what is asked for"
+    ):
+        run_scene(block("condensed", accuracy={"displacement": 1e-4}))
 
 
 def test_quasi_static_models_are_alike():
@@ -150,7 +170,10 @@ def test_constant_joints_have_the_fields_they_had():
 @pytest.mark.parametrize(
     ("changes", "place"),
     [
-        ({"accuracy": {"energy": 0.01}}, "accuracy"),
+        (
+            {"reduction": {"range": {"slip": [0.1, 0.5], "frequency": [1e3, 2e3]}}},
+            "reduction.range",
+        ),
     ],
 )
 def test_what_needs_constant_normal_forces_is_refused(changes, place):
@@ -212,8 +235,6 @@ def test_commands_run_or_refuse_it(scene_file, capsys):
     assert cli.main(["check", str(scene_file)]) == 0
     assert "Contact that opens (base)" in capsys.readouterr().out
     assert cli.main(["preview", str(scene_file), "--out", str(scene_file.with_suffix(".png"))]) == 0
-    assert cli.main(["error-time", str(scene_file), "--out", str(scene_file.parent / "o")]) == 2
-    assert "error-time: found a joint with contact = 'unilateral'" in capsys.readouterr().err
     out = str(scene_file.parent / "reduced")
     assert cli.main(["run", str(scene_file), "--models", "reduced", "--out", out]) == 0
     assert "contact opened" in capsys.readouterr().out
@@ -241,8 +262,9 @@ def test_a_backbone_and_a_ring_down_are_written(scene_file, capsys):
     header, *rows = (folder / "ring_down.csv").read_text().splitlines()
     frequency = header.split(",").index("frequency_Hz")
     ends = [[float(row.split(",")[frequency]) for row in rows if row.startswith(name)][-1]
-            for name in ("full", "condensed")]  # fmt: skip
-    assert ends == pytest.approx([mode["stuck_frequency_Hz"]] * 2, rel=5e-3)
+            for name in MODELS]  # fmt: skip
+    assert ends[:2] == pytest.approx([mode["stuck_frequency_Hz"]] * 2, rel=5e-3)
+    assert ends[2] == pytest.approx(ends[0], rel=0.05)  # whose contact is elastic
 
 
 def test_a_response_is_written(scene_file, capsys):
@@ -375,3 +397,13 @@ def test_points_that_creep_under_the_steep_law_of_a_reduced_model_stick(curves):
     assert full.friction_damping[0] == 0.0
     assert reduced.friction_damping[0] < 1e-6 * reduced.friction_damping[-1]
     assert reduced.state[0] == full.state[0] == "stick"
+
+
+@pytest.mark.slow
+def test_error_against_time_is_measured():
+    """Steps half as long err less, and a reduced model keeps all of its points."""
+    scene = block("full", "reduced", time={"cycles": 1, "steps_per_cycle": 100})
+    points = error_time.error_time(scene, repeats=1, quick=True).points
+    errors = [p.error() for p in points if p.job.family == error_time.COULOMB]
+    assert errors[-1] < 0.2 * errors[0]
+    assert {p.job.family for p in points} == {error_time.COULOMB, error_time.REDUCED}
