@@ -49,6 +49,8 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.active_region import active_region as active_region
     from skfem_joint.analysis.backbone import Backbone as Backbone
     from skfem_joint.analysis.backbone import backbone as backbone
+    from skfem_joint.analysis.damping_curve import DampingCurve as DampingCurve
+    from skfem_joint.analysis.damping_curve import damping_curve as damping_curve
     from skfem_joint.analysis.estimate import Estimate as Estimate
     from skfem_joint.analysis.history import Errors as Errors
     from skfem_joint.analysis.history import compare as compare
@@ -129,6 +131,7 @@ if TYPE_CHECKING:
 _NAMES = {
     "analysis.active_region": "ActiveRegion active_region",
     "analysis.backbone": "Backbone backbone",
+    "analysis.damping_curve": "DampingCurve damping_curve",
     "analysis.estimate": "Estimate",
     "analysis.history": "Errors compare",
     "analysis.models": "Model Study",

@@ -13,6 +13,7 @@ RESULTS = (
     "Counters",
     "Curve",
     "Cycles",
+    "DampingCurve",
     "Description",
     "Errors",
     "Estimate",

@@ -1,0 +1,431 @@
+"""Frequency and damping over amplitude of a free vibration that was measured or computed.
+
+The vibration of a mode is x = exp(a(t)) cos(p(t)), with the logarithm a of its amplitude and its
+phase p both cubic splines of time. With their derivatives the angular frequency w and the damping
+ratio z obey
+
+    z w = -a',    w sqrt(1 - z^2) = p'.
+
+1. In short windows, weighted by a cosine bell, least squares find a wave of linearly changing
+   amplitude. What other modes, harmonics and an offset add lies at other frequencies, which such a
+   weight does not see. The amplitudes say how far the vibration stands out of the noise.
+2. From there Gauss and Newton's method fits the splines to all samples at once. Their pieces have
+   equal shares of the decay. Their number is that of the least sum of squares, over the variance of
+   the noise, plus a penalty for each coefficient: a mode of constant damping is fitted with one
+   piece and a joint's with several.
+3. Standard deviations come from the normal equations, with the level of the noise near the
+   frequency in what the fit leaves. What the next number of pieces would change, beyond what noise
+   can, counts as an error too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import linalg
+from scipy.interpolate import BSpline
+from scipy.signal import periodogram
+from scipy.signal.windows import hann, tukey
+
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.values import POSITIVE, check_some
+
+#: How often a signal of each quantity is the derivative of the displacement.
+DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+
+
+@dataclass(frozen=True)
+class DampingCurveSettings:
+    """Numbers of damping curves of signals.
+
+    Attributes
+    ----------
+    fewest_samples : float
+        Fewest samples in a period.
+    window : float
+        Length of a window, in periods; windows overlap by half.
+    fewest_windows : int
+        Fewest of them.
+    out_of_noise : float
+        The vibration ends where its amplitude in a window is less than this many standard
+        deviations.
+    pieces : tuple of int
+        Numbers of pieces of the splines that are tried.
+    shortest : float
+        Shortest piece, in periods.
+    penalty : float
+        Sum of squares over the variance of noise that a coefficient must explain. Akaike's
+        criterion has 2, Bayes's the logarithm of the number of values, about 6.
+    near : float
+        Noise is that within this share of the frequency.
+    ends : float
+        Length over which the weight rises at the start and falls at the end, in periods.
+    iterations : int
+        Most iterations of a fit.
+    settled : float
+        Change of the exponents, over their standard deviations, at which a fit has converged.
+    inside : float
+        Share of the decay at each end that the curve leaves out, where splines are loose.
+    """
+
+    fewest_samples: float = 6.0
+    window: float = 6.0
+    fewest_windows: int = 4
+    out_of_noise: float = 6.0
+    pieces: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20)
+    shortest: float = 3.0
+    penalty: float = 3.0
+    near: float = 0.25
+    ends: float = 2.0
+    iterations: int = 30
+    settled: float = 1e-2
+    inside: float = 0.04
+
+
+SETTINGS = DampingCurveSettings()
+
+
+@dataclass(frozen=True)
+class DampingCurve:
+    """Frequency and damping ratio of a mode over its amplitude, from a free vibration.
+
+    Attributes
+    ----------
+    time : ndarray, shape (k,)
+        s.
+    amplitude : ndarray, shape (k,)
+        Half of peak to peak then, in the unit of the signal; it falls by the same factor from one
+        value to the next.
+    frequency : ndarray, shape (k,)
+        Of the undamped mode, Hz.
+    damping_ratio : ndarray, shape (k,)
+    amplitude_error, frequency_error, damping_error : ndarray, shape (k,)
+        Standard deviations of these, in their units.
+    pieces : int
+        Pieces of the splines. There are two values more than pieces, which are nearly independent.
+    noise : float
+        Standard deviation of white noise as strong as that near the frequency, in the unit of the
+        signal.
+    """
+
+    time: FloatArray
+    amplitude: FloatArray
+    frequency: FloatArray
+    damping_ratio: FloatArray
+    amplitude_error: FloatArray
+    frequency_error: FloatArray
+    damping_error: FloatArray
+    pieces: int
+    noise: float
+
+
+def damping_curve(
+    time: ArrayLike,
+    signal: ArrayLike,
+    frequency: float | None = None,
+    quantity: str = "displacement",
+) -> DampingCurve:
+    """Frequency and damping ratio of a mode over its amplitude, from a free vibration.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        Evenly spaced times, s, after the blow or the release.
+    signal : array_like, shape (n,)
+        Displacement, velocity, acceleration, or what is in proportion to one of them.
+    frequency : float, optional
+        About that of the mode, Hz; the one with the highest peak of the spectrum if not given.
+        Other modes do no harm where their frequencies differ by a quarter or more.
+    quantity : {"displacement", "velocity", "acceleration"}
+        What the signal is. Where the frequency depends on the amplitude, a velocity does not decay
+        as the displacement does; frequency and damping are those of the displacement.
+
+    Returns
+    -------
+    DampingCurve
+
+    Raises
+    ------
+    InputError
+        If times are not even, values are missing or not finite, a period has too few samples, or
+        the vibration is too short, grows, or does not stand out of the noise.
+    ConvergenceError
+        If no fit converges.
+    """
+    t, x = _checked(time, signal, quantity)
+    check_some(POSITIVE, frequency=frequency)
+    step = float(t[-1] - t[0]) / (t.size - 1)
+    f = frequency or _main_frequency(x, step)
+    if f * step * SETTINGS.fewest_samples > 1.0:
+        raise InputError(
+            f"damping_curve: found {1.0 / (f * step):.3g} samples in a period of {f:.4g} Hz, must "
+            f"be at least {SETTINGS.fewest_samples:g}"
+        )
+    windows = _windows(x, step, f)
+    size = 1 + round(windows.time[-1] / step)
+    fits = _best(x[:size] - x[:size].mean(), step, windows)
+    return _curve(float(t[0]), *fits, DERIVATIVES[quantity])
+
+
+def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatArray, FloatArray]:
+    """Times and values as arrays; InputError as `damping_curve`."""
+    if quantity not in DERIVATIVES:
+        raise InputError(
+            f"damping_curve: quantity: found {quantity!r}, must be one of {', '.join(DERIVATIVES)}"
+        )
+    t, x = (np.asarray(a, dtype=float) for a in (time, signal))
+    if t.ndim != 1 or t.shape != x.shape or t.size < 3:
+        raise InputError(
+            f"damping_curve: found time and signal of shapes {t.shape} and {x.shape}, must be the "
+            "same (n,), three values or more"
+        )
+    if not (np.isfinite(t).all() and np.isfinite(x).all()):
+        raise InputError("damping_curve: time and signal must be finite")
+    steps = np.diff(t)
+    if not (steps.min() > 0.0 and np.ptp(steps) <= 1e-3 * steps.mean() + 4e-16 * np.abs(t).max()):
+        raise InputError(
+            "damping_curve: times must rise by even steps; found steps from "
+            f"{steps.min():.6g} to {steps.max():.6g} s; interpolate the signal first"
+        )
+    if np.ptp(x) == 0.0:
+        raise InputError("damping_curve: the signal does not change")
+    return t, x
+
+
+def _main_frequency(x: FloatArray, step: float) -> float:
+    """Frequency of the highest peak of the spectrum, Hz."""
+    f, power = periodogram(x, 1.0 / step, "hann", detrend="linear")
+    return float(f[power.argmax()])
+
+
+class _Windows(NamedTuple):
+    """Amplitude and phase of a vibration in the middle of windows, each of shape (k,).
+
+    Attributes
+    ----------
+    time : ndarray
+        From the first sample, s.
+    log_amplitude, phase : ndarray
+        Of a cosine.
+    noise : ndarray
+        Standard deviation of white noise as strong as that near the frequency, a parabola of time
+        in its logarithm.
+    """
+
+    time: FloatArray
+    log_amplitude: FloatArray
+    phase: FloatArray
+    noise: FloatArray
+
+
+def _windows(x: FloatArray, step: float, f: float) -> _Windows:
+    """Windows in which the vibration stands out of the noise, from the first on.
+
+    InputError if they are too few, or the amplitude does not fall.
+    """
+    size = round(SETTINGS.window / (f * step))
+    weight, s = hann(size, sym=True), step * (np.arange(size) - 0.5 * (size - 1))
+    omega = 2.0 * np.pi * f
+    rows: list[tuple[float, ...]] = []
+    for begin in range(0, x.size - size + 1, size // 2):
+        part = x[begin : begin + size]
+        columns = np.exp(1j * omega * s)[:, np.newaxis] * (s[:, np.newaxis] / s[-1]) ** [0, 1]
+        columns = np.hstack([columns.real, -columns.imag, np.ones((size, 1))])
+        found = np.linalg.lstsq(weight[:, np.newaxis] * columns, weight * part, rcond=None)[0]
+        z, change = found[:2] @ [1, 0] + 1j * found[2], found[1] + 1j * found[3]
+        noise = _noise(part - columns @ found, step, f)
+        of_amplitude = 2.0 * noise * (weight**2).sum() / weight.sum() ** 2
+        if abs(z) ** 2 <= SETTINGS.out_of_noise**2 * of_amplitude:
+            break
+        at = step * (begin + 0.5 * (size - 1))
+        rate = omega + (change / z).imag / s[-1]
+        before = rows[-1] if rows else (at, 0.0, np.angle(z), rate)
+        ahead = before[2] + 0.5 * (before[3] + rate) * (at - before[0])
+        phase = ahead + np.angle(z * np.exp(-1j * ahead))
+        rows.append((at, np.log(abs(z)), float(phase), rate, 0.5 * np.log(noise + 1e-32)))
+    if len(rows) < SETTINGS.fewest_windows:
+        periods = len(rows) * SETTINGS.window / 2.0
+        raise InputError(
+            f"damping_curve: found {periods:.3g} periods of {f:.4g} Hz that stand out of the "
+            f"noise, must be at least {SETTINGS.fewest_windows * SETTINGS.window / 2.0:g}"
+        )
+    at, log_amplitude, phase, _, noises = np.array(rows).T
+    if log_amplitude[0] <= log_amplitude[-1]:
+        raise InputError(
+            f"damping_curve: the vibration at {f:.4g} Hz does not decay; give the part after the "
+            "blow or the release"
+        )
+    levels = np.polynomial.Polynomial.fit(at, noises, 2)(at)
+    return _Windows(at, log_amplitude, phase, np.exp(levels))
+
+
+def _noise(left: FloatArray, step: float, f: float) -> float:
+    """Variance of white noise with the level that a residual has near a frequency, Hz."""
+    frequencies, density = periodogram(left, 1.0 / step, "hann")
+    near = np.abs(frequencies - f) <= SETTINGS.near * f
+    return float(density[near].mean()) / (2.0 * step)
+
+
+class _Fit(NamedTuple):
+    """Splines of the logarithm of the amplitude and of the phase, fitted to all samples.
+
+    Attributes
+    ----------
+    knots : ndarray
+    coefficients : ndarray, shape (2, c)
+    covariance : ndarray, shape (2 c, 2 c)
+        For white noise of variance 1.
+    left : float
+        Sum of squares that is left.
+    noise : float
+        Variance of white noise as strong as that near the frequency.
+    """
+
+    knots: FloatArray
+    coefficients: FloatArray
+    covariance: FloatArray
+    left: float
+    noise: float
+
+
+def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
+    """Fit with the number of pieces of the least sum of squares with its penalty, and the next."""
+    period = 2.0 * np.pi / float(np.diff(windows.phase).sum() / np.ptp(windows.time))
+    end = step * (x.size - 1)
+    fits = []
+    for pieces in SETTINGS.pieces:
+        inner = _inner_knots(windows, pieces, end)
+        if pieces > 1 and np.diff([0.0, *inner, end]).min() < SETTINGS.shortest * period:
+            break
+        if pieces + 3 > windows.time.size:
+            break
+        fit = _fitted(x, step, inner, windows, 1.0 / period)
+        if fit is not None:
+            fits.append(fit)
+    if not fits:
+        raise ConvergenceError("damping_curve: no fit of the vibration converged")
+    noise = min(fit.noise for fit in fits)
+    sums = [fit.left / noise + SETTINGS.penalty * fit.coefficients.size for fit in fits]
+    least = int(np.argmin(sums))
+    return fits[least], fits[min(least + 1, len(fits) - 1)]
+
+
+def _inner_knots(windows: _Windows, pieces: int, end: float) -> FloatArray:
+    """Times between pieces, (pieces - 1,), s, in which the amplitude falls by the same factor."""
+    falling = np.minimum.accumulate(windows.log_amplitude)
+    falling -= np.linspace(0.0, 1e-9, falling.size)  # so that it falls everywhere
+    time = np.concatenate([[0.0], windows.time[1:-1], [end]])
+    levels = np.linspace(falling[0], falling[-1], pieces + 1)[1:-1]
+    return np.asarray(np.interp(-levels, -falling, time))
+
+
+def _fitted(
+    x: FloatArray, step: float, inner: FloatArray, windows: _Windows, f: float
+) -> _Fit | None:
+    """Splines with some inner knots, by Gauss and Newton's method; None without convergence."""
+    t = step * np.arange(x.size)
+    knots = np.concatenate([4 * [0.0], inner, 4 * [t[-1]]])
+    B = BSpline.design_matrix(t, knots, 3)
+    rise = 2.0 * SETTINGS.ends / (f * t[-1])
+    weight = tukey(x.size, min(rise, 1.0)) / np.interp(t, windows.time, windows.noise)
+    near = BSpline.design_matrix(np.clip(windows.time, 0.0, t[-1]), knots, 3).toarray()
+    smooth = 1e-6 * np.diff(np.eye(near.shape[1]), 2, axis=0)  # where there are few windows
+    both = np.vstack([near, smooth])
+    zero = np.zeros(len(smooth))
+    k = np.stack([
+        np.linalg.lstsq(both, np.concatenate([values, zero]), rcond=None)[0]
+        for values in (windows.log_amplitude, windows.phase)
+    ])  # fmt: skip
+    count = k.shape[1]
+    for _ in range(SETTINGS.iterations):
+        wave = np.exp(B @ k[0] + 1j * (B @ k[1]))
+        left = x - wave.real
+        J = np.hstack([(B.multiply(part[:, np.newaxis])).toarray()
+                       for part in (weight * wave.real, -weight * wave.imag)])  # fmt: skip
+        normal = J.T @ J
+        try:
+            factor = linalg.cho_factor(normal)
+        except linalg.LinAlgError:
+            return None
+        change = linalg.cho_solve(factor, J.T @ (weight * left))
+        if not np.isfinite(change).all():
+            return None
+        largest = np.abs(change).max()
+        k = k + (change * min(1.0, 1.0 / largest if largest > 0.0 else 1.0)).reshape(2, count)
+        noise = _noise(weight * left, step, f)
+        inverse = linalg.cho_solve(factor, np.eye(2 * count))
+        if np.all(np.abs(change) <= SETTINGS.settled * np.sqrt(noise * np.diag(inverse)) + 1e-10):
+            break
+    else:
+        return None
+    return _Fit(knots, k, inverse, float((weight * left) @ (weight * left)), noise)
+
+
+class _Values(NamedTuple):
+    """Values of a fit at some times, each of shape (k,), and their variances."""
+
+    amplitude: FloatArray
+    decay: FloatArray
+    rate: FloatArray
+    of_amplitude: FloatArray
+    of_decay: FloatArray
+    of_rate: FloatArray
+
+
+def _values(fit: _Fit, t: FloatArray, derivatives: int) -> _Values:
+    """Logarithm of the amplitude, decay (1/s) and angular frequency (rad/s) of a fit."""
+    value = BSpline.design_matrix(t, fit.knots, 3).toarray()
+    splines = [BSpline(fit.knots, np.eye(value.shape[1]), 3).derivative(order) for order in (1, 2)]
+    slope, bend = (spline(t) for spline in splines)
+    (a, p), none = fit.coefficients, np.zeros_like(value)
+    rate = np.asarray(slope @ p)
+
+    def variance(*rows: FloatArray) -> FloatArray:
+        """Of linear functions of the coefficients."""
+        both = np.hstack(rows)
+        return np.asarray(fit.noise * np.einsum("ij,jk,ik->i", both, fit.covariance, both))
+
+    return _Values(
+        amplitude=value @ a,
+        decay=-(slope @ a) + derivatives * (bend @ p) / rate,
+        rate=rate,
+        of_amplitude=variance(value, none),
+        of_decay=variance(-slope, derivatives * bend / rate[:, np.newaxis]),
+        of_rate=variance(none, slope),
+    )
+
+
+def _curve(begin: float, fit: _Fit, next_fit: _Fit, derivatives: int) -> DampingCurve:
+    """Curve of a fit of a derivative of the displacement, from the time ``begin``, s."""
+    pieces = fit.knots.size - 7
+    fine = np.linspace(0.0, fit.knots[-1], 400 * pieces)
+    falling = np.minimum.accumulate(BSpline(fit.knots, fit.coefficients[0], 3)(fine))
+    falling = falling - np.linspace(0.0, 1e-9, falling.size)
+    span = falling[0] - falling[-1]
+    levels = falling[0] - span * np.linspace(SETTINGS.inside, 1.0 - SETTINGS.inside, pieces + 2)
+    t = np.interp(-levels, -falling, fine)
+    ours, richer = (_values(each, t, derivatives) for each in (fit, next_fit))
+    omega = np.hypot(ours.rate, ours.decay)
+
+    def error(name: str) -> FloatArray:
+        """Standard deviation of a value, with what the next fit changes beyond noise."""
+        own, other = getattr(ours, f"of_{name}"), getattr(richer, f"of_{name}")
+        change = getattr(richer, name) - getattr(ours, name)
+        return np.asarray(np.sqrt(own + np.maximum(change**2 - np.maximum(other - own, 0.0), 0.0)))
+
+    amplitude = np.exp(ours.amplitude)
+    return DampingCurve(
+        time=begin + t,
+        amplitude=amplitude,
+        frequency=omega / (2.0 * np.pi),
+        damping_ratio=ours.decay / omega,
+        amplitude_error=amplitude * error("amplitude"),
+        frequency_error=error("rate") / (2.0 * np.pi),
+        damping_error=error("decay") / omega,
+        pieces=pieces,
+        noise=float(np.sqrt(fit.noise)),
+    )
