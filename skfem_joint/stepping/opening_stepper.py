@@ -214,7 +214,7 @@ class OpeningStepper(PythonStepper):
             right, bound, given, extrapolated, 2.0 * v - self.v_before, self.tolerance,
             touching=self.touching, **held,
         )  # fmt: skip
-        self._count(minimum)  # type: ignore[arg-type]
+        self._count(minimum.counts)
         if not minimum.converged:
             self.failure = FailedStep(minimum.residual, minimum.where)
             return None

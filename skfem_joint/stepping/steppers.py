@@ -22,7 +22,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed, compressed_rows
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.minimise.choice import step_problem
-from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
+from skfem_joint.minimise.problem import ContactPoints, StepProblem
 from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system import System
@@ -426,7 +426,7 @@ class PythonStepper(Stepper):
             offset = s.spring_offset(c.u_v * v + c.u_a * a, sigma, c.c_K)
             start = self._extrapolated()
             minimum = problem.minimise(right, start, self.tolerance, offset=offset)
-            self._count(minimum)
+            self._count(minimum.counts)
             if not minimum.converged:
                 self.failure = FailedStep(minimum.residual, minimum.where)
                 break
@@ -450,10 +450,10 @@ class PythonStepper(Stepper):
         v[unknowns[self.points.on_rows(self.points.at_rest(self.now.v[unknowns]))]] = 0.0
         return v
 
-    def _count(self, minimum: Minimum) -> None:
-        for name, count in minimum.counts.items():
+    def _count(self, counts: Mapping[str, int]) -> None:
+        for name, count in counts.items():
             self.counts[name] += count
-        iterations = minimum.counts.get("newton_iterations", 0)
+        iterations = counts.get("newton_iterations", 0)
         self.counts["largest_iterations"] = max(self.counts["largest_iterations"], iterations)
 
     def _own(self) -> dict[str, NDArray[Any]]:
