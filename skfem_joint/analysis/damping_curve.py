@@ -14,7 +14,7 @@ ratio z obey
    the noise, plus a penalty for each coefficient: a mode of constant damping is fitted with one
    piece and a joint's with several.
 3. Standard deviations come from the normal equations, with the level of the noise near the
-   frequency in what the fit leaves. What the next number of pieces would change, beyond what noise
+   frequency in what the fit leaves. What another number of pieces would change, beyond what noise
    can, counts as an error too.
 """
 
@@ -25,12 +25,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import linalg
+from scipy import linalg, sparse
 from scipy.interpolate import BSpline
 from scipy.signal import periodogram
 from scipy.signal.windows import hann, tukey
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.values import POSITIVE, check_some
 
@@ -139,7 +139,8 @@ def damping_curve(
         Displacement, velocity, acceleration, or what is in proportion to one of them.
     frequency : float, optional
         About that of the mode, Hz; the one with the highest peak of the spectrum if not given.
-        Other modes do no harm where their frequencies differ by a quarter or more.
+        Other modes of about the same size do no harm where their frequencies differ by a half or
+        more; filter out those that are nearer or much larger.
     quantity : {"displacement", "velocity", "acceleration"}
         What the signal is. Where the frequency depends on the amplitude, a velocity does not decay
         as the displacement does; frequency and damping are those of the displacement.
@@ -177,7 +178,7 @@ def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatAr
         raise InputError(
             f"damping_curve: quantity: found {quantity!r}, must be one of {', '.join(DERIVATIVES)}"
         )
-    t, x = (np.asarray(a, dtype=float) for a in (time, signal))
+    t, x = as_real(time, "damping_curve: time"), as_real(signal, "damping_curve: signal")
     if t.ndim != 1 or t.shape != x.shape or t.size < 3:
         raise InputError(
             f"damping_curve: found time and signal of shapes {t.shape} and {x.shape}, must be the "
@@ -198,7 +199,7 @@ def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatAr
 
 def _main_frequency(x: FloatArray, step: float) -> float:
     """Frequency of the highest peak of the spectrum, Hz."""
-    f, power = periodogram(x, 1.0 / step, "hann", detrend="linear")
+    f, power = periodogram(x, 1.0 / step)
     return float(f[power.argmax()])
 
 
@@ -251,7 +252,9 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
         periods = len(rows) * SETTINGS.window / 2.0
         raise InputError(
             f"damping_curve: found {periods:.3g} periods of {f:.4g} Hz that stand out of the "
-            f"noise, must be at least {SETTINGS.fewest_windows * SETTINGS.window / 2.0:g}"
+            f"noise from the start on, must be at least "
+            f"{SETTINGS.fewest_windows * SETTINGS.window / 2.0:g}; give the part after the blow or "
+            "the release, and the frequency of the mode"
         )
     at, log_amplitude, phase, _, noises = np.array(rows).T
     if log_amplitude[0] <= log_amplitude[-1]:
@@ -266,8 +269,17 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
 def _noise(left: FloatArray, step: float, f: float) -> float:
     """Variance of white noise with the level that a residual has near a frequency, Hz."""
     frequencies, density = periodogram(left, 1.0 / step, "hann")
-    near = np.abs(frequencies - f) <= SETTINGS.near * f
-    return float(density[near].mean()) / (2.0 * step)
+    return float(density[_near(frequencies, f)].mean()) / (2.0 * step)
+
+
+def _squares(left: FloatArray, step: float, f: float) -> float:
+    """Sum of squares of what a residual has near a frequency, Hz: other modes do not count."""
+    frequencies, density = periodogram(left, 1.0 / step, detrend=False)
+    return float(density[_near(frequencies, f)].sum()) / step
+
+
+def _near(frequencies: FloatArray, f: float) -> BoolArray:
+    return np.abs(frequencies - f) <= SETTINGS.near * f
 
 
 class _Fit(NamedTuple):
@@ -280,7 +292,7 @@ class _Fit(NamedTuple):
     covariance : ndarray, shape (2 c, 2 c)
         For white noise of variance 1.
     left : float
-        Sum of squares that is left.
+        Sum of squares that is left near the frequency.
     noise : float
         Variance of white noise as strong as that near the frequency.
     """
@@ -293,7 +305,10 @@ class _Fit(NamedTuple):
 
 
 def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
-    """Fit with the number of pieces of the least sum of squares with its penalty, and the next."""
+    """Fit with the number of pieces of the least sum of squares with its penalty, and the next.
+
+    The one before where there is none after it.
+    """
     period = 2.0 * np.pi / float(np.diff(windows.phase).sum() / np.ptp(windows.time))
     end = step * (x.size - 1)
     fits = []
@@ -311,7 +326,7 @@ def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
     noise = min(fit.noise for fit in fits)
     sums = [fit.left / noise + SETTINGS.penalty * fit.coefficients.size for fit in fits]
     least = int(np.argmin(sums))
-    return fits[least], fits[min(least + 1, len(fits) - 1)]
+    return fits[least], fits[least + 1 if least + 1 < len(fits) else least - 1]
 
 
 def _inner_knots(windows: _Windows, pieces: int, end: float) -> FloatArray:
@@ -344,9 +359,15 @@ def _fitted(
     for _ in range(SETTINGS.iterations):
         wave = np.exp(B @ k[0] + 1j * (B @ k[1]))
         left = x - wave.real
-        J = np.hstack([(B.multiply(part[:, np.newaxis])).toarray()
-                       for part in (weight * wave.real, -weight * wave.imag)])  # fmt: skip
-        normal = J.T @ J
+        J = sparse.csr_array(
+            sparse.hstack(
+                [
+                    B.multiply(part[:, np.newaxis])
+                    for part in (weight * wave.real, -weight * wave.imag)
+                ]
+            )
+        )
+        normal = (J.T @ J).toarray()
         try:
             factor = linalg.cho_factor(normal)
         except linalg.LinAlgError:
@@ -362,7 +383,7 @@ def _fitted(
             break
     else:
         return None
-    return _Fit(knots, k, inverse, float((weight * left) @ (weight * left)), noise)
+    return _Fit(knots, k, inverse, _squares(weight * left, step, f), noise)
 
 
 class _Values(NamedTuple):

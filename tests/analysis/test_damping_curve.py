@@ -121,6 +121,17 @@ def test_a_ring_down_has_the_damping_curve_of_its_slider():
         assert getattr(curve, name)[inside] == pytest.approx(there, rel=tolerance)
 
 
+@pytest.mark.parametrize("frequency", [None, 127.3])
+def test_each_of_two_modes_has_its_own_damping(frequency):
+    """Another mode of the same size, 60 % away, without noise that would hide its traces."""
+    t = np.arange(20000) / RATE
+    signal = np.exp(-t) * np.sin(500.0 * t) + 0.9 * np.exp(-1.2 * t) * np.sin(800.0 * t)
+    curve = sj.damping_curve(t, signal, frequency)
+    omega, decay = (500.0, 1.0) if frequency is None else (800.0, 1.2)
+    assert curve.frequency == pytest.approx(omega / 2.0 / np.pi, rel=1e-3)
+    assert curve.damping_ratio == pytest.approx(decay / omega, rel=0.03)
+
+
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
@@ -128,6 +139,7 @@ def test_a_ring_down_has_the_damping_curve_of_its_slider():
         ({"time": np.r_[0.0, np.arange(1, 12000) ** 1.01]}, "even steps"),
         ({"signal": np.full(12000, np.nan)}, "finite"),
         ({"signal": np.ones(12000)}, "does not change"),
+        ({"signal": ["one"] * 12000}, "must be real numbers"),
         ({"quantity": "force"}, "must be one of displacement"),
         ({"frequency": -1.0}, "must be"),
         ({"frequency": 1500.0}, "samples in a period"),
