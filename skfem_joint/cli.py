@@ -385,7 +385,7 @@ def _backbone(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    scene.check_vibrates(options.name, opens=True)
+    scene.check_vibrates(options.name)
     with kept(options.out) as notes, _rows(options, BACKBONE_ROWS) as rows:
         with _progress(options) as progress:
             backbone = scene_backbone(scene, progress, rows)
@@ -408,7 +408,7 @@ def _response(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    scene.check_vibrates(options.name, opens=True)
+    scene.check_vibrates(options.name)
     with _progress(options) as progress, announced(progress, "making the structure"):
         response_table(scene)  # before earlier results are removed
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
@@ -430,7 +430,7 @@ def _error_time(options: argparse.Namespace) -> int:
     from skfem_joint.scene import load_scene
 
     scene = load_scene(options.scene)
-    scene.check_vibrates(options.name, opens=True)
+    scene.check_vibrates(options.name)
     if not comparison.threads_pinned(os.environ):
         # numpy reads the number of threads when it starts: another process is needed.
         again = [sys.executable, SAFE_PATH, "-m", "skfem_joint", *options.given]

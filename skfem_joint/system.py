@@ -247,7 +247,7 @@ class System:
                 "response make reduced models of their own from a scene"
             )
 
-    def check_constant_contact(self, what: str, cure: str = "") -> None:
+    def check_constant_contact(self, what: str, cure: str) -> None:
         """Refuse contact that opens, for what takes normal forces and friction limits as constant.
 
         ``what`` names the analysis in the message, ``cure`` says what to do in its place.
@@ -258,8 +258,7 @@ class System:
             If a joint of the system opens.
         """
         if self.opening is not None:
-            default = "run integrate or quasi_static, or leave contact = 'unilateral' out"
-            raise InputError(constant_contact_alone(what, cure or default))
+            raise InputError(constant_contact_alone(what, cure))
 
     def closed(self) -> System:
         """Same system with contact that stays closed wherever it is pressed at rest.

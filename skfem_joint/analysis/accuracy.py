@@ -219,8 +219,8 @@ def with_steps_of(scene: Scene, basis: Basis) -> Scene:
 def accurate_model(
     scene: Scene,
     basis: Basis,
-    report: Progress = silent,
-    remade: Callable[[int], Basis] | None = None,
+    report: Progress,
+    remade: Callable[[int], Basis],
 ) -> AccurateModel:
     """Refine a reduced model until its estimated errors are below what the scene asks for.
 
@@ -256,7 +256,7 @@ def accurate_model(
             V, velocities = stands.missing.V, stands.missing.velocities
             most = slice(SETTINGS.most_vectors)  # the most important ones stand first
             basis = basis.enriched(system, V[:, most], velocities[:, most])
-        elif "basis" in refined and remade is not None:
+        elif "basis" in refined:
             if 2 * basis.modes > SETTINGS.most_vectors:
                 break
             basis = remade(2 * basis.modes)

@@ -237,7 +237,7 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
         columns = np.exp(1j * omega * s)[:, np.newaxis] * (s[:, np.newaxis] / s[-1]) ** [0, 1]
         columns = np.hstack([columns.real, -columns.imag, np.ones((size, 1))])
         found = np.linalg.lstsq(weight[:, np.newaxis] * columns, weight * part, rcond=None)[0]
-        z, change = found[:2] @ [1, 0] + 1j * found[2], found[1] + 1j * found[3]
+        z, change = found[:2] + 1j * found[2:4]
         noise = _noise(part - columns @ found, step, f)
         of_amplitude = 2.0 * noise * (weight**2).sum() / weight.sum() ** 2
         if abs(z) ** 2 <= SETTINGS.out_of_noise**2 * of_amplitude:
@@ -331,11 +331,16 @@ def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
 
 def _inner_knots(windows: _Windows, pieces: int, end: float) -> FloatArray:
     """Times between pieces, (pieces - 1,), s, in which the amplitude falls by the same factor."""
-    falling = np.minimum.accumulate(windows.log_amplitude)
-    falling -= np.linspace(0.0, 1e-9, falling.size)  # so that it falls everywhere
     time = np.concatenate([[0.0], windows.time[1:-1], [end]])
-    levels = np.linspace(falling[0], falling[-1], pieces + 1)[1:-1]
-    return np.asarray(np.interp(-levels, -falling, time))
+    return _fallen(time, windows.log_amplitude, np.linspace(0.0, 1.0, pieces + 1)[1:-1])
+
+
+def _fallen(time: FloatArray, log_amplitude: FloatArray, shares: FloatArray) -> FloatArray:
+    """Times at which some shares of the fall of an amplitude are over, s."""
+    falling = np.minimum.accumulate(log_amplitude)
+    falling = falling - np.linspace(0.0, 1e-9, falling.size)  # so that it falls everywhere
+    fallen = (falling[0] - falling) / (falling[0] - falling[-1])
+    return np.asarray(np.interp(shares, fallen, time))
 
 
 def _fitted(
@@ -359,14 +364,8 @@ def _fitted(
     for _ in range(SETTINGS.iterations):
         wave = np.exp(B @ k[0] + 1j * (B @ k[1]))
         left = x - wave.real
-        J = sparse.csr_array(
-            sparse.hstack(
-                [
-                    B.multiply(part[:, np.newaxis])
-                    for part in (weight * wave.real, -weight * wave.imag)
-                ]
-            )
-        )
+        parts = (weight * wave.real)[:, np.newaxis], (-weight * wave.imag)[:, np.newaxis]
+        J = sparse.hstack([B.multiply(part) for part in parts], format="csr")
         normal = (J.T @ J).toarray()
         try:
             factor = linalg.cho_factor(normal)
@@ -424,11 +423,8 @@ def _curve(begin: float, fit: _Fit, next_fit: _Fit, derivatives: int) -> Damping
     """Curve of a fit of a derivative of the displacement, from the time ``begin``, s."""
     pieces = fit.knots.size - 7
     fine = np.linspace(0.0, fit.knots[-1], 400 * pieces)
-    falling = np.minimum.accumulate(BSpline(fit.knots, fit.coefficients[0], 3)(fine))
-    falling = falling - np.linspace(0.0, 1e-9, falling.size)
-    span = falling[0] - falling[-1]
-    levels = falling[0] - span * np.linspace(SETTINGS.inside, 1.0 - SETTINGS.inside, pieces + 2)
-    t = np.interp(-levels, -falling, fine)
+    inside = np.linspace(SETTINGS.inside, 1.0 - SETTINGS.inside, pieces + 2)
+    t = _fallen(fine, BSpline(fit.knots, fit.coefficients[0], 3)(fine), inside)
     ours, richer = (_values(each, t, derivatives) for each in (fit, next_fit))
     omega = np.hypot(ours.rate, ours.decay)
 

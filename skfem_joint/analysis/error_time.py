@@ -269,10 +269,7 @@ class _Reduction:
         options = replace(options_of(scene), modes=self.modes)
         basis = basis_of_scene(scene, scene.structure(), self.system, options)
         offline = time.perf_counter() - begin
-        families = {REDUCED: "all", FEW_POINTS: "auto"}
-        if self.system.opening is not None:  # all points are kept
-            del families[FEW_POINTS]
-        for family, points in families.items():
+        for family, points in _families(scene).items():
             begin, chosen = time.perf_counter(), replace(options, friction_points=points)
             small = reduced_system(self.system, basis, **chosen.friction, periodic=scene.periodic)
             made[family] = small, offline + time.perf_counter() - begin
@@ -312,13 +309,20 @@ def reduced_jobs(
             )
 
 
+def _families(scene: Scene) -> dict[str, str]:
+    """Friction points of reduced models, by family; with contact that opens all are kept."""
+    return {REDUCED: "all"} | ({} if scene.opens else {FEW_POINTS: "auto"})
+
+
 def _most_rows(scene: Scene, wanted: Mapping[str, tuple[Any, ...]]) -> int:
     """Rows of a report before its timed rounds, if no step of it is too short."""
     others = (
         len(wanted["factors"]) + 1 if any(joint.law == "arctan" for joint in scene.joint) else 0
     )
     reference, reductions = 8, len(wanted["modes"])  # steps, mesh and law of the reference
-    runs = (1 + others) * len(wanted["parts"]) + 2 * reductions * len(wanted["reduced_parts"])
+    runs = (1 + others) * len(wanted["parts"]) + len(_families(scene)) * reductions * len(
+        wanted["reduced_parts"]
+    )
     return reference + others + reductions + runs
 
 

@@ -340,10 +340,29 @@ def response(
         steps_per_cycle=steps_per_cycle,
         refined=refined,
         estimated=estimated,
-        executor=executor,
+        beside=SideBySide(executor),
         progress=progress,
         rows=rows,
     )
+
+
+@dataclass(frozen=True)
+class SideBySide:
+    """Where the levels of a response are computed.
+
+    Attributes
+    ----------
+    executor : concurrent.futures.Executor, optional
+        Levels run one after another in this process if not given.
+    workers : int, optional
+        How many it has: levels that take longest go first where they are fewer.
+    finished : callable, optional
+        Called with the number of each level, and its curve, when that is there.
+    """
+
+    executor: Executor | None = None
+    workers: int | None = None
+    finished: Callable[[int, Curve], None] | None = None
 
 
 def guided_response(
@@ -355,18 +374,14 @@ def guided_response(
     steps_per_cycle: int = 200,
     refined: bool = True,
     estimated: bool = True,
-    executor: Executor | None = None,
+    beside: SideBySide | None = None,
     progress: Progress = silent,
     rows: Rows | None = None,
-    finished: Callable[[int, Curve], None] | None = None,
-    workers: int | None = None,
 ) -> list[Curve]:
     """Steady vibration over frequency of a system beside which there may be a coarse model.
 
-    That corrects the searches, and the error of the step is found on it. ``finished`` is called
-    with the number of each level, and its curve, when that is there, while others may be searched
-    for; ``workers`` is how many the executor has, if that is known. The other arguments, result and
-    errors are those of `response`.
+    That corrects the searches, and the error of the step is found on it. ``beside`` says where
+    levels are computed. The other arguments, result and errors are those of `response`.
     """
     frequencies, levels = _checked(system, frequencies, levels, steps_per_cycle)
     by_model = estimated and system.serves is not None
@@ -392,7 +407,7 @@ def guided_response(
         )
         for number, level in enumerate(levels)
     ]
-    curves = _curves(searches, system, coarse, executor, tally, rows, finished, workers)
+    curves = _curves(searches, system, coarse, beside or SideBySide(), tally, rows)
     if not by_model:
         return curves
     return [_with_model_errors(c, system, steps_per_cycle, tally, rows) for c in curves]
@@ -479,11 +494,9 @@ def _curves(
     searches: list[_Search],
     system: System,
     coarse: Guiding | None,
-    executor: Executor | None,
+    beside: SideBySide,
     tally: Tally,
     rows: Rows,
-    finished: Callable[[int, Curve], None] | None,
-    workers: int | None,
 ) -> list[Curve]:
     """Curves of all searches: one after another, or side by side with an executor.
 
@@ -492,6 +505,7 @@ def _curves(
     """
     origin = rows.mark("steady point", system, coarse)
     curves: dict[int, Curve] = {}
+    executor, workers = beside.executor, beside.workers or len(searches)
     waiting: dict[int, tuple[str, _Request]] = {}
     running: dict[Future[SteadyPoint], tuple[int, str, float]] = {}
 
@@ -508,14 +522,14 @@ def _curves(
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
-            if finished is not None:
-                finished(number, end.value)
+            if beside.finished is not None:
+                beside.finished(number, end.value)
 
     try:
         for number in range(len(searches)):
             advance(number, None)
         while executor is not None and (waiting or running):
-            while waiting and len(running) < (workers or len(searches)):
+            while waiting and len(running) < workers:
                 number = max(waiting)
                 mark, request = waiting.pop(number)
                 future = executor.submit(request.compute, system, coarse, silent)

@@ -15,6 +15,7 @@ from skfem_joint.analysis.estimate import Estimate, Parts
 from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.analysis.response import (
     Curve,
+    SideBySide,
     State,
     SteadyPoint,
     at_frequency,
@@ -295,11 +296,13 @@ def _curves(
         model.coarse,
         steps_per_cycle=scene.time.steps_per_cycle,
         estimated=scene.accuracy.estimate,
-        executor=errors.executor,
+        beside=SideBySide(
+            errors.executor,
+            errors.workers,
+            lambda number, curve: errors.begin(levels[number], curve),
+        ),
         progress=partial(progress, f"{model.name} model"),
         rows=rows,
-        finished=lambda number, curve: errors.begin(levels[number], curve),
-        workers=errors.workers,
     )
     shares = model.system.shares
     if model.system.serves is not None and shares is not None:

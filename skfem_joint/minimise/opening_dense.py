@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import FloatArray, as_dense
+from skfem_joint.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.errors import InputError
 from skfem_joint.minimise import law
 from skfem_joint.minimise.opening_loops import Limits, Rows, rows_of_tangent
@@ -142,11 +142,6 @@ class OpeningDense:
         self.rows = Rows(self.B, point, other, self.N, np.array(stiffness, dtype=float))
         self.left, self.right = np.empty((2, len(self.B) + len(self.N), len(self.H)))
         self.factorizations = 1
-
-    def norms(self, rows: FloatArray) -> FloatArray:
-        """Norms, (m,), of vectors given by rows."""
-        other = np.where(self.paired, rows[self.rows.other], 0.0)
-        return np.asarray(np.hypot(rows, other)[self.first])
 
     def minimise(
         self,
@@ -315,7 +310,7 @@ class _Search:
     def _objective(self, s: _State, w: FloatArray) -> float:
         """Value of what is minimised for the limits ``w``, W."""
         problem = self.problem
-        size = problem.norms(s.slip)
+        size = slip_norms(s.slip, problem.points.directions)
         beta = np.where(self.beta > 0.0, self.beta, 1.0)
         stored = 0.5 * float(s.p @ np.maximum(s.over, 0.0))
         value = float(s.v @ (0.5 * (problem.H @ s.v) - self.g)) + stored
@@ -332,7 +327,7 @@ class _Search:
         too, each (rows,), N s/m.
         """
         problem = self.problem
-        size = problem.norms(s.slip)
+        size = slip_norms(s.slip, problem.points.directions)
         force, slope = law.force(size, self.beta), law.force_slope(size, self.beta)
         moves = size > 0.0
         across = w * np.where(moves, force / np.where(moves, size, 1.0), slope)
@@ -367,6 +362,6 @@ class _Search:
 
     def _cut(self, force: FloatArray, limits: FloatArray) -> FloatArray:
         """Friction forces, (rows,), N, scaled down to limits, (m,), N."""
-        size = self.problem.norms(force)
+        size = slip_norms(force, self.problem.points.directions)
         share = np.minimum(1.0, limits / np.where(size > 0.0, size, 1.0))
         return self.on_rows(np.where(size > 0.0, share, 1.0)) * force

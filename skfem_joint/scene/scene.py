@@ -183,16 +183,8 @@ class Scene(SceneTable):
         """Whether contact of a joint opens and closes."""
         return any(joint.contact == "unilateral" for joint in self.joint)
 
-    def check_vibrates(self, command: str, opens: bool = False) -> None:
-        """Refuse a scene for a command that computes vibration.
-
-        `InputError` for a quasi-static scene, and for one with contact that opens unless the
-        command takes it, which ``opens`` says.
-        """
-        if self.opens and not opens:
-            cure = "use the command run, or leave contact = 'unilateral' out"
-            where = self._path or "scene"
-            raise InputError(f"{where}: {constant_contact_alone(command, cure)}")
+    def check_vibrates(self, command: str) -> None:
+        """Refuse a quasi-static scene, with an `InputError`, for a command about vibration."""
         if self.time.quasi_static:
             raise InputError(
                 f"{self._path or 'scene'}: time.quasi_static: found true, but {command} computes "
