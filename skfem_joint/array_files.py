@@ -28,6 +28,7 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import LARGEST, LARGEST_TABLE, UNFINISHED_LINE, read_whole
+from skfem_joint.text_tables import rows_of
 
 _log = logging.getLogger(__name__)
 
@@ -392,15 +393,11 @@ def _csv(content: bytes) -> _Stored:
     """Rows of numbers, NaN for empty cells; a header and comments after ``#`` are left out."""
     values, columns = array("d"), 0
     lines = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig")
-    for number, line in enumerate(lines, start=1):
-        text = line.split("#", 1)[0].strip()
-        if not text:
-            continue
-        cells = text.split(",")
+    for number, _, cells in rows_of(lines):
         try:
-            row = [float(cell) if cell.strip() else np.nan for cell in cells]
+            row = [float(cell) if cell else np.nan for cell in cells]
         except ValueError as error:
-            if not values and not re.search(r"(^|,)\s*[\d.+-]+\s*(,|$)", text):
+            if not values and not any(re.fullmatch(r"[\d.+-]+", cell) for cell in cells):
                 continue
             raise ValueError(f"line {number}: {error}") from error
         if values and len(row) != columns:

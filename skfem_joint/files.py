@@ -79,7 +79,7 @@ def read_text(path: Path, most: int = LARGEST) -> str:
         return read_whole(path, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        raise InputError(f"{path}: line {line}: not UTF-8 text") from error
+        raise InputError(f"{path}: line {line}: not UTF-8 text; save it as UTF-8") from error
 
 
 def _remove_unfinished(folder: Path) -> None:

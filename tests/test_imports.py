@@ -27,7 +27,7 @@ GROUND = {
     "processes",
     "progress",
 }
-GROUND |= {"terminal", "values"}
+GROUND |= {"terminal", "text_tables", "values"}
 #: A module may import from its own of these and from those before: "ground" and "" are modules of
 #: the package itself.
 FOLDERS = [

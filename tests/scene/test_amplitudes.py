@@ -251,9 +251,11 @@ def test_shapes_pass_also_of_ones_own_and_everything_else_is_refused():
             as_amplitude(shape)
 
 
-def test_table_is_read_with_header_comments_and_empty_lines(tmp_path):
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_table_is_read_with_header_comments_and_empty_lines(tmp_path, separator):
     path = tmp_path / "force.csv"
-    path.write_text("\ufeff# measured\ntime, force\n\n0, 0\n1e-4, 5.5 # peak\n3e-4,-2\n")
+    text = "\ufeff# measured\ntime, force\n\n0, 0\n1e-4, 5.5 # peak\n3e-4,-2\n"
+    path.write_text(text.replace(",", separator))
     load = read_table(path)
     assert load.times.tolist() == [0, 1e-4, 3e-4]
     assert load.forces.tolist() == [0, 5.5, -2]
@@ -266,6 +268,7 @@ def test_table_is_read_with_header_comments_and_empty_lines(tmp_path):
         (b"0,0\n1;2\n3,4\n", ["line 2"]),
         (b"t,f\n0,0\nx,y\n", ["line 3"]),
         (b"0,force\n1,1\n2,2\n", ["line 1"]),
+        (b"0,5;1\n1,5;2\n", ["line 1: found ',' and ';' between columns"]),
         (b"0,0\n1,a\n2,nan\n1.5,0\n1.5,0\n", ["line 2", "line 3", "line 5"]),
         (b"0,0\n# note\n0,1\n", ["line 3"]),
         (b"0,0\n", ["found 1"]),

@@ -277,6 +277,17 @@ def test_names_that_stand_twice_are_refused(tmp_path):
     refused(tmp_path, "K.npz", "have the same name")
 
 
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_tables_of_text_have_one_kind_of_separator(tmp_path, separator):
+    """Empty cells are nan, at the ends of lines too."""
+    text = "x, y, area\n,1,2 # first\n\n3,4,\n"
+    (tmp_path / "K.csv").write_text(text.replace(",", separator))
+    expected = np.array([[np.nan, 1.0, 2.0], [3.0, 4.0, np.nan]])
+    assert np.array_equal(read_array(tmp_path, "K.csv"), expected, equal_nan=True)
+    (tmp_path / "K.csv").write_text("0,5;1\n")
+    refused(tmp_path, "K.csv", "line 1: found ',' and ';' between columns, must be one of them")
+
+
 def test_large_tables_are_refused_by_their_size(tmp_path):
     (tmp_path / "K.csv").write_bytes(b"1\n" * (LARGEST_TABLE // 2 + 1))
     refused(tmp_path, "K.csv", "must be at most")

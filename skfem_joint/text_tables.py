@@ -1,0 +1,101 @@
+"""Lines and cells of tables in text files (CSV), for all readers of such files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from skfem_joint.errors import InputError
+
+#: What may stand between cells, by the word of messages.
+SEPARATORS = {",": "','", ";": "';'", "\t": "tab"}
+#: Most lines of a file that an error names.
+MOST_LISTED = 10
+
+
+class Row(NamedTuple):
+    """Cells of a line.
+
+    Attributes
+    ----------
+    number : int
+        Of the line in the file, from 1.
+    text : str
+        The line without its comment.
+    cells : list of str
+        Without spaces around them; a line that ends with a separator has an empty last one.
+    """
+
+    number: int
+    text: str
+    cells: list[str]
+
+
+def rows_of(lines: Iterable[str]) -> Iterator[Row]:
+    """Rows of a table; empty lines and comments after ``#`` are left out.
+
+    The separator of all lines is that of the first line that has one: a comma, a semicolon or a
+    tab.
+
+    Raises
+    ------
+    ValueError
+        If that line has several kinds of them.
+    """
+    separator = None
+    for number, line in enumerate(lines, start=1):
+        text = line.split("#", 1)[0].strip(" \r\n")  # tabs at the ends stand for empty cells
+        if not text.strip():
+            continue
+        if separator is None:
+            found = [mark for mark in SEPARATORS if mark in text]
+            if len(found) > 1:
+                kinds = " and ".join(SEPARATORS[mark] for mark in found)
+                raise ValueError(
+                    f"line {number}: found {kinds} between columns, must be one of them; decimals "
+                    "have a point, as in 0.5"
+                )
+            separator = found[0] if found else None
+        cells = text.split(separator) if separator else [text]
+        yield Row(number, text.strip(), [cell.strip() for cell in cells])
+
+
+def number_in(cell: str) -> float | None:
+    """Number in a cell, as Python reads it; None if it is no number."""
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+class Mistakes:
+    """Sentences about lines of a file, of very many only the first ones and how many more.
+
+    Parameters
+    ----------
+    where : object
+        File, for the sentence that counts the others.
+    """
+
+    def __init__(self, where: object) -> None:
+        self.where = where
+        self.sentences: list[str] = []
+        self.more = 0
+
+    def __bool__(self) -> bool:
+        return bool(self.sentences)
+
+    def add(self, sentence: str) -> None:
+        """Keep a sentence, or count it if there are many."""
+        if len(self.sentences) < MOST_LISTED:
+            self.sentences.append(sentence)
+        else:
+            self.more += 1
+
+    def refuse(self) -> None:
+        """Raise InputError with the sentences, if there are any."""
+        if self.more:
+            more = f"{self.where}: and {self.more} more lines like these"
+            raise InputError([*self.sentences, more])
+        if self.sentences:
+            raise InputError(self.sentences)
