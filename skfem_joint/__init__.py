@@ -54,6 +54,8 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.estimate import Estimate as Estimate
     from skfem_joint.analysis.history import Errors as Errors
     from skfem_joint.analysis.history import compare as compare
+    from skfem_joint.analysis.measured import MeasuredCurve as MeasuredCurve
+    from skfem_joint.analysis.measured import measured_curve as measured_curve
     from skfem_joint.analysis.models import Model as Model
     from skfem_joint.analysis.models import Study as Study
     from skfem_joint.analysis.natural_modes import NaturalModes as NaturalModes
@@ -134,6 +136,7 @@ _NAMES = {
     "analysis.damping_curve": "DampingCurve damping_curve",
     "analysis.estimate": "Estimate",
     "analysis.history": "Errors compare",
+    "analysis.measured": "MeasuredCurve measured_curve",
     "analysis.models": "Model Study",
     "analysis.natural_modes": "NaturalModes natural_modes",
     "analysis.response": "Curve SteadyPoint response",

@@ -15,4 +15,7 @@ A system: `natural_modes`; `backbone` (damping over amplitude) with `cycles`, `m
 `opening_cycles`, `gross_slip`, `own_law_damping` and `saved_path`; `ring_down`; `response` (steady
 vibration over frequency) with `linear_response` and `step_errors`. `scene_backbone` and
 `scene_response` do this for a scene's models; `sweep` runs many scenes; `rows` keeps finished work.
+
+A measurement: `damping_curve` (of a free vibration); `measured` (curves in files and arrays) with
+`measured_head` and `measured_columns`.
 """
