@@ -26,8 +26,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import sparse
 
+from skfem_joint.analysis.backbone_sensitivity import (
+    BackboneSensitivity,
+    CycleRates,
+    backbone_sensitivity,
+    check_parameters,
+    in_unknowns,
+    of_closed_system,
+)
 from skfem_joint.analysis.cycles import Cycles, spread
 from skfem_joint.analysis.gross_slip import (
     gross_slip_level,
@@ -37,17 +46,20 @@ from skfem_joint.analysis.gross_slip import (
 )
 from skfem_joint.analysis.masing_cycles import SETTINGS as MASING
 from skfem_joint.analysis.masing_cycles import levels_to_follow, masing_cycles
+from skfem_joint.analysis.mode_rates import mode_rates
 from skfem_joint.analysis.opening_cycles import OpeningPath, cycles_to_follow
 from skfem_joint.analysis.own_law_damping import own_law_damping
 from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.saved_path import SavedPath
-from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.errors import InputError
 from skfem_joint.modes import eigenmodes
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.interface_modes import motions_without_slip
+from skfem_joint.sensitivity import SystemSensitivity
 from skfem_joint.stepping.arrangement import Arranged, arranged
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
@@ -152,6 +164,8 @@ class Backbone:
         The same as a modal displacement, m kg^1/2.
     opened : ndarray, shape (levels,), optional
         Share of the pressure points pressed at rest that opened in the cycle.
+    sensitivity : BackboneSensitivity, optional
+        Derivatives by parameters, where they were asked for.
     """
 
     mode: int
@@ -177,6 +191,7 @@ class Backbone:
     middle: FloatArray | None = None
     offset: FloatArray | None = None
     opened: FloatArray | None = None
+    sensitivity: BackboneSensitivity | None = None
 
     @property
     def damping_ratio(self) -> FloatArray:
@@ -190,11 +205,14 @@ class Backbone:
         return end if self.middle is None else np.asarray(end + self.middle[-1])
 
 
-def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
+def stuck_modes(
+    system: System, count: int, path: QuasiStatic | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Lowest frequencies (Hz) and modes (n, k), of unit mass, with all contact points held.
 
-    Springs in series with friction take part, and their sliders are held. InputError if everything
-    is in contact, so that nothing is left to vibrate.
+    Springs in series with friction take part, and their sliders are held. A factor of the ``path``
+    is used again where it has one. InputError if everything is in contact, so that nothing is left
+    to vibrate.
     """
     F = motions_without_slip(system, carrying=True)
     if F.shape[1] == 0:
@@ -204,18 +222,20 @@ def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
             "model, or look at response"
         )
     K, M = (sparse.csr_array(congruent(A, F)) for A in (system.stuck_stiffness, system.M))
-    frequency, shapes = eigenmodes(K, M, min(count, F.shape[1]))
+    solve = None if path is None else path.stuck(F)
+    frequency, shapes = eigenmodes(K, M, min(count, F.shape[1]), solve)
     return frequency, F @ shapes
 
 
 def backbone(
     system: System,
     modes: Sequence[int] = (1,),
-    levels: int = 20,
+    levels: int | ArrayLike = 20,
     up_to: float = 0.7,
     slips_at: float | None = None,
     progress: Progress = silent,
     rows: Rows | None = None,
+    parameters: Sequence[SystemSensitivity] = (),
 ) -> list[Backbone]:
     """Natural frequency and damping ratio of some modes over their amplitude.
 
@@ -228,8 +248,9 @@ def backbone(
     modes : sequence of int
         Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
         basis has fixed-interface modes.
-    levels : int
-        Levels of each mode, evenly spaced on a logarithmic axis over a factor of twenty.
+    levels : int or array_like
+        Levels of each mode, evenly spaced on a logarithmic axis over a factor of twenty; or the
+        levels themselves, rising, m/s² kg^1/2, without regard to ``up_to``.
     up_to : float
         The highest level, as a share of that at which the first joint slips as a whole.
     slips_at : float, optional
@@ -239,7 +260,9 @@ def backbone(
         Called with (levels done, levels in all as far as they are known), increments of cycles
         included; with contact that opens, with cycles.
     rows : Rows, optional
-        Where levels are kept as they finish, and taken up again.
+        Where levels are kept as they finish, and taken up again; not beside ``parameters``.
+    parameters : sequence of SystemSensitivity
+        By which the curves are differentiated, from :func:`skfem_joint.sensitivities`.
 
     Returns
     -------
@@ -258,16 +281,22 @@ def backbone(
     system.check_any_load("backbone")
     check_whole(system, "backbone")
     check_each("backbone: modes", modes, COUNT)
-    check("backbone: levels", levels, COUNT)
     check("backbone: up_to", up_to, POSITIVE)
     if slips_at is not None:
         check("backbone: slips_at", slips_at, POSITIVE)
-    numbers, rows, opens = np.asarray(modes, dtype=int), rows or Rows(), system.opening is not None
-    tally = Tally(progress, len(modes) * levels_of_a_curve(levels, opens))
+    shares = _shares(levels, up_to)
+    if np.ndim(levels):
+        slips_at = 1.0  # levels are given, not shares of it
+    check_parameters(parameters, system)
+    numbers, opens = np.asarray(modes, dtype=int), system.opening is not None
+    rows = rows if rows and not parameters else Rows()
+    tally = Tally(progress, len(modes) * levels_of_a_curve(shares.size, opens))
     to = arranged(system.closed())
     path = SavedPath(to.system, SETTINGS.tolerance, tally, rows)
-    opening = OpeningPath(system, SETTINGS.tolerance, tally, rows) if opens else None
-    frequencies, shapes = stuck_modes(to.system, int(numbers.max()) + SETTINGS.higher_modes)
+    paths = SETTINGS.tolerance, tally, rows, bool(parameters)
+    opening = OpeningPath(system, *paths) if opens else None
+    count = int(numbers.max()) + SETTINGS.higher_modes
+    frequencies, shapes = stuck_modes(to.system, count, path)
     if numbers.max() > frequencies.size:
         raise InputError(
             f"backbone: found mode {numbers.max()}, there are {frequencies.size} with the contact "
@@ -276,11 +305,11 @@ def backbone(
     if system.serves is not None:
         of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
         check_modes(system.serves, of_mode, of_mode, up_to)
-    shares = np.geomspace(SETTINGS.lowest, 1.0, levels) * up_to if levels > 1 else np.array([up_to])
     curves = []
     for k in numbers.tolist():
-        mode = _Mode(k, shapes[:, k - 1], frequencies, to.system.M @ shapes[:, k - 1])
-        curves.append(_curve(to, path, opening, mode, shares, slips_at))
+        mode = _Mode(k, shapes, frequencies, to.system.M @ shapes[:, k - 1])
+        curve = _curve(to, path, opening, mode, shares, slips_at, parameters)
+        curves.append(replace(curve, slips_at=np.nan) if np.ndim(levels) else curve)
     if system.serves is None:
         return curves
     larger = alone(system)
@@ -288,6 +317,21 @@ def backbone(
         (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at, rows=rows)
         curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
     return curves
+
+
+def _shares(levels: int | ArrayLike, up_to: float) -> FloatArray:
+    """Levels that are given, or those of their number, as shares of that of gross slip.
+
+    InputError for a number below 1, and levels that do not rise from above zero.
+    """
+    if np.ndim(levels) == 0:
+        check("backbone: levels", levels, COUNT)
+        count = int(np.asarray(levels))
+        return up_to * np.geomspace(SETTINGS.lowest if count > 1 else 1.0, 1.0, count)
+    level = np.asarray(as_real(levels, "backbone: levels"))
+    if level.ndim != 1 or not level.size or not level[0] > 0.0 or not np.all(np.diff(level) > 0.0):
+        raise InputError("backbone: levels: must be a number, or levels that rise from above zero")
+    return level
 
 
 def levels_of_a_curve(levels: int, opens: bool = False) -> int:
@@ -307,18 +351,24 @@ class _Mode:
     ----------
     number : int
         From 1.
-    shape : ndarray, shape (n,)
-        Of unit modal mass, kg^(-1/2), in the unknowns of the path.
-    frequencies : ndarray
-        Of this mode, those below and some of those above, Hz.
+    shapes : ndarray, shape (n, modes)
+        This mode, those below and some of those above, of unit modal mass, kg^(-1/2), in the
+        unknowns of the path.
+    frequencies : ndarray, shape (modes,)
+        Of all these, Hz.
     force : ndarray, shape (n,)
         Inertia M phi, the load of level 1, N.
     """
 
     number: int
-    shape: FloatArray
+    shapes: FloatArray
     frequencies: FloatArray
     force: FloatArray
+
+    @property
+    def shape(self) -> FloatArray:
+        """Of the mode itself, (n,), kg^(-1/2)."""
+        return np.asarray(self.shapes[:, self.number - 1])
 
     @property
     def frequency(self) -> float:
@@ -333,16 +383,21 @@ def _curve(
     mode: _Mode,
     shares: FloatArray,
     slips_at: float | None,
+    parameters: Sequence[SystemSensitivity],
 ) -> Backbone:
     """Backbone of a mode at some shares of the level at which the first joint slips as a whole."""
     slips_at = _check_levels(path, mode, shares, slips_at)
     level, force, shape = shares * slips_at, mode.force, mode.shape
+    closed = to
     if opening is None:
         found = masing_cycles(path, force, level)
     else:
         shape, to = opening.of_closed(to.outer(shape)), opening.to
         force = np.asarray(to.system.M @ shape)
         found = opening.follow(force, level, float(shape @ (to.system.C @ shape)))
+    sensitivity = None
+    if parameters:
+        sensitivity = _sensitivity(closed, opening or path, mode, shape, found, parameters)
     system, level, states = to.system, found.level, found.states
     q = states @ force
     omega = np.sqrt(level / q)
@@ -378,7 +433,38 @@ def _curve(
         middle=None if middle is None else to.outer(middle),
         offset=None if middle is None else middle @ force,
         opened=found.opened,
+        sensitivity=sensitivity,
     )
+
+
+def _sensitivity(
+    to: Arranged,
+    path: SavedPath | OpeningPath,
+    mode: _Mode,
+    shape: FloatArray,
+    found: Cycles,
+    parameters: Sequence[SystemSensitivity],
+) -> BackboneSensitivity:
+    """Derivatives of a curve, from its cycles and its ``shape`` in the unknowns of its path."""
+    closed = list(parameters)
+    of_modes = mode.frequencies, mode.shapes, mode.number - 1
+    if isinstance(path, OpeningPath):
+        closed = of_closed_system(parameters, path.given)
+    closed = _inside(closed, to)
+    stuck = None if isinstance(path, OpeningPath) else path.stuck
+    of_stuck, of_shape = mode_rates(to.system, *of_modes, closed, stuck)
+    inside, system = closed, path.to.system
+    if isinstance(path, OpeningPath):
+        inside, of_shape = _inside(parameters, path.to), path.of_closed(to.outer(of_shape.T).T)
+    cycles = CycleRates(path, system.M @ shape, found, inside, system.M @ of_shape)
+    return backbone_sensitivity(system, found, cycles, inside, (shape, of_shape, of_stuck))
+
+
+def _inside(parameters: Sequence[SystemSensitivity], to: Arranged) -> list[SystemSensitivity]:
+    """Derivatives in the unknowns of a path."""
+    for change in to.maps:
+        parameters = [in_unknowns(parameter, change.forward) for parameter in parameters]
+    return list(parameters)
 
 
 def _own_law(
@@ -423,8 +509,8 @@ def _check_levels(
         path.rows.total += path.rows.done - counted  # how many it takes is known only now
     if shares[-1] * slips_at >= limit:
         raise InputError(
-            f"backbone: found up_to = {shares[-1]:g}, but friction alone holds the structure, and "
-            f"mode {number} makes all of it slip at {limit / slips_at:.3g}; ask for less"
+            f"backbone: found levels up to {shares[-1]:g}, but friction alone holds the structure, "
+            f"and mode {number} makes all of it slip at {limit / slips_at:.3g}; ask for less"
         )
     return slips_at
 

@@ -29,6 +29,10 @@ class Cycles:
         Friction over its limit at the level, where the limits are constant.
     loops : ndarray, shape (increments, n)
         Increments of displacement along the half cycles that were followed, m, if they are kept.
+    turned : ndarray, shape (increments, rows of B), or None
+        Those of the friction over its limit.
+    followed : ndarray of int
+        Numbers of the levels whose half cycles these are.
     masing_error : float or None
         Largest relative error of the work by Masing's rule; None where it was not used.
     middle : ndarray, shape (levels, n), or None
@@ -48,6 +52,8 @@ class Cycles:
     sliding: FloatArray
     friction: FloatArray | None
     loops: FloatArray
+    turned: FloatArray | None = None
+    followed: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     masing_error: float | None = None
     middle: FloatArray | None = None
     opened: FloatArray | None = None

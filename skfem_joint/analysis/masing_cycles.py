@@ -14,7 +14,8 @@ import numpy as np
 
 from skfem_joint.analysis.cycles import Cycles, spread
 from skfem_joint.analysis.saved_path import SavedPath
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.system import System
 
 
 @dataclass(frozen=True)
@@ -56,47 +57,58 @@ def masing_cycles(path: SavedPath, force: FloatArray, level: FloatArray) -> Cycl
     system = path.to.system
     states = path.follow(np.outer(level, force), limit_share=np.inf)
     friction = path.frictions
-    work, loops, masing_error = _friction_work(path, level, force, states, friction)
     rows = np.asarray((system.B @ states.T).T)
-    slip = system.slip_norm(rows)
-    sliding = system.slip_norm(system.slider_slip(rows, friction))
-    return Cycles(level, states, work, slip, sliding, friction, loops, masing_error)
+    sliders = system.slider_slip(rows, friction)
+    slip, sliding = system.slip_norm(rows), system.slip_norm(sliders)
+    work, masing = 4.0 * sliding @ system.w, keeps_direction(system, sliders)
+    followed = spread(level.size, SETTINGS.checked) if masing else np.arange(level.size)
+    followed = followed[work[followed] > 0.0]
+    loops, turned = _half_cycles(path, level, force, states, friction, followed)
+    slid = system.slider_slip(np.asarray((system.B @ loops.T).T), turned)
+    cycle = 2.0 * (system.slip_norm(slid) @ system.w).reshape(-1, SETTINGS.increments).sum(axis=1)
+    ratio = cycle / work[followed]
+    error = float(np.abs(ratio - 1.0).max(initial=0.0)) if masing else None
+    work *= between(level, followed, ratio)
+    return Cycles(
+        level, states, work, slip, sliding, friction, loops, turned, followed, masing_error=error
+    )
 
 
-def _friction_work(
+def keeps_direction(system: System, sliders: FloatArray) -> bool:
+    """Whether slips of sliders (levels, rows), m, keep their directions, as Masing's rule needs."""
+    along_the_path = np.cumsum(system.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
+    slip = system.slip_norm(sliders)
+    return bool(np.all(along_the_path @ system.w <= SETTINGS.turned * (slip @ system.w)))
+
+
+def between(level: FloatArray, followed: IntArray, ratio: FloatArray) -> FloatArray:
+    """Ratios at all levels, (levels, ...), from those (followed, ...) of some; 1 without any."""
+    if not followed.size:
+        return np.ones(level.size)
+    known, at = np.log(level[followed]), np.log(level)
+    columns = [np.interp(at, known, column) for column in np.atleast_2d(ratio.T)]
+    return np.array(columns).T.reshape(level.size, *ratio.shape[1:])
+
+
+def _half_cycles(
     path: SavedPath,
     level: FloatArray,
     force: FloatArray,
     states: FloatArray,
     friction: FloatArray,
-) -> tuple[FloatArray, FloatArray, float | None]:
-    """Work of friction in a cycle at each level, (levels,), J.
+    followed: IntArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Increments (increments, n), m, of half cycles from some levels.
 
-    Returns also the increments (k, n), m, of the half cycles that were followed, and the largest
-    relative error of Masing's rule; None where it was not used.
+    Also returns those of the friction over its limit, (increments, rows).
     """
-    system = path.to.system
-    rows = system.slider_slip(np.asarray((system.B @ states.T).T), friction)
-    slip = system.slip_norm(rows)
-    work = 4.0 * slip @ system.w
-    along_the_path = np.cumsum(system.slip_norm(np.diff(rows, axis=0, prepend=0.0)), axis=0)
-    masing = bool(np.all(along_the_path @ system.w <= SETTINGS.turned * (slip @ system.w)))
-    followed = spread(level.size, SETTINGS.checked) if masing else np.arange(level.size)
-    followed = followed[work[followed] > 0.0]
     more = SETTINGS.increments * (followed.size - min(SETTINGS.checked, level.size))
     path.tally.total += more
     path.rows.total += more
     parts = [_half_cycle(path, level[k] * force, states[k], friction[k]) for k in followed]
-    increments = np.reshape([part[0] for part in parts], (-1, system.n))
-    turned = np.reshape([part[1] for part in parts], (-1, system.B.shape[0]))
-    slid = system.slider_slip(np.asarray((system.B @ increments.T).T), turned)
-    dissipated = system.slip_norm(slid) @ system.w
-    cycle = 2.0 * dissipated.reshape(-1, SETTINGS.increments).sum(axis=1)
-    ratio = cycle / work[followed]
-    if followed.size:
-        work *= np.interp(np.log(level), np.log(level[followed]), ratio)
-    error = float(np.abs(ratio - 1.0).max(initial=0.0)) if masing else None
-    return work, increments, error
+    increments = np.reshape([part[0] for part in parts], (-1, states.shape[1]))
+    turned = np.reshape([part[1] for part in parts], (-1, friction.shape[1]))
+    return increments, turned
 
 
 def _half_cycle(

@@ -131,6 +131,15 @@ class _Cycle(NamedTuple):
         return 0.5 * (self.end[0] + self.low)
 
 
+#: Levels that follow each other, with their multiples of the force.
+Walk = list[tuple[float, Level]]
+
+
+def lowest(walk: Walk) -> int:
+    """Place of the opposite turning point in a cycle."""
+    return int(np.argmin([alpha for alpha, _ in walk]))
+
+
 class OpeningPath:
     """Quasi-static path of a system with contact that opens, in cycles.
 
@@ -149,14 +158,22 @@ class OpeningPath:
     ----------
     to : Arranged
         System in whose unknowns levels are solved.
+    walked : list of list
+        Of each level that was computed, all cycles but those with twice the increments, each a list
+        of its levels with their multiples of the force; first of the way to it. Kept if asked for.
     """
 
-    def __init__(self, system: System, tolerance: float, tally: Tally, rows: Rows) -> None:
+    def __init__(
+        self, system: System, tolerance: float, tally: Tally, rows: Rows, keeps: bool = False
+    ) -> None:
         self.solver = OpeningLevels(system, tolerance)
         self.to, self.tally, self.rows = self.solver.to, tally, rows
         self.origin = rows.mark("cycle", system, tolerance, SETTINGS)
         self._closed = cast("OpeningContact", system.opening).closed_motions()
         self._taken = self.to.system.spring_flexibility
+        self.given = system
+        self.walked: list[list[Walk]] = []
+        self._keeps = keeps
 
     def of_closed(self, u: FloatArray) -> FloatArray:
         """Unknowns of the path, (n,), from those of `System.closed`."""
@@ -221,27 +238,39 @@ class OpeningPath:
     ) -> tuple[Any, ...]:
         """The first cycle at a level that is closed, or the last of at most so many."""
         self.solver.kept = start.kept
-        begin = self._levels(start.level, start.alpha * force, alpha * force)[-1]
+        walks = [self._levels(start.level, force, start.alpha, alpha)]
         for _ in range(most):
-            cycle = self._around(begin, alpha * force, increments)
+            begin = walks[-1][-1][1]
+            walks.append(self._walk(begin, force, alpha, increments))
+            cycle = self._cycle(begin, alpha * force, walks[-1])
             if cycle.slip_left <= SETTINGS.closed:
                 break
-            begin = Level(*cycle.end)
+        if self._keeps and increments == SETTINGS.increments:
+            self.walked.append(walks)
         return tuple(cycle)
 
-    def _levels(self, last: Level, before: FloatArray, after: FloatArray) -> list[Level]:
-        """Levels on the way between two forces, (n,), N."""
-        return [level for _, level in in_parts(self.solver.next, last, before, after)]
+    def _levels(self, last: Level, force: FloatArray, before: float, after: float) -> Walk:
+        """Levels on the way between two multiples of a force, (n,), N."""
+        ends = before * force, after * force
+        along = 1.0 / float(force @ force)
+        return [
+            (float(loads @ force) * along, level)
+            for loads, level in in_parts(self.solver.next, last, *ends)
+        ]
 
-    def _around(self, begin: Level, force: FloatArray, increments: int) -> _Cycle:
-        """Cycle from a level under a force, (n,), N, to its opposite and back."""
-        system, pressed = self.to.system, self.solver.contact.force > 0.0
-        turn = np.linspace(1.0, -1.0, increments + 1)
-        path, middle = [begin], 0
+    def _walk(self, begin: Level, force: FloatArray, alpha: float, increments: int) -> Walk:
+        """Levels of a cycle from a level at a multiple of a force to its opposite and back."""
+        turn = alpha * np.linspace(1.0, -1.0, increments + 1)
+        walk: Walk = [(alpha, begin)]
         for half in (turn, -turn):
             for a, b in pairwise(half.tolist()):
-                path += self._levels(path[-1], a * force, b * force)
-            middle = middle or len(path) - 1
+                walk += self._levels(walk[-1][1], force, a, b)
+        return walk[1:]
+
+    def _cycle(self, begin: Level, force: FloatArray, walk: Walk) -> _Cycle:
+        """Cycle from a level under a force, (n,), N, with the levels that follow."""
+        system, pressed = self.to.system, self.solver.contact.force > 0.0
+        path, middle = [begin, *(level for _, level in walk)], 1 + lowest(walk)
         limits = np.array([level.limits for level in path])
         ways = np.array([level.slip - self._taken * level.friction for level in path])
         slips = np.diff(ways, axis=0)

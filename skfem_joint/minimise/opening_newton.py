@@ -183,8 +183,8 @@ class OpeningNewton:
         A -= self._beside.T @ linalg.cho_solve(self._factor, self._beside)
         return np.ascontiguousarray(0.5 * (A + A.T))
 
-    def _restrict(self, g: FloatArray) -> tuple[FloatArray, Any]:
-        """Right side of z, (t + q,), and what `_extend` needs beside it."""
+    def restrict(self, g: FloatArray) -> tuple[FloatArray, Any]:
+        """Right side of z, (t + q,) or (t + q, k), and what `extend` needs beside it."""
         right, interior = self.schur.restrict(g)
         g_t, g_d = right[self._t], right[self._d]
         if self._picks:
@@ -194,10 +194,10 @@ class OpeningNewton:
         right -= self._beside.T @ linalg.cho_solve(self._factor, g_y)
         return right, (g_y, interior)
 
-    def _extend(self, z: FloatArray, beside: Any) -> FloatArray:
-        """All unknowns, (n,), from slips and approaches."""
+    def extend(self, z: FloatArray, beside: Any) -> FloatArray:
+        """All unknowns, (n,) or (n, k), from slips and approaches."""
         g_y, interior = beside
-        kept = np.empty(self.schur.kept.size)
+        kept = np.empty((self.schur.kept.size, *z.shape[1:]))
         kept[self._t] = z[: self.slips]
         kept[self._d] = (
             z[self.slips :]
@@ -246,7 +246,7 @@ class OpeningNewton:
             where = int(np.flatnonzero(~np.isfinite(g))[0])
             p, w = np.zeros(bound.size), np.zeros(given.size)
             return OpeningMinimum(v, sigma, p, w, False, {"newton_iterations": 0}, np.nan, where)
-        right, beside = self._restrict(g)
+        right, beside = self.restrict(g)
         z = np.zeros(right.size) if start is None else self.start_of(start)
         scale = max(float(np.abs(right).max()), float(np.abs(g).max()))
         law = self.whole.beta if beta is None else np.asarray(beta, dtype=float)
@@ -254,7 +254,7 @@ class OpeningNewton:
         solved = self._solution(
             right, z, _Right(bound, given, gain, law), tolerance, scale, touching
         )
-        v = self._extend(solved.v, beside)
+        v = self.extend(solved.v, beside)
         limits = self.points.on_rows(solved.w)
         sigma = solved.sigma / np.where(limits > 0.0, limits, 1.0)
         return replace(

@@ -1,0 +1,146 @@
+"""Derivatives of the natural frequency and shape of a mode by parameters of the stiffness.
+
+With K phi = lambda M phi and phi^T M phi = 1,
+
+    d(lambda) = phi^T dK phi,      (K - lambda M) d(phi) = -(dK - d(lambda) M) phi,
+
+and d(phi) has no part along phi (R. L. Fox and M. P. Kapoor, AIAA J. 6, 1968). Its parts along
+other modes that are known follow at once. What is left obeys the same equation in the space of
+higher modes, where x = K^-1 (r + lambda M x) converges with the ratio of lambda to the next higher
+one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.reduction.interface_modes import motions_without_slip
+from skfem_joint.sensitivity import SystemSensitivity
+from skfem_joint.system import System
+from skfem_joint.unknowns import congruent
+
+Solver = Callable[[FloatArray], FloatArray]
+
+#: Relative change of the shape at which the iteration ends, and most iterations.
+SETTLED, MOST = 1e-11, 500
+#: Forces below this share of the largest one are none.
+ROUND_OFF = 1e-11
+#: Modes whose square frequencies differ by less than this, relative, are the same.
+SAME = 1e-7
+
+
+def stuck_stiffness_rates(
+    system: System, parameters: Sequence[SystemSensitivity]
+) -> list[Matrix | None]:
+    """Derivatives of `System.stuck_stiffness`, (n, n), N/m; None where it does not change."""
+    B, rates = sparse.csr_array(system.B), list[Matrix | None]()
+    for parameter in parameters:
+        K = parameter.K
+        if parameter.stiffness is not None and system.has_springs:
+            k = system.on_rows(np.where(system.sprung, parameter.stiffness, 0.0))
+            springs = sparse.csr_array(B.T @ sparse.diags_array(k) @ B)
+            K = springs if K is None else K + springs
+        rates.append(K)
+    return rates
+
+
+def mode_rates(
+    system: System,
+    frequencies: FloatArray,
+    shapes: FloatArray,
+    place: int,
+    parameters: Sequence[SystemSensitivity],
+    stuck: Callable[[sparse.csc_array], Solver | None] | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of a frequency, (k,), Hz, and of its mode, (n, k), with the contact stuck.
+
+    Parameters
+    ----------
+    system : System
+    frequencies, shapes : ndarray, shape (modes,) and (n, modes)
+        Lowest modes, as `skfem_joint.analysis.backbone.stuck_modes` returns them.
+    place : int
+        Which of them.
+    parameters : sequence of SystemSensitivity
+        k of them, in the unknowns of the system.
+    stuck : callable, optional
+        Of motions without slip: solver of their stiffness, if there is one, `QuasiStatic.stuck`.
+
+    Raises
+    ------
+    InputError
+        If another mode has the same frequency and a parameter mixes both, so that there is no
+        derivative.
+    ConvergenceError
+        If the shape's derivative is not found.
+    """
+    values, phi, M = (2.0 * np.pi * frequencies) ** 2, shapes[:, place], system.M
+    rates = stuck_stiffness_rates(system, parameters)
+    of_value = np.zeros(len(rates))
+    of_shape = np.zeros((system.n, len(rates)))
+    changes = [j for j, rate in enumerate(rates) if rate is not None]
+    if not changes:
+        return of_value, of_shape
+    pushed = np.column_stack([rate @ phi for rate in rates if rate is not None])
+    of_value[changes] = phi @ pushed
+    right = np.outer(M @ phi, of_value[changes]) - pushed
+    along = shapes.T @ right
+    apart = values - values[place]
+    same = np.abs(apart) <= SAME * values[place]
+    mixed = same & (np.abs(along).max(axis=1) > 1e-6 * np.abs(along).max(initial=0.0))
+    mixed[place] = False
+    if mixed.any():
+        raise InputError(
+            f"modes {place + 1} and {int(np.flatnonzero(mixed)[0]) + 1} have the same frequency, "
+            f"{frequencies[place]:.6g} Hz, and are not told apart: their derivatives do not exist; "
+            "make the structure less symmetric"
+        )
+    known = np.where(same[:, np.newaxis], 0.0, along / np.where(same, 1.0, apart)[:, np.newaxis])
+    rest = right - (M @ shapes) @ along
+    sized = np.abs(rest).max(axis=0) > ROUND_OFF * np.abs(pushed).max(axis=0)
+    of_shape[:, changes] = shapes @ known + _higher(
+        system, values[place], shapes, np.where(sized, rest, 0.0), stuck
+    )
+    omega = 2.0 * np.pi * frequencies[place]
+    return of_value / (2.0 * omega) / (2.0 * np.pi), of_shape
+
+
+def _higher(
+    system: System,
+    value: float,
+    shapes: FloatArray,
+    right: FloatArray,
+    stuck: Callable[[sparse.csc_array], Solver | None] | None,
+) -> FloatArray:
+    """Solution x of (K - value M) x = right among modes beyond the ``shapes``, (n, k)."""
+    if not np.any(right):
+        return np.zeros_like(right)
+    F = motions_without_slip(system, carrying=True)
+    K, M = (sparse.csr_array(congruent(A, F)) for A in (system.stuck_stiffness, system.M))
+    Y = F.T @ shapes
+    solve = (stuck and stuck(F)) or factorised(K)
+    return np.asarray(F @ _fixed_point(solve, M, value, Y, F.T @ right))
+
+
+def _fixed_point(
+    solve: Callable[[FloatArray], Any], M: Matrix, value: float, Y: FloatArray, right: FloatArray
+) -> FloatArray:
+    MY = M @ Y
+    right = right - MY @ (Y.T @ right)
+    x = np.zeros_like(right)
+    for _ in range(MOST):
+        before, x = x, np.asarray(solve(right + value * (M @ x)))
+        x -= Y @ (MY.T @ x)
+        if np.abs(x - before).max() <= SETTLED * np.abs(x).max():
+            return x
+    raise ConvergenceError(
+        f"the derivative of a mode's shape was not found in {MOST} iterations: higher modes lie "
+        "near it in frequency"
+    )

@@ -1,0 +1,456 @@
+"""Derivatives of quasi-static levels by parameters of the system, by implicit differentiation.
+
+A level obeys
+
+    K u + B^T f + N^T (p - force) = alpha F,
+
+with friction f and, where contact opens, normal forces p. Differentiated by a parameter, with the
+same points sticking, slipping, closed and open, this is linear in the derivatives of u, f and p:
+
+- a point that sticks moves on as it did at the level before, d(B u) = d(B u before);
+- one that slips by the increment s in the direction e has df = dw e + w / |s| (I - e e^T) ds, and
+  on a spring k in series the increment is that of the spring's force, q + k s, with q before it;
+- a closed point keeps its gap, an open one has no force, an elastic one has its stiffness;
+- limits that follow the normal forces have dw = d(gain) p + gain dp.
+
+The matrix of these equations is the tangent of the level's last Newton step. Where a point is just
+turning from one state to another there are two derivatives, one to each side: that of the state
+which it has is taken, and `LevelRates.turning` counts such points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from scipy import linalg, sparse
+
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_dense
+from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.schur import SchurComplement, condensed
+from skfem_joint.minimise.opening_springs import OpeningOnSprings
+from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.opening import OpeningContact
+from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
+from skfem_joint.stepping.levels import Level
+from skfem_joint.stepping.opening_levels import OpeningLevels
+from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.system import System
+
+#: A point slips in an increment if it slips by more than this share of the largest slip, and one on
+#: a spring if its force is less than this share below its limit.
+STILL = 1e-9
+#: Points that slip by less than this share of the largest slip of an increment may be turning.
+TURNING = 1e-4
+
+
+class Rates(NamedTuple):
+    """Derivatives of a level, a column for each of k parameters.
+
+    Attributes
+    ----------
+    values : ndarray, shape (f, k)
+        Of the values that are looked at, such as displacements of points.
+    slip : ndarray, shape (rows, k)
+        Of the slip of each row, m; with contact that opens of that of its slider.
+    friction : ndarray, shape (rows, k)
+        Of the friction force of each row, N, where constant limits have springs in series; else 0.
+    limits : ndarray, shape (m, k)
+        Of the friction limits, N.
+    normal : ndarray, shape (q, k)
+        Of the normal forces of contact that opens, N.
+    """
+
+    values: FloatArray
+    slip: FloatArray
+    friction: FloatArray
+    limits: FloatArray
+    normal: FloatArray
+
+
+class _Friction(NamedTuple):
+    """Derivative of the friction of an increment: known + tangent d(slip).
+
+    Attributes
+    ----------
+    direction : ndarray, shape (rows,)
+        Direction of the force of each point that slips; zero of others.
+    sticks : ndarray of bool, shape (rows,)
+        Rows whose slip is as at the level before.
+    tangent : sparse array, shape (rows, rows)
+        N/m.
+    known : ndarray, shape (rows, k)
+        Without the part of limits that follow the derivatives of normal forces.
+    """
+
+    direction: FloatArray
+    sticks: BoolArray
+    tangent: sparse.csr_array
+    known: FloatArray
+
+
+class _Normals(NamedTuple):
+    """Derivative of the normal forces of a level: known + matrix d(z).
+
+    Attributes
+    ----------
+    closed : ndarray of int
+        Unknowns of `_Matrix.A` that are the approaches of closed rigid points.
+    gap : ndarray, shape (closed, k)
+        Their derivatives, m.
+    known : ndarray, shape (q, k)
+        N.
+    matrix : ndarray, shape (q, z)
+        N/m.
+    pushed, pushes : ndarray, shape (z, k) and (z, z)
+        Both for the elastic points, at their approaches.
+    """
+
+    closed: IntArray
+    gap: FloatArray
+    known: FloatArray
+    matrix: FloatArray
+    pushed: FloatArray
+    pushes: FloatArray
+
+
+@dataclass(frozen=True)
+class _Matrix:
+    """Matrix of levels, condensed to the contact.
+
+    Attributes
+    ----------
+    A : ndarray or sparse array, shape (z, z)
+        Of the slips, and with contact that opens of the approaches after them.
+    place : ndarray of int, shape (rows,)
+        Unknown of A that is the slip of each row; -1 where no friction acts.
+    approach : int
+        First unknown of A that is an approach.
+    restrict, extend : callable
+        Right sides of A from those of all unknowns, with what `extend` needs beside it; and back.
+    sliders : int
+        Unknowns that follow those of the system: sliders of springs beside contact that opens.
+    """
+
+    A: Any
+    place: IntArray
+    approach: int
+    restrict: Callable[[FloatArray], tuple[FloatArray, Any]]
+    extend: Callable[[FloatArray, Any], FloatArray]
+    sliders: int = 0
+
+    @staticmethod
+    def constant(path: QuasiStatic) -> _Matrix:
+        """Of constant limits; factors of the path are used again."""
+        system = path.to.system
+        points = ContactPoints.of(system)
+        if path.whole is not None:
+            schur: Any = path.whole.schur
+        else:
+            H = as_compressed(path.K + path.shift * path.M)
+            schur = condensed(H, points.limited)
+        whole = isinstance(schur, SchurComplement)
+        A = schur.complement if whole else schur.A
+        at = np.full(system.n, -1)
+        kept = schur.kept if whole else np.arange(system.n)
+        at[kept] = np.arange(kept.size)
+        place = np.where(points.on_rows(points.w) > 0.0, at[points.unknowns], -1)
+        return _Matrix(A, place, A.shape[0], schur.restrict, schur.extend)
+
+    @staticmethod
+    def opening(levels: OpeningLevels) -> _Matrix:
+        """Of contact that opens; the factor of the levels is used again."""
+        outer = cast("Any", levels.problem)
+        on_springs = isinstance(outer, OpeningOnSprings)
+        inner = outer.problem if on_springs else outer
+        rows = np.arange(inner.slips)
+        sliders = outer.rows.size if on_springs else 0
+        return _Matrix(inner.whole.A, rows, inner.slips, inner.restrict, inner.extend, sliders)
+
+
+class LevelRates:
+    """Derivatives of the levels of a path under multiples of one force.
+
+    Parameters
+    ----------
+    path : QuasiStatic or OpeningLevels
+        What the levels were computed by.
+    force : ndarray, shape (n,)
+        Force F of the unit level, N, in the unknowns of ``path.to.system``.
+    parameters : sequence of SystemSensitivity
+        In the same unknowns. A last column is that by the logarithm of all levels at once.
+    force_rates : ndarray, shape (n, k)
+        Derivative of F by each parameter, N.
+    looked_at : ndarray, shape (n, f)
+        Values of a displacement (n,) that are differentiated, a column for each.
+
+    Attributes
+    ----------
+    turning : list of int
+        Points that may turn between sticking and slipping, at each level last followed.
+    """
+
+    def __init__(
+        self,
+        path: QuasiStatic | OpeningLevels,
+        force: FloatArray,
+        parameters: Sequence[SystemSensitivity],
+        force_rates: FloatArray,
+        looked_at: FloatArray,
+    ) -> None:
+        self.system: System = path.to.system
+        self.parameters = parameters
+        self.contact: OpeningContact | None = self.system.opening
+        if isinstance(path, OpeningLevels):
+            self.matrix = _Matrix.opening(path)
+        else:
+            self.matrix = _Matrix.constant(path)
+        # A x = g is condensed once for all right sides and values: v x = z v' + v'' g, with v' the
+        # restricted v, and v'' the displacement under v with the contact held.
+        self._force = self._padded(np.column_stack([force_rates, force]))
+        self._right_of_force = self.matrix.restrict(self._force)[0]
+        looked_at = self._padded(looked_at)
+        self._seen, beside = self.matrix.restrict(looked_at)
+        self._held = self.matrix.extend(np.zeros_like(self._seen), beside)
+        self.row_point = np.repeat(np.arange(self.system.w.size), self.system.directions)
+        rubs, z = self.matrix.place >= 0, self.matrix.A.shape[0]
+        ones = np.ones(int(rubs.sum()))
+        entries = ones, (np.flatnonzero(rubs), self.matrix.place[rubs])
+        self.to_rows = sparse.csr_array(entries, shape=(rubs.size, z))
+        self._contact_rates()
+        self.turning: list[int] = []
+
+    def _contact_rates(self) -> None:
+        """Derivatives of limits, springs and normal contact, a column for each parameter."""
+        system, count = self.system, len(self.parameters) + 1
+
+        def columns(size: int, values: Sequence[FloatArray | None]) -> FloatArray:
+            table = np.zeros((size, count))
+            for j, value in enumerate(values):
+                if value is not None:
+                    table[:, j] = value
+            return table
+
+        m = system.w.size
+        self.given = columns(m, [p.w for p in self.parameters])
+        self.spring_rates = columns(m, [p.stiffness for p in self.parameters])
+        self.gains: list[Any] = [None] * count
+        if self.contact is None:
+            return
+        q = self.contact.gap.size
+        parts = [p.opening or OpeningSensitivity() for p in self.parameters]
+        self.gap = columns(q, [part.gap for part in parts])
+        self.at_rest = columns(q, [part.force for part in parts])
+        self.stiffness = columns(q, [part.stiffness for part in parts])
+        self.gains = [part.gain for part in parts] + [None]
+        # What is given beside normal forces: limits at rest without those of the forces at rest.
+        self.given -= self.contact.gain @ self.at_rest
+        for j, gain in enumerate(self.gains):
+            if gain is not None:
+                self.given[:, j] -= gain @ self.contact.force
+
+    def rest(self) -> Rates:
+        """Of the level at rest."""
+        count = len(self.parameters) + 1
+        zeros, values = (
+            np.zeros((self.row_point.size, count)),
+            np.zeros((self._seen.shape[1], count)),
+        )
+        normal, limits = np.zeros((0, count)), self.given
+        if self.contact is not None:
+            normal, limits = self.at_rest, self._limits(self.contact.force, self.at_rest)
+        return Rates(values, zeros, zeros, limits, normal)
+
+    def slips(self, level: Level) -> FloatArray:
+        """Slips that `Rates.slip` are derivatives of, (rows,), m."""
+        if self.contact is None or not self.system.has_springs:
+            return level.slip
+        return np.asarray(level.slip - self.system.spring_flexibility * level.friction)
+
+    def slider(self, level: Level, rates: Rates) -> tuple[FloatArray, FloatArray]:
+        """Slips of the sliders, (rows,), m, and their derivatives, (rows, k)."""
+        if self.contact is not None or not self.system.has_springs:
+            return self.slips(level), rates.slip
+        flexibility = self.system.spring_flexibility
+        softer = -(flexibility**2)[:, np.newaxis] * self.spring_rates[self.row_point]
+        taken = flexibility[:, np.newaxis] * rates.friction
+        slips = level.slip - flexibility * level.friction
+        return slips, rates.slip - taken - softer * level.friction[:, np.newaxis]
+
+    def follow(
+        self, last: Rates, before: Level, walk: Sequence[tuple[float, Level]]
+    ) -> list[Rates]:
+        """Of levels at multiples of the force that follow each other from ``before``.
+
+        Raises
+        ------
+        LinAlgError
+            If everything slips, so that a level is not determined.
+        """
+        self.turning = []
+        pushed = self._pushed([level for _, level in walk])
+        right, found = self._right_of_force[:, :0], list[Rates]()
+        if pushed.size:
+            right = self.matrix.restrict(pushed)[0]
+        pushed, right = (x.reshape(len(x), len(walk), -1) for x in (pushed, right))
+        for k, (alpha, level) in enumerate(walk):
+            both = self._total(alpha, self._force, pushed[:, k]), right[:, k]
+            right_here = self._total(alpha, self._right_of_force, both[1])
+            last = self._next(last, before, level, both[0], right_here)
+            before = level
+            found.append(last)
+        return found
+
+    def _total(self, alpha: float, of_force: FloatArray, pushed: FloatArray) -> FloatArray:
+        """Right side of a level, (n, k), from that of the unit force and what parameters push."""
+        total = alpha * of_force
+        total[:, self._pushing] += pushed
+        return total
+
+    def _next(
+        self, last: Rates, before: Level, after: Level, g: FloatArray, right: FloatArray
+    ) -> Rates:
+        """Of the next level, from its right side ``g`` of all unknowns, and the restricted one."""
+        friction = self._friction(last, before, after)
+        z, held = np.zeros_like(right), np.zeros(len(right), dtype=bool)
+        sticks = friction.sticks
+        z[self.matrix.place[sticks]], held[self.matrix.place[sticks]] = last.slip[sticks], True
+        of_normals = self._normals(after, right)
+        if of_normals is not None:
+            z[of_normals.closed], held[of_normals.closed] = of_normals.gap, True
+        free, fixed = np.flatnonzero(~held), np.flatnonzero(held)
+        E, A = self.to_rows, self.matrix.A[free]
+        J = A[:, free] + as_compressed(E.T @ friction.tangent @ E)[free][:, free]
+        r = right[free] - (E.T @ friction.known)[free] - A[:, fixed] @ z[fixed]
+        if of_normals is None:
+            z[free] = factorised(J)(r) if free.size else r
+            normal = last.normal
+        else:
+            along = self._along(friction.direction)
+            follows = E.T @ along @ of_normals.matrix  # of friction, with the approaches
+            J = as_dense(J) + (of_normals.pushes + follows)[free][:, free]
+            known = of_normals.pushed + E.T @ (along @ of_normals.known)
+            r -= known[free] + (of_normals.pushes + follows)[free][:, fixed] @ z[fixed]
+            z[free] = linalg.solve(J, r, overwrite_a=True, check_finite=False)
+            normal = of_normals.known + of_normals.matrix @ z
+        values, slip = self._seen.T @ z + self._held.T @ g, E @ z
+        if self.contact is None:
+            forces = friction.known + friction.tangent @ slip
+            sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
+            return Rates(values, slip, np.where(sprung, forces, 0.0), last.limits, normal)
+        limits = self._limits(cast("FloatArray", after.normal), normal)
+        acts = cast("FloatArray", after.limits) > 0.0
+        return Rates(values, slip, 0.0 * slip, np.where(acts[:, np.newaxis], limits, 0.0), normal)
+
+    def _padded(self, g: FloatArray) -> FloatArray:
+        """Forces on all unknowns with those on sliders beside contact that opens, which are 0."""
+        return np.vstack([g, np.zeros((self.matrix.sliders, g.shape[1]))])
+
+    @cached_property
+    def _pushing(self) -> IntArray:
+        """Parameters that push the structure at a given level, beside the force."""
+        pushes = [p.K is not None or p.opening is not None for p in self.parameters]
+        if self.matrix.sliders:
+            pushes = [
+                a or p.stiffness is not None for a, p in zip(pushes, self.parameters, strict=True)
+            ]
+        return np.flatnonzero(pushes)
+
+    def _pushed(self, levels: Sequence[Level]) -> FloatArray:
+        """Right sides (n, levels x pushing) of what parameters push at some levels.
+
+        They are what K and springs beside contact that opens change by, and forces at rest.
+        """
+        system, columns = self.system, list[FloatArray]()
+        for level in levels:
+            for j in self._pushing.tolist():
+                parameter, g = self.parameters[j], np.zeros(system.n)
+                if parameter.K is not None:
+                    g -= parameter.K @ level.u
+                if self.contact is not None:
+                    g += self.contact.N.T @ self.at_rest[:, j]
+                sliders = np.zeros(0)
+                if self.matrix.sliders:
+                    rates = self.spring_rates[self.row_point, j]
+                    stiffer = system.spring_flexibility * level.friction * rates
+                    g -= system.B.T @ stiffer
+                    sliders = stiffer[system.on_rows(system.sprung)]
+                columns.append(np.concatenate([g, sliders]))
+        return np.reshape(columns, (len(columns), len(self._force))).T
+
+    def _friction(self, last: Rates, before: Level, after: Level) -> _Friction:
+        system, rows = self.system, self.row_point
+        step = self.slips(after) - self.slips(before)
+        limits = system.w if after.limits is None else after.limits
+        w, acts = limits[rows], (limits[rows] > 0.0) & (self.matrix.place >= 0)
+        springs = system.on_rows(system.spring_constants) if self.contact is None else 0.0 * w
+        sprung = springs > 0.0
+        size, force = (system.slip_norm(x)[rows] for x in (step, after.friction))
+        trial = system.slip_norm(before.friction + springs * step)[rows]
+        moves = np.where(sprung, force >= (1.0 - STILL) * w, size > STILL * size.max(initial=0.0))
+        moves &= acts
+        self._count_turning(moves, size, np.where(sprung, trial, force), w, acts)
+        direction = np.divide(after.friction, force, out=np.zeros_like(w), where=moves)
+        curved = np.divide(w, np.where(sprung, trial, size), out=np.zeros_like(w), where=moves)
+        curved = np.where(sprung, springs * np.where(moves, curved, 1.0), curved)
+        points = (direction, (np.arange(rows.size), rows))
+        along = sparse.csr_array(points, shape=(rows.size, system.w.size))
+        of_points = np.zeros(system.w.size)
+        of_points[rows] = curved
+        tangent = sparse.diags_array(curved) - along @ sparse.diags_array(of_points) @ along.T
+        single = system.on_rows(system.directions == 1) & moves
+        tangent = sparse.csr_array(sparse.diags_array((~single).astype(float)) @ tangent)
+        held = last.friction + step[:, np.newaxis] * self.spring_rates[rows]
+        share = np.divide(1.0, springs, out=np.zeros_like(w), where=sprung)
+        zero = np.zeros_like(last.normal)
+        given = self.given if after.normal is None else self._limits(after.normal, zero)
+        known = direction[:, np.newaxis] * given[rows]
+        known += share[:, np.newaxis] * (tangent @ held) - tangent @ last.slip
+        return _Friction(direction, acts & ~moves & ~sprung, tangent, known)
+
+    def _count_turning(
+        self, moves: BoolArray, size: FloatArray, force: FloatArray, w: FloatArray, acts: BoolArray
+    ) -> None:
+        """Count points that hardly slip, or whose ``force`` hardly differs from the limit ``w``."""
+        hardly = moves & (size < TURNING * size.max(initial=0.0))
+        near = acts & ~moves & (force > (1.0 - TURNING) * w)
+        self.turning.append(int(np.unique(self.row_point[hardly | near]).size))
+
+    def _limits(self, normal: FloatArray, rates: FloatArray) -> FloatArray:
+        """Derivatives of the friction limits, (m, k), N, by those (q, k) of normal forces (q,)."""
+        contact = cast("OpeningContact", self.contact)
+        limits = self.given + contact.gain @ rates
+        for j, gain in enumerate(self.gains):
+            if gain is not None:
+                limits[:, j] += gain @ normal
+        return np.asarray(limits)
+
+    def _along(self, direction: FloatArray) -> sparse.csr_array:
+        """Friction of each row by normal forces, (rows, q), in the directions of slip."""
+        gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)[self.row_point]
+        return sparse.csr_array(sparse.diags_array(direction) @ gain)
+
+    def _normals(self, after: Level, right: FloatArray) -> _Normals | None:
+        """Derivative of normal forces, with the right side (z, k) of the level's equations."""
+        contact = self.contact
+        if contact is None:
+            return None
+        size, first = len(right), self.matrix.approach
+        pressed = cast("FloatArray", after.normal) > 0.0
+        closed = np.flatnonzero(pressed & contact.rigid)
+        elastic = np.flatnonzero(pressed & ~contact.rigid)
+        known, matrix = np.zeros_like(self.gap), np.zeros((contact.gap.size, size))
+        known[closed], matrix[closed] = right[first + closed], -self.matrix.A[first + closed]
+        pushed, pushes = np.zeros_like(right), np.zeros((size, size))
+        if elastic.size:
+            springs = contact.stiffness[elastic]
+            over = -contact.gaps(after.u)[elastic]
+            known[elastic] = self.at_rest[elastic] + over[:, np.newaxis] * self.stiffness[elastic]
+            known[elastic] -= springs[:, np.newaxis] * self.gap[elastic]
+            matrix[elastic, first + elastic] = springs
+            pushed[first + elastic], pushes[first + elastic] = known[elastic], matrix[elastic]
+        return _Normals(first + closed, self.gap[closed], known, matrix, pushed, pushes)
