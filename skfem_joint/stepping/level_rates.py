@@ -28,7 +28,7 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_dense
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement, condensed
@@ -40,6 +40,7 @@ from skfem_joint.stepping.levels import Level
 from skfem_joint.stepping.opening_levels import OpeningLevels
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
+from skfem_joint.unknowns import selection
 
 #: A point slips in an increment if it slips by more than this share of the largest slip, and one on
 #: a spring if its force is less than this share below its limit.
@@ -94,28 +95,20 @@ class _Friction(NamedTuple):
 
 
 class _Normals(NamedTuple):
-    """Derivative of the normal forces of a level: known + matrix d(z).
+    """Points that are pressed at a level.
 
     Attributes
     ----------
-    closed : ndarray of int
-        Unknowns of `_Matrix.A` that are the approaches of closed rigid points.
-    gap : ndarray, shape (closed, k)
-        Their derivatives, m.
+    closed, elastic : ndarray of int
+        Numbers of the rigid and of the elastic pressure points among them.
     known : ndarray, shape (q, k)
-        N.
-    matrix : ndarray, shape (q, z)
-        N/m.
-    pushed, pushes : ndarray, shape (z, k) and (z, z)
-        Both for the elastic points, at their approaches.
+        Derivative of the normal forces, N, but for what the approaches change: their stiffness at
+        elastic points, and at closed ones what is left of the right sides.
     """
 
     closed: IntArray
-    gap: FloatArray
+    elastic: IntArray
     known: FloatArray
-    matrix: FloatArray
-    pushed: FloatArray
-    pushes: FloatArray
 
 
 @dataclass(frozen=True)
@@ -319,24 +312,28 @@ class LevelRates:
         z, held = np.zeros_like(right), np.zeros(len(right), dtype=bool)
         sticks = friction.sticks
         z[self.matrix.place[sticks]], held[self.matrix.place[sticks]] = last.slip[sticks], True
-        of_normals = self._normals(after, right)
-        if of_normals is not None:
-            z[of_normals.closed], held[of_normals.closed] = of_normals.gap, True
-        free, fixed = np.flatnonzero(~held), np.flatnonzero(held)
-        E, A = self.to_rows, self.matrix.A[free]
-        J = A[:, free] + as_compressed(E.T @ friction.tangent @ E)[free][:, free]
-        r = right[free] - (E.T @ friction.known)[free] - A[:, fixed] @ z[fixed]
-        if of_normals is None:
+        normals = None if self.contact is None else self._normals(after, right)
+        if normals is not None:
+            closed = self.matrix.approach + normals.closed
+            z[closed], held[closed] = self.gap[normals.closed], True
+        free, E, normal = np.flatnonzero(~held), self.to_rows, last.normal
+        added, follows = as_compressed(E.T @ friction.tangent @ E), None
+        known = E.T @ friction.known
+        A = self.matrix.A[free]
+        if normals is not None:
+            follows = sparse.csr_array(E.T @ self._along(friction.direction))
+            added = added + self._of_elastic(normals, follows)
+            normal = self._normal_forces(normals, z)
+            known += follows @ normal
+            known[self.matrix.approach + normals.elastic] += normal[normals.elastic]
+        J = A[:, free] + added[free][:, free]
+        r = right[free] - known[free] - A @ z
+        if normals is None or follows is None:
             z[free] = factorised(J)(r) if free.size else r
-            normal = last.normal
         else:
-            along = self._along(friction.direction)
-            follows = E.T @ along @ of_normals.matrix  # of friction, with the approaches
-            J = as_dense(J) + (of_normals.pushes + follows)[free][:, free]
-            known = of_normals.pushed + E.T @ (along @ of_normals.known)
-            r -= known[free] + (of_normals.pushes + follows)[free][:, fixed] @ z[fixed]
-            z[free] = linalg.solve(J, r, overwrite_a=True, check_finite=False)
-            normal = of_normals.known + of_normals.matrix @ z
+            self._couple(J, free, follows, normals)
+            z[free] = linalg.lu_solve(linalg.lu_factor(J.T, overwrite_a=True), r, trans=1)
+            normal = self._normal_forces(normals, z)
         values, slip = self._seen.T @ z + self._held.T @ g, E @ z
         if self.contact is None:
             forces = friction.known + friction.tangent @ slip
@@ -434,23 +431,42 @@ class LevelRates:
         gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)[self.row_point]
         return sparse.csr_array(sparse.diags_array(direction) @ gain)
 
-    def _normals(self, after: Level, right: FloatArray) -> _Normals | None:
-        """Derivative of normal forces, with the right side (z, k) of the level's equations."""
-        contact = self.contact
-        if contact is None:
-            return None
-        size, first = len(right), self.matrix.approach
+    def _normals(self, after: Level, right: FloatArray) -> _Normals:
+        """Points that are pressed at a level, with the right side (z, k) of its equations."""
+        contact = cast("OpeningContact", self.contact)
         pressed = cast("FloatArray", after.normal) > 0.0
         closed = np.flatnonzero(pressed & contact.rigid)
         elastic = np.flatnonzero(pressed & ~contact.rigid)
-        known, matrix = np.zeros_like(self.gap), np.zeros((contact.gap.size, size))
-        known[closed], matrix[closed] = right[first + closed], -self.matrix.A[first + closed]
-        pushed, pushes = np.zeros_like(right), np.zeros((size, size))
-        if elastic.size:
-            springs = contact.stiffness[elastic]
-            over = -contact.gaps(after.u)[elastic]
-            known[elastic] = self.at_rest[elastic] + over[:, np.newaxis] * self.stiffness[elastic]
-            known[elastic] -= springs[:, np.newaxis] * self.gap[elastic]
-            matrix[elastic, first + elastic] = springs
-            pushed[first + elastic], pushes[first + elastic] = known[elastic], matrix[elastic]
-        return _Normals(first + closed, self.gap[closed], known, matrix, pushed, pushes)
+        known, over = np.zeros_like(self.gap), -contact.gaps(after.u)[elastic]
+        known[closed] = right[self.matrix.approach + closed]
+        known[elastic] = self.at_rest[elastic] + over[:, np.newaxis] * self.stiffness[elastic]
+        known[elastic] -= contact.stiffness[elastic, np.newaxis] * self.gap[elastic]
+        return _Normals(closed, elastic, known)
+
+    def _normal_forces(self, normals: _Normals, z: FloatArray) -> FloatArray:
+        """Derivatives of the normal forces, (q, k), N, by those of the unknowns (z, k)."""
+        contact, first = cast("OpeningContact", self.contact), self.matrix.approach
+        forces, closed, elastic = normals.known.copy(), normals.closed, normals.elastic
+        forces[closed] -= self.matrix.A[first + closed] @ z
+        forces[elastic] += contact.stiffness[elastic, np.newaxis] * z[first + elastic]
+        return forces
+
+    def _of_elastic(self, normals: _Normals, follows: sparse.csr_array) -> sparse.csr_array:
+        """Matrix, (z, z), of the springs of elastic points, and of friction by their forces."""
+        contact, size = cast("OpeningContact", self.contact), self.matrix.A.shape[0]
+        at, springs = self.matrix.approach + normals.elastic, contact.stiffness[normals.elastic]
+        forces = sparse.diags_array(springs) @ selection(at, size)
+        return sparse.csr_array((selection(at, size).T + follows[:, normals.elastic]) @ forces)
+
+    def _couple(
+        self, J: FloatArray, free: IntArray, follows: sparse.csr_array, normals: _Normals
+    ) -> None:
+        """Add to J, in place, what the forces of closed points do to friction, ``follows`` (z, q).
+
+        They change by -A z.
+        """
+        own = sparse.csc_array(follows[free][:, normals.closed])
+        used = np.flatnonzero(np.diff(own.indptr))
+        if used.size:
+            forces = self.matrix.A[self.matrix.approach + normals.closed[used]][:, free]
+            J -= own[:, used] @ forces
