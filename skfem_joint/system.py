@@ -356,6 +356,13 @@ class System:
         return self.K + self.spring_matrix if self.has_springs else self.K
 
     @property
+    def stuck_problem(self) -> tuple[Matrix, Matrix, IntArray, list[Amplitude]]:
+        """Stiffness, mass, unknowns that stuck joints hold, and loads: what `rayleigh` takes."""
+        rigid = self.on_rows(np.where(self.sprung, 0.0, self.w))
+        stuck = sparse.csr_array(self.B)[np.flatnonzero(rigid)].indices
+        return self.stuck_stiffness, self.M, stuck, [load.amplitude for load in self.loads]
+
+    @property
     def first_row(self) -> NDArray[np.int64]:
         """First row of ``B`` of each contact point, and the number of rows at the end, (m + 1,)."""
         return np.concatenate([[0], np.cumsum(self.directions)])
@@ -588,11 +595,7 @@ class System:
         InputError
             If nothing vibrates.
         """
-        closed = self.closed()
-        rigid = closed.on_rows(np.where(closed.sprung, 0.0, closed.w))
-        stuck = sparse.csr_array(closed.B)[np.flatnonzero(rigid)].indices
-        amplitudes = [load.amplitude for load in self.loads]
-        mass, stiffness, note = rayleigh(closed.stuck_stiffness, closed.M, stuck, amplitudes, ratio)
+        mass, stiffness, note = rayleigh(*self.closed().stuck_problem, ratio)
         return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
 
     def expand(self, u: FloatArray) -> FloatArray:
