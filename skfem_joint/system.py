@@ -32,7 +32,7 @@ from skfem_joint.errors import InputError, first_of, refuse
 from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.loads import Amplitude, as_amplitude
-from skfem_joint.modes import ratio_problems, rayleigh
+from skfem_joint.modes import RayleighFit, ratio_problems, rayleigh, rayleigh_fit
 from skfem_joint.opening import OpeningContact, constant_contact_alone
 from skfem_joint.served import Served
 from skfem_joint.slips import SlipRows
@@ -579,7 +579,9 @@ class System:
         _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 
-    def with_damping_ratio(self, ratio: float) -> System:
+    def with_damping_ratio(
+        self, ratio: float, fitted: Callable[..., RayleighFit] = rayleigh_fit
+    ) -> System:
         """System with Rayleigh damping C = a M + b K of this ratio of the critical damping.
 
         Damping has the ratio at two frequencies: the first natural frequency with all joints stuck,
@@ -590,12 +592,19 @@ class System:
         must be sparse, with slip rows that pick unknowns. Contact that opens counts as closed where
         it is pressed at rest.
 
+        Parameters
+        ----------
+        ratio : float
+        fitted : callable, optional
+            What finds the frequencies in place of `skfem_joint.modes.rayleigh_fit`: a
+            `skfem_joint.modes.KnownFit`, which keeps them for a system with the same.
+
         Raises
         ------
         InputError
             If nothing vibrates.
         """
-        mass, stiffness, note = rayleigh(*self.closed().stuck_problem, ratio)
+        mass, stiffness, note = rayleigh(*self.closed().stuck_problem, ratio, fitted)
         return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
 
     def expand(self, u: FloatArray) -> FloatArray:

@@ -94,9 +94,14 @@ class UnilateralContact:
         """Stiffness with contact open, condensed to the unknowns that closed contact changes."""
         return condensed(_shifted(self.K), np.unique(self.G.indices), SETTINGS.dense)
 
-    def solve(self) -> tuple[FloatArray, FloatArray, BoolArray, int]:
-        """Displacement (m), pressure (Pa), what is closed, and the number of sets tried."""
-        active = np.ones(self.area.size, dtype=bool)
+    def solve(
+        self, first: BoolArray | None = None
+    ) -> tuple[FloatArray, FloatArray, BoolArray, int]:
+        """Displacement (m), pressure (Pa), what is closed, and the number of sets tried.
+
+        ``first`` (m,) is what is tried as closed first, everything if not given.
+        """
+        active = np.ones(self.area.size, dtype=bool) if first is None else first | self.tied
         u, p = np.zeros(self.force.size), np.zeros(self.area.size)
         seen: set[bytes] = set()
         for count in range(1, SETTINGS.active_sets + 1):

@@ -107,7 +107,11 @@ class Preload:
 
 
 def preload(
-    body: Body, held: BoolArray, joints: Sequence[Joint], bolts: Sequence[Clamp]
+    body: Body,
+    held: BoolArray,
+    joints: Sequence[Joint],
+    bolts: Sequence[Clamp],
+    like: TouchingFaces | None = None,
 ) -> Preload:
     """Pressures of the joints that clamping bolts press, by a static frictionless contact problem.
 
@@ -123,6 +127,8 @@ def preload(
         Displacements that supports hold.
     joints : sequence of Joint
     bolts : sequence of Clamp
+    like : TouchingFaces, optional
+        The same faces, of other forces or moduli: what touched then is tried first.
 
     Raises
     ------
@@ -135,8 +141,11 @@ def preload(
     clamps = (clamp_forces(body, bolt, f"bolt[{i}]") for i, bolt in enumerate(bolts))
     force = np.sum([*clamps], axis=0)
     sizes = body.properties["width"], body.properties["thickness"]
-    every = ((i, pressure_space(body, joint, *sizes)) for i, joint in enumerate(joints))
-    faces = {i: face for i, face in every if face is not None}
+    if like is None:
+        every = ((i, pressure_space(body, joint, *sizes)) for i, joint in enumerate(joints))
+        faces = {i: face for i, face in every if face is not None}
+    else:
+        faces = dict(like.spaces)
     N, area = _all_rows(faces, force.size)
     gap = np.concatenate([face.gap for face in faces.values()])
     gap = gap + np.repeat(
@@ -150,7 +159,7 @@ def preload(
     contact = UnilateralContact(
         K[free][:, free], G[:, free], area, area * gap, tied, force.ravel()[free]
     )
-    u[free], p, closed, count = contact.solve()
+    u[free], p, closed, count = contact.solve(None if like is None else like.closed)
     u -= left_out @ linalg.lstsq(left_out, u)[0]
     borne = np.where(p > active_set.SETTINGS.round_off * p.max(initial=0.0), area * p, 0.0)
     touching = TouchingFaces(faces, free, closed)

@@ -23,7 +23,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.modes import RayleighFit, rayleigh_fit
+from skfem_joint.modes import RayleighFit
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
 from skfem_joint.structure.clamps import clamp_forces
 from skfem_joint.structure.opening import friction_gain
@@ -298,7 +298,7 @@ class _Model:
     def _rayleigh(self) -> tuple[System, RayleighFit]:
         """System with closed contact, and the frequencies of its damping by a ratio."""
         closed = self.system.closed()
-        return closed, rayleigh_fit(*closed.stuck_problem)
+        return closed, self.structure.fitted(*closed.stuck_problem)
 
 
 @dataclass(frozen=True)

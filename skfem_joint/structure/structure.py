@@ -16,7 +16,7 @@ from skfem_joint.arrays import BoolArray, FloatArray, Matrix
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.loads import Scaled
 from skfem_joint.mesh import NamedMesh, load_meshes, named
-from skfem_joint.modes import ratio_problems
+from skfem_joint.modes import KnownFit, ratio_problems
 from skfem_joint.slips import SlipRows
 from skfem_joint.structure import doubts
 from skfem_joint.structure.body import Body, Material
@@ -27,7 +27,7 @@ from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
 from skfem_joint.structure.opening import opening_face
 from skfem_joint.structure.patch import Patch, check_shared, make_patch
-from skfem_joint.structure.preload import Preload, preload
+from skfem_joint.structure.preload import Preload, TouchingFaces, preload
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.structure.rigid import loose_bodies
 from skfem_joint.system import AppliedLoad, System
@@ -77,6 +77,8 @@ class Structure:
         `with_values`.
     body : Body
         The elastic bodies alone, made from the values above.
+    fitted : KnownFit
+        The last frequencies at which damping had its ratio.
 
     Raises
     ------
@@ -104,6 +106,8 @@ class Structure:
     free: bool = False
     like: InitVar[Structure | None] = None
     body: Body = field(init=False, repr=False, compare=False)
+    fitted: KnownFit = field(init=False, repr=False, compare=False, default_factory=KnownFit)
+    _faces: TouchingFaces | None = field(init=False, repr=False, compare=False, default=None)
     _known: Any = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self, like: Structure | None) -> None:
@@ -142,16 +146,25 @@ class Structure:
 
     def _hand_over(self, other: Structure) -> None:
         """Give another structure what is known already and the same for both."""
+        object.__setattr__(other, "fitted", self.fitted)
 
-        def pressed(structure: Structure) -> list[Any]:
-            joints = [(j.on, j.against, j.gap, j.pressed_by_bolts) for j in structure.joints]
-            return [joints, structure.bolts]
+        def faces(structure: Structure) -> list[Any]:
+            return [(j.on, j.against, j.gap, j.pressed_by_bolts) for j in structure.joints]
 
-        if other.body is not self.body or not np.array_equal(self.held, other.held):
+        if self.mesh is not other.mesh or not np.array_equal(self.held, other.held):
             return
-        if "preload" in vars(self) and pressed(self) == pressed(other):
-            vars(other)["preload"] = self.preload
-        object.__setattr__(other, "_known", vars(self).get("_reduced", self._known))
+        same_body, known = other.body is self.body, vars(self).get("preload")
+        if same_body:
+            object.__setattr__(other, "_known", vars(self).get("_reduced", self._known))
+        if known is None or faces(self) != faces(other):
+            return
+        if same_body and self.bolts == other.bolts:
+            vars(other)["preload"] = known
+        elif all(
+            np.array_equal(self.body.properties[name], other.body.properties[name])
+            for name in ("width", "thickness")
+        ):
+            object.__setattr__(other, "_faces", known.faces)
 
     def _damping_problems(self) -> list[str]:
         """What is wrong with the damping."""
@@ -280,7 +293,9 @@ class Structure:
     @cached_property
     def preload(self) -> Preload | None:
         """Static solution under the clamp forces; None without clamping bolts."""
-        return preload(self.body, self.held, self.joints, self.bolts) if self.bolts else None
+        if not self.bolts:
+            return None
+        return preload(self.body, self.held, self.joints, self.bolts, self._faces)
 
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
@@ -388,7 +403,8 @@ class Structure:
             labels = [name] if self.dim == 1 else [f"{name}.{c}" for c in "xyz"[: self.dim]]
             rows |= dict(zip(labels, parts, strict=True))
         refuse(wrong)
-        return under_loads(self.unloaded, self.patches, applied, rows, self.damping_ratio, notes)
+        damping = self.damping_ratio, notes, self.fitted
+        return under_loads(self.unloaded, self.patches, applied, rows, *damping)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces by vibration; None where no contact is closed."""
