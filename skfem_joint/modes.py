@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -137,14 +138,108 @@ def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:
         )
 
 
-def rayleigh(
-    K: Matrix, M: Matrix, stuck: IntArray, loads: Iterable[Amplitude], ratio: float
-) -> tuple[float, float, str]:
-    """Rayleigh damping C = a M + b K that has a given ratio at two frequencies.
+@dataclass(frozen=True)
+class RayleighFit:
+    """The two frequencies at which Rayleigh damping C = a M + b K has a given ratio.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (2,)
+        rad/s.
+    modes : tuple of (ndarray, shape (n,), or None)
+        Mode of unit mass of each frequency that is natural; None of a load's.
+    joints : {"stuck", "loose"}
+        How the joints were for the natural frequencies.
+    """
+
+    omega: FloatArray
+    modes: tuple[FloatArray | None, FloatArray | None]
+    joints: str
+
+    def factors(self, ratio: float) -> tuple[float, float]:
+        """Factors a of M, 1/s, and b of K, s."""
+        mass, stiffness = 2.0 * ratio * np.array([self.omega.prod(), 1.0]) / self.omega.sum()
+        return float(mass), float(stiffness)
+
+    def factor_rates(
+        self, ratio: float, square_rate: Callable[[FloatArray], float]
+    ) -> tuple[float, float]:
+        """Derivatives of `factors` by what changes the stiffness.
+
+        ``square_rate`` gives the derivative of a natural frequency's square, 1/s2, from its mode:
+        the derivative of the stiffness between the mode and itself.
+        """
+        first, second = self.omega
+        rates = [
+            0.0 if mode is None else square_rate(mode) / (2.0 * omega)
+            for mode, omega in zip(self.modes, self.omega, strict=True)
+        ]
+        scale = 2.0 * ratio / self.omega.sum() ** 2
+        mass = scale * (second**2 * rates[0] + first**2 * rates[1])
+        return float(mass), float(-scale * (rates[0] + rates[1]))
+
+
+def rayleigh_fit(K: Matrix, M: Matrix, stuck: IntArray, loads: Iterable[Amplitude]) -> RayleighFit:
+    """Frequencies of Rayleigh damping by its ratio.
 
     The first is the lowest natural frequency with the unknowns ``stuck`` held (or with none held,
     if all unknowns are stuck). The second is the highest frequency of the harmonic ``loads``; it is
     the third natural frequency if no load is harmonic, or if that frequency is about the first.
+
+    Raises
+    ------
+    InputError
+        If nothing vibrates.
+    """
+    joints = "stuck" if stuck.size < K.shape[0] else "loose"
+    own, shapes = straining_modes(K, M, stuck if joints == "stuck" else stuck[:0])
+    if not own.size:
+        raise InputError(
+            "damping.ratio: nothing vibrates by itself, so that a ratio means nothing; give the "
+            "damping's factors of the mass and of the stiffness matrix"
+        )
+    harmonics = [h.frequency for amplitude in loads for h in amplitude.harmonics]
+    first, second, mode = own[0], max(harmonics, default=own[0]), None
+    if abs(second - first) <= SETTINGS.same * first:
+        last = min(3, own.size) - 1
+        second, mode = own[last], shapes[:, last]
+    return RayleighFit(2.0 * np.pi * np.array([first, second]), (shapes[:, 0], mode), joints)
+
+
+class KnownFit:
+    """`rayleigh_fit` that keeps its last result, for systems that differ in friction alone.
+
+    Modes of a solid of 73,000 unknowns take half a minute, to see that nothing changed 0.2 s.
+    """
+
+    def __init__(self) -> None:
+        self._key = b""
+        self._fit: RayleighFit | None = None
+
+    def __call__(
+        self, K: Matrix, M: Matrix, stuck: IntArray, loads: Iterable[Amplitude]
+    ) -> RayleighFit:
+        """Frequencies of Rayleigh damping, see `rayleigh_fit`."""
+        loads = [*loads]
+        frequencies = np.array([h.frequency for load in loads for h in load.harmonics])
+        digest, matrices = hashlib.blake2b(), (sparse.csr_array(A) for A in (K, M))
+        parts = [x for A in matrices for x in (A.data, A.indices, A.indptr)]
+        for part in (*parts, stuck, frequencies):
+            digest.update(f"{part.dtype} {part.size} ".encode() + part.tobytes())
+        if self._fit is None or digest.digest() != self._key:
+            self._fit, self._key = rayleigh_fit(K, M, stuck, loads), digest.digest()
+        return self._fit
+
+
+def rayleigh(
+    K: Matrix,
+    M: Matrix,
+    stuck: IntArray,
+    loads: Iterable[Amplitude],
+    ratio: float,
+    fitted: Callable[..., RayleighFit] = rayleigh_fit,
+) -> tuple[float, float, str]:
+    """Rayleigh damping C = a M + b K that has a given ratio at the frequencies of `rayleigh_fit`.
 
     Returns
     -------
@@ -158,29 +253,19 @@ def rayleigh(
     InputError
         If nothing vibrates.
     """
-    joints = "stuck" if stuck.size < K.shape[0] else "loose"
-    own = straining_modes(K, M, stuck if joints == "stuck" else stuck[:0])[0]
-    if not own.size:
-        raise InputError(
-            "damping.ratio: nothing vibrates by itself, so that a ratio means nothing; give the "
-            "damping's factors of the mass and of the stiffness matrix"
-        )
-    harmonics = [h.frequency for amplitude in loads for h in amplitude.harmonics]
-    first, second = own[0], max(harmonics, default=own[0])
-    which = "the loads' highest"
-    if abs(second - first) <= SETTINGS.same * first:
-        second, which = own[:3][-1], "a natural one"
-    omega = 2.0 * np.pi * np.array([first, second])
-    mass, stiffness = 2.0 * ratio * np.array([omega.prod(), 1.0]) / omega.sum()
+    fit = fitted(K, M, stuck, loads)
+    mass, stiffness = fit.factors(ratio)
+    omega, which = fit.omega, "the loads' highest" if fit.modes[1] is None else "a natural one"
+    first, second = omega / (2.0 * np.pi)
     least = np.sqrt(omega.prod())
     beyond = 3.0 * omega.max()
     at = {w: 0.5 * (mass / w + stiffness * w) for w in (least, beyond)}
     return (
-        float(mass),
-        float(stiffness),
+        mass,
+        stiffness,
         f"Damping of ratio {ratio:.4g} is C = a M + b K with a = {mass:.4g} 1/s and b = "
         f"{stiffness:.4g} s: exact at {first:.5g} Hz, the first natural frequency with joints "
-        f"{joints}, and at {second:.5g} Hz, {which}; {at[least]:.3g} at "
+        f"{fit.joints}, and at {second:.5g} Hz, {which}; {at[least]:.3g} at "
         f"{least / (2.0 * np.pi):.5g} Hz between them, where it is least, and {at[beyond]:.3g} at "
         f"{beyond / (2.0 * np.pi):.5g} Hz.",
     )

@@ -32,7 +32,7 @@ from skfem_joint.errors import InputError, first_of, refuse
 from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.loads import Amplitude, as_amplitude
-from skfem_joint.modes import ratio_problems, rayleigh
+from skfem_joint.modes import RayleighFit, ratio_problems, rayleigh, rayleigh_fit
 from skfem_joint.opening import OpeningContact, constant_contact_alone
 from skfem_joint.served import Served
 from skfem_joint.slips import SlipRows
@@ -356,6 +356,13 @@ class System:
         return self.K + self.spring_matrix if self.has_springs else self.K
 
     @property
+    def stuck_problem(self) -> tuple[Matrix, Matrix, IntArray, list[Amplitude]]:
+        """Stiffness, mass, unknowns that stuck joints hold, and loads: what `rayleigh` takes."""
+        rigid = self.on_rows(np.where(self.sprung, 0.0, self.w))
+        stuck = sparse.csr_array(self.B)[np.flatnonzero(rigid)].indices
+        return self.stuck_stiffness, self.M, stuck, [load.amplitude for load in self.loads]
+
+    @property
     def first_row(self) -> NDArray[np.int64]:
         """First row of ``B`` of each contact point, and the number of rows at the end, (m + 1,)."""
         return np.concatenate([[0], np.cumsum(self.directions)])
@@ -572,7 +579,9 @@ class System:
         _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 
-    def with_damping_ratio(self, ratio: float) -> System:
+    def with_damping_ratio(
+        self, ratio: float, fitted: Callable[..., RayleighFit] = rayleigh_fit
+    ) -> System:
         """System with Rayleigh damping C = a M + b K of this ratio of the critical damping.
 
         Damping has the ratio at two frequencies: the first natural frequency with all joints stuck,
@@ -583,16 +592,19 @@ class System:
         must be sparse, with slip rows that pick unknowns. Contact that opens counts as closed where
         it is pressed at rest.
 
+        Parameters
+        ----------
+        ratio : float
+        fitted : callable, optional
+            What finds the frequencies in place of `skfem_joint.modes.rayleigh_fit`: a
+            `skfem_joint.modes.KnownFit`, which keeps them for a system with the same.
+
         Raises
         ------
         InputError
             If nothing vibrates.
         """
-        closed = self.closed()
-        rigid = closed.on_rows(np.where(closed.sprung, 0.0, closed.w))
-        stuck = sparse.csr_array(closed.B)[np.flatnonzero(rigid)].indices
-        amplitudes = [load.amplitude for load in self.loads]
-        mass, stiffness, note = rayleigh(closed.stuck_stiffness, closed.M, stuck, amplitudes, ratio)
+        mass, stiffness, note = rayleigh(*self.closed().stuck_problem, ratio, fitted)
         return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
 
     def expand(self, u: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ GROUND = {
     "compiling",
     "errors",
     "files",
+    "key_paths",
     "load_tables",
     "loads",
     "processes",

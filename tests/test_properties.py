@@ -10,9 +10,9 @@ from stability.checks import law_checks
 from stability.mutated import Tables, drawn
 
 import skfem_joint as sj
+from skfem_joint.key_paths import key_path
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import scene_from
-from skfem_joint.scene.messages import key_path
 from skfem_joint.stepping.schemes import generalized_alpha
 
 ROUND_OFF = 1e-9

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from skfem_joint.errors import InputError
-from skfem_joint.scene.messages import Location, key_parts, key_path
+from skfem_joint.key_paths import Location, key_parts, key_path
 
 # Keys that a given key takes the place of, by table.
 _IN_PLACE_OF: dict[str, dict[str, tuple[str, ...]]] = {

@@ -6,8 +6,6 @@ into a sentence. The JSON schema of the tables tells which keys a table has and 
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from functools import cache
@@ -17,11 +15,10 @@ from pydantic import BaseModel
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from skfem_joint.errors import closest, listed
+from skfem_joint.key_paths import Location, key_parts, key_path
 
 #: Part of the JSON schema that pydantic makes of the tables.
 Schema = Mapping[str, Any]
-#: Part of a pydantic location: a key, a position in a list, or a `Form`.
-Location = tuple[int | str, ...]
 
 
 class Form(StrEnum):
@@ -48,27 +45,6 @@ def mistake(text: str, key: str = "") -> PydanticCustomError:
         Key below the table or value whose validator raises.
     """
     return PydanticCustomError("scene", "{text}", {"text": text, "key": key})
-
-
-def key_path(location: Location) -> str:
-    """Path of a key as TOML writes it, with positions in lists in brackets."""
-    text = ""
-    for part in location:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            bare = re.fullmatch(r"[A-Za-z0-9_-]+", part)
-            text += ("." if text else "") + (part if bare else json.dumps(part, ensure_ascii=False))
-    return text
-
-
-def key_parts(path: str) -> Location | None:
-    """Parts of a path that `key_path` wrote and that leads into a table; None for other texts."""
-    name = r'[A-Za-z0-9_-]+|"[^"]+"'
-    if not re.fullmatch(rf"(?:{name})(?:\.(?:{name})|\[[0-9]+\])+", path):
-        return None
-    parts = re.findall(rf"({name})|\[([0-9]+)\]", path)
-    return tuple(int(position) if position else key.strip('"') for key, position in parts)
 
 
 def value_text(value: object) -> str:

@@ -15,8 +15,9 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from skfem_joint.errors import InputError
+from skfem_joint.key_paths import Location, key_parts, key_path
 from skfem_joint.scene.joint_tables import BoltPressureTable, JointTable
-from skfem_joint.scene.messages import Location, key_parts, key_path, mistake
+from skfem_joint.scene.messages import mistake
 from skfem_joint.scene.values import Positive, SceneTable, TomlList, key
 from skfem_joint.served import Interval
 

@@ -21,13 +21,14 @@ from pydantic_core import PydanticKnownError
 
 from skfem_joint import structure as parts
 from skfem_joint.errors import InputError, listed, refuse
+from skfem_joint.key_paths import key_parts, key_path
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.opening import constant_contact_alone
 from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.changes import with_changes
 from skfem_joint.scene.matrices import MatricesTable
-from skfem_joint.scene.messages import key_parts, key_path, mistake, sentences
+from skfem_joint.scene.messages import mistake, sentences
 from skfem_joint.scene.sweep_table import SweepTable
 from skfem_joint.scene.values import LARGEST_COUNT, SceneTable, TomlList, key
 from skfem_joint.stepping.resolution import PER_PERIOD

@@ -9,7 +9,8 @@ from typing import Annotated, Any, Literal, Self, get_args
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, Tag, model_validator
 
-from skfem_joint.scene.messages import Form, key_parts, key_path, mistake
+from skfem_joint.key_paths import key_parts, key_path
+from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.values import Number, SceneTable, TomlList, by_form, has_no_repeats, key
 
 #: Largest number of scenes in a sweep.

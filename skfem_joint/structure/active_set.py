@@ -19,6 +19,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError
+from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import Uncondensed, condensed
 
 
@@ -91,12 +92,16 @@ class UnilateralContact:
     @cached_property
     def _open(self) -> Uncondensed:
         """Stiffness with contact open, condensed to the unknowns that closed contact changes."""
-        K = sparse.csr_array(self.K + SETTINGS.shift * sparse.diags_array(self.K.diagonal()))
-        return condensed(K, np.unique(self.G.indices), SETTINGS.dense)
+        return condensed(_shifted(self.K), np.unique(self.G.indices), SETTINGS.dense)
 
-    def solve(self) -> tuple[FloatArray, FloatArray, int]:
-        """Displacement (m), pressure (Pa), and the number of sets of touching nodes tried."""
-        active = np.ones(self.area.size, dtype=bool)
+    def solve(
+        self, first: BoolArray | None = None
+    ) -> tuple[FloatArray, FloatArray, BoolArray, int]:
+        """Displacement (m), pressure (Pa), what is closed, and the number of sets tried.
+
+        ``first`` (m,) is what is tried as closed first, everything if not given.
+        """
+        active = np.ones(self.area.size, dtype=bool) if first is None else first | self.tied
         u, p = np.zeros(self.force.size), np.zeros(self.area.size)
         seen: set[bytes] = set()
         for count in range(1, SETTINGS.active_sets + 1):
@@ -107,7 +112,7 @@ class UnilateralContact:
             enters = ~active & (opening < -SETTINGS.round_off * moved)
             wrong = np.flatnonzero(pulls | enters)
             if not wrong.size and left < SETTINGS.tolerance:
-                return u, np.maximum(p, 0.0), count
+                return u, np.maximum(p, 0.0), active, count
             if not wrong.size:
                 raise ConvergenceError(
                     f"preload: a share of {left:.2g} of the clamp forces is left out of balance; "
@@ -147,3 +152,52 @@ class UnilateralContact:
         whole = np.zeros(active.size)
         whole[active] = p
         return u, whole, left
+
+    def rates(self, active: BoolArray, force_rates: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of displacement, (n, k), and pressure, (m, k), while the same is closed.
+
+        One factor serves all parameters. It is of the whole stiffness: to condense it first pays
+        only for several sets of what is closed.
+
+        Parameters
+        ----------
+        active : ndarray of bool, shape (m,)
+            What is closed, from `solve`.
+        force_rates : ndarray, shape (n, k)
+            Derivatives of the forces by k parameters.
+
+        Raises
+        ------
+        ConvergenceError
+            If forces are left out of balance.
+        """
+        G, penalty = self.G[active], self.penalty[active, np.newaxis]
+        contact = G.T @ sparse.diags_array(penalty[:, 0]) @ G
+        solve = factorised(sparse.csr_array(_shifted(self.K) + contact))
+        size = np.abs(force_rates).max(axis=0)
+        force = force_rates / np.where(size > 0.0, size, 1.0)
+        u, p, last, left = np.zeros(force.shape), np.zeros((len(penalty), size.size)), np.inf, 0.0
+        for _ in range(SETTINGS.corrections):
+            r, apart = force - self.K @ u - G.T @ p, -(G @ u)
+            left = float(np.abs(r).max(initial=0.0))
+            if apart.size and u.any():
+                moved = np.abs(u).max(axis=0, initial=np.finfo(float).tiny)
+                left += float((np.abs(apart / self.area[active, np.newaxis]) / moved).max())
+            if left > 0.5 * last and left < SETTINGS.tolerance:
+                break
+            last = min(last, left)
+            du = solve(r + G.T @ (penalty * apart))
+            u, p = u + du, p + penalty * (G @ du - apart)
+        if left >= SETTINGS.tolerance:
+            raise ConvergenceError(
+                f"derivatives of the preload: a share of {left:.2g} of the forces is left out of "
+                "balance; do supports and contact hold every body?"
+            )
+        whole = np.zeros((active.size, size.size))
+        whole[active] = p
+        return u * size, whole * size
+
+
+def _shifted(K: Matrix) -> sparse.csr_array:
+    """Stiffness with a share of its diagonal, which has a factor also where bodies are loose."""
+    return sparse.csr_array(K + SETTINGS.shift * sparse.diags_array(K.diagonal()))

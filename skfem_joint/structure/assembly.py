@@ -25,7 +25,7 @@ import numpy as np
 from scipy import sparse
 from skfem import BilinearForm, asm
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh.cells import same_columns
 
 
@@ -43,7 +43,9 @@ def mass(basis: Any, density: FloatArray) -> sparse.csr_array:
     return _symmetric(asm(form, basis, density=density[:, np.newaxis]))
 
 
-def stiffness(basis: Any, first: FloatArray, second: FloatArray) -> sparse.csr_array:
+def stiffness(
+    basis: Any, first: FloatArray, second: FloatArray, elements: IntArray | None = None
+) -> sparse.csr_array:
     """Stiffness matrix, N/m, shape (dim N, dim N), exactly symmetric.
 
     Parameters
@@ -52,15 +54,18 @@ def stiffness(basis: Any, first: FloatArray, second: FloatArray) -> sparse.csr_a
         Scalar basis whose N degrees of freedom are the nodes.
     first, second : ndarray, shape (elements,)
         The constants lambda and mu times the extent across the mesh; mu is zero for bars.
+    elements : ndarray of int, optional
+        Elements that count, which the constants belong to; all if not given.
     """
     axes = range(int(basis.mesh.dim()))
     sums: dict[tuple[int, int], Any] = {}
     firsts, part_of = same_columns(np.stack([first, second]))
     for part, element in enumerate(firsts):
-        elements = (
-            basis if firsts.size == 1 else basis.with_elements(np.flatnonzero(part_of == part))
-        )
-        products, lam, mu = gradient_products(elements), first[element], second[element]
+        of_part = basis
+        if firsts.size > 1 or elements is not None:
+            own = np.flatnonzero(part_of == part)
+            of_part = basis.with_elements(own if elements is None else elements[own])
+        products, lam, mu = gradient_products(of_part), first[element], second[element]
         for (i, j), product in products.items():
             block = lam * product if mu == 0.0 else lam * product + mu * product.T
             if i == j and mu != 0.0:

@@ -18,7 +18,7 @@ import numpy as np
 import skfem
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import refuse
 from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
@@ -118,9 +118,13 @@ class Body(Nodes):
         """Mass of all bodies, kg."""
         return float(self.basis.dx.sum(axis=1) @ (self.properties["density"] * self.across))
 
-    def lame(self) -> tuple[FloatArray, FloatArray]:
-        """Elastic constants lambda and mu for this dimension, Pa, shape (elements,) each."""
-        E, nu = self.properties["E"], self.properties["poisson"]
+    def lame(self, E: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Elastic constants lambda and mu for this dimension, Pa, shape (elements,) each.
+
+        ``E`` (elements,) are other Young's moduli than those of the material.
+        """
+        E = self.properties["E"] if E is None else E
+        nu = self.properties["poisson"]
         if self.dim == 1:
             return E, np.zeros_like(E)
         mu = E / (2.0 * (1.0 + nu))
@@ -143,6 +147,30 @@ class Body(Nodes):
             mass = sparse.csr_array(sparse.kron(mass, sparse.eye_array(self.dim)))
         first, second = (constant * self.across for constant in self.lame())
         return mass, assembly.stiffness(self._strain_basis, first, second)
+
+    def elements_of_modulus(self, region: str | None = None) -> BoolArray:
+        """Elements, (elements,), whose Young's modulus is that of a region, or the material's."""
+        given = {name: "E" in values for name, values in self.regions.items()}
+        own = np.full(self.mesh.n_elements, region is None)
+        for name in (name for name, differs in given.items() if differs):
+            own[self.mesh.regions[name]] = name == region
+        return own
+
+    def stiffness_by_modulus(self, region: str | None = None) -> sparse.csr_array:
+        """Derivative of the stiffness by Young's modulus, m, shape (dim N, dim N).
+
+        By that of a ``region``, or by that of the material, which all other elements have. The
+        stiffness is linear in both.
+        """
+        own = self.elements_of_modulus(region)
+        modulus = self.properties["E"]
+        if own.all():
+            return sparse.csr_array(self._matrices[1] / modulus[0])
+        if not own.any():
+            return sparse.csr_array(self._matrices[1].shape)
+        elements = np.flatnonzero(own)
+        first, second = ((c * self.across)[own] for c in self.lame(np.ones_like(modulus)))
+        return assembly.stiffness(self._strain_basis, first, second, elements)
 
     @property
     def _strain_basis(self) -> skfem.Basis:

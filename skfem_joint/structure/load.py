@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.loads import as_amplitude
 from skfem_joint.mesh import NamedMesh
+from skfem_joint.modes import RayleighFit, rayleigh_fit
 from skfem_joint.structure.body import Body
 from skfem_joint.structure.checks import KINDS, one_of, wrong_name
 from skfem_joint.structure.patch import Patch, shares_of
@@ -71,6 +72,7 @@ def under_loads(
     rows: Mapping[str, FloatArray],
     damping_ratio: float | None = None,
     notes: Iterable[str] = (),
+    fitted: Callable[..., RayleighFit] = rayleigh_fit,
 ) -> System:
     """System of a structure under loads, with named displacements and joints.
 
@@ -86,6 +88,8 @@ def under_loads(
         See `System.with_damping_ratio`.
     notes : iterable of str
         Sentences about the loads.
+    fitted : callable
+        As for `System.with_damping_ratio`.
     """
     system = replace(
         unloaded,
@@ -96,7 +100,7 @@ def under_loads(
         joints=tuple(patch.joint.name for patch in patches),
         notes=tuple(dict.fromkeys(notes)),
     )
-    return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
+    return system if damping_ratio is None else system.with_damping_ratio(damping_ratio, fitted)
 
 
 def acting(body: Body, load: Load, M: Matrix) -> tuple[FloatArray, float, list[str]]:

@@ -60,6 +60,7 @@ def opening_face(
     width: FloatArray,
     thickness: FloatArray,
     pressed: Pressed | None = None,
+    space: PressureSpace | None = None,
 ) -> tuple[Pressed, OpeningFace]:
     """Nodal forces at rest of a joint that opens, and its pressure points.
 
@@ -71,6 +72,8 @@ def opening_face(
         m.
     pressed : Pressed, optional
         Of the preload; the joint's own pressure and the gap of the mesh count if not given.
+    space : PressureSpace, optional
+        Of the joint, if the preload has made it.
 
     Raises
     ------
@@ -78,7 +81,8 @@ def opening_face(
         If the joint has no boundary, or a pressure is given beside a gap.
     """
     cells, _, depth, normals = manifold_of(body, joint.on, width, thickness, joint.label)
-    space = pressure_space(body, joint, width, thickness)
+    if space is None:
+        space = pressure_space(body, joint, width, thickness)
     if space is None or normals is None:
         raise InputError(f"{joint.label}: contact = 'unilateral' needs a boundary")
     known = (None, None) if pressed is None else (pressed.contact_force, pressed.contact_gap)
@@ -193,10 +197,7 @@ def opening_rows(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRow
         slips[patch.nodes] = np.count_nonzero(np.any(patch.directions != 0.0, axis=2), axis=1)
         free_first = np.argsort(held[nodes], axis=1, kind="stable")
         pivots.append(dim * nodes + free_first[np.arange(nodes.size), slips[nodes]])
-        place = np.full(count, -1)
-        place[face.nodes] = np.arange(face.nodes.size)
-        own = selection(place[patch.nodes], face.nodes.size)
-        gain = patch.joint.friction * sparse.csr_array(selection(patch.points, m).T @ own)
+        gain = patch.joint.friction * friction_gain(patch, m, count)
         contacts.append(
             OpeningContact(
                 face.W[:, np.flatnonzero(moves)],
@@ -218,3 +219,15 @@ def opening_rows(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRow
     )
     D = sparse.csr_array(sparse.vstack(rows))
     return NormalRows(D, np.concatenate(pivots), joined)
+
+
+def friction_gain(patch: Patch, m: int, count: int) -> sparse.csr_array:
+    """Limits of ``m`` contact points by the forces of a joint's pressure points, (m, q).
+
+    For a coefficient of friction of 1; ``count`` is the number of nodes of the body.
+    """
+    face = patch.opening
+    place = np.full(count, -1)
+    place[face.nodes] = np.arange(face.nodes.size)
+    own = selection(place[patch.nodes], face.nodes.size)
+    return sparse.csr_array(selection(patch.points, m).T @ own)

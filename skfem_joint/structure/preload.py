@@ -14,13 +14,13 @@ each corner. The corners that touch are determined by an active set method,
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, Matrix
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.structure import active_set
 from skfem_joint.structure.active_set import UnilateralContact
@@ -31,6 +31,30 @@ from skfem_joint.structure.patch import Pressed
 from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
 from skfem_joint.structure.rigid import body_label, body_motions, combinations_left_free
 from skfem_joint.unknowns import selection, stacked
+
+
+@dataclass(frozen=True)
+class TouchingFaces:
+    """Faces of the static problem, and what of them is closed in its solution.
+
+    Attributes
+    ----------
+    spaces : mapping of int to PressureSpace
+        By the number of the joint.
+    free : ndarray of bool, shape (dim N,)
+        Displacements that were solved for.
+    closed : ndarray of bool, shape (k,)
+        Whether the gap at each node of the faces is closed, those of all joints in turn.
+    """
+
+    spaces: Mapping[int, PressureSpace]
+    free: BoolArray
+    closed: BoolArray
+
+    @property
+    def ends(self) -> IntArray:
+        """Where the nodes of each face but the last end among those of all."""
+        return np.cumsum([space.nodes.size for space in self.spaces.values()])[:-1]
 
 
 @dataclass(frozen=True)
@@ -49,6 +73,7 @@ class Preload:
         Sets of touching nodes that were tried.
     seconds : float
         Duration of the computation, s.
+    faces : TouchingFaces
     """
 
     displacement: FloatArray
@@ -56,6 +81,7 @@ class Preload:
     joints: tuple[Pressed | None, ...]
     active_sets: int
     seconds: float
+    faces: TouchingFaces = field(repr=False)
 
     def sentences(self, joints: Sequence[Joint], bolts: Sequence[Clamp]) -> Iterator[str]:
         """What a description says about the preload of these joints by these bolts."""
@@ -81,7 +107,11 @@ class Preload:
 
 
 def preload(
-    body: Body, held: BoolArray, joints: Sequence[Joint], bolts: Sequence[Clamp]
+    body: Body,
+    held: BoolArray,
+    joints: Sequence[Joint],
+    bolts: Sequence[Clamp],
+    like: TouchingFaces | None = None,
 ) -> Preload:
     """Pressures of the joints that clamping bolts press, by a static frictionless contact problem.
 
@@ -97,6 +127,8 @@ def preload(
         Displacements that supports hold.
     joints : sequence of Joint
     bolts : sequence of Clamp
+    like : TouchingFaces, optional
+        The same faces, of other forces or moduli: what touched then is tried first.
 
     Raises
     ------
@@ -109,12 +141,13 @@ def preload(
     clamps = (clamp_forces(body, bolt, f"bolt[{i}]") for i, bolt in enumerate(bolts))
     force = np.sum([*clamps], axis=0)
     sizes = body.properties["width"], body.properties["thickness"]
-    every = ((i, pressure_space(body, joint, *sizes)) for i, joint in enumerate(joints))
-    faces = {i: face for i, face in every if face is not None}
-    N = stacked([face.N for face in faces.values()], force.size)
-    area, gap = (
-        np.concatenate([getattr(face, name) for face in faces.values()]) for name in ("area", "gap")
-    )
+    if like is None:
+        every = ((i, pressure_space(body, joint, *sizes)) for i, joint in enumerate(joints))
+        faces = {i: face for i, face in every if face is not None}
+    else:
+        faces = dict(like.spaces)
+    N, area = _all_rows(faces, force.size)
+    gap = np.concatenate([face.gap for face in faces.values()])
     gap = gap + np.repeat(
         [joints[i].gap for i in faces], [face.nodes.size for face in faces.values()]
     )
@@ -126,16 +159,64 @@ def preload(
     contact = UnilateralContact(
         K[free][:, free], G[:, free], area, area * gap, tied, force.ravel()[free]
     )
-    u[free], p, count = contact.solve()
+    u[free], p, closed, count = contact.solve(None if like is None else like.closed)
     u -= left_out @ linalg.lstsq(left_out, u)[0]
     borne = np.where(p > active_set.SETTINGS.round_off * p.max(initial=0.0), area * p, 0.0)
-    parts = (np.split(x, np.cumsum(counts)[:-1]) for x in (borne, gap - N @ u))
+    touching = TouchingFaces(faces, free, closed)
+    parts = (np.split(x, touching.ends) for x in (borne, gap - N @ u))
     pressed: list[Pressed | None] = [None] * len(joints)
     for (i, face), *values in zip(faces.items(), *parts, strict=True):
         if joints[i].pressed_by_bolts:
             pressed[i] = _pressed(joints[i], face, body.n_nodes, *values)
     seconds = time.perf_counter() - begin
-    return Preload(u.reshape(force.shape), force, tuple(pressed), count, seconds)
+    return Preload(u.reshape(force.shape), force, tuple(pressed), count, seconds, touching)
+
+
+def preload_rates(
+    body: Body, held: Preload, force_rates: FloatArray
+) -> dict[int, tuple[FloatArray, FloatArray]]:
+    """Derivatives of contact forces and gaps while the same nodes touch.
+
+    Closed gaps stay closed, open ones without pressure: with K u' + N^T F' = f' and N u' = 0 where
+    closed, the derivatives of forces and gaps at the nodes are F' and -N u'.
+
+    Parameters
+    ----------
+    body : Body
+    held : Preload
+        Of this body.
+    force_rates : ndarray, shape (dim N, k)
+        Derivatives f' of the forces on the nodes by k parameters. A change of the stiffness counts
+        as -K' u.
+
+    Returns
+    -------
+    dict
+        By the number of the joint: derivatives (q, k) of the forces, N, and gaps, m, at the nodes
+        of its `PressureSpace`.
+
+    Raises
+    ------
+    ConvergenceError
+        If forces are left out of balance.
+    """
+    faces = held.faces
+    N, area = _all_rows(faces.spaces, len(force_rates))
+    G, K = sparse.csr_array(sparse.diags_array(area) @ N), body.matrices()[1]
+    free, none = faces.free, np.zeros(area.size)
+    contact = UnilateralContact(
+        K[free][:, free], G[:, free], area, none, none > 0.0, np.zeros(np.count_nonzero(free))
+    )
+    u = np.zeros(force_rates.shape)
+    u[free], p = contact.rates(faces.closed, force_rates[free])
+    parts = (np.split(x, faces.ends) for x in (area[:, np.newaxis] * p, -(N @ u)))
+    return dict(zip(faces.spaces, zip(*parts, strict=True), strict=True))
+
+
+def _all_rows(spaces: Mapping[int, PressureSpace], n: int) -> tuple[sparse.csr_array, FloatArray]:
+    """Mean motions N, (k, n), and areas, (k,), of the nodes of all faces."""
+    parts = spaces.values()
+    return stacked([face.N for face in parts], n), np.concatenate([face.area for face in parts])
 
 
 def _moving(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from functools import cached_property
 from itertools import chain, count
 from pathlib import Path
@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.arrays import BoolArray, FloatArray, Matrix
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.loads import Scaled
 from skfem_joint.mesh import NamedMesh, load_meshes, named
-from skfem_joint.modes import ratio_problems
+from skfem_joint.modes import KnownFit, ratio_problems
 from skfem_joint.slips import SlipRows
 from skfem_joint.structure import doubts
 from skfem_joint.structure.body import Body, Material
@@ -27,7 +27,7 @@ from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
 from skfem_joint.structure.opening import opening_face
 from skfem_joint.structure.patch import Patch, check_shared, make_patch
-from skfem_joint.structure.preload import Preload, preload
+from skfem_joint.structure.preload import Preload, TouchingFaces, preload
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.structure.rigid import loose_bodies
 from skfem_joint.system import AppliedLoad, System
@@ -72,8 +72,13 @@ class Structure:
         ``{region: {"E": ..., "thickness": ...}}``: values that differ in a region.
     free : bool
         Whether bodies may float; otherwise bodies without any support are refused.
+    like : Structure, optional
+        Whose body, matrices and preload are taken over as far as the same values make them; see
+        `with_values`.
     body : Body
         The elastic bodies alone, made from the values above.
+    fitted : KnownFit
+        The last frequencies at which damping had its ratio.
 
     Raises
     ------
@@ -99,9 +104,13 @@ class Structure:
     mass: str = "consistent"
     regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     free: bool = False
+    like: InitVar[Structure | None] = None
     body: Body = field(init=False, repr=False, compare=False)
+    fitted: KnownFit = field(init=False, repr=False, compare=False, default_factory=KnownFit)
+    _faces: TouchingFaces | None = field(init=False, repr=False, compare=False, default=None)
+    _known: Any = field(init=False, repr=False, compare=False, default=None)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, like: Structure | None) -> None:
         given: object = self.mesh
         if isinstance(given, str | Path):
             object.__setattr__(self, "mesh", load_meshes(given))
@@ -112,18 +121,50 @@ class Structure:
         sizes = self.width, self.thickness, self.plane, self.mass, self.regions
         wrong: list[str] = []
         try:
-            object.__setattr__(self, "body", Body(self.mesh, self.material, *sizes))
+            body = None if like is None else like._body_for(self)
+            body = Body(self.mesh, self.material, *sizes) if body is None else body
+            object.__setattr__(self, "body", body)
         except InputError as error:
             wrong += error.problems
         wrong += [*self._damping_problems(), *self._support_problems()]
         wrong += joint_problems(self.mesh, self.joints)
         refuse(wrong or clamp_problems(self.mesh, self.joints, self.bolts))
+        if like is not None:
+            like._hand_over(self)
         if not self.free:
             refuse(
                 f"{label} is left unsupported: it can move or turn freely; hold it by a support, "
                 "or by a joint with friction on a body that is held"
                 for label in loose_bodies(self.body, self.held, self.patches, self.cuts)
             )
+
+    def _body_for(self, other: Structure) -> Body | None:
+        """Body of this structure, if another one has the same; else None."""
+        names = "material", "width", "thickness", "plane", "mass", "regions"
+        same = all(getattr(self, name) == getattr(other, name) for name in names)
+        return self.body if same and self.mesh is other.mesh else None
+
+    def _hand_over(self, other: Structure) -> None:
+        """Give another structure what is known already and the same for both."""
+        object.__setattr__(other, "fitted", self.fitted)
+
+        def faces(structure: Structure) -> list[Any]:
+            return [(j.on, j.against, j.gap, j.pressed_by_bolts) for j in structure.joints]
+
+        if self.mesh is not other.mesh or not np.array_equal(self.held, other.held):
+            return
+        same_body, known = other.body is self.body, vars(self).get("preload")
+        if same_body:
+            object.__setattr__(other, "_known", vars(self).get("_reduced", self._known))
+        if known is None or faces(self) != faces(other):
+            return
+        if same_body and self.bolts == other.bolts:
+            vars(other)["preload"] = known
+        elif all(
+            np.array_equal(self.body.properties[name], other.body.properties[name])
+            for name in ("width", "thickness")
+        ):
+            object.__setattr__(other, "_faces", known.faces)
 
     def _damping_problems(self) -> list[str]:
         """What is wrong with the damping."""
@@ -252,7 +293,9 @@ class Structure:
     @cached_property
     def preload(self) -> Preload | None:
         """Static solution under the clamp forces; None without clamping bolts."""
-        return preload(self.body, self.held, self.joints, self.bolts) if self.bolts else None
+        if not self.bolts:
+            return None
+        return preload(self.body, self.held, self.joints, self.bolts, self._faces)
 
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
@@ -262,11 +305,12 @@ class Structure:
         numbering = np.full(self.n_nodes, -1, dtype=np.intp)
         p = self.body.properties
         pressed = [None] * len(self.joints) if self.preload is None else self.preload.joints
-        for joint, by_bolts in zip(self.joints, pressed, strict=True):
+        spaces = {} if self.preload is None else self.preload.faces.spaces
+        for i, (joint, by_bolts) in enumerate(zip(self.joints, pressed, strict=True)):
             try:
                 face, sizes = None, (p["width"], p["thickness"])
                 if joint.opens:
-                    by_bolts, face = opening_face(self.body, joint, *sizes, by_bolts)
+                    by_bolts, face = opening_face(self.body, joint, *sizes, by_bolts, spaces.get(i))
                 patch = make_patch(self.body, joint, self.held, *sizes, numbering, by_bolts, face)
                 check_shared(self.body, patches, patch)
                 patches.append(patch)
@@ -359,7 +403,8 @@ class Structure:
             labels = [name] if self.dim == 1 else [f"{name}.{c}" for c in "xyz"[: self.dim]]
             rows |= dict(zip(labels, parts, strict=True))
         refuse(wrong)
-        return under_loads(self.unloaded, self.patches, applied, rows, self.damping_ratio, notes)
+        damping = self.damping_ratio, notes, self.fitted
+        return under_loads(self.unloaded, self.patches, applied, rows, *damping)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces by vibration; None where no contact is closed."""
@@ -388,10 +433,20 @@ class Structure:
         return tuple(name for name, node in self.mesh.points.items() if moves[node])
 
     @cached_property
+    def _reduced(self) -> tuple[sparse.csr_array, Matrix, Matrix]:
+        """Change of unknowns T, and mass and stiffness in the unknowns."""
+        T, known = self.T, self._known
+        object.__setattr__(self, "_known", None)
+        if known is not None and _equal(T, known[0]):
+            return T, known[1], known[2]
+        M, K = (congruent(A, T) for A in self.matrices())
+        return T, M, K
+
+    @cached_property
     def unloaded(self) -> System:
         """System without loads, observed points and names of joints."""
         rows, new = self._slip_rows, self.change_of_unknowns
-        M, K = (congruent(A, new.forward) for A in self.matrices())
+        _, M, K = self._reduced
         return System(
             M=M,
             C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
@@ -404,6 +459,14 @@ class Structure:
             stiffness=rows.springs,
             T=new.forward,
         )
+
+
+def _equal(A: sparse.csr_array, B: sparse.csr_array) -> bool:
+    """Whether two matrices of compressed rows have the same entries."""
+    names = "indptr", "indices", "data"
+    return A.shape == B.shape and all(
+        np.array_equal(getattr(A, name), getattr(B, name)) for name in names
+    )
 
 
 def _free_name(on: str, vector: FloatArray, rows: Mapping[str, FloatArray]) -> str:

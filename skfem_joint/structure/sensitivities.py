@@ -1,0 +1,330 @@
+"""Derivatives of a structure's system by its friction, forces, stiffness and damping.
+
+All are exact as long as the same nodes touch:
+
+- Friction limits w = sum mu N are linear in the coefficients of friction mu and the normal forces N
+  of a pressure or of bolts around their holes.
+- Normal forces of clamping bolts are those of the static problem of the preload. With its closed
+  gaps kept closed, K u' + N^T F' = f' - K' u and N u' = 0 there: a linear problem with one factor
+  for all parameters, :func:`skfem_joint.structure.preload.preload_rates`.
+- K is linear in each Young's modulus, springs in the stiffness of the surfaces.
+- C = a M + b K. With a damping ratio a and b follow two frequencies, of which those that are
+  natural have the derivative phi K' phi / (2 omega) with their mode phi of unit mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.errors import InputError
+from skfem_joint.modes import RayleighFit
+from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
+from skfem_joint.structure.clamps import clamp_forces
+from skfem_joint.structure.opening import friction_gain
+from skfem_joint.structure.parameters import Parameter, check_derivable, parameter, value_of
+from skfem_joint.structure.patch import Patch, manifold_of
+from skfem_joint.structure.preload import preload_rates
+from skfem_joint.structure.pressure import Bolts, nodal_pressure
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system import System
+from skfem_joint.unknowns import congruent
+
+#: Derivatives of the forces and gaps, (q,) each, at the nodes of a joint's `PressureSpace`.
+Rates = tuple[FloatArray, FloatArray]
+
+
+def sensitivities(
+    structure: Structure, keys: Sequence[str], system: System
+) -> list[SystemSensitivity]:
+    """Exact derivatives of a structure's system by the values of some keys.
+
+    Parameters
+    ----------
+    structure : Structure
+    keys : sequence of str
+        As for `skfem_joint.structure.parameters.with_values`; with ``[*]`` all entries of a list
+        have the same value, and change together.
+    system : System
+        What ``structure.system(loads)`` returned.
+
+    Returns
+    -------
+    list of SystemSensitivity
+        For each key, in the unknowns of the system.
+
+    Raises
+    ------
+    InputError
+        For keys that cannot be varied, a value from which nothing can be derived (an infinite
+        stiffness, no pressure), entries under ``[*]`` that differ, and another system.
+    """
+    wanted = [parameter(structure, key) for key in keys]
+    check_derivable(structure, wanted)
+    for key in keys:
+        value_of(structure, key)
+    if system.n != structure.T.shape[1] or system.is_dense:
+        raise InputError(
+            f"sensitivities: found a system of {system.n} unknowns, must be the structure's own, "
+            f"of {structure.T.shape[1]}, which structure.system(loads) returns"
+        )
+    model = _Model(structure, system)
+    by_modulus = [model.stiffness(one) for one in wanted]
+    by_preload = model.preload(wanted, by_modulus)
+    return [
+        model.sensitivity(one, K, rates)
+        for one, K, rates in zip(wanted, by_modulus, by_preload, strict=True)
+    ]
+
+
+@dataclass(frozen=True)
+class _Model:
+    """A structure and its system, of which the derivatives are.
+
+    Attributes
+    ----------
+    structure : Structure
+    system : System
+    """
+
+    structure: Structure
+    system: System
+
+    def sensitivity(
+        self, one: Parameter, all_nodes: Matrix | None, rates: Mapping[int, Rates]
+    ) -> SystemSensitivity:
+        """Derivatives by a parameter.
+
+        Parameters
+        ----------
+        one : Parameter
+        all_nodes : sparse array, shape (dim N, dim N), or None
+            Derivative of the stiffness of all nodes.
+        rates : mapping
+            Derivatives of the preload, by the number of the joint.
+        """
+        K = None if all_nodes is None else congruent(all_nodes, self.structure.T)
+        w, opening = self._contact(one, rates)
+        stiffness = self._springs(one)
+        C = self._damping(one, K, stiffness, None if opening is None else opening.stiffness)
+        return SystemSensitivity(one.name, K=K, C=C, w=w, stiffness=stiffness, opening=opening)
+
+    def stiffness(self, one: Parameter) -> Matrix | None:
+        """Derivative of the stiffness of all nodes, (dim N, dim N); None where it is zero."""
+        body, K = self.structure.body, None
+        for place in one.places:
+            match place:
+                case ("material", "E"):
+                    part = body.stiffness_by_modulus()
+                case ("material", "regions", str(region), "E"):
+                    part = body.stiffness_by_modulus(region)
+                case _:
+                    continue
+            K = part if K is None else K + part
+        return K
+
+    def preload(
+        self, wanted: Sequence[Parameter], by_modulus: Sequence[Matrix | None]
+    ) -> list[dict[int, Rates]]:
+        """Derivatives of the preload by each parameter, by the number of the joint.
+
+        The dictionaries are empty where there are none. All parameters share a factor.
+        """
+        body, found = self.structure.body, self.structure.preload
+        none: list[dict[int, Rates]] = [{} for _ in wanted]
+        if found is None:
+            return none
+        forces, columns = [], []
+        for number, (one, K) in enumerate(zip(wanted, by_modulus, strict=True)):
+            bolts = [int(place[1]) for place in one.places if place[0] == "bolt"]
+            if bolts:
+                units = (replace(self.structure.bolts[i], force=1.0) for i in bolts)
+                each = [clamp_forces(body, unit, one.name).ravel() for unit in units]
+                forces.append(np.sum(each, axis=0))
+            elif K is not None:
+                forces.append(-(K @ found.displacement.ravel()))
+            else:
+                continue
+            columns.append(number)
+        if forces:
+            rates = preload_rates(body, found, np.stack(forces, axis=1))
+            for column, number in enumerate(columns):
+                none[number] = {i: (F[:, column], g[:, column]) for i, (F, g) in rates.items()}
+        return none
+
+    def _contact(
+        self, one: Parameter, rates: Mapping[int, Rates]
+    ) -> tuple[FloatArray | None, OpeningSensitivity | None]:
+        """Derivatives of the friction limits at rest, and of contact that opens."""
+        w, parts = np.zeros(self.system.w.size), []
+        for i, patch in enumerate(self.structure.patches):
+            part = self._of_joint(one, i, patch, rates.get(i))
+            if part.w is not None:
+                w[patch.points] += part.w
+            if patch.opening is not None:
+                parts.append(part)
+        return (w if w.any() else None), self._joined(parts)
+
+    def _of_joint(
+        self, one: Parameter, number: int, patch: Patch, rates: Rates | None
+    ) -> _JointRates:
+        """Derivatives of the limits and pressure points of a joint."""
+        joint, face = patch.joint, patch.opening
+        w = force = gap = stiffness = gain = None
+        nodal = self._pressed(one, number)
+        if nodal is None and rates is not None:
+            nodal = self._pressed_by_bolts(number, patch, rates)
+        if nodal is not None:
+            w = joint.friction * _on_points(patch, nodal)
+            force = None if face is None else nodal[face.nodes]
+        if face is not None and rates is not None and nodal is not None:
+            gap = np.where(face.gap > 0.0, rates[1], 0.0)
+        own = {place[2] for place in one.places if place[:2] == ("joint", number)}
+        if "friction" in own:
+            w = patch.normal_force
+            if face is not None:
+                gain = friction_gain(patch, self.system.w.size, self.structure.n_nodes)
+        if "normal_stiffness" in own and face is not None:
+            stiffness = face.area
+        return _JointRates(patch, w, force, gap, stiffness, gain)
+
+    def _pressed(self, one: Parameter, number: int) -> FloatArray | None:
+        """Derivative of the nodal forces, (N,), of a joint by its own pressure."""
+        joint, body = self.structure.joints[number], self.structure.body
+        own = [place for place in one.places if place[:3] == ("joint", number, "pressure")]
+        if not own:
+            return None
+        pressure: float | Bolts = 1.0
+        if isinstance(joint.pressure, Bolts):
+            bolts = tuple(replace(joint.pressure.bolts[int(place[4])], force=1.0) for place in own)
+            pressure = replace(joint.pressure, bolts=bolts)
+        sizes = body.properties["width"], body.properties["thickness"]
+        cells, _, depth, _ = manifold_of(body, joint.on, *sizes, joint.label)
+        return nodal_pressure(body.nodes, cells, depth, pressure, joint.label)[0]
+
+    def _pressed_by_bolts(self, number: int, patch: Patch, rates: Rates) -> FloatArray | None:
+        """Derivative of the nodal forces, (N,), of a joint by clamping bolts."""
+        found = self.structure.preload
+        pressed = None if found is None else found.joints[number]
+        if found is None or pressed is None or pressed.contact_force is None:
+            return None
+        space, before = found.faces.spaces[number], pressed.contact_force
+        force = np.where(before > 0.0, rates[0], 0.0)
+        nodal = np.zeros(self.structure.n_nodes)
+        nodal[space.nodes] = force if patch.joint.opens else space.means(before) @ force
+        return nodal
+
+    def _joined(self, parts: Sequence[_JointRates]) -> OpeningSensitivity | None:
+        """Derivatives of all contact that opens, from those of each joint that does."""
+        m = self.system.w.size
+        sizes = [part.patch.opening.gap.size for part in parts]
+
+        def values(name: str) -> FloatArray | None:
+            each = [getattr(part, name) for part in parts]
+            filled = [np.zeros(n) if x is None else x for n, x in zip(sizes, each, strict=True)]
+            return np.concatenate(filled) if any(x is not None for x in each) else None
+
+        gain: Matrix | None = None
+        if any(part.gain is not None for part in parts):
+            each = [
+                sparse.csr_array((m, n)) if part.gain is None else part.gain
+                for n, part in zip(sizes, parts, strict=True)
+            ]
+            gain = sparse.csr_array(sparse.hstack(each))
+        joined = {name: values(name) for name in ("gap", "force", "stiffness")}
+        if gain is None and all(value is None for value in joined.values()):
+            return None
+        return OpeningSensitivity(gain=gain, **joined)
+
+    def _springs(self, one: Parameter) -> FloatArray | None:
+        """Derivative of the springs in series with friction, (m,)."""
+        stiffness = None
+        for place in one.places:
+            if place[0] == "joint" and place[2] == "tangential_stiffness":
+                patch = self.structure.patches[int(place[1])]
+                if stiffness is None:
+                    stiffness = np.zeros(self.system.w.size)
+                stiffness[patch.points] += patch.area
+        return stiffness
+
+    def _damping(
+        self,
+        one: Parameter,
+        K: Matrix | None,
+        springs: FloatArray | None,
+        normal: FloatArray | None,
+    ) -> Matrix | None:
+        """Derivative of the damping matrix, (n, n), with those of what it depends on."""
+        structure, system = self.structure, self.system
+        ratio = structure.damping_ratio
+        match one.places[0]:
+            case ("damping", "ratio") if ratio is not None:
+                return sparse.csr_array(system.C / ratio)
+            case ("damping", "stiffness"):
+                return sparse.csr_array(system.K)
+            case ("damping", "mass"):
+                return sparse.csr_array(system.M)
+        if ratio is None:
+            factor = structure.stiffness_damping
+            return sparse.csr_array(factor * K) if K is not None and factor > 0.0 else None
+        if K is None and springs is None and normal is None:
+            return None
+        closed, fit = self._rayleigh
+        motions = None if system.opening is None else system.opening.closed_motions()
+
+        def square_rate(mode: FloatArray) -> float:
+            u, rate = mode if motions is None else motions @ mode, 0.0
+            if K is not None:
+                rate += float(u @ (K @ u))
+            if springs is not None:
+                own = closed.on_rows(np.where(closed.sprung, springs, 0.0))
+                rate += float(own @ np.asarray(closed.B @ mode) ** 2)
+            if normal is not None and system.opening is not None:
+                touching = (system.opening.force > 0.0) & ~system.opening.rigid
+                own = np.where(touching, normal, 0.0)
+                rate += float(own @ np.asarray(system.opening.N @ u) ** 2)
+            return rate
+
+        mass, stiffness = fit.factor_rates(ratio, square_rate)
+        C = mass * system.M + stiffness * system.K
+        return sparse.csr_array(C if K is None else C + fit.factors(ratio)[1] * K)
+
+    @cached_property
+    def _rayleigh(self) -> tuple[System, RayleighFit]:
+        """System with closed contact, and the frequencies of its damping by a ratio."""
+        closed = self.system.closed()
+        return closed, self.structure.fitted(*closed.stuck_problem)
+
+
+@dataclass(frozen=True)
+class _JointRates:
+    """Derivatives of a joint; each is None where it is zero.
+
+    Attributes
+    ----------
+    patch : Patch
+    w : ndarray, shape (k,)
+        Of the part of the joint in the limits at its contact points.
+    force, gap, stiffness : ndarray, shape (q,)
+        Of its pressure points, where contact opens.
+    gain : sparse array, shape (m, q)
+    """
+
+    patch: Patch
+    w: FloatArray | None
+    force: FloatArray | None
+    gap: FloatArray | None
+    stiffness: FloatArray | None
+    gain: Matrix | None
+
+
+def _on_points(patch: Patch, nodal: FloatArray) -> FloatArray:
+    """Normal forces of the contact points of a joint, (k,), from those of all nodes, (N,)."""
+    if patch.joint.normal_force == "equal":
+        return np.full(patch.nodes.size, nodal.sum() / max(patch.nodes.size, 1))
+    return np.asarray(nodal[patch.nodes])
