@@ -1,0 +1,499 @@
+"""Fit of a structure's values to measured curves of frequency and damping over amplitude.
+
+The free values p minimise the sum of squared residuals
+
+    r = (model(p) + offset - measured) / standard deviation
+
+of all fitted samples, by a trust-region method within bounds (`scipy.optimize.least_squares`) with
+exact derivatives. Positive values are fitted by their logarithms. With J the derivatives of r at
+the best values the covariance is (J^T J)^-1. Directions in which that reaches beyond the bounds are
+not determined by the data: they are named, and their uncertainty is that of the bounds.
+
+Where the sum of squares is larger than deviations explain, the model misses the data. Covariances
+are then multiplied by that sum over the degrees of freedom, and a note says so.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2, norm
+
+from skfem_joint.analysis.fit_model import FitModel, PredictedCurve
+from skfem_joint.analysis.measured import MeasuredCurve, measured_curve
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError, InputError, refuse
+from skfem_joint.progress import Progress, silent
+from skfem_joint.scene import Scene, load_scene
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.structure import Structure
+
+#: Lowest and highest value of a key that is free.
+Bounds = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Numbers of a fit.
+
+    Attributes
+    ----------
+    tolerance : float
+        Relative change of the sum of squares, and of the values, at which it ends.
+    evaluations : int
+        Most evaluations of the model.
+    inside : float
+        Share of the width of the bounds by which a start on a bound is moved inside.
+    level : float
+        Confidence level of intervals and bands.
+    unlikely : float
+        A sum of squares that is larger with this probability says that the model misses the data.
+    shown : float
+        Share of the largest component from which on a value belongs to an undetermined direction.
+    """
+
+    tolerance: float = 1e-6
+    evaluations: int = 60
+    inside: float = 1e-3
+    level: float = 0.95
+    unlikely: float = 0.01
+    shown: float = 0.1
+
+
+SETTINGS = FitSettings()
+
+
+class FitProblem:
+    """Residuals of a structure beside measured curves, as a function of a vector.
+
+    Samplers and programs of uncertainty quantification need no more than `residuals` or
+    `log_likelihood`, which give the derivatives too.
+
+    Parameters
+    ----------
+    scene : Scene, Structure, str or Path
+    data : path, MeasuredCurve, or a sequence of these
+        Measured curves, see :func:`skfem_joint.measured_curve`.
+    free : mapping of str to tuple of float
+        Lowest and highest value of each key that is free, such as ``"joint[0].friction"`` or
+        ``"bolt[*].force"``. The fit starts from the value of the scene.
+    loads : sequence of Load, optional
+        Of a `Structure`; those of a scene are its own.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Entries of the vector: the keys, then offsets such as "offset of ring_down: frequency".
+    lowest, highest, start : ndarray, shape (k,)
+        Bounds of the vector, infinite for offsets, and where a fit starts.
+    curves : tuple of MeasuredCurve
+
+    Raises
+    ------
+    InputError
+        For keys that cannot be varied, bounds that do not rise or do not contain the value, and
+        data that fit no point.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | Structure | str | Path,
+        data: Any,
+        free: Mapping[str, Bounds],
+        loads: Sequence[Load] = (),
+    ) -> None:
+        self.scene = load_scene(scene) if isinstance(scene, str | Path) else scene
+        if isinstance(self.scene, Scene):
+            structure, loads = self.scene.structure().meshed("fit"), self.scene.loads()
+        else:
+            structure = self.scene
+        if not free:
+            raise InputError("fit: free: no key is free; give at least one with its bounds")
+        every = data if isinstance(data, list | tuple) else [data]
+        self.curves = tuple(
+            one if isinstance(one, MeasuredCurve) else measured_curve(one) for one in every
+        )
+        if not any(curve.fitted.any() for curve in self.curves):
+            raise InputError("fit: no sample of the data is fitted; widen lowest and highest")
+        self.model = FitModel(structure, tuple(free), loads)
+        for curve in self.curves:
+            curve.weights(self.model.points)
+        self._bounds(free)
+        self._last: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
+
+    def _bounds(self, free: Mapping[str, Bounds]) -> None:
+        """Bounds and start of the vector; InputError as the class says."""
+        wrong, keys = list[str](), self.model.keys
+        for (key, pair), value in zip(free.items(), self.model.start.tolist(), strict=True):
+            low, high = (float(x) for x in pair)
+            if not (0.0 <= low < high < np.inf):
+                wrong.append(f"fit: {key}: found bounds {low:g} to {high:g}, must rise from >= 0")
+            elif not low <= value <= high:
+                wrong.append(
+                    f"fit: {key}: is {value:g} in the scene, must be within the bounds {low:g} to "
+                    f"{high:g}: change the value, or the bounds"
+                )
+        refuse(wrong)
+        self._offsets = [
+            (k, quantity) for k, curve in enumerate(self.curves) for quantity in curve.offset
+        ]
+        offsets = [f"offset of {self.curves[k].name}: {q}" for k, q in self._offsets]
+        self.names = (*keys, *offsets)
+        more = np.zeros(len(offsets))
+        low_high = np.array([free[key] for key in keys], dtype=float)
+        self.lowest = np.append(low_high[:, 0], more - np.inf)
+        self.highest = np.append(low_high[:, 1], more + np.inf)
+        self.start = np.append(self.model.start, more)
+
+    @cached_property
+    def _logarithmic(self) -> Any:
+        """Whether each entry of the vector is fitted by its logarithm, (k,)."""
+        return self.lowest > 0.0
+
+    def residuals(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals of all fitted samples over their deviations, (r,), and derivatives, (r, k).
+
+        Raises
+        ------
+        InputError, ConvergenceError
+            If the structure has no curve at the measured amplitudes.
+        """
+        vector = np.asarray(vector, dtype=float)
+        if self._last is not None and self._last[0] == vector.tobytes():
+            return self._last[1]
+        count = len(self.model.keys)
+        found = self.model.predict(vector[:count].tolist(), self.curves, every=False)
+        rows, columns = list[FloatArray](), list[FloatArray]()
+        for k, (curve, predicted) in enumerate(zip(self.curves, found, strict=True)):
+            if not predicted.inside.all():
+                raise InputError(
+                    f"fit: {curve.name}: the structure does not reach the largest amplitude"
+                )
+            for quantity, values, rates in (
+                ("frequency", predicted.frequency, predicted.frequency_rates),
+                ("damping", predicted.damping, predicted.damping_rates),
+            ):
+                measured = getattr(curve, quantity)[curve.fitted]
+                deviation = getattr(curve, f"{quantity}_deviation")[curve.fitted]
+                known = ~np.isnan(measured)
+                of_offset = np.zeros((known.size, len(self._offsets)))
+                if (k, quantity) in self._offsets:
+                    of_offset[:, self._offsets.index((k, quantity))] = 1.0
+                all_rates = np.hstack([rates, of_offset])
+                difference = values + of_offset @ vector[count:] - measured
+                rows.append((difference / deviation)[known])
+                columns.append((all_rates / deviation[:, np.newaxis])[known])
+        both = np.concatenate(rows), np.vstack(columns)
+        self._last = vector.tobytes(), both
+        return both
+
+    def log_likelihood(self, vector: FloatArray) -> tuple[float, FloatArray]:
+        """Logarithm of the likelihood but for a constant, and its derivatives, (k,).
+
+        Errors of the samples count as normal and independent.
+        """
+        r, J = self.residuals(vector)
+        return -0.5 * float(r @ r), -(J.T @ r)
+
+    def inner(self, vector: FloatArray) -> FloatArray:
+        """The variables of the fit: logarithms, and offsets as they are."""
+        safe = np.where(self._logarithmic, vector, 1.0)
+        return np.where(self._logarithmic, np.log(safe), vector)
+
+    def outer(self, variables: FloatArray) -> FloatArray:
+        """The vector, from the variables of the fit."""
+        logarithms = np.where(self._logarithmic, variables, 0.0)
+        return np.where(self._logarithmic, np.exp(logarithms), variables)
+
+    def rates(self, vector: FloatArray) -> FloatArray:
+        """Derivative of each entry of the vector by its variable, (k,)."""
+        return np.where(self._logarithmic, vector, 1.0)
+
+    def minimise(
+        self, begin: FloatArray, held: int | None = None, progress: Progress = silent
+    ) -> tuple[FloatArray, int]:
+        """Vector of least squares from a vector, and the evaluations that it took.
+
+        The entry ``held`` stays as it is. ConvergenceError if the search does not end.
+        """
+        moves = np.arange(begin.size) != (-1 if held is None else held)
+        if not moves.any():
+            return begin, 0
+        low, high = (self.inner(x)[moves] for x in (self.lowest, self.highest))
+        width = np.where(np.isfinite(high - low), high - low, 1.0)
+        inside = SETTINGS.inside * width
+        first = np.clip(self.inner(begin)[moves], low + inside, high - inside)
+        count = 0
+
+        def whole(x: FloatArray) -> FloatArray:
+            variables = self.inner(begin)
+            variables[moves] = x
+            return self.outer(variables)
+
+        def residuals(x: FloatArray) -> FloatArray:
+            nonlocal count
+            count += 1
+            progress("fit", count, 0)
+            try:
+                return self.residuals(whole(x))[0]
+            except (InputError, ConvergenceError):
+                if count == 1:
+                    raise
+                return np.full(self._size, np.nan)  # the method tries a smaller step
+
+        def derivatives(x: FloatArray) -> FloatArray:
+            vector = whole(x)
+            return np.asarray((self.residuals(vector)[1] * self.rates(vector))[:, moves])
+
+        self._size = residuals(first).size
+        found = least_squares(
+            residuals, first, derivatives, (low, high), x_scale="jac",
+            ftol=SETTINGS.tolerance, xtol=SETTINGS.tolerance, gtol=None,
+            max_nfev=SETTINGS.evaluations,
+        )  # fmt: skip
+        if found.status <= 0:
+            raise ConvergenceError(
+                f"fit: the best values were not found in {SETTINGS.evaluations} evaluations; start "
+                "nearer, or narrow the bounds"
+            )
+        return whole(found.x), count
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Values of a structure that fit measured curves best, with their uncertainty.
+
+    Attributes
+    ----------
+    problem : FitProblem
+    vector : ndarray, shape (k,)
+        Best values, then offsets, in the order of ``problem.names``.
+    covariance : ndarray, shape (k, k)
+        Of the vector; of directions that the data do not determine that of the bounds.
+    sum_of_squares : float
+        Of the residuals over their deviations.
+    degrees : int
+        Samples less what was fitted.
+    widened : float
+        Factor on the deviations because the model misses the data; 1 if it does not.
+    undetermined : tuple of str
+        Sentences about what the data do not determine.
+    predicted : tuple of PredictedCurve
+        At all measured amplitudes, offsets not included.
+    evaluations, computed : int
+        Evaluations of the model, and backbones that were computed for them.
+    seconds : float
+        Duration, s.
+    notes : tuple of str
+        What to beware of.
+    """
+
+    problem: FitProblem = field(repr=False)
+    vector: FloatArray
+    covariance: FloatArray
+    sum_of_squares: float
+    degrees: int
+    widened: float
+    undetermined: tuple[str, ...]
+    predicted: tuple[PredictedCurve, ...]
+    evaluations: int
+    computed: int
+    seconds: float
+    notes: tuple[str, ...]
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Best value of each free key."""
+        keys = self.problem.model.keys
+        return dict(zip(keys, self.vector[: len(keys)].tolist(), strict=True))
+
+    @property
+    def offsets(self) -> dict[str, float]:
+        """What is added to the model, by the name of the offset; Hz, or a damping ratio."""
+        count = len(self.problem.model.keys)
+        names = self.problem.names[count:]
+        return dict(zip(names, self.vector[count:].tolist(), strict=True))
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviation of each value and offset."""
+        each = np.sqrt(np.diag(self.covariance))
+        return dict(zip(self.problem.names, each.tolist(), strict=True))
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with the best values; InputError if a structure was fitted."""
+        if not isinstance(self.problem.scene, Scene):
+            raise InputError("fit: a structure was fitted; it is problem.model.at(values)")
+        return self.problem.scene.changed(self.values)
+
+    def interval(self, name: str, level: float = SETTINGS.level) -> tuple[float, float]:
+        """Confidence interval of a value or an offset, within its bounds."""
+        k = self.problem.names.index(name)
+        best = self.problem.inner(self.vector)[k]
+        own = np.sqrt(self._inner_covariance[k, k]) * norm.ppf(0.5 + 0.5 * level)
+        ends = []
+        for end in (best - own, best + own):
+            variables = self.problem.inner(self.vector)
+            variables[k] = end
+            vector = self.problem.outer(variables)
+            ends.append(float(np.clip(vector, self.problem.lowest, self.problem.highest)[k]))
+        return ends[0], ends[1]
+
+    @cached_property
+    def _inner_covariance(self) -> FloatArray:
+        """Covariance of the variables of the fit."""
+        rates = self.problem.rates(self.vector)
+        return np.asarray(self.covariance / np.outer(rates, rates))
+
+    def band(
+        self, predicted: PredictedCurve, level: float = SETTINGS.level
+    ) -> tuple[FloatArray, FloatArray]:
+        """Half widths of the band of a curve by the uncertainty of the values, (k,) each.
+
+        Of the frequency, Hz, and of the damping ratio, to first order.
+        """
+        count, factor = len(self.problem.model.keys), float(norm.ppf(0.5 + 0.5 * level))
+        own = self.covariance[:count, :count]
+        frequency, damping = (
+            factor * np.sqrt(np.einsum("ki,ij,kj->k", rates, own, rates))
+            for rates in (predicted.frequency_rates, predicted.damping_rates)
+        )
+        return frequency, damping
+
+    def draws(self, count: int, seed: int = 0) -> list[dict[str, float]]:
+        """Values of the free keys drawn from their distribution to first order.
+
+        For bands of any other result: ``scene.changed(values)`` for each of them, then a quantile
+        of the results. Values beyond bounds are moved to them.
+        """
+        keys, problem = self.problem.model.keys, self.problem
+        random = np.random.default_rng(seed)
+        best = problem.inner(self.vector)
+        some = random.multivariate_normal(best, self._inner_covariance, count, method="eigh")
+        vectors = (np.clip(problem.outer(x), problem.lowest, problem.highest) for x in some)
+        return [dict(zip(keys, x[: len(keys)].tolist(), strict=True)) for x in vectors]
+
+
+def fit(
+    scene: Scene | Structure | str | Path,
+    data: Any,
+    free: Mapping[str, Bounds],
+    loads: Sequence[Load] = (),
+    progress: Progress = silent,
+) -> Fit:
+    """Values of a scene or structure that fit measured curves of frequency and damping best.
+
+    Parameters
+    ----------
+    scene, data, free, loads
+        As `FitProblem` takes them.
+    progress : callable, optional
+        Called with ("fit", evaluations, 0).
+
+    Returns
+    -------
+    Fit
+
+    Raises
+    ------
+    InputError
+        As `FitProblem`, and if the structure has no curve at the measured amplitudes with the
+        values of the scene.
+    ConvergenceError
+        If the best values are not found.
+    """
+    began = time.perf_counter()
+    problem = FitProblem(scene, data, free, loads)
+    vector, evaluations = problem.minimise(problem.start, progress=progress)
+    r, J = problem.residuals(vector)
+    squares, degrees = float(r @ r), r.size - vector.size
+    widened, notes = _widened(squares, degrees)
+    inner, undetermined = _covariance(problem, vector, J / widened)
+    rates = problem.rates(vector)
+    count = len(problem.model.keys)
+    predicted = problem.model.predict(vector[:count].tolist(), problem.curves)
+    notes += [note for curve in problem.curves for note in curve.notes]
+    notes += _at_bounds(problem, vector)
+    return Fit(
+        problem=problem,
+        vector=vector,
+        covariance=inner * np.outer(rates, rates),
+        sum_of_squares=squares,
+        degrees=degrees,
+        widened=widened,
+        undetermined=tuple(undetermined),
+        predicted=tuple(predicted),
+        evaluations=evaluations,
+        computed=problem.model.computed,
+        seconds=time.perf_counter() - began,
+        notes=tuple(notes),
+    )
+
+
+def _widened(squares: float, degrees: int) -> tuple[float, list[str]]:
+    """Factor on deviations where the model misses the data, and a note about it."""
+    if degrees <= 0:
+        return 1.0, [f"There are {-degrees} values more than samples can determine."] * (
+            degrees < 0
+        )
+    if squares <= chi2.isf(SETTINGS.unlikely, degrees):
+        return 1.0, []
+    factor = float(np.sqrt(squares / degrees))
+    return factor, [
+        f"The model misses the data by {factor:.3g} times their standard deviations in the mean "
+        "square: either these are too small, or the model lacks something. Deviations and "
+        "intervals are widened by that factor."
+    ]
+
+
+def _covariance(
+    problem: FitProblem, vector: FloatArray, J: FloatArray
+) -> tuple[FloatArray, list[str]]:
+    """Covariance of the variables of the fit, and sentences about undetermined directions."""
+    variables = J * problem.rates(vector)
+    width = 0.5 * (problem.inner(problem.highest) - problem.inner(problem.lowest))
+    scale = np.where(np.isfinite(width), width, 1.0 / np.linalg.norm(variables, axis=0))
+    _, size, right = np.linalg.svd(variables * scale, full_matrices=True)
+    size = np.append(size, np.zeros(right.shape[0] - size.size))
+    factor = float(norm.ppf(0.5 + 0.5 * SETTINGS.level))
+    beyond = size <= factor  # the interval is wider than the bounds
+    spread = np.where(beyond, 1.0 / factor, 1.0 / np.where(beyond, 1.0, size))
+    axes = right.T * scale[:, np.newaxis]
+    sentences = [_undetermined(problem, axes[:, k]) for k in np.flatnonzero(beyond)]
+    return (axes * spread**2) @ axes.T, sentences
+
+
+def _undetermined(problem: FitProblem, direction: FloatArray) -> str:
+    """Sentence about a direction, (k,), of the variables that the data do not determine."""
+    share = direction / direction[np.abs(direction).argmax()]
+    some = np.flatnonzero(np.abs(share) >= SETTINGS.shown)
+    some = some[np.argsort(-np.abs(share[some]), kind="stable")]
+    names = [problem.names[k] for k in some]
+    if len(names) == 1:
+        return f"The data do not determine {names[0]}: any value within its bounds fits as well."
+    powers = ", ".join(f"{problem.names[k]} by its power {share[k]:.2f}" for k in some[1:].tolist())
+    return (
+        f"The data do not determine {' and '.join(names)} each by itself: they fit as well if "
+        f"{names[0]} changes by a factor and {powers}."
+    )
+
+
+def _at_bounds(problem: FitProblem, vector: FloatArray) -> list[str]:
+    """Notes about best values that lie on a bound."""
+    x, low, high = (problem.inner(v) for v in (vector, problem.lowest, problem.highest))
+    rows = zip(problem.names, vector, x - low, high - x, high - low, strict=True)
+    return [
+        f"{name} ends at its bound, {value:.6g}: the data ask for a value beyond it."
+        for name, value, a, b, w in zip(
+            problem.names, vector, x - low, high - x, width, strict=True
+        )
+        if np.isfinite(w) and min(a, b) <= 2.0 * SETTINGS.inside * w
+    ]

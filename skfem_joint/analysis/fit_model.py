@@ -1,0 +1,248 @@
+"""A structure as a function of some of its values: its curves at measured amplitudes.
+
+For each measured curve the backbone of its mode is computed with the derivatives by the values that
+are free (:mod:`skfem_joint.analysis.backbone_sensitivity`). Its levels are those at which the point
+has the measured amplitudes, or evenly spread ones where there are many. What is left between both
+is bridged by cubic splines in the logarithm of the amplitude, with the slopes that the derivatives
+by the level give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import cast
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
+
+from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
+from skfem_joint.analysis.backbone_sensitivity import BackboneSensitivity
+from skfem_joint.analysis.measured import MeasuredCurve
+from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.errors import InputError
+from skfem_joint.sensitivity import SystemSensitivity
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.parameters import value_of, with_values
+from skfem_joint.structure.sensitivities import sensitivities
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system import System
+
+
+@dataclass(frozen=True)
+class FitModelSettings:
+    """Numbers of curves for a fit.
+
+    Attributes
+    ----------
+    most : int
+        Most levels of a curve.
+    near : float
+        Relative distance of the amplitudes of the levels from those that are wanted.
+    trials : int
+        Most curves that are computed to get there.
+    factor : float
+        Most that a level changes from one to the next.
+    """
+
+    most: int = 20
+    near: float = 0.02
+    trials: int = 4
+    factor: float = 3.0
+
+
+SETTINGS = FitModelSettings()
+
+
+@dataclass(frozen=True)
+class PredictedCurve:
+    """Frequency and damping of a mode at given amplitudes of a point, with derivatives.
+
+    Attributes
+    ----------
+    displacement : ndarray, shape (k,)
+        Amplitude of the point, m; half of peak to peak.
+    frequency, damping : ndarray, shape (k,)
+        Hz, and damping ratio of friction and viscous forces.
+    frequency_rates, damping_rates : ndarray, shape (k, parameters)
+        Their derivatives by the free values.
+    inside : ndarray of bool, shape (k,)
+        Whether the amplitude is among those of the levels; beyond them values are those at the
+        nearest one.
+    turning : int
+        Most points of a level that may be turning between sticking and slipping.
+    """
+
+    displacement: FloatArray
+    frequency: FloatArray
+    damping: FloatArray
+    frequency_rates: FloatArray
+    damping_rates: FloatArray
+    inside: BoolArray
+    turning: int
+
+
+class FitModel:
+    """Curves of a structure over some of its values.
+
+    Parameters
+    ----------
+    structure : Structure
+    keys : sequence of str
+        Values that are free, see `skfem_joint.structure.parameters.with_values`.
+    loads : sequence of Load
+        Of the structure; a damping ratio may depend on their frequencies.
+
+    Attributes
+    ----------
+    computed : int
+        Backbones that were computed.
+
+    Raises
+    ------
+    InputError
+        For keys that the structure does not have, or that cannot be varied.
+    """
+
+    def __init__(
+        self, structure: Structure, keys: Sequence[str], loads: Sequence[Load] = ()
+    ) -> None:
+        self.structure, self.keys, self.loads = structure, tuple(keys), tuple(loads)
+        self.computed = 0
+        self._levels: dict[tuple[object, ...], FloatArray] = {}
+        self.start = np.array([value_of(structure, key) for key in self.keys])
+        sensitivities(structure, self.keys, structure.system(self.loads))  # refuses what cannot be
+
+    @cached_property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points whose amplitude may be measured."""
+        return self.structure.system(self.loads).points
+
+    def at(self, values: Sequence[float]) -> Structure:
+        """Structure with the free values at the given ones."""
+        return with_values(self.structure, dict(zip(self.keys, values, strict=True)))
+
+    def predict(
+        self, values: Sequence[float], measured: Sequence[MeasuredCurve], every: bool = True
+    ) -> list[PredictedCurve]:
+        """Curves of the structure at the amplitudes of measured ones.
+
+        Parameters
+        ----------
+        values : sequence of float
+            Of the free keys.
+        measured : sequence of MeasuredCurve
+        every : bool
+            At all measured amplitudes, or only at those that are fitted.
+
+        Raises
+        ------
+        InputError
+            If an amplitude asks for more than the joint holds.
+        ConvergenceError
+            If a level does not converge.
+        """
+        structure = self.at(values)
+        system = structure.system(self.loads)
+        parameters = sensitivities(structure, self.keys, system)
+        wanted = [curve.displacement[curve.fitted | every] for curve in measured]
+        found: list[PredictedCurve | None] = [None] * len(measured)
+        asked = [(curve.mode, tuple(curve.weights(system.points))) for curve in measured]
+        for mode, weights in dict.fromkeys(asked):
+            own = [k for k, one in enumerate(asked) if one == (mode, weights)]
+            along = np.array(weights)
+            nodes = np.unique(np.concatenate([wanted[k] for k in own]))
+            if nodes.size == 1:
+                nodes = nodes * np.array([1.0 - SETTINGS.near, 1.0 + SETTINGS.near])
+            if nodes.size > SETTINGS.most:
+                nodes = np.geomspace(nodes[0], nodes[-1], SETTINGS.most)
+            curve = self._curve(system, mode, along, nodes, parameters)
+            for k in own:
+                found[k] = _interpolated(curve, system, along, wanted[k])
+        return [one for one in found if one is not None]
+
+    def _curve(
+        self,
+        system: System,
+        mode: int,
+        weights: FloatArray,
+        nodes: FloatArray,
+        parameters: Sequence[SystemSensitivity],
+    ) -> Backbone:
+        """Backbone at amplitudes near ``nodes`` of a point, (levels,), m."""
+        place = (mode, *weights.tolist(), *nodes.tolist())
+        levels = self._levels.get(place)
+        if levels is None:
+            levels = self._of_stuck(system, mode, weights) * nodes
+        best, least = None, np.inf
+        for _ in range(SETTINGS.trials):
+            (curve,) = backbone(system, (mode,), levels, parameters=parameters)
+            self.computed += 1
+            X, of_x = _logarithm(curve, system, weights)
+            apart = np.log(nodes[: X.size]) - X
+            if (size := float(np.abs(apart).max())) < least:
+                best, least = curve, size
+                self._levels[place] = levels
+            if size <= SETTINGS.near:
+                break
+            largest = np.log(SETTINGS.factor)
+            change = np.clip(apart / of_x[:, -1], -largest, largest)
+            levels = np.maximum.accumulate(levels[: X.size] * np.exp(change))
+            levels *= 1.0 + 1e-9 * np.arange(levels.size)  # they rise
+        return cast("Backbone", best)
+
+    def _of_stuck(self, system: System, mode: int, weights: FloatArray) -> float:
+        """Level over the amplitude of a point with the contact stuck."""
+        closed = system.closed()
+        frequencies, shapes = stuck_modes(closed, mode)
+        if mode > frequencies.size:
+            raise InputError(f"fit: found mode {mode}, there are {frequencies.size} stuck ones")
+        moved = abs(float(weights @ np.asarray(closed.P @ shapes[:, mode - 1])))
+        if moved <= 1e-9 * np.abs(shapes[:, mode - 1]).max():
+            raise InputError(
+                f"fit: mode {mode} does not move the measured point; choose another point, "
+                "direction or mode"
+            )
+        return float((2.0 * np.pi * frequencies[mode - 1]) ** 2) / moved
+
+
+def _logarithm(
+    curve: Backbone, system: System, weights: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Logarithm of the amplitude of a point, (levels,), and its derivatives, (levels, k + 1)."""
+    moved = np.asarray(system.P @ curve.states.T).T
+    along = moved @ weights
+    # Derivatives of a backbone are those of the magnitudes of the named points.
+    signs = np.sign(moved) * weights / along[:, np.newaxis]
+    of_points = cast("BackboneSensitivity", curve.sensitivity).displacement
+    return np.log(np.abs(along)), np.einsum("lp,lpk->lk", signs, of_points)
+
+
+def _interpolated(
+    curve: Backbone, system: System, weights: FloatArray, displacement: FloatArray
+) -> PredictedCurve:
+    """A curve at given amplitudes, (k,), m."""
+    rates = cast("BackboneSensitivity", curve.sensitivity)
+    X, of_x = _logarithm(curve, system, weights)
+    wanted = np.log(displacement)
+    at = np.clip(wanted, X[0] - SETTINGS.near, X[-1] + SETTINGS.near)
+    within = np.clip(wanted, X[0], X[-1])
+    zeta = curve.damping_ratio
+    of_zeta = rates.damping_ratio / zeta[:, np.newaxis]
+    columns = []
+    for values, of_values in ((curve.frequency, rates.frequency), (np.log(zeta), of_zeta)):
+        spline = CubicHermiteSpline(X, values, of_values[:, -1] / of_x[:, -1])
+        held = rates.at_amplitude(of_values, of_x)
+        columns += [spline(at), PchipInterpolator(X, held, axis=0)(within)]
+    frequency, frequency_rates, logarithm, of_logarithm = columns
+    damping = np.exp(logarithm)
+    return PredictedCurve(
+        displacement=displacement,
+        frequency=frequency,
+        damping=damping,
+        frequency_rates=frequency_rates,
+        damping_rates=damping[:, np.newaxis] * of_logarithm,
+        inside=at == wanted,
+        turning=int(rates.turning.max()),
+    )
