@@ -21,7 +21,9 @@ Solids, with x along their length and z upwards:
   under heads and nuts;
 - ``brake_reuss``: the Brake-Reuss beam, of second-order hexahedra: two half beams of 25.4 mm x
   25.4 mm, 0.72 m long together, lapped over 0.12 m, with three 5/16 bolts; each half carries half
-  of each bolt (shank, washer, head), whose shanks are cut in the plane of the joint.
+  of each bolt (shank, washer, head), whose shanks are cut in the plane of the joint;
+- ``thin_beam``: the same of half the thickness, 12.7 mm, with the point ``sensor`` 76.2 mm from
+  its end, for the measured curves in ``examples/measured``.
 
 All sizes are in metres.
 """
@@ -133,34 +135,43 @@ INCH = 0.0254
 BOLTS = (-0.03, 0.0, 0.03)
 
 
-def brake_reuss(across=2, along=8):
+def brake_reuss(across=2, along=(8,), thickness=INCH, sensor=None, rings=(), ends=1, digits=9):
     """Brake-Reuss beam; ``across`` elements on each quarter of a bolt, ``along`` a full part.
 
     Sizes of the beam, washers, bolts: the model of the tutorial of Abaqus4Joints (N. Balaji). Heads
     and nuts are round, as large as their hexagons; what sticks out of the nuts is left out. The
     polygons that stand for circles have the circles' areas: octagons inscribed in the shanks would
     have 81 % of the second moment of area.
+
+    A ``sensor`` (m from the end) is a point of the upper half beam's outer face, and ``along`` then
+    has the elements before and behind it. ``rings`` are radii (m) of more circles around the
+    washers, and ``ends`` the elements on each end of the lap. Six ``digits``, positions to the
+    micrometre, make the file a fifth smaller.
     """
     half, angle = 0.5 * INCH, 0.5 * np.pi / across  # between corners
-    radii = np.array([0.15625 * INCH, 0.00425, 0.00667, 0.34375 * INCH])
-    shank, hole, head, washer = np.sqrt(angle / np.sin(angle)) * radii
-    face = np.array([0.0, half])
-    above = np.array([half, half + 0.0625 * INCH, half + (0.0625 + 0.203125) * INCH])
+    radii = np.array([0.15625 * INCH, 0.00425, 0.00667, 0.34375 * INCH, *rings])
+    shank, hole, head, washer, *others = np.sqrt(angle / np.sin(angle)) * radii
+    deep = 0.5 * thickness
+    face = np.array([0.0, deep])
+    above = np.array([deep, deep + 0.0625 * INCH, deep + (0.0625 + 0.203125) * INCH])
     whole = np.concatenate([face, above[1:]])
     side = np.linspace(-1.0, 1.0, across + 1)
     y = half * side
-    parts = [(np.meshgrid(x, y, indexing="ij"), face) for x in ([-0.06, -0.045], [0.045, 0.06])]
-    beam = np.linspace(0.06, 0.36, along + 1)
-    parts.append((np.meshgrid(beam, y, indexing="ij"), np.array([-half, 0.0, half])))
+    tips = (np.linspace(*where, ends + 1) for where in ((-0.06, -0.045), (0.045, 0.06)))
+    parts = [(np.meshgrid(x, y, indexing="ij"), face) for x in tips]
+    stops = [0.06, 0.36] if sensor is None else [0.06, 0.36 - sensor, 0.36]
+    for (start, stop), count in zip(pairwise(stops), along, strict=True):
+        beam = np.linspace(start, stop, count + 1)
+        parts.append((np.meshgrid(beam, y, indexing="ij"), np.array([-deep, 0.0, deep])))
     core = np.meshgrid(0.5 * shank * side, 0.5 * shank * side, indexing="ij")
     curves = [_square(across, 0.5 * shank), *(_circle(across, r) for r in (shank, hole, head))]
-    curves += [_circle(across, washer), _square(across, 0.015, half)]
-    heights = whole, above[1:], whole, whole[:3], face
+    curves += [_circle(across, r) for r in (washer, *others)] + [_square(across, 0.015, half)]
+    heights = [whole, above[1:], whole, whole[:3], *[face] * (1 + len(others))]
     for x in BOLTS:
         parts.append((core + np.array([[[x]], [[0.0]]]), whole))
         for pair, z in zip(pairwise(curves), heights, strict=True):
             parts += [(ring, z) for ring in _rings(pair, [x], 0.0)]
-    p, t = _stacked([(np.asarray(grid), z) for grid, z in parts])
+    p, t = _stacked([(np.asarray(grid), z) for grid, z in parts], digits)
 
     def part(name, turn):
         """One half; the other one is turned about y."""
@@ -175,15 +186,29 @@ def brake_reuss(across=2, along=8):
             boundaries[f"{name}_cut_{number}"] = lambda x, at=at: (
                 np.isclose(x[2], 0.0, atol=1e-9) & (np.hypot(x[0] - at, x[1]) < shank)
             )
-        return _solid(name, p * [[turn], [1.0], [turn]], t, boundaries)
+        points = {}
+        if sensor is not None and name == "upper":
+            away = p - np.array([[0.36 - sensor], [0.0], [deep]])
+            points["sensor"] = int(np.argmin(np.square(away).sum(axis=0)))
+        return _solid(name, p * [[turn], [1.0], [turn]], t, boundaries, points)
 
     return merged([part("upper", 1.0), part("lower", -1.0)])
 
 
-def _solid(name, p, t, boundaries):
+def thin_beam():
+    """Thin Brake-Reuss beam, bent across its lap, with the sensor of the measured curves.
+
+    Its faces touch up to some 11 mm from the bolts' axes, where more circles are: without them the
+    slip begins at several times the amplitude.
+    """
+    rings = 0.0098, 0.0110
+    return brake_reuss(along=(4, 2), thickness=0.5 * INCH, sensor=3 * INCH, rings=rings, digits=6)
+
+
+def _solid(name, p, t, boundaries, points=None):
     """Second-order hexahedra, all one region of that name."""
     mesh = skfem.MeshHex1(p, t, sort_t=False).with_boundaries(boundaries)
-    return named(mesh.with_subdomains({name: np.arange(t.shape[1])}), order=2)
+    return named(mesh.with_subdomains({name: np.arange(t.shape[1])}), order=2, points=points)
 
 
 def _rings(curves, bolts, y=0.5 * WIDTH):
@@ -206,7 +231,7 @@ def _circle(across, radius):
     return radius * np.stack([np.cos(angle), np.sin(angle)])
 
 
-def _stacked(parts):
+def _stacked(parts, digits=9):
     """Vertices (3, n) and hexahedra (8, m) of plane grids (2, i, j) drawn through heights."""
     positions, cells, count = [], [], 0
     for grid, heights in parts:
@@ -219,12 +244,12 @@ def _stacked(parts):
             cells.append(np.stack(pairs)[[0, 1, 2, 4, 3, 5, 6, 7]])
         positions += [np.vstack([grid.reshape(2, -1), np.full(n, z)]) for z in heights]
         count += n * len(heights)
-    return _joined(positions, cells)
+    return _joined(positions, cells, digits)
 
 
-def _joined(positions, cells):
+def _joined(positions, cells, digits=9):
     """Vertices, each once, and cells of them."""
-    p, number = np.unique(np.round(np.hstack(positions), 9), axis=1, return_inverse=True)
+    p, number = np.unique(np.round(np.hstack(positions), digits), axis=1, return_inverse=True)
     return p, np.ascontiguousarray(number.ravel()[np.hstack(cells)])
 
 
@@ -239,6 +264,7 @@ MESHES = {
     "two_plates_side": lambda: two_plates(side=True),
     "solid_lap_joint": solid_lap_joint,
     "brake_reuss": brake_reuss,
+    "thin_beam": thin_beam,
 }
 
 

@@ -111,6 +111,7 @@ class SupportTable(SceneTable):
     fixed_x: Names = key("names of those held along x", ())
     fixed_y: Names = key("names of those held along y", ())
     fixed_z: Names = key("names of those held along z", ())
+    free: bool = key("whether bodies may float, without a support that holds them", False)
 
 
 class DampingTable(SceneTable):

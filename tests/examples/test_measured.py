@@ -1,0 +1,36 @@
+"""The measured beam: its scene describes a floating beam with a sensor, its curves are whole."""
+
+import numpy as np
+import pytest
+from gallery import EXAMPLES
+
+import skfem_joint as sj
+from skfem_joint.errors import InputError
+
+FOLDER = EXAMPLES / "measured"
+
+
+def curve(name):
+    """Columns of a file, after its comments and names."""
+    return np.loadtxt(FOLDER / f"{name}.csv", delimiter=",", comments=("#", "amplitude"))
+
+
+def test_the_beam_floats_with_its_sensor_three_inches_from_its_end():
+    scene = sj.load_scene(FOLDER / "thin_beam.toml")
+    structure = scene.structure()
+    assert structure.free
+    at = structure.nodes[structure.mesh.points["sensor"]]
+    assert at == pytest.approx([0.36 - 0.0762, 0.0, 0.00635], abs=1e-6)
+    assert np.ptp(structure.nodes, axis=0)[:2] == pytest.approx([0.72, 0.0254], rel=1e-9)
+    assert len(structure.bolts) == 3
+    with pytest.raises(InputError, match="is left unsupported"):
+        scene.changed(support={"free": False}).structure()
+
+
+def test_measured_curves_are_of_one_mode_and_damping_rises_with_amplitude():
+    for name, levels in (("ring_down", 12), ("controlled", 8)):
+        amplitude, frequency, damping = curve(name)[np.argsort(curve(name)[:, 0])].T
+        assert amplitude.size == levels
+        assert np.all(np.diff(damping) > 0.0)
+        assert np.all((damping > 1e-3) & (damping < 1e-2))
+        assert np.all(np.abs(frequency / 80.4 - 1.0) < 0.005)
