@@ -492,8 +492,6 @@ def _at_bounds(problem: FitProblem, vector: FloatArray) -> list[str]:
     rows = zip(problem.names, vector, x - low, high - x, high - low, strict=True)
     return [
         f"{name} ends at its bound, {value:.6g}: the data ask for a value beyond it."
-        for name, value, a, b, w in zip(
-            problem.names, vector, x - low, high - x, width, strict=True
-        )
+        for name, value, a, b, w in rows
         if np.isfinite(w) and min(a, b) <= 2.0 * SETTINGS.inside * w
     ]
