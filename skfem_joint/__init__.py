@@ -49,9 +49,15 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.active_region import active_region as active_region
     from skfem_joint.analysis.backbone import Backbone as Backbone
     from skfem_joint.analysis.backbone import backbone as backbone
+    from skfem_joint.analysis.backbone_sensitivity import (
+        BackboneSensitivity as BackboneSensitivity,
+    )
     from skfem_joint.analysis.damping_curve import DampingCurve as DampingCurve
     from skfem_joint.analysis.damping_curve import damping_curve as damping_curve
     from skfem_joint.analysis.estimate import Estimate as Estimate
+    from skfem_joint.analysis.fit import Fit as Fit
+    from skfem_joint.analysis.fit import FitProblem as FitProblem
+    from skfem_joint.analysis.fit import fit as fit
     from skfem_joint.analysis.history import Errors as Errors
     from skfem_joint.analysis.history import compare as compare
     from skfem_joint.analysis.measured import MeasuredCurve as MeasuredCurve
@@ -99,6 +105,8 @@ if TYPE_CHECKING:
     from skfem_joint.scene import load_scene as load_scene
     from skfem_joint.scene import load_sweep as load_sweep
     from skfem_joint.scene.reading import Swept as Swept
+    from skfem_joint.sensitivity import OpeningSensitivity as OpeningSensitivity
+    from skfem_joint.sensitivity import SystemSensitivity as SystemSensitivity
     from skfem_joint.served import Range as Range
     from skfem_joint.slips import SlipRows as SlipRows
     from skfem_joint.stepping.checkpoint import Checkpoint as Checkpoint
@@ -124,6 +132,7 @@ if TYPE_CHECKING:
     from skfem_joint.structure import contact as contact
     from skfem_joint.structure import iwan as iwan
     from skfem_joint.structure import point_friction as point_friction
+    from skfem_joint.structure.sensitivities import sensitivities as sensitivities
     from skfem_joint.system import AppliedLoad as AppliedLoad
     from skfem_joint.system import System as System
     from skfem_joint.system_files import load as load
@@ -133,8 +142,10 @@ if TYPE_CHECKING:
 _NAMES = {
     "analysis.active_region": "ActiveRegion active_region",
     "analysis.backbone": "Backbone backbone",
+    "analysis.backbone_sensitivity": "BackboneSensitivity",
     "analysis.damping_curve": "DampingCurve damping_curve",
     "analysis.estimate": "Estimate",
+    "analysis.fit": "Fit FitProblem fit",
     "analysis.history": "Errors compare",
     "analysis.measured": "MeasuredCurve measured_curve",
     "analysis.models": "Model Study",
@@ -163,9 +174,11 @@ _NAMES = {
     "stepping.schemes": "Scheme generalized_alpha",
     "structure": "Bolt Bolts Clamp Joint Load Material PressureTable Structure contact iwan "
     "point_friction",
+    "structure.sensitivities": "sensitivities",
     "system": "AppliedLoad System",
     "system_files": "load save",
     "served": "Range",
+    "sensitivity": "OpeningSensitivity SystemSensitivity",
     "slips": "SlipRows",
 }
 _MODULE = {name: module for module, names in _NAMES.items() for name in names.split()}
