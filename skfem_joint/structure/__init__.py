@@ -4,7 +4,8 @@ A structure on a mesh: `nodes` and `assembly` make the mass and stiffness of a `
 `load` and `clamps` describe what acts on it; `structure` holds it, makes the `System`, and removes
 supports. `rigid` finds free motions, `reactions` changes of the normal forces, `doubts` and
 `checks` mistakes of the user. `matrices` is a structure of given matrices; `model` is the interface
-of both.
+of both. `parameters` reads and changes single numbers by their keys, `sensitivities` derives the
+system by them.
 
 From pressure to friction limits: `pressure.nodal_pressure` (or `preload`, which solves for it with
 `pressure_space` and `active_set`) gives the normal force of each node, `patch.make_patch` collects
