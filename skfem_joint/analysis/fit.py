@@ -29,11 +29,12 @@ from scipy.stats import chi2, norm
 from skfem_joint.analysis.fit_model import FitModel, PredictedCurve
 from skfem_joint.analysis.measured import MeasuredCurve, measured_curve
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import ConvergenceError, InputError, refuse
+from skfem_joint.errors import ConvergenceError, InputError, closest, refuse
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene, load_scene
 from skfem_joint.structure.load import Load
 from skfem_joint.structure.structure import Structure
+from skfem_joint.values import at_least, check
 
 #: Lowest and highest value of a key that is free.
 Bounds = tuple[float, float]
@@ -68,6 +69,8 @@ class FitSettings:
 
 
 SETTINGS = FitSettings()
+#: Width of a profile over that of the interval.
+PROFILE = 1.3
 
 
 class FitProblem:
@@ -267,6 +270,30 @@ class FitProblem:
 
 
 @dataclass(frozen=True)
+class Profile:
+    """Profile likelihood of a value: the least sum of squares with the value held.
+
+    Unlike an interval from the covariance, one from the profile does not take the model as linear.
+
+    Attributes
+    ----------
+    name : str
+        Key or offset.
+    values : ndarray, shape (k,)
+        Rising; the best one among them.
+    excess : ndarray, shape (k,)
+        Least sum of squares of all others beyond that of the best fit, over ``widened`` squared.
+    interval : tuple of float
+        Where the excess is that of the level; a bound or the end of the values if it stays below.
+    """
+
+    name: str
+    values: FloatArray
+    excess: FloatArray
+    interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class Fit:
     """Values of a structure that fit measured curves best, with their uncertainty.
 
@@ -339,19 +366,65 @@ class Fit:
         k = self.problem.names.index(name)
         best = self.problem.inner(self.vector)[k]
         own = np.sqrt(self._inner_covariance[k, k]) * norm.ppf(0.5 + 0.5 * level)
-        ends = []
-        for end in (best - own, best + own):
-            variables = self.problem.inner(self.vector)
-            variables[k] = end
-            vector = self.problem.outer(variables)
-            ends.append(float(np.clip(vector, self.problem.lowest, self.problem.highest)[k]))
-        return ends[0], ends[1]
+        variables = self.problem.inner(self.vector)
+        low, high = (self._with(variables, k, end) for end in (best - own, best + own))
+        return max(low, float(self.problem.lowest[k])), min(high, float(self.problem.highest[k]))
 
     @cached_property
     def _inner_covariance(self) -> FloatArray:
         """Covariance of the variables of the fit."""
         rates = self.problem.rates(self.vector)
         return np.asarray(self.covariance / np.outer(rates, rates))
+
+    def profile(self, name: str, points: int = 9, level: float = SETTINGS.level) -> Profile:
+        """Profile likelihood of a value or an offset over somewhat more than its interval.
+
+        Each point of it is a fit of all others, from where the covariance expects them.
+
+        Parameters
+        ----------
+        name : str
+        points : int
+            Values, at least 3; the best one is added if it is not among them.
+        level : float
+            Confidence level of the interval.
+
+        Raises
+        ------
+        InputError
+            For an unknown name, and if the structure has no curve with a value.
+        ConvergenceError
+            If a fit does not end.
+        """
+        problem, names = self.problem, self.problem.names
+        if name not in names:
+            raise InputError(f"profile: found {name!r}{closest(name, names)}; there are {names}")
+        check("profile: points", points, at_least(3))
+        k, best = names.index(name), problem.inner(self.vector)
+        low, high = (problem.inner(x)[k] for x in (problem.lowest, problem.highest))
+        own = self._inner_covariance[:, k] / self._inner_covariance[k, k]
+        wide = PROFILE * norm.ppf(0.5 + 0.5 * level) * np.sqrt(self._inner_covariance[k, k])
+        ends = np.maximum(best[k] - wide, low), np.minimum(best[k] + wide, high)
+        at = np.unique(np.append(np.linspace(*ends, points), best[k]))
+        excess = np.zeros(at.size)
+        for j, x in enumerate(at.tolist()):
+            if x != best[k]:
+                begin = best + own * (x - best[k])
+                begin[k] = x
+                vector = np.clip(problem.outer(begin), problem.lowest, problem.highest)
+                r = problem.residuals(problem.minimise(vector, held=k)[0])[0]
+                excess[j] = (float(r @ r) - self.sum_of_squares) / self.widened**2
+        place, limit = int(np.searchsorted(at, best[k])), float(chi2.ppf(level, 1))
+        below = np.interp(-limit, -excess[: place + 1], at[: place + 1])
+        above = np.interp(limit, excess[place:], at[place:])
+        values = [self._with(best, k, x) for x in (*at.tolist(), below, above)]
+        return Profile(name, np.array(values[:-2]), excess, (values[-2], values[-1]))
+
+    def _with(self, variables: FloatArray, k: int, value: float) -> float:
+        """Entry k of the vector, from its variable."""
+        changed = variables.copy()
+        changed[k] = value
+        return float(self.problem.outer(changed)[k])
 
     def band(
         self, predicted: PredictedCurve, level: float = SETTINGS.level
