@@ -155,7 +155,8 @@ class MeasuredCurve:
         shown = first_of(names, 20)
         if not point:
             raise InputError(f"{where}: not given, must be one of {shown}")
-        if point in names:
+        rows = [names.index(row) for c in "xyz" if (row := f"{point}.{c}") in names]
+        if point in names and (self.direction is None or not rows):  # a load may have its name
             along = np.zeros(0) if self.direction is None else self.direction[1:]
             if np.any(along):
                 raise InputError(
@@ -164,7 +165,6 @@ class MeasuredCurve:
                 )
             weights[names.index(point)] = 1.0
             return weights
-        rows = [names.index(row) for c in "xyz" if (row := f"{point}.{c}") in names]
         if not rows:
             raise InputError(
                 f"{where}: found {point!r}, must be one of {shown}{closest(point, names)}"
