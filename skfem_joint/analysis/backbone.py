@@ -144,7 +144,8 @@ class Backbone:
         for a range, or of the increments and of what is left open of the cycles with contact that
         opens; empty for others.
     friction : ndarray, shape (levels, rows of B), optional
-        Friction over its limit, where it has springs in series.
+        Friction over its limit, where it has springs in series; with contact that opens that of the
+        turning point at the level, ``middle + states``.
     middle : ndarray, shape (levels, n), optional
         With contact that opens: displacement in the middle of both turning points of the cycle, m.
         ``middle + states`` and ``middle - states`` are those at the level and at its opposite.
@@ -152,6 +153,8 @@ class Backbone:
         The same as a modal displacement, m kg^1/2.
     opened : ndarray, shape (levels,), optional
         Share of the pressure points pressed at rest that opened in the cycle.
+    limits : ndarray, shape (levels, m), optional
+        With contact that opens: the friction limits of ``friction``, N.
     """
 
     mode: int
@@ -177,6 +180,7 @@ class Backbone:
     middle: FloatArray | None = None
     offset: FloatArray | None = None
     opened: FloatArray | None = None
+    limits: FloatArray | None = None
 
     @property
     def damping_ratio(self) -> FloatArray:
@@ -188,6 +192,12 @@ class Backbone:
         """Displacement at the highest level, (n,), m, from which a ring-down begins."""
         end = self.states[-1]
         return end if self.middle is None else np.asarray(end + self.middle[-1])
+
+    @property
+    def release(self) -> tuple[FloatArray, ...]:
+        """State at rest at the highest level, as `integrate` takes it as ``initial``."""
+        kept = [x[-1] for x in (self.friction, self.limits) if x is not None]
+        return self.highest, np.zeros(self.highest.size), *kept
 
 
 def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
@@ -344,6 +354,7 @@ def _curve(
         force = np.asarray(to.system.M @ shape)
         found = opening.follow(force, level, float(shape @ (to.system.C @ shape)))
     system, level, states = to.system, found.level, found.states
+    springs = system.has_springs
     q = states @ force
     omega = np.sqrt(level / q)
     frequency = omega / (2.0 * np.pi)
@@ -374,7 +385,8 @@ def _curve(
         masing_error=found.masing_error,
         warnings=(*notes, *own_notes),
         estimated=found.errors,
-        friction=found.friction if system.has_springs else None,
+        friction=found.friction if springs else None,
+        limits=found.limits if springs else None,
         middle=None if middle is None else to.outer(middle),
         offset=None if middle is None else middle @ force,
         opened=found.opened,
@@ -385,7 +397,7 @@ def _own_law(
     path: SavedPath, mode: _Mode, found: Cycles, coulomb: FloatArray
 ) -> tuple[FloatArray, list[str]]:
     """Damping ratios (levels,) under the system's own law, and notes; nan if it is not known."""
-    if found.friction is not None:
+    if found.limits is None:
         peaks = found.level, found.states, found.friction, coulomb
         chosen = spread(found.level.size, MASING.checked)
         return own_law_damping(path, mode.number, mode.force, *peaks, chosen)
