@@ -155,7 +155,7 @@ def integrate_plan(
     if saved is not None and checkpoint is not None:
         driver.check(checkpoint, saved[0], saved[1])
         driver.take_up(*saved)
-    moved = start if any(np.any(x) for x in start) else None
+    moved = start if any(np.any(x) for x in start[:3]) else None
     if plan.until == "steady":
         return replace(steady_run(driver, progress, correction), plan=plan, start=moved)
     interrupted = driver.run(progress, checkpoint, identity)

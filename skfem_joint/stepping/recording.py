@@ -256,8 +256,8 @@ class Run:
     plan : Plan, optional
         Steps, scheme and end, as it was asked for.
     start : tuple of ndarray, shapes (n,) and (n,), optional
-        Displacement (m) and velocity (m/s) at the start, and, if given, friction; None for a run
-        from rest.
+        Displacement (m) and velocity (m/s) at the start, and, if given, friction and its limits;
+        None for a run from rest.
     impact_work : float
         Energy lost by impacts where contact closes, J; zero without contact that opens.
     normal_force : ndarray, shape (frames, q)
