@@ -619,7 +619,10 @@ class System:
         return slip - self.spring_stretch * sigma if self.has_springs else slip
 
     def slider_peak(self, slip_peak: FloatArray) -> FloatArray:
-        """Largest slip of each slider, (m,), m, from that of its point: what its spring leaves."""
+        """Largest slip of each slider, (m,), m, from that of its point: what its spring leaves.
+
+        Friction limits are those at rest; `Run.slider_peak` holds where they change, too.
+        """
         if not self.has_springs:
             return slip_peak
         taken = np.where(self.sprung, self.w / self.stiffness, 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skfem_joint.analysis.contact_history import contact_system, slip_peak_of
+from skfem_joint.analysis.contact_history import contact_system, slip_peaks_of
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
@@ -76,17 +76,17 @@ def active_region(structure: Structure, run: Run, period: float | None = None) -
             raise InputError("active_region: the run stored no times; give a period (s)")
         period = float(rows[-1])
     system = contact_system(structure, run)
-    return region_of(structure, system, slip_peak_of(structure, run), period)
+    return region_of(structure, system, slip_peaks_of(structure, run), period)
 
 
 def region_of(
-    structure: AnyStructure, system: System, slip_peak: FloatArray, period: float
+    structure: AnyStructure, system: System, peaks: tuple[FloatArray, FloatArray], period: float
 ) -> ActiveRegion:
-    """Active region from the largest slip of each contact point, (m,), m; ``period`` in s.
+    """Active region from the largest slips of all contact points and of their sliders, (m,), m.
 
-    The law is that of ``system``, which has all contact points.
+    The law is that of ``system``, which has all contact points; ``period`` in s.
     """
-    sliding = system.slider_peak(slip_peak)
+    slip_peak, sliding = peaks
     area, points = active_fractions(structure, system, sliding, period)
     active = slips(structure, system, sliding, period)
     lengths = measured_lengths(structure, sliding)

@@ -156,7 +156,8 @@ class Backbone:
         for a range, or of the increments and of what is left open of the cycles with contact that
         opens; empty for others.
     friction : ndarray, shape (levels, rows of B), optional
-        Friction over its limit, where it has springs in series.
+        Friction over its limit, where it has springs in series; with contact that opens that of the
+        turning point at the level, ``middle + states``.
     middle : ndarray, shape (levels, n), optional
         With contact that opens: displacement in the middle of both turning points of the cycle, m.
         ``middle + states`` and ``middle - states`` are those at the level and at its opposite.
@@ -166,6 +167,8 @@ class Backbone:
         Share of the pressure points pressed at rest that opened in the cycle.
     sensitivity : BackboneSensitivity, optional
         Derivatives by parameters, where they were asked for.
+    limits : ndarray, shape (levels, m), optional
+        With contact that opens: the friction limits of ``friction``, N.
     """
 
     mode: int
@@ -192,6 +195,7 @@ class Backbone:
     offset: FloatArray | None = None
     opened: FloatArray | None = None
     sensitivity: BackboneSensitivity | None = None
+    limits: FloatArray | None = None
 
     @property
     def damping_ratio(self) -> FloatArray:
@@ -203,6 +207,12 @@ class Backbone:
         """Displacement at the highest level, (n,), m, from which a ring-down begins."""
         end = self.states[-1]
         return end if self.middle is None else np.asarray(end + self.middle[-1])
+
+    @property
+    def release(self) -> tuple[FloatArray, ...]:
+        """State at rest at the highest level, as `integrate` takes it as ``initial``."""
+        kept = [x[-1] for x in (self.friction, self.limits) if x is not None]
+        return self.highest, np.zeros(self.highest.size), *kept
 
 
 def stuck_modes(
@@ -399,6 +409,7 @@ def _curve(
     if parameters:
         sensitivity = _sensitivity(closed, opening or path, mode, shape, found, parameters)
     system, level, states = to.system, found.level, found.states
+    springs = system.has_springs
     q = states @ force
     omega = np.sqrt(level / q)
     frequency = omega / (2.0 * np.pi)
@@ -429,7 +440,8 @@ def _curve(
         masing_error=found.masing_error,
         warnings=(*notes, *own_notes),
         estimated=found.errors,
-        friction=found.friction if system.has_springs else None,
+        friction=found.friction if springs else None,
+        limits=found.limits if springs else None,
         middle=None if middle is None else to.outer(middle),
         offset=None if middle is None else middle @ force,
         opened=found.opened,
@@ -471,7 +483,7 @@ def _own_law(
     path: SavedPath, mode: _Mode, found: Cycles, coulomb: FloatArray
 ) -> tuple[FloatArray, list[str]]:
     """Damping ratios (levels,) under the system's own law, and notes; nan if it is not known."""
-    if found.friction is not None:
+    if found.limits is None:
         peaks = found.level, found.states, found.friction, coulomb
         chosen = spread(found.level.size, MASING.checked)
         return own_law_damping(path, mode.number, mode.force, *peaks, chosen)

@@ -122,11 +122,11 @@ def contact_system(structure: Structure, run: Run) -> System:
     return replace(base, w=w, beta=beta, J=shares_of(structure.patches, base.w), joints=names)
 
 
-def slip_peak_of(structure: Structure, run: Run) -> FloatArray:
-    """Largest slip of each contact point of a structure in a run, (m,), m.
+def slip_peaks_of(structure: Structure, run: Run) -> tuple[FloatArray, FloatArray]:
+    """Largest slips of all contact points of a structure in a run and of their sliders, (m,), m.
 
-    It is the largest of all steps if each contact point of the run is a point of the structure. For
-    a reduced model, whose points stand for several, it is the largest of the stored fields.
+    Each is the largest of all steps if each contact point of the run is a point of the structure.
+    For a reduced model, whose points stand for several, it is the largest of the stored fields.
 
     Raises
     ------
@@ -135,12 +135,13 @@ def slip_peak_of(structure: Structure, run: Run) -> FloatArray:
     """
     system, own = contact_system(structure, run), _own_points(run.system)
     if own is not None:
-        peak = np.zeros(system.w.size)
-        peak[own] = run.slip_peak
-        return peak
+        peak, sliding = np.zeros((2, system.w.size))
+        peak[own], sliding[own] = run.slip_peak, run.slider_peak
+        return peak, sliding
     check_fields(run)
     slip = np.asarray((_slip_rows(structure, run) @ run.u.T).T)
-    return np.asarray(system.slip_norm(slip).max(axis=0, initial=0.0))
+    peak = np.asarray(system.slip_norm(slip).max(axis=0, initial=0.0))
+    return peak, system.slider_peak(peak)
 
 
 def displacements(structure: Structure, run: Run) -> tuple[FloatArray, FloatArray]:

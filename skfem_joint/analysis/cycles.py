@@ -25,8 +25,8 @@ class Cycles:
     slip, sliding : ndarray, shape (levels, m)
         Slip of each contact point that belongs to ``states``, m, and that of its slider: what is
         left by a spring in series, and zero where nothing is pressed all along.
-    friction : ndarray, shape (levels, rows of B), or None
-        Friction over its limit at the level, where the limits are constant.
+    friction : ndarray, shape (levels, rows of B)
+        Friction over its limit at the level.
     loops : ndarray, shape (increments, n)
         Increments of displacement along the half cycles that were followed, m, if they are kept.
     turned : ndarray, shape (increments, rows of B), or None
@@ -39,6 +39,8 @@ class Cycles:
         Displacement in the middle of both turning points, m; None where it is zero.
     opened : ndarray, shape (levels,), or None
         Share of the pressure points pressed at rest that opened; None where none can.
+    limits : ndarray, shape (levels, m), or None
+        Friction limits at the level, N; None where they are constant.
     errors : mapping of str to float
         Estimated relative errors of "frequency" and "damping_ratio", if they are known.
     notes : tuple of str
@@ -50,13 +52,14 @@ class Cycles:
     work: FloatArray
     slip: FloatArray
     sliding: FloatArray
-    friction: FloatArray | None
+    friction: FloatArray
     loops: FloatArray
     turned: FloatArray | None = None
     followed: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     masing_error: float | None = None
     middle: FloatArray | None = None
     opened: FloatArray | None = None
+    limits: FloatArray | None = None
     errors: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 

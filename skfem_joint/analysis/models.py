@@ -69,6 +69,13 @@ class Model:
         shares = self.run.system.shares
         return self.run.slip_peak if shares is None else (shares > 0.0).T @ self.run.slip_peak
 
+    def slider_peak(self, system: System) -> FloatArray:
+        """Largest slip of each slider of the full ``system``, as `slip_peak`, (m,), m."""
+        if system.opening is None or not system.has_springs:
+            return system.slider_peak(self.slip_peak)
+        shares = self.run.system.shares  # of full and condensed models, which alone have these
+        return self.run.slider_peak if shares is None else self.run.slider_peak @ shares
+
     @property
     def modes(self) -> int | None:
         """Number of vectors of the basis; None for the full model."""

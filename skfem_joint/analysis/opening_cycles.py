@@ -298,6 +298,10 @@ class OpeningPath:
         system, pressed = self.to.system, self.solver.contact.force > 0.0
         states = np.array([cycle.half for cycle in done])
         slip = system.slip_norm(np.asarray((system.B @ states.T).T))
+        ends = [Level(*cycle.end) for cycle in done]
+        limits = np.array([end.limits for end in ends])
+        on_rows = np.array([system.on_rows(w) for w in limits])
+        forces = np.array([end.friction for end in ends])
         creep = SETTINGS.increments * self.solver.creep  # in half of a cycle
         slip[slip <= creep] = 0.0
         slid = np.array([cycle.slid for cycle in done])
@@ -318,10 +322,11 @@ class OpeningPath:
             work=np.array([cycle.work for cycle in done]),
             slip=slip,
             sliding=np.where(slid > creep, slid, 0.0),
-            friction=None,
+            friction=np.divide(forces, on_rows, out=np.zeros_like(forces), where=on_rows > 0.0),
             loops=np.zeros((0, system.n)),
             middle=np.array([cycle.middle for cycle in done]),
             opened=np.array([cycle.opened.sum() / max(pressed.sum(), 1) for cycle in done]),
+            limits=limits,
             errors=errors,
             notes=tuple(notes),
         )

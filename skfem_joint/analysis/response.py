@@ -703,7 +703,7 @@ def _without_vibration(system: System, frequency: float, why: str) -> SteadyPoin
 
 def _slipping_share(system: System, run: Run) -> float:
     """Share of the friction limits whose points slip; zero without friction."""
-    slips, limit = system.slider_peak(run.slip_peak), float(system.w.sum())
+    slips, limit = run.slider_peak, float(system.w.sum())
     if not limit:
         return 0.0
     return float(system.w[slips > THRESHOLD * slips.max(initial=0.0)].sum() / limit)

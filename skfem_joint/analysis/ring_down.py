@@ -24,11 +24,11 @@ from skfem_joint.analysis.history import extrapolation
 from skfem_joint.analysis.peaks import parabola_vertex
 from skfem_joint.analysis.range_modes import alone, check_whole, distances, ringing
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import ConvergenceError
 from skfem_joint.served import Served
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Save
+from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.system import System
 from skfem_joint.values import at_least, check
@@ -112,8 +112,8 @@ def ring_down(
         damping may depend on the step.
     start : tuple of ndarray, shape (n,), optional
         Displacement (m) and velocity (m/s) to begin with, such as ``run.final`` of a run whose
-        pulse has ended, and friction as `integrate` takes it; released at rest from the curve's
-        highest level if not given.
+        pulse has ended, and friction and its limits as `integrate` takes them; released at rest
+        from the curve's highest level, with the friction there, if not given.
     progress : callable, optional
         As `integrate` takes it.
 
@@ -124,19 +124,12 @@ def ring_down(
     Raises
     ------
     InputError
-        If too few cycles are asked for, the system is a reduced model made for its own loads, or
-        springs in series with friction stand beside contact that opens.
+        If too few cycles are asked for, or the system is a reduced model made for its own loads.
     ConvergenceError
         If a step does not converge, or no cycle is left to measure.
     """
     system.check_any_load("ring_down")
     check_whole(system, "ring_down")
-    if system.opening is not None and system.has_springs:
-        raise InputError(
-            "ring_down: found springs in series with friction beside contact that opens, whose "
-            "forces at the release are not kept yet; leave tangential_stiffness out, or run "
-            "integrate under a pulse"
-        )
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
     if system.serves is not None:
@@ -151,10 +144,7 @@ def ring_down(
         save=Save(fields=True, fields_every=steps_per_cycle),
         cycle_steps=steps_per_cycle,
     )
-    initial = start
-    if start is None:
-        springs = [] if curve.friction is None else [curve.friction[-1]]
-        initial = curve.highest, np.zeros(system.n), *springs
+    initial = curve.release if start is None else start
     run = integrate_plan(unloaded, plan, initial=initial, progress=progress).finished()
     decay = _decay(run.point("modal"), plan)
     some = plan.first(min(cycles, max(FEWEST_AGAIN, int(AGAIN * cycles))))
@@ -163,13 +153,17 @@ def ring_down(
     ours = _decay(run.point("modal")[: some.n_steps + 1], some)
     return RingDown(
         *decay,
-        energy=np.array(
-            [system.stored_energy(*state) for state in zip(run.u, run.v, run.sigma, strict=True)]
-        ),
+        energy=_energies(system, run),
         friction_work=run.joint_work[::steps_per_cycle],
         step_error=_apart(ours, _decay(finer.point("modal"), again)),
         impact_work=run.impact_work,
     )
+
+
+def _energies(system: System, run: Run) -> FloatArray:
+    """Energy of a system at each stored frame of its run, (frames,), J."""
+    states = zip(run.u, run.v, run.sigma, run.limits, strict=True)
+    return np.array([system.stored_energy(*state) for state in states])
 
 
 def _in_range(

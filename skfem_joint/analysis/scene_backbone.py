@@ -29,8 +29,8 @@ from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
 
-#: Displacement (m) and velocity (m/s), each of shape (n,).
-State = tuple[FloatArray, FloatArray]
+#: Displacement (m) and velocity (m/s), each of shape (n,), and friction as `integrate` takes it.
+State = tuple[FloatArray, ...]
 #: Dataclasses that rows of finished work of `scene_backbone` hold.
 BACKBONE_ROWS = (RingDown,)
 #: Relative error of a ring-down's damping from its time step beyond which a note says so.
@@ -227,8 +227,9 @@ def _of_small_model(
     report = partial(progress, f"{name} model, mode {curve.mode}")
     (own,) = backbone(small, (curve.mode,), table.levels, table.up_to, curve.slips_at, report, rows)
     slip = system.slip_norm((system.B @ (V @ own.states.T)).T)
-    if start is not None and system.opening is not None:
-        start = _loads_end(scene, small)  # a projection would press faces into each other
+    if start is not None and (system.opening is not None or system.has_springs):
+        # A projection would press faces into each other, and has no forces of merged springs.
+        start = _loads_end(scene, small)
     elif start is not None:
         projected = np.linalg.solve(small.M, V.T @ (system.M @ np.array(start).T))
         start = projected[:, 0], projected[:, 1]
@@ -270,7 +271,7 @@ def _ring_down(name: str, scene: Scene, model: _OfMode, progress: Progress, rows
     system, curve, cycles = model.system, model.curve, scene.backbone.ring_down
     steps, given = scene.time.steps_per_cycle, "rho_infinity" in scene.time.model_fields_set
     scheme = generalized_alpha(scene.time.rho_infinity) if given else None
-    origin = curve.shape, curve.stuck_frequency, curve.highest, model.start
+    origin = curve.shape, curve.stuck_frequency, curve.release, model.start
     mark = rows.mark("ring-down", system, *origin, cycles, steps, scheme)
     report = partial(progress, f"{name} model, mode {curve.mode} rings down")
     return rows.row(
@@ -329,4 +330,8 @@ def _loads_end(scene: Scene, system: System) -> State:
             "the run does; choose others, a longer duration, or 'mode'"
         )
     plan = Plan(step, int(steps[-1]) + 1, generalized_alpha(scene.time.rho_infinity))
-    return integrate_plan(system, plan).finished().final
+    run = integrate_plan(system, plan).finished()
+    springs = [run.final_sigma] if system.has_springs else []
+    if springs and system.opening is not None:
+        springs.append(run.final_limits)
+    return *run.final, *springs

@@ -225,7 +225,7 @@ def _ended_by(error: ConvergenceError, name: str, study: Study) -> ModelResult:
     run: Run = error.run
     model = Model(name, run, run.preparation_s, {}, compilation_s=run.compilation_s)
     if name == "full":
-        length, area, points = _active(study, run.slip_peak)
+        length, area, points = _active(study, run.slip_peak, run.slider_peak)
         model = replace(
             model, active_length=length, active_area_fraction=area, slipping_fraction=points
         )
@@ -322,7 +322,7 @@ def _full(
         partial(step_estimate.of_full, study.system),
     )
     notes = _of_accuracy("full", scene, errors)
-    active = _active(replace(study, scene=scene), run.slip_peak)
+    active = _active(replace(study, scene=scene), run.slip_peak, run.slider_peak)
     model = Model("full", run, run.preparation_s, *active, estimate=errors)
     return ModelResult(scene, replace(model, compilation_s=run.compilation_s), notes)
 
@@ -354,9 +354,14 @@ def _named_places(
 _ByJoint = dict[str, float]
 
 
-def _active(study: Study, slip_peak: FloatArray) -> tuple[_ByJoint, _ByJoint, _ByJoint]:
-    """Active lengths (m), shares of area and shares of nodes, from largest slips, (m,), m."""
-    region = region_of(study.structure, study.system, slip_peak, study.period)
+def _active(
+    study: Study, peak: FloatArray, sliding: FloatArray
+) -> tuple[_ByJoint, _ByJoint, _ByJoint]:
+    """Active lengths (m), shares of area and shares of nodes.
+
+    ``peak`` and ``sliding``, (m,), m, are the largest slips of all points and of their sliders.
+    """
+    region = region_of(study.structure, study.system, (peak, sliding), study.period)
     return region.length, region.area_fraction, region.point_fraction
 
 
@@ -381,7 +386,7 @@ def _reduced(
     if "full" not in study.models:  # beside a full model that one says more
         sliding = study.system.slider_peak(basis.history.slip_peak)
         notes = (*notes, *gross_slip(study.structure, sliding, study.period))
-        active = _active(study, basis.history.slip_peak)[1:]
+        active = _active(study, basis.history.slip_peak, sliding)[1:]
     before, compiled = np.add(watch.read(), (choice.seconds, choice.compilation_s)).tolist()
     vectors, points = basis.V.shape[1], system.contact_points
     _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
@@ -421,10 +426,10 @@ def _condensed(
     estimated = partial(run_estimate.of_run, system, basis)
     scene, run, errors = shortened_steps(study.scene, partial(integrate, small), estimated)
     notes += _of_accuracy("condensed", scene, errors)
-    peak = np.asarray(run.slip_peak @ small.shares)
+    peak, sliding = (np.asarray(x @ small.shares) for x in (run.slip_peak, run.slider_peak))
     basis = replace(basis, history=replace(basis.history, slip_peak=peak))
     offline = before + run.preparation_s
-    model = Model("condensed", run, offline, *_active(study, peak), basis)
+    model = Model("condensed", run, offline, *_active(study, peak, sliding), basis)
     model = replace(model, compilation_s=compiled + run.compilation_s, estimate=errors)
     return ModelResult(scene, model, notes)
 

@@ -207,9 +207,7 @@ def violated(study: Study, model: Model) -> list[str]:
     run = model.run
     warnings = []
     if model.name != "reduced" and model.name == next(iter(study.models)):
-        warnings += gross_slip(
-            study.structure, study.system.slider_peak(model.slip_peak), study.period
-        )
+        warnings += gross_slip(study.structure, model.slider_peak(study.system), study.period)
     largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
     size = np.inf if study.structure.body is None else study.structure.body.size
     if largest > LIMITS.large * size:

@@ -212,7 +212,7 @@ def curves(study: Study) -> dict[str, Writer]:
     # The first model: if only a reduced model runs, this is what the run it was made from had.
     model = next(iter(study.models.values()))
     peak = model.slip_peak
-    active = slips(study.structure, system, system.slider_peak(peak), study.period)
+    active = slips(study.structure, system, model.slider_peak(system), study.period)
     body = study.structure.body
     patches = study.structure.patches if body is not None else ()
     names = safe_names(patch.joint.name for patch in patches)

@@ -63,7 +63,7 @@ class Driver:
     plan : Plan
     start : tuple of ndarray, shape (n,)
         Displacement (m) and velocity (m/s), and perhaps friction over its limit (rows,), with which
-        springs in series start.
+        springs in series start, and with contact that opens these limits (m,), N.
     tolerance : float
         Largest force residual of a step relative to its largest force.
 
@@ -95,6 +95,8 @@ class Driver:
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
         if len(start) > 2:
             self.stepper.now = self.stepper.now._replace(sigma=self.stepper.placed(start[2]))
+        if len(start) > 3:
+            self.stepper.set_limits(start[3])
         watch = Stopwatch()
         self.restart(0.0)
         self.stepper.prepare(self.h)
@@ -105,9 +107,10 @@ class Driver:
         """Record from the state now on, whose row is stored."""
         self.recorder = self.stepper.recorder = recorder
         state = self.stepper.state()
-        recorder.store(0, state)
+        limits = self.stepper.limits_now
+        recorder.store(0, state, limits)
         self.stepper.store_start()
-        recorder.observe(state.u)
+        recorder.observe(state, limits)
 
     def run(
         self,

@@ -76,7 +76,8 @@ def integrate(
     initial : tuple of ndarray, shape (n,), optional
         Displacement (m) and velocity (m/s) at the start; at rest if not given. A third array,
         (rows of B,), is the friction over its limit: springs in series with friction start under
-        that force, and without any if it is not given.
+        that force, and without any if it is not given. With contact that opens a fourth one, (m,),
+        N, are these limits, which follow the normal forces.
     tolerance : float
         Largest force residual of a step relative to its largest force, at most 1e-3.
     progress : callable, optional
@@ -154,7 +155,7 @@ def integrate_plan(
     if saved is not None and checkpoint is not None:
         driver.check(checkpoint, saved[0], saved[1])
         driver.take_up(*saved)
-    moved = start if any(np.any(x) for x in start) else None
+    moved = start if any(np.any(x) for x in start[:3]) else None
     if plan.until == "steady":
         return replace(steady_run(driver, progress, correction), plan=plan, start=moved)
     interrupted = driver.run(progress, checkpoint, identity)
@@ -309,17 +310,18 @@ def _check_repeats(system: System, plan: Plan) -> None:
 
 
 def _start(system: System, initial: tuple[FloatArray, ...] | None) -> tuple[FloatArray, ...]:
-    """Displacement, velocity and, if given, friction at the start, checked."""
+    """Displacement, velocity and, if given, friction and its limits at the start, checked."""
     if initial is None:
         return np.zeros(system.n), np.zeros(system.n)
     try:
         displacement, velocity, *friction = initial
-        if len(friction) > 1:
+        if len(friction) > 2:
             raise ValueError
     except (TypeError, ValueError) as error:
         raise InputError(
             "initial: must be two arrays, the displacement and the velocity at the start, or three "
-            "with the friction over its limit of each slip row"
+            "with the friction over its limit of each slip row, or four with the limits where "
+            "contact opens"
         ) from error
     start = tuple(np.array(as_real(x, "initial")) for x in (displacement, velocity, *friction))
     if not all(np.all(np.isfinite(x)) for x in start):
@@ -332,4 +334,27 @@ def _start(system: System, initial: tuple[FloatArray, ...] | None) -> tuple[Floa
             raise InputError(f"initial: found shape {found} of friction, must be ({rows},)")
         if np.any(system.slip_norm(start[2]) > 1.0 + 1e-9):
             raise InputError("initial: friction must not be above its limit, that is above 1")
+    _check_limits(system, start)
     return start
+
+
+def _check_limits(system: System, start: tuple[FloatArray, ...]) -> None:
+    """Refuse friction at the start whose limits are not those that it is over."""
+    opens = system.opening is not None
+    if len(start) == 3 and opens and system.has_springs:
+        raise InputError(
+            "initial: found friction without its limits, which follow the normal forces where "
+            "contact opens; give them (m,), N, as a fourth array, such as run.final_limits"
+        )
+    if len(start) < 4:
+        return
+    if not opens:
+        raise InputError(
+            "initial: found friction limits beside constant contact, whose limits are those of "
+            "the system; leave the fourth array out"
+        )
+    if start[3].shape != system.w.shape or np.any(start[3] < 0.0):
+        raise InputError(
+            f"initial: found friction limits of shape {start[3].shape}, must be {system.w.shape} "
+            "and not negative"
+        )

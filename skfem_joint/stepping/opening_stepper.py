@@ -114,6 +114,10 @@ class OpeningStepper(PythonStepper):
         """See `Stepper`."""
         return self.limits
 
+    def set_limits(self, limits: FloatArray) -> None:
+        """See `Stepper`."""
+        self.limits = np.array(limits)
+
     def restart(self, amplitudes: FloatArray) -> bool:
         """Make acceleration and normal forces consistent with the loads now."""
         s, contact, (u, v) = self.system, self.contact, self.now[:2]

@@ -23,10 +23,12 @@ from skfem_joint.values import COUNT, check, check_some
 
 # What a recorder holds beside rows: sums and numbers.
 _SUMS = (
-    *("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak"),
+    *("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak", "slider_peak"),
     *("impact_work", "normal_force_peak", "normal_force_least"),
 )
 _NUMBERS = ("rows", "field_rows", "halved_steps")
+#: Slip of a slider, over that of its point, that the round-off of its spring's force may be.
+STILL = 1e-9
 
 
 @dataclass(frozen=True)
@@ -232,11 +234,16 @@ class Run:
         Largest displacement of each named point over the run, m.
     slip_peak : ndarray, shape (m,)
         Largest slip of each contact point over the run, m: of two directions the norm.
+    slider_peak : ndarray, shape (m,)
+        The same of its slider: what a spring in series leaves.
     final : tuple of ndarray, shapes (n,) and (n,)
         Unknowns and their rates at the end.
     final_sigma : ndarray, shape (rows of B,)
         Friction over its limit at the end. Where friction has springs in series a further run goes
-        on from ``initial=(*run.final, run.final_sigma)``.
+        on from ``initial=(*run.final, run.final_sigma)``, and beside contact that opens from
+        ``initial=(*run.final, run.final_sigma, run.final_limits)``.
+    final_limits : ndarray, shape (m,)
+        Friction limits at the end, N.
     counters : Counters
         Work that it took.
     wall_s, preparation_s, compilation_s : float
@@ -249,14 +256,16 @@ class Run:
     plan : Plan, optional
         Steps, scheme and end, as it was asked for.
     start : tuple of ndarray, shapes (n,) and (n,), optional
-        Displacement (m) and velocity (m/s) at the start, and, if given, friction; None for a run
-        from rest.
+        Displacement (m) and velocity (m/s) at the start, and, if given, friction and its limits;
+        None for a run from rest.
     impact_work : float
         Energy lost by impacts where contact closes, J; zero without contact that opens.
     normal_force : ndarray, shape (frames, q)
         Normal force of each pressure point of contact that opens, N, with the stored fields.
+    limits : ndarray, shape (frames, m)
+        Friction limits with the stored fields, N.
     normal_force_peak, normal_force_least : ndarray, shape (q,)
-        Largest and smallest of these over every step, N.
+        Largest and smallest normal forces over every step, N.
     loops : Loops or None
         Force over displacement of each load and over slip of each joint, of a quasi-static run.
         Its velocities are changes over the last step, its final velocity is zero, and no work is
@@ -284,8 +293,10 @@ class Run:
     cycles: Cycles
     peak: FloatArray
     slip_peak: FloatArray
+    slider_peak: FloatArray
     final: tuple[FloatArray, FloatArray]
     final_sigma: FloatArray
+    final_limits: FloatArray
     counters: Counters
     wall_s: float
     preparation_s: float = 0.0
@@ -296,6 +307,7 @@ class Run:
     start: tuple[FloatArray, ...] | None = None
     impact_work: float = 0.0
     normal_force: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
+    limits: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     normal_force_peak: FloatArray = field(default_factory=lambda: np.zeros(0))
     normal_force_least: FloatArray = field(default_factory=lambda: np.zeros(0))
     loops: Loops | None = None
@@ -323,7 +335,7 @@ class Run:
 
     def thinned(self, every: int) -> Run:
         """Same run with one of each ``every`` of its stored fields."""
-        names = ("field_times", "u", "v", "sigma", "friction_work_rows")
+        names = ("field_times", "u", "v", "sigma", "friction_work_rows", "normal_force", "limits")
         return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
     @property
@@ -469,6 +481,9 @@ class Recorder:
         self.peak, self.run_peak = np.zeros((2, p))
         q = 0 if s.opening is None else s.opening.gap.size
         self.normal_force = np.zeros((fields, q))
+        self.limits = np.zeros((fields, 0 if s.opening is None else m))
+        # Where limits change a slider's slip does not follow from that of its point.
+        self.slider_peak = np.zeros(0 if s.opening is None or not s.has_springs else m)
         self.normal_force_peak = np.zeros(q)
         self.normal_force_least = np.zeros(0) if s.opening is None else s.opening.force.copy()
         self.vectors = s.load_vectors()
@@ -513,6 +528,8 @@ class Recorder:
             k = self.field_rows
             stored.u[k], stored.v[k], stored.sigma[k] = state.u, state.v, state.sigma
             stored.friction_work_rows[k] = self.friction_work
+            if limits is not None:
+                self.limits[k] = limits
             self.field_rows += 1
 
     def _shares(self, limits: FloatArray) -> FloatArray:
@@ -530,14 +547,33 @@ class Recorder:
         if self.save.fields and step % self.save.strides[1] == 0:
             self.normal_force[self.field_rows - 1] = force
 
-    def observe(self, u: FloatArray) -> None:
-        """Update the peaks."""
-        raise_to(self.peak, self.system.P @ u)
+    def observe(self, state: State, limits: FloatArray | None = None) -> None:
+        """Update the peaks; ``limits`` (m,), N, are given if they change."""
+        system = self.system
+        raise_to(self.peak, system.P @ state.u)
         if self.slip_peak.size:
-            rows, points = self.order
-            peak = self.slip_peak[points]
-            raise_to_norms(peak, (self.system.B @ u)[rows])
-            self.slip_peak[points] = peak
+            slip = np.asarray(system.B @ state.u)
+            self._raise(self.slip_peak, slip)
+            if self.slider_peak.size and limits is not None:
+                force = system.on_rows(limits) * state.sigma
+                self._raise(self.slider_peak, slip - system.spring_flexibility * force)
+
+    def _raise(self, peaks: FloatArray, slip: FloatArray) -> None:
+        """Raise largest slips of the points, (m,), to those of the slip rows, (rows,), m."""
+        rows, points = self.order
+        peak = peaks[points]
+        raise_to_norms(peak, slip[rows])
+        peaks[points] = peak
+
+    @property
+    def _slid(self) -> FloatArray:
+        """Largest slip of each slider so far, (m,), m; what is round-off of its spring's is none.
+
+        Under a limit that does not change it follows from that of the point.
+        """
+        if not self.slider_peak.size:
+            return self.system.slider_peak(self.slip_peak)
+        return np.where(self.slider_peak > STILL * self.slip_peak, self.slider_peak, 0.0)
 
     def add_step(
         self,
@@ -588,13 +624,14 @@ class Recorder:
             slip_change = slip_change[rows]
             energy.add_friction_work(size, before[rows], after[rows], slip_change, work)
             self.friction_work[points] = work
-        self.observe(new.u)
+        self.observe(new, None if limits is None else limits[1])
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that is filled in so far, for a checkpoint."""
         filled = self._filled() | {"boundaries": np.array(self.boundaries)} | self.mark()
         if self.normal_force_peak.size:
             filled["normal_force"] = self.normal_force[: self.field_rows]
+            filled["limits"] = self.limits[: self.field_rows]
         return filled
 
     def mark(self) -> dict[str, NDArray[Any]]:
@@ -619,6 +656,7 @@ class Recorder:
         planned |= {"boundaries": np.tile(self.boundaries[0], (cycles + 1, 1))} | self.mark()
         if self.normal_force_peak.size:
             planned["normal_force"] = self.normal_force[: len(planned["u"])]
+            planned["limits"] = self.limits[: len(planned["u"])]
         check_like(saved, planned, "recorder")
         counts = {"rows": len(planned["point_u"]), "field_rows": len(planned["u"])}
         for name, count in (counts | {"cycles": cycles + 1}).items():
@@ -626,7 +664,7 @@ class Recorder:
                 raise ValueError(f"recorder/{name} is {saved[name]}, must be {count}")
         if not 0 <= saved["halved_steps"] <= done:
             raise ValueError(f"recorder/halved_steps is {saved['halved_steps']} of {done} steps")
-        for name in ("peak", "run_peak", "slip_peak"):
+        for name in ("peak", "run_peak", "slip_peak", "slider_peak"):
             if np.any(saved[name] < 0.0):
                 raise ValueError(f"recorder/{name} is negative")
 
@@ -635,8 +673,9 @@ class Recorder:
         for name, rows in self.stored._asdict().items():
             if name in saved:
                 rows[: len(saved[name])] = saved[name]
-        if "normal_force" in saved:
-            self.normal_force[: len(saved["normal_force"])] = saved["normal_force"]
+        for name in ("normal_force", "limits"):
+            if name in saved:
+                getattr(self, name)[: len(saved[name])] = saved[name]
         for name in _SUMS:
             getattr(self, name)[...] = saved[name]
         for name in _NUMBERS:
@@ -678,6 +717,9 @@ class Recorder:
         """
         every, fields_every = self.save.strides
         times = self.h * every * np.arange(self.rows, dtype=np.float64)
+        w = self.system.w
+        constant = self.system.opening is None
+        stored_limits = np.broadcast_to(w, (self.field_rows, w.size)) if constant else self.limits
         return Run(
             system=self.system,
             times=times,
@@ -689,6 +731,7 @@ class Recorder:
             scheme_work=float(self.dissipated[1]),
             impact_work=float(self.impact_work[0]),
             normal_force=self.normal_force[: self.field_rows],
+            limits=stored_limits[: self.field_rows],
             normal_force_peak=self.normal_force_peak,
             normal_force_least=self.normal_force_least,
             friction_work=self.friction_work,
@@ -696,8 +739,10 @@ class Recorder:
             cycles=self._cycles(),
             peak=np.maximum(self.run_peak, self.peak),
             slip_peak=self.slip_peak,
+            slider_peak=self._slid,
             final=(u.copy(), v.copy()),
             final_sigma=sigma.copy(),
+            final_limits=np.array(self.system.w if limits is None else limits),
             counters=Counters(steps=steps, halved_steps=self.halved_steps, **counts),
             **others,
         )

@@ -216,6 +216,11 @@ class Stepper(ABC):
         del beside
         self.now = now
 
+    def set_limits(self, limits: FloatArray) -> None:
+        """Start with friction limits, (m,), N, where they change."""
+        del limits
+        raise TypeError(f"{type(self).__name__} has constant friction limits")
+
     def store_start(self) -> None:  # noqa: B027
         """Store what a start has beside its state."""
 

@@ -15,12 +15,14 @@ def booked_again(run: Run, step: float, trapezoidal: bool) -> Recorder:
     """What the functions add up in Python from the stored states of a run."""
     s = run.system
     recorder = Recorder(s, sj.Save(), len(run.field_times) - 1, step)
-    recorder.observe(run.u[0])
+    states = [
+        State(u, v, *2 * (0.0 * u,), sigma)
+        for u, v, sigma in zip(run.u, run.v, run.sigma, strict=True)
+    ]
+    recorder.observe(states[0])
     for k in range(1, len(run.u)):
-        old, new = (
-            State(run.u[i], run.v[i], *2 * (0.0 * run.u[i],), run.sigma[i]) for i in (k - 1, k)
-        )
-        recorder.add_step(step, (run.amplitudes[k - 1], run.amplitudes[k]), old, new, trapezoidal)
+        ends = run.amplitudes[k - 1], run.amplitudes[k]
+        recorder.add_step(step, ends, states[k - 1], states[k], trapezoidal)
     return recorder
 
 

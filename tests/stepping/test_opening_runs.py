@@ -44,7 +44,7 @@ def test_a_run_taken_up_again_is_the_same_to_the_bit(model, joint, tmp_path):
     )  # fmt: skip
     assert min(starts) > 60
     assert not differing(run, whole)
-    for name in ("normal_force", "normal_force_peak", "normal_force_least"):
+    for name in ("normal_force", "normal_force_peak", "normal_force_least", "limits"):
         assert np.array_equal(getattr(run, name), getattr(whole, name))
     assert run.impact_work == whole.impact_work
 
@@ -157,6 +157,7 @@ def test_springs_beside_contact_that_opens_are_alike_in_full_and_condensed_model
     condensed = sj.condense(full, 12)
     runs = [sj.quasi_static(system, cycles=2, steps_per_cycle=40) for system in (full, condensed)]
     assert runs[0].cycles.friction[-1] == pytest.approx(runs[1].cycles.friction[-1], rel=1e-6)
+    assert runs[0].slider_peak == pytest.approx(runs[1].slider_peak @ condensed.shares, rel=1e-6)
     hammered = block(elements=5, **SPRUNG, **across).system(loads(up=230e3))
     run = sj.integrate(hammered, cycles=2, steps_per_cycle=100)
     assert run.opened.any()

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.slider import HOLDS, MASS, MU, PRESSED, SPRING, X, followed, loop_energy, slider
+from opening_blocks import block, loads
 from scipy import sparse
 
 import skfem_joint as sj
@@ -86,3 +87,56 @@ def test_steady_vibration_of_a_slider_has_the_loop_of_its_closed_form():
     assert run.cycles.friction[-1] == pytest.approx(loop_energy(150.0), rel=5e-3)
     assert run.energy_residual < 1e-9
     assert run.stored_energy[1] == pytest.approx(run.stored_energy[0], rel=1e-6)
+
+
+@pytest.mark.parametrize("varies", [0.0, 150.0, 350.0])
+@pytest.mark.parametrize(
+    ("solve", "given"), [(sj.quasi_static, {}), (sj.integrate, {"scheme": SCHEME})]
+)
+def test_a_slider_slips_by_what_its_spring_takes_of_the_limit_of_the_time(solve, given, varies):
+    """The limit is least where the way has its other end: it is not that at rest."""
+    run = solve(slider(varies, 0.0), cycles=2, steps_per_cycle=200, **given)
+    least = MU * max(PRESSED - varies, 0.0)
+    assert run.slip_peak == pytest.approx([X], rel=1e-3)
+    assert run.slider_peak == pytest.approx([X - least / SPRING], rel=1e-3)
+
+
+def test_a_slider_that_sticks_on_its_spring_has_no_slip():
+    system = slider(0.0, 0.0)
+    strong = replace(system.opening, force=np.array([10.0 * PRESSED]))
+    system = replace(system, opening=strong, w=strong.limits_at_rest)
+    for solve in (sj.quasi_static, sj.integrate):
+        run = solve(system, cycles=2, steps_per_cycle=100)
+        assert run.slip_peak == pytest.approx([X], rel=1e-3)
+        assert np.array_equal(run.slider_peak, [0.0])
+
+
+@pytest.mark.parametrize("model", [lambda s: s, sj.condense], ids=["full", "condensed"])
+def test_a_run_goes_on_from_the_forces_of_springs_and_their_limits(model):
+    """Elastic contact, whose normal forces follow from the displacement."""
+    joint = {"tangential_stiffness": 2e13, "normal_stiffness": 1e14}
+    system = replace(model(block(**joint).system(loads())), loads=())
+    u = 2e-6 * np.ones(system.n)
+    whole = sj.integrate(system, step=1e-7, n_steps=200, initial=(u, 0.0 * u))
+    first = sj.integrate(system, step=1e-7, n_steps=120, initial=(u, 0.0 * u))
+    assert np.abs(first.final_limits / system.w - 1.0).max() > 0.1
+    state = *first.final, first.final_sigma, first.final_limits
+    rest = sj.integrate(system, step=1e-7, n_steps=80, initial=state)
+    assert first.stored_energy[1] == rest.stored_energy[0]
+    assert rest.final[0] == pytest.approx(whole.final[0], rel=1e-6, abs=1e-9 * np.abs(u).max())
+
+
+def test_friction_at_the_start_needs_the_limits_that_it_is_over():
+    system = slider(150.0, 0.0)
+    still, one = np.zeros(2), np.ones(1)
+    plan = {"step": 1e-3, "n_steps": 1}
+    with pytest.raises(sj.InputError, match="friction without its limits"):
+        sj.integrate(system, **plan, initial=(still, still, one))
+    for wrong in (-one, still):
+        with pytest.raises(sj.InputError, match=r"must be \(1,\) and not negative"):
+            sj.integrate(system, **plan, initial=(still, still, one, wrong))
+    constant = replace(system, opening=None)
+    with pytest.raises(sj.InputError, match="beside constant contact"):
+        sj.integrate(constant, **plan, initial=(still, still, one, one))
+    with pytest.raises(sj.InputError, match="or four with the limits"):
+        sj.integrate(constant, **plan, initial=(still, still, one, one, one))

@@ -229,7 +229,7 @@ def sticking(run: Run) -> float:
     A point sticks too that slips no further than its law creeps in a period at half of its limit.
     """
     system = run.system
-    slip = system.slider_peak(run.slip_peak)
+    slip = run.slider_peak
     period = common_period(load.amplitude for load in system.loads) or 0.0
     still = slip <= np.maximum(SETTINGS.still * slip.max(initial=0.0), period / system.beta)
     return least_share(system, still)
