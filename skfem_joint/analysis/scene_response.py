@@ -111,21 +111,13 @@ class SceneResponse:
 def response_table(scene: Scene) -> ResponseTable:
     """Table ``[response]`` of a scene.
 
-    InputError if there is none, or a load of the scene has no frequency that could be changed, or
-    a reduced model has contact that opens: under a law of finite steepness its points creep for
-    hundreds of periods at levels other than that it was made for.
+    InputError if there is none, or a load of the scene has no frequency that could be changed.
     """
     table = scene.response
     if table is None:
         raise InputError(
             f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
             "in a table [response]"
-        )
-    if scene.opens and "reduced" in scene.models.run:
-        raise InputError(
-            f"{scene.path}: response: found models.run = 'reduced' beside contact = 'unilateral', "
-            "must be 'full' or 'condensed': a reduced model is made for one load, and its points "
-            "would creep for hundreds of periods at other levels; run 'condensed' in its place"
         )
     at_frequency(scene.system(), table.frequencies.to)
     return table

@@ -36,7 +36,7 @@ from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.steady import SETTINGS as STEADY
-from skfem_joint.stepping.steady import Anderson, EnergyNorm, PeriodMap, Place
+from skfem_joint.stepping.steady import Anderson, EnergyNorm, Newton, PeriodMap, Place
 from skfem_joint.system import System
 
 
@@ -121,6 +121,7 @@ class _Search:
     ) -> None:
         self.through, self.contact, self.place, self.changes = through, contact, place, changes
         self.norm, self.mixing = through.norm, Anderson(through.norm)
+        self.newton = Newton(through.norm)
         self.n, self.x, self.alone = len(place.motions), place.without(start), False
         self.ends: list[FloatArray] = []
 
@@ -145,7 +146,7 @@ class _Search:
                 endured = self._endures(after, scale)
                 self.alone = not endured
             else:
-                self.x, endured = self._mixture(self.mixing.mixed()), False
+                self.x, endured = self._better(after), False
         raise ConvergenceError(
             f"no steady vibration was found in {SETTINGS.periods} periods: the state still changes "
             f"by {self.changes[-1]:.2g} of its size over the last. With contact that opens "
@@ -165,9 +166,24 @@ class _Search:
         settled = (
             self.changes[-1] <= STEADY.change
             and abs(gained) <= STEADY.energy * work
-            and norm(self.mixing.mixed() - x) <= STEADY.distance * scale
+            and norm(self._fixed(after) - x) <= STEADY.distance * scale
         )
         return end, size, scale, settled
+
+    def _fixed(self, after: FloatArray) -> FloatArray:
+        """Fixed point as Newton's method sees it from the last period, or else as mixing does."""
+        derivative = None if self.through.patience is None else self.through.derivative()
+        if derivative is None:
+            return self.mixing.mixed()
+        return self.x + derivative.step(after - self.x, 0.0)
+
+    def _better(self, after: FloatArray) -> FloatArray:
+        """Where the next period starts: by Newton's method where there is a derivative, or mixed."""
+        if self.through.patience is not None:
+            step = self.newton.next(self.x, after - self.x, self.through.derivative)
+            if step is not None:
+                return self.place.without(step)
+        return self._mixture(self.mixing.mixed())
 
     def _endures(self, found: FloatArray, scale: float) -> bool:
         """Whether a disturbance of a state that was found does not grow.
