@@ -11,7 +11,7 @@ friction, normal forces and friction limits. Its size is measured by mass and st
 contact counts with the stiffness that the structure itself opposes to single points, for what rests
 on contact alone has none.
 
-The search has four parts.
+The search has these parts.
 
 - The first periods are marched through. Where points come to rest is decided there: mixing moves
   them to other places: of blocks that lift off, amplitudes differed from those of a long run by up
@@ -19,6 +19,9 @@ The search has four parts.
 - Anderson's acceleration, as in :mod:`skfem_joint.stepping.steady`. A mixture must not press faces
   into each other more than a state that was marched to has: a closed point stays where it is, so
   that a penetration would stay. It is shortened towards the last end of a period until it does not.
+- Newton's method in place of that in models of few unknowns, whose contact is elastic and whose
+  points creep. (A block lifted by 0.3 of what nearly lifts it off still changed by 5e-6 after 500
+  periods of mixing with 15 unknowns; with 23 Newton's method took 36 to 40 periods in all.)
 - A state at which the change over a period is small is disturbed a little, and marched on from for
   some periods. If the disturbance grows, marching leads away from that state. Else it is the
   result, after a last period that is marched through, so that it obeys the equations of the steps.
@@ -178,7 +181,7 @@ class _Search:
         return self.x + derivative.step(after - self.x, 0.0)
 
     def _better(self, after: FloatArray) -> FloatArray:
-        """Where the next period starts: by Newton's method where there is a derivative, or mixed."""
+        """Where the next period starts: by Newton's method with a derivative, or else mixed."""
         if self.through.patience is not None:
             step = self.newton.next(self.x, after - self.x, self.through.derivative)
             if step is not None:

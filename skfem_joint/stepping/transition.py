@@ -260,9 +260,7 @@ class _FrictionTangent:
             own = self.B[:, unknowns]
             self.rows = as_dense(own[self.first]), as_dense(own[self.second])
 
-    def added(
-        self, H: FloatArray, v: FloatArray, limits: FloatArray | None = None
-    ) -> FloatArray:
+    def added(self, H: FloatArray, v: FloatArray, limits: FloatArray | None = None) -> FloatArray:
         """H plus the tangent at the velocities v (n,) of all unknowns.
 
         Along a slip vector it is the slope of the law, across it force over norm. ``limits`` (m,)
