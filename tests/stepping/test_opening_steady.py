@@ -180,6 +180,7 @@ def test_a_period_of_a_reduced_model_has_the_derivative_of_its_differences():
     x = through.coordinates(through.driver.stepper.now)
     for _ in range(3):
         x = through(x).end
+    through(x)
     transition = through.derivative().transition
     least = through.driver.recorder.normal_force_least
     assert (least == 0.0).any()
