@@ -30,9 +30,9 @@ def constant_contact_alone(what: str, cure: str) -> str:
     """Sentence that refuses contact that opens for ``what``, and says what to do: ``cure``."""
     return (
         f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
-        f"with contact that opens there are full, condensed and reduced models over given cycles "
-        f"or a duration, or until = 'steady', slow cycles, backbones and ring-downs of them, and "
-        f"responses of the first two; {cure}"
+        "with contact that opens there are full, condensed and reduced models over given cycles "
+        "or a duration, or until = 'steady', and slow cycles, backbones, ring-downs and responses "
+        f"of them; {cure}"
     )
 
 

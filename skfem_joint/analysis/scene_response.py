@@ -41,6 +41,12 @@ from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import doubts
 from skfem_joint.system import System
 
+#: What the response of a reduced model says that has contact that opens.
+CREPT = (
+    "The reduced model's response with contact that opens is that at which creep under its law of "
+    "friction has ended. At levels where little slips its friction energy may be far too small: "
+    "see its estimated errors at the peaks, or run 'condensed' in its place."
+)
 #: Dataclasses that rows of finished work of `scene_response` hold.
 RESPONSE_ROWS = (SteadyPoint,)
 
@@ -111,21 +117,13 @@ class SceneResponse:
 def response_table(scene: Scene) -> ResponseTable:
     """Table ``[response]`` of a scene.
 
-    InputError if there is none, or a load of the scene has no frequency that could be changed, or
-    a reduced model has contact that opens: under a law of finite steepness its points creep for
-    hundreds of periods at levels other than that it was made for.
+    InputError if there is none, or a load of the scene has no frequency that could be changed.
     """
     table = scene.response
     if table is None:
         raise InputError(
             f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
             "in a table [response]"
-        )
-    if scene.opens and "reduced" in scene.models.run:
-        raise InputError(
-            f"{scene.path}: response: found models.run = 'reduced' beside contact = 'unilateral', "
-            "must be 'full' or 'condensed': a reduced model is made for one load, and its points "
-            "would creep for hundreds of periods at other levels; run 'condensed' in its place"
         )
     at_frequency(scene.system(), table.frequencies.to)
     return table
@@ -255,7 +253,8 @@ def _prepared(
     plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
     basis = make_reduced(scene.structure(), loaded, options, plan)
     small = reduced_system(loaded, basis, **options.friction)
-    return _Prepared(name, small, basis, level, (*basis.notes, *notes_of_reduction(loaded, small)))
+    notes = (*basis.notes, *notes_of_reduction(loaded, small))
+    return _Prepared(name, small, basis, level, (*notes, CREPT) if scene.opens else notes)
 
 
 def _with_coarse(

@@ -11,7 +11,7 @@ friction, normal forces and friction limits. Its size is measured by mass and st
 contact counts with the stiffness that the structure itself opposes to single points, for what rests
 on contact alone has none.
 
-The search has four parts.
+The search has these parts.
 
 - The first periods are marched through. Where points come to rest is decided there: mixing moves
   them to other places: of blocks that lift off, amplitudes differed from those of a long run by up
@@ -19,6 +19,9 @@ The search has four parts.
 - Anderson's acceleration, as in :mod:`skfem_joint.stepping.steady`. A mixture must not press faces
   into each other more than a state that was marched to has: a closed point stays where it is, so
   that a penetration would stay. It is shortened towards the last end of a period until it does not.
+- Newton's method in place of that in models of few unknowns, whose contact is elastic and whose
+  points creep. (A block lifted by 0.3 of what nearly lifts it off still changed by 5e-6 after 500
+  periods of mixing with 15 unknowns; with 23 Newton's method took 36 to 40 periods in all.)
 - A state at which the change over a period is small is disturbed a little, and marched on from for
   some periods. If the disturbance grows, marching leads away from that state. Else it is the
   result, after a last period that is marched through, so that it obeys the equations of the steps.
@@ -36,7 +39,7 @@ from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.steady import SETTINGS as STEADY
-from skfem_joint.stepping.steady import Anderson, EnergyNorm, PeriodMap, Place
+from skfem_joint.stepping.steady import Anderson, EnergyNorm, Newton, PeriodMap, Place
 from skfem_joint.system import System
 
 
@@ -121,6 +124,7 @@ class _Search:
     ) -> None:
         self.through, self.contact, self.place, self.changes = through, contact, place, changes
         self.norm, self.mixing = through.norm, Anderson(through.norm)
+        self.newton = Newton(through.norm)
         self.n, self.x, self.alone = len(place.motions), place.without(start), False
         self.ends: list[FloatArray] = []
 
@@ -145,7 +149,7 @@ class _Search:
                 endured = self._endures(after, scale)
                 self.alone = not endured
             else:
-                self.x, endured = self._mixture(self.mixing.mixed()), False
+                self.x, endured = self._better(after), False
         raise ConvergenceError(
             f"no steady vibration was found in {SETTINGS.periods} periods: the state still changes "
             f"by {self.changes[-1]:.2g} of its size over the last. With contact that opens "
@@ -165,9 +169,24 @@ class _Search:
         settled = (
             self.changes[-1] <= STEADY.change
             and abs(gained) <= STEADY.energy * work
-            and norm(self.mixing.mixed() - x) <= STEADY.distance * scale
+            and norm(self._fixed(after) - x) <= STEADY.distance * scale
         )
         return end, size, scale, settled
+
+    def _fixed(self, after: FloatArray) -> FloatArray:
+        """Fixed point as Newton's method sees it from the last period, or else as mixing does."""
+        derivative = None if self.through.patience is None else self.through.derivative()
+        if derivative is None:
+            return self.mixing.mixed()
+        return self.x + derivative.step(after - self.x, 0.0)
+
+    def _better(self, after: FloatArray) -> FloatArray:
+        """Where the next period starts: by Newton's method with a derivative, or else mixed."""
+        if self.through.patience is not None:
+            step = self.newton.next(self.x, after - self.x, self.through.derivative)
+            if step is not None:
+                return self.place.without(step)
+        return self._mixture(self.mixing.mixed())
 
     def _endures(self, found: FloatArray, scale: float) -> bool:
         """Whether a disturbance of a state that was found does not grow.

@@ -121,6 +121,8 @@ class OpeningStepper(PythonStepper):
     def restart(self, amplitudes: FloatArray) -> bool:
         """Make acceleration and normal forces consistent with the loads now."""
         s, contact, (u, v) = self.system, self.contact, self.now[:2]
+        if not self.rigid.any():  # else forces are not known before the first step
+            self.limits = np.maximum(self.constant + contact.gain @ contact.elastic_forces(u), 0.0)
         slip = s.B @ v
         moving = s.slip_norm(slip) > 0.0
         right = self.recorder.vectors @ amplitudes - s.C @ v - s.K @ u

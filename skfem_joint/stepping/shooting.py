@@ -133,8 +133,10 @@ class Shooting:
         self.trapezoidal = plan.scheme.coefficients(driver.h).trapezoidal
         self.springs = Springs.of(driver.system, driver.h)
         self.opens = driver.system.opening is not None
-        if self.opens:  # on one side alone, with a state of its own
-            self.parts, self.sign, self.trapezoidal = 1, 1.0, False
+        if (contact := driver.system.opening) is not None:  # on one side alone
+            self.parts, self.sign = 1, 1.0
+            # In few unknowns contact is elastic, else with a state of its own.
+            self.trapezoidal = self.trapezoidal and isinstance(contact.N, np.ndarray)
         equal = not driver.loads.jumps and not any(driver.loads.cuts.values())
         chain = driver.to.kind == "chain" and not self.springs.rows.size
         self.most = NEWTON.unknowns if chain else NEWTON.dense
@@ -173,9 +175,10 @@ class Shooting:
 
     def start(self, x: FloatArray) -> Start:
         """What a passage starts from, of a row of numbers."""
+        if self.trapezoidal:  # of elastic contact forces follow from the displacement
+            return Start(self.state(x), self.driver.stepper.beside)
         sizes = [part.size for part in self.driver.stepper.now]
-        beside = np.array(x[sum(sizes) :]) if self.opens else np.zeros(0)
-        return Start(self.state(x), beside)
+        return Start(self.state(x), np.array(x[sum(sizes) :]))
 
     def state(self, x: FloatArray) -> State:
         """State of a row of numbers."""
@@ -238,7 +241,8 @@ class Shooting:
             rows = [x[: recorder.field_rows] for x in stored]
             J = sprung_transition(driver.system, driver.h, rows[0], rows[1], omega)
         else:
-            J = transition(driver.system, driver.to.kind, driver.h, v, omega)
+            u = recorder.stored.u[1 : recorder.field_rows] if self.opens else None
+            J = transition(driver.system, driver.to.kind, driver.h, v, omega, u)
         return _Derivative(J, self.sign)
 
     def corrected(self, change: FloatArray) -> FloatArray | None:

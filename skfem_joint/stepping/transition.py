@@ -19,18 +19,28 @@ step problem at the velocity v1,
 
 Coulomb points that stick keep v1 = 0: their unknowns are left out of T. Unknowns that stick in all
 steps of a period are left out of the transition.
+
+Elastic contact that opens presses with p(u1) at u1 = p + (h/2) v1, and the friction limits are
+w = given + G p(u1). Both depend on the advanced state alone, too. With their tangent
+
+    A = N^T p' N + B^T (sigma (G p' N)),        p' the stiffness where p > 0, else 0,
+
+K is K + A in the derivative and T has (h/2) A beside the tangent of friction under the limits now.
+A is not symmetric, and such runs may move apart.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_dense
 from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
@@ -107,7 +117,12 @@ def moving_unknowns(system: System, velocities: FloatArray) -> IntArray:
 
 
 def transition(
-    system: System, kind: str, h: float, velocities: FloatArray, omega: float
+    system: System,
+    kind: str,
+    h: float,
+    velocities: FloatArray,
+    omega: float,
+    displacements: FloatArray | None = None,
 ) -> Transition:
     """Transition of steps of the trapezoidal rule.
 
@@ -123,11 +138,15 @@ def transition(
         At the ends of the steps, m/s.
     omega : float
         See `Transition`.
+    displacements : ndarray, shape (steps, n), optional
+        At the ends of the steps, m, of a dense system with elastic contact that opens.
     """
     points = ContactPoints.of(system)
     resting = unknowns_at_rest(points, velocities)
     moving = np.flatnonzero(~resting.all(axis=0))
-    if kind == "chain":
+    if displacements is not None:
+        matrix = _of_opening(system, points, h, displacements, velocities, omega)
+    elif kind == "chain":
         matrix = _of_chain(system, points, h, velocities, resting, moving, omega)
     else:
         picks = kind == "contact"
@@ -168,6 +187,41 @@ def _of_dense(
     return X
 
 
+def _of_opening(
+    system: System,
+    points: ContactPoints,
+    h: float,
+    displacements: FloatArray,
+    velocities: FloatArray,
+    omega: float,
+) -> FloatArray:
+    """Matrix of a transition of a dense system with elastic contact that opens."""
+    from skfem_joint.minimise.law import force_vectors  # loads the compiler
+
+    n, contact = system.n, cast("OpeningContact", system.opening)
+    M, C, K, B, N = map(as_dense, (system.M, system.C, system.K, system.B, contact.N))
+    H = (2.0 / h) * M + C + (0.5 * h) * K
+    rubs = (system.w > 0.0) | contact.rubs
+    friction = _FrictionTangent(system, replace(points, w=rubs.astype(float)), np.arange(n), False)
+    constant = system.w - contact.limits_at_rest
+    beta = np.where(rubs, system.beta, 0.0)
+    X = np.eye(2 * n)
+    for u, v in zip(displacements, velocities, strict=True):
+        force = contact.elastic_forces(u)
+        limits = np.maximum(constant + contact.gain @ force, 0.0)
+        stiff = np.where(force > 0.0, contact.stiffness, 0.0)[:, np.newaxis] * N
+        of_limits = np.where(limits > 0.0, 1.0, 0.0)[:, np.newaxis] * (contact.gain @ stiff)
+        sigma = force_vectors(B @ v, beta, system.directions)[:, np.newaxis]
+        A = N.T @ stiff + B.T @ (sigma * np.repeat(of_limits, system.directions, axis=0))
+        T = friction.added(H, v, limits) + (0.5 * h) * A
+        p, r = X[:n], X[n:]
+        dv = solve(T, (2.0 / h * omega) * (M @ r) - (K + A) @ p, check_finite=False)
+        r *= -1.0
+        r += (2.0 / omega) * dv
+        p += h * dv
+    return X
+
+
 def _across_and_along(size: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Tangents of the law over the limit, s/m, across and along slips of some ``size``, m/s.
 
@@ -194,7 +248,7 @@ class _FrictionTangent:
         rubs = points.w > 0.0
         if picks:  # points that stick all the time have no rows in the matrices
             rubs[rubs] = np.isin(points.unknowns[points.first_row[:-1][rubs]], unknowns)
-        self.first = points.first_row[:-1][rubs]
+        self.rubs, self.first = rubs, points.first_row[:-1][rubs]
         self.w, self.beta = points.w[rubs], points.beta[rubs]
         self.pairs = np.flatnonzero(points.directions[rubs] == 2)
         self.second = self.first[self.pairs] + 1
@@ -206,18 +260,20 @@ class _FrictionTangent:
             own = self.B[:, unknowns]
             self.rows = as_dense(own[self.first]), as_dense(own[self.second])
 
-    def added(self, H: FloatArray, v: FloatArray) -> FloatArray:
+    def added(self, H: FloatArray, v: FloatArray, limits: FloatArray | None = None) -> FloatArray:
         """H plus the tangent at the velocities v (n,) of all unknowns.
 
-        Along a slip vector it is the slope of the law, across it force over norm.
+        Along a slip vector it is the slope of the law, across it force over norm. ``limits`` (m,)
+        are those of all points, N, if not the constant ones.
         """
         if not self.w.size:
             return H
+        w = self.w if limits is None else limits[self.rubs]
         slip, pairs = self.B @ v, self.pairs
         one, two = slip[self.first], slip[self.second]
         size = np.abs(one)
         size[pairs] = np.hypot(one[pairs], two)
-        across, along = (self.w * part for part in _across_and_along(size, self.beta))
+        across, along = (w * part for part in _across_and_along(size, self.beta))
         norm = np.where(size > 0.0, size, 1.0)[pairs]
         x, y, more = one[pairs] / norm, two / norm, (along - across)[pairs]
         own = along

@@ -16,7 +16,7 @@ from skfem_joint.analysis.description import describe
 from skfem_joint.analysis.estimate import QUANTITIES
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_backbone import scene_backbone
-from skfem_joint.analysis.scene_response import response_table
+from skfem_joint.analysis.scene_response import CREPT, scene_response
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import ConvergenceError, InputError
@@ -24,6 +24,7 @@ from skfem_joint.mesh import build_plate, write_mesh
 from skfem_joint.output import report
 from skfem_joint.output.fields import frames_of
 from skfem_joint.scene import Scene
+from skfem_joint.stepping import opening_steady
 from skfem_joint.structure import doubts
 
 SIZE = 0.04
@@ -350,10 +351,23 @@ def test_faces_that_will_hit_each_other_want_a_lumped_mass():
         assert any("mass_matrix = 'lumped'" in note for note in notes) is said
 
 
-def test_a_response_of_a_reduced_model_is_refused():
-    table = {"frequencies": {"from": 1e3, "to": 2e3, "points": 2}, "levels": [1.0]}
-    with pytest.raises(InputError, match=r"found models\.run = 'reduced' beside contact"):
-        response_table(block("condensed", "reduced", response=table))
+def test_a_response_of_a_reduced_model_is_that_of_the_condensed_one_within_its_stated_error():
+    """At a level below that of its modes, too; its stated errors are those at the peak."""
+    table = {"frequencies": {"from": 1900.0, "to": 2000.0, "points": 2}, "levels": [0.5, 1.0]}
+    time = {"cycles": 1, "steps_per_cycle": 24}
+    scene = block("reduced", up=120e3, time=time, response=table, reduction={"modes": 6})
+    found = scene_response(scene)
+    assert opening_steady.MAY_DEPEND in found.warnings
+    (model,) = found.models
+    assert CREPT in model.notes
+    condensed = sj.condense(scene.system())
+    for curve, stated in zip(model.curves, model.estimates, strict=True):
+        frequency, amplitude = curve.peak
+        assert max(point.periods for point in curve.points) < 60
+        other = response.steady_point(condensed, frequency, curve.level, 24)
+        true = abs(amplitude / other.amplitude.max() - 1.0)
+        assert true < 2.0 * stated.of("basis", "displacement_rms") < 0.2
+        assert stated.of("total", "friction_energy") > 0.0
 
 
 def test_points_of_a_response_are_taken_up_again(tmp_path, monkeypatch):

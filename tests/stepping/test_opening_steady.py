@@ -9,9 +9,12 @@ from scipy.linalg import expm
 from scipy.optimize import fsolve
 
 import skfem_joint as sj
+from skfem_joint.analysis.response import at_frequency, steady_plan
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.stepping import opening_steady
+from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.stepping.shooting import Shooting
 
 OMEGA = 2.0 * np.pi
 
@@ -163,3 +166,39 @@ def test_a_body_on_its_base_alone_has_no_rigid_motion_that_lifts_it():
     """Sliding strains nothing, lifting off does what contact prevents."""
     system = block().system(loads(across=20e3, up=100e3))
     assert sj.integrate(system, until="steady", steps_per_cycle=40).steady.unstrained == 0
+
+
+def _small(up):
+    return sj.reduce(block(elements=4).system(loads(up=up)), modes=6)
+
+
+def test_a_period_of_a_reduced_model_has_the_derivative_of_its_differences():
+    """With contact that opens and closes, and friction limits that follow its forces."""
+    system = _small(220e3)
+    rest = np.zeros(system.n)
+    through = Shooting(Driver(system, steady_plan(system, 60), (rest, rest), 1e-13), lambda: None)
+    x = through.coordinates(through.driver.stepper.now)
+    for _ in range(3):
+        x = through(x).end
+    through(x)
+    transition = through.derivative().transition
+    least = through.driver.recorder.normal_force_least
+    assert (least == 0.0).any()
+    assert transition.moving.size == system.n
+    rng, size = np.random.default_rng(0), 1e-6 * np.abs(x[: system.n]).max()
+    for _ in range(3):
+        small = transition.extended(x, size * rng.normal(size=2 * system.n))
+        ends = through(x + small).end, through(x - small).end
+        differences = transition.restricted(ends[0] - ends[1]) / 2.0
+        linear = transition.matrix @ transition.restricted(small)
+        assert np.linalg.norm(linear - differences) < 1e-4 * np.linalg.norm(differences)
+
+
+def test_points_that_creep_do_not_keep_a_reduced_model_from_becoming_steady():
+    """At a third of its load they creep for thousands of periods; Newton's method does not wait."""
+    system = at_frequency(_small(150e3), 2000.0, 0.3)
+    run = sj.integrate(system, until="steady", steps_per_cycle=40)
+    assert run.steady.periods < 60
+    u, v = run.final
+    later = sj.integrate(system, cycles=3, steps_per_cycle=40, initial=(u, v)).point_u[-41:]
+    assert np.abs(later - run.point_u).max() < 2e-5 * np.abs(run.point_u).max()
