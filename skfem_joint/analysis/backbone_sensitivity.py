@@ -167,9 +167,8 @@ class CycleRates:
         """Of constant limits, see `skfem_joint.analysis.masing_cycles`."""
         system, work = self.system, list[FloatArray]()
         rest = Level(*np.zeros((1, system.n)), *np.zeros((2, system.B.shape[0])))
-        friction = found.friction if found.friction is not None else np.zeros_like(rest.slip)
         walk, before = list[tuple[float, Level]](), rest
-        for alpha, u, sigma in zip(found.level.tolist(), found.states, friction, strict=True):
+        for alpha, u, sigma in zip(found.level.tolist(), found.states, found.friction, strict=True):
             before = self._level(before, u, sigma)
             walk.append((alpha, before))
         rates = self.rates.follow(self.rates.rest(), rest, walk)
@@ -198,8 +197,8 @@ class CycleRates:
     ) -> tuple[float, FloatArray]:
         """Work of friction in the half cycle from a level, J, and its derivatives, (k + 1,)."""
         turns = np.linspace(1.0, -1.0, MASING.increments + 1)[1:]
-        friction = np.zeros_like(before.slip) if found.friction is None else found.friction[k]
-        u, at, walk = before.u, before, list[tuple[float, Level]]()
+        u, friction, at = before.u, found.friction[k], before
+        walk = list[tuple[float, Level]]()
         for turn, j in zip(turns.tolist(), half.tolist(), strict=True):
             u = u + found.loops[j]
             if found.turned is not None:
