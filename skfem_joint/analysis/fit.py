@@ -33,6 +33,7 @@ from skfem_joint.errors import ConvergenceError, InputError, refuse
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene, load_scene
 from skfem_joint.structure.load import Load
+from skfem_joint.structure.parameters import single_values
 from skfem_joint.structure.structure import Structure
 
 #: Lowest and highest value of a key that is free.
@@ -332,7 +333,8 @@ class Fit:
         """The scene with the best values; InputError if a structure was fitted."""
         if not isinstance(self.problem.scene, Scene):
             raise InputError("fit: a structure was fitted; it is problem.model.at(values)")
-        return self.problem.scene.changed(self.values)
+        model = self.problem.model
+        return self.problem.scene.changed(single_values(model.structure, self.values))
 
     def interval(self, name: str, level: float = SETTINGS.level) -> tuple[float, float]:
         """Confidence interval of a value or an offset, within its bounds."""
@@ -410,8 +412,15 @@ def fit(
     ConvergenceError
         If the best values are not found.
     """
+    return solved(FitProblem(scene, data, free, loads), progress)
+
+
+def solved(problem: FitProblem, progress: Progress = silent) -> Fit:
+    """Best values of a problem and their uncertainty, as `fit` returns them.
+
+    InputError and ConvergenceError as `fit`.
+    """
     began = time.perf_counter()
-    problem = FitProblem(scene, data, free, loads)
     vector, evaluations = problem.minimise(problem.start, progress=progress)
     r, J = problem.residuals(vector)
     squares, degrees = float(r @ r), r.size - vector.size

@@ -139,6 +139,27 @@ def with_values(structure: Structure, values: Mapping[str, float]) -> Structure:
     return replace(structure, joints=joints, bolts=bolts, regions=regions, like=structure, **new)
 
 
+def single_values(structure: Structure, values: Mapping[str, float]) -> dict[str, float]:
+    """Values by keys that lead to one number each, as scenes take them.
+
+    Parameters
+    ----------
+    structure : Structure
+    values : mapping
+        Values by key; one with "[*]" becomes one of each entry.
+
+    Raises
+    ------
+    InputError
+        For keys that cannot be varied.
+    """
+    return {
+        key_path(place): float(value)
+        for key, value in values.items()
+        for place in parameter(structure, key).places
+    }
+
+
 def check_derivable(structure: Structure, wanted: Sequence[Parameter]) -> None:
     """Refuse parameters by which nothing can be derived at their present value.
 
