@@ -217,6 +217,11 @@ class FitProblem:
         """Derivative of each entry of the vector by its variable, (k,)."""
         return np.where(self._logarithmic, vector, 1.0)
 
+    def sizes(self) -> FloatArray:
+        """Largest measured value beside each offset, and 1 of other entries, (k,)."""
+        largest = [np.nanmax(getattr(self.curves[k], quantity)) for k, quantity in self._offsets]
+        return np.append(np.ones(len(self.model.keys)), largest)
+
     def minimise(
         self, begin: FloatArray, held: int | None = None, progress: Progress = silent
     ) -> tuple[FloatArray, int]:
@@ -469,7 +474,7 @@ def _covariance(
     """Covariance of the variables of the fit, and sentences about undetermined directions."""
     variables = J * problem.rates(vector)
     width = 0.5 * (problem.inner(problem.highest) - problem.inner(problem.lowest))
-    scale = np.where(np.isfinite(width), width, 1.0 / np.linalg.norm(variables, axis=0))
+    scale = np.where(np.isfinite(width), width, problem.sizes())
     _, size, right = np.linalg.svd(variables * scale, full_matrices=True)
     size = np.append(size, np.zeros(right.shape[0] - size.size))
     factor = float(norm.ppf(0.5 + 0.5 * SETTINGS.level))
