@@ -1,4 +1,4 @@
-"""Curves of a fitted structure over the measured range, finer than the samples, with their bands."""
+"""Curves of a fitted structure over the measured range, finer than its samples, with bands."""
 
 from __future__ import annotations
 

@@ -109,7 +109,8 @@ def fit_lines(fit: Fit) -> list[str]:
     for name, best in _named(fit).items():
         own = fit.deviations[name]
         low, high = (_rounded(end, own) for end in fit.interval(name))
-        rows[name] = [_rounded(best, own), f"{own:.2g}", f"{low} to {high}"]
+        unit = ", Hz" * (name in fit.offsets and name.endswith(": frequency"))
+        rows[name + unit] = [_rounded(best, own), f"{own:.2g}", f"{low} to {high}"]
     level = f"{100.0 * SETTINGS.level:g} % interval"
     samples = fit.degrees + fit.vector.size
     return [
@@ -128,24 +129,21 @@ def curves_figure(fit: Fit, curves: Sequence[FineCurve]) -> Figure:
     Data of another mode or quantity have panels of their own.
     """
     figure, rows = _figure_of(fit)
-    for panels, own, unit, size in rows:
+    for panels, own, size in rows:
         alike = len({_what_is_computed(fit, k) for k in own}) == 1
-        for place, k in enumerate(own):
-            curve, fine = fit.problem.curves[k], curves[k]
-            colour, x = _COLOURS[place % len(_COLOURS)], fine.amplitude / size
-            line = _MODEL if alike else colour
+        for k in own:
+            curve, fine, style = fit.problem.curves[k], curves[k], _style(k)
+            x, line = fine.amplitude / size, _MODEL if alike else style[0]
             for panel, quantity in zip(panels, _QUANTITIES, strict=True):
                 factor = _AXES[quantity][1]
-                _samples(panel, curve, quantity, (colour, _MARKS[place % len(_MARKS)]), size)
+                _samples(panel, curve, quantity, style, size)
                 y, half = (factor * getattr(fine, f"{quantity}{end}") for end in ("", "_band"))
-                band = {"color": line, "alpha": 0.18, "linewidth": 0.0, "zorder": 1}
-                what = "model" if alike else f"model of {curve.name}"
-                label = "" if alike and place else what
-                panel.fill_between(
-                    x, y - half, y + half, **band,
-                    label=label and f"{100.0 * SETTINGS.level:g} % band of the {what}",
-                )  # fmt: skip
+                label = "model" if alike else f"model of {curve.name}"
                 panel.plot(x, y, color=line, linewidth=1.5, label=label, zorder=2)
+                panel.fill_between(
+                    x, y - half, y + half, color=line, alpha=0.2, linewidth=0.0, zorder=1,
+                    label=f"its {100.0 * SETTINGS.level:g} % band",
+                )  # fmt: skip
     _legend(figure)
     return figure
 
@@ -153,16 +151,14 @@ def curves_figure(fit: Fit, curves: Sequence[FineCurve]) -> Figure:
 def residuals_figure(fit: Fit) -> Figure:
     """Residuals over their deviations against amplitude, beside lines at two deviations."""
     figure, rows = _figure_of(fit, "model less measured,\nover deviation")
-    for panels, own, _, size in rows:
+    for panels, own, size in rows:
         for panel, quantity in zip(panels, _QUANTITIES, strict=True):
             panel.set_title(quantity, loc="right", fontsize="medium")
             panel.axhspan(-2.0, 2.0, color="0.92", zorder=0, label="two deviations")
             panel.axhline(0.0, color="0.5", linewidth=0.8, zorder=1)
-            for place, k in enumerate(own):
+            for k in own:
                 curve, r = fit.problem.curves[k], _residuals(fit, k, quantity)
-                known = ~np.isnan(r)
-                style = _COLOURS[place % len(_COLOURS)], _MARKS[place % len(_MARKS)]
-                for chosen, how, label in _kinds(curve, known, style):
+                for chosen, how, label in _kinds(curve, ~np.isnan(r), _style(k)):
                     panel.plot(
                         curve.amplitude[chosen] / size, r[chosen], linestyle="none", label=label,
                         **how,
@@ -171,8 +167,8 @@ def residuals_figure(fit: Fit) -> Figure:
     return figure
 
 
-def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, list[int], str, float]]]:
-    """Figure with two panels for each mode and quantity, and their curves, units and sizes."""
+def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, list[int], float]]]:
+    """Figure with two panels for each mode and quantity, their curves and the unit's size."""
     groups: dict[tuple[int, str], list[int]] = {}
     for k, curve in enumerate(fit.problem.curves):
         groups.setdefault((curve.mode, curve.quantity), []).append(k)
@@ -182,6 +178,8 @@ def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, list[
     for panels, ((mode, quantity), own) in zip(grid, groups.items(), strict=True):
         of_all = [fit.problem.curves[k] for k in own]
         unit, size = prefixed_unit(_unit(quantity), [curve.amplitude for curve in of_all])
+        if size > 1.0:  # nobody uses km/s²
+            unit, size = _unit(quantity), 1.0
         points = {curve.point for curve in of_all}
         point = points.pop() if len(points) == 1 else ""
         for panel, name in zip(panels, _QUANTITIES, strict=True):
@@ -193,8 +191,13 @@ def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, list[
             panel.set_axisbelow(True)
             panel.ticklabel_format(axis="y", useOffset=False)
         panels[0].set_title(f"mode {mode}", loc="left", fontsize="medium")
-        rows.append((panels, own, unit, size))
+        rows.append((panels, own, size))
     return figure, rows
+
+
+def _style(k: int) -> tuple[str, str]:
+    """Colour and marker of a data set."""
+    return _COLOURS[k % len(_COLOURS)], _MARKS[k % len(_MARKS)]
 
 
 def _samples(
@@ -228,9 +231,10 @@ def _legend(figure: Figure) -> None:
     entries: dict[str, Any] = {}
     for panel in figure.axes:
         handles, labels = panel.get_legend_handles_labels()
-        entries |= {label: handle for handle, label in zip(handles, labels, strict=True)}
+        for label, handle in zip(labels, handles, strict=True):
+            entries.setdefault(label, handle)
     figure.legend(
-        [*entries.values()], [*entries], loc="outside upper center", ncols=3, fontsize="small"
+        [*entries.values()], [*entries], loc="outside upper center", ncols=4, fontsize="small"
     )
 
 
