@@ -272,7 +272,7 @@ def test_texts_keep_all_but_the_values(tmp_path):
 
 
 BOLTS = """pressure = { bolts = [
-  { at = [0.03, 0.0], force = 20e3, head_radius = 0.01, spreading_angle = 45.0 },  # near the support
+  { at = [0.03, 0.0], force = 20e3, head_radius = 0.01, spreading_angle = 45.0 },  # held
   { at = [0.07, 0.0], force = 20e3, head_radius = 0.01, spreading_angle = 45.0 },
 ], reach = 0.02 }"""
 
@@ -297,7 +297,7 @@ def test_one_value_of_several_bolts_goes_into_each(tmp_path):
     assert value_of(structure, key) == found[key]
     text = (out / "fitted.toml").read_text(encoding="utf-8")
     assert text.count(str(found[key])) == 2
-    assert "# near the support" in text
+    assert "# held" in text
 
 
 @pytest.mark.parametrize(
