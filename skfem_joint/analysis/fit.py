@@ -33,7 +33,7 @@ from skfem_joint.errors import ConvergenceError, InputError, refuse
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene, load_scene
 from skfem_joint.structure.load import Load
-from skfem_joint.structure.parameters import single_values
+from skfem_joint.structure.parameters import parameter, single_values
 from skfem_joint.structure.structure import Structure
 
 #: Lowest and highest value of a key that is free.
@@ -99,8 +99,8 @@ class FitProblem:
     Raises
     ------
     InputError
-        For keys that cannot be varied, bounds that do not rise or do not contain the value, and
-        data that fit no point.
+        For keys that cannot be varied or that lead to the same number, bounds that do not rise or
+        do not contain the value, and data that fit no point.
     """
 
     def __init__(
@@ -141,6 +141,7 @@ class FitProblem:
                     f"fit: {key}: is {value:g} in the scene, must be within the bounds {low:g} to "
                     f"{high:g}: change the value, or the bounds"
                 )
+        wrong += self._repeated()
         refuse(wrong)
         self._offsets = [
             (k, quantity) for k, curve in enumerate(self.curves) for quantity in curve.offset
@@ -152,6 +153,19 @@ class FitProblem:
         self.lowest = np.append(low_high[:, 0], more - np.inf)
         self.highest = np.append(low_high[:, 1], more + np.inf)
         self.start = np.append(self.model.start, more)
+
+    def _repeated(self) -> list[str]:
+        """Sentences about keys that lead to the same number, which has one value."""
+        structure, first, wrong = self.model.structure, dict[Any, str](), list[str]()
+        for key in self.model.keys:
+            places = parameter(structure, key).places
+            if others := dict.fromkeys(first[place] for place in places if place in first):
+                wrong.append(
+                    f"fit: {key}: found beside {', '.join(others)}, which varies the same number; "
+                    "leave one out"
+                )
+            first |= dict.fromkeys(places, key)
+        return wrong
 
     @cached_property
     def _logarithmic(self) -> Any:
@@ -246,7 +260,7 @@ class FitProblem:
         def residuals(x: FloatArray) -> FloatArray:
             nonlocal count
             count += 1
-            progress("fit", count, 0)
+            progress("fit", count, 0, f"evaluation {count}")
             try:
                 return self.residuals(whole(x))[0]
             except (InputError, ConvergenceError):
@@ -403,7 +417,7 @@ def fit(
     scene, data, free, loads
         As `FitProblem` takes them.
     progress : callable, optional
-        Called with ("fit", evaluations, 0).
+        Called with ("fit", evaluations, 0, note).
 
     Returns
     -------

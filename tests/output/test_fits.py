@@ -310,6 +310,7 @@ def test_one_value_of_several_bolts_goes_into_each(tmp_path):
         (["damping.ratio=0..1"] * 2, "--free: found 'damping.ratio' twice"),
         (["joint[0].friction=1..0.1"], "found bounds 1 to 0.1, must rise"),
         (["joint[0].friction=0.6..1"], "is 0.5 in the scene, must be within the bounds 0.6 to 1"),
+        (["joint[0].friction=0.1..1", "joint[*].friction=0.1..1"], "varies the same number"),
         (["joint[0].slip=0.6..1"], "it is no number that can be varied"),
     ],
 )
@@ -364,6 +365,18 @@ def test_what_is_read_is_not_replaced(tmp_path, rows, capsys):
     assert "fitted.toml: is read, and a file of the results would replace it" in error
     assert "curve.csv: is read" in error
     assert scene.read_text() == before
+
+
+def test_offsets_of_all_data_are_determined_as_well_as_noise_allows(tmp_path, rows):
+    scene = load_scene(written(tmp_path, text=SCENE))
+    frequency = 1.0001 * rows[:, 1] + 3.0
+    arrays = {"amplitude (mm)": rows[:, 0], "frequency": frequency}
+    given = {"point": "free_end", "offset": "frequency", "relative_frequency_deviation": 1e-4}
+    found = fit(scene, measured_curve(arrays, **given), {"joint[0].friction": (0.1, 1.0)})
+    assert found.undetermined == ()
+    # One offset alone would be known to the deviation of a sample over the root of their number.
+    alone = 1e-4 * frequency.mean() / np.sqrt(frequency.size)
+    assert alone < found.deviations[found.problem.names[1]] < 4.0 * alone
 
 
 def test_matrices_and_slow_runs_are_refused(tmp_path, rows, capsys):
