@@ -24,7 +24,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skfem_joint import __version__
-from skfem_joint.errors import ConvergenceError, InputError, JointError
+from skfem_joint.errors import ConvergenceError, InputError, JointError, refuse
 from skfem_joint.files import needed, read_text
 from skfem_joint.processes import SAFE_PATH
 from skfem_joint.progress import Progress, announced, progress_bar
@@ -33,6 +33,7 @@ from skfem_joint.terminal import plain_streams, unfiltered
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
+    from skfem_joint.analysis.measured import MeasuredCurve
     from skfem_joint.analysis.models import Study
     from skfem_joint.analysis.rows import Rows
     from skfem_joint.scene import Scene
@@ -152,6 +153,8 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("backbone", _backbone, "frequency and damping of modes over amplitude", scene, out)
     add("response", _response, "steady vibration over frequency", scene, out, workers)
+    fitted = add("fit", _fit, "fit values of a scene to measured frequency and damping", scene, out)
+    _add_fit_options(fitted)
     timed = add("error-time", _error_time, "error against run time of many models", scene, out)
     timed.add_argument(
         "--repeats", type=int, default=3, metavar="N", help="timed rounds (default 3)"
@@ -201,6 +204,43 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
         metavar="GIB",
         help="refuse a run that would need more (default: 80 %% of the memory available)",
     )
+
+
+def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
+    data: Any = fitted.add_argument(
+        "--data", type=Path, action="append", required=True, metavar="FILE.csv",
+        help="measured frequency and damping over amplitude, or a free vibration over time; may be "
+        "given several times",
+    )  # fmt: skip
+    data.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
+    fitted.add_argument(
+        "--free", action="append", required=True, metavar="KEY=LOW..HIGH",
+        help="key of the scene that is fitted within these bounds, as in "
+        "'joint[0].friction=0.1..1.0' or 'bolt[*].force=8e3..16e3'; may be given several times",
+    )  # fmt: skip
+    group = fitted.add_argument_group(
+        "what the data are of", "Each wins over the line '# key: value' at the top of all files."
+    )
+
+    def add(name: str, metavar: str, text: str) -> None:
+        group.add_argument(name, metavar=metavar, help=text)
+
+    add("--point", "NAME", "point that was measured")
+    add("--direction", "X", "x, y, z, or components, as in --direction=0,1,1")
+    add("--quantity", "NAME", "displacement, velocity or acceleration")
+    add("--unit", "UNIT", "unit of the amplitudes, such as mm or m/s2")
+    group.add_argument(
+        "--peak-to-peak", action=argparse.BooleanOptionalAction, default=None,
+        help="amplitudes are the whole of peak to peak, or half of it",
+    )  # fmt: skip
+    add("--mode", "N", "number of the mode with the joints stuck")
+    add("--offset", "NAMES", "frequency, damping or both, where known up to a constant; or none")
+    add("--lowest", "AMPLITUDE", "lowest amplitude that is fitted, in the unit of the data")
+    add("--highest", "AMPLITUDE", "highest amplitude that is fitted; others are compared")
+    for name in ("frequency", "damping"):
+        text = f"standard deviation of the {name} over its value, as in 1%% or 0.01"
+        add(f"--relative-{name}-deviation", "SHARE", text)
+    add("--frequency", "HZ", "about that of the mode of a free vibration")
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -421,6 +461,81 @@ def _response(options: argparse.Namespace) -> int:
         files = damping.write_response(options.out, response, curves)
     print("\n".join(damping.response_lines(response, curves)))
     return _print_notes(response.warnings, options.out, files)
+
+
+def _fit(options: argparse.Namespace) -> int:
+    """Fit values of a scene to measured curves, write and print them."""
+    from skfem_joint.analysis.fit import FitProblem, solved
+    from skfem_joint.analysis.fit_curves import fine_curves
+    from skfem_joint.output import fits
+    from skfem_joint.output.folder import kept
+    from skfem_joint.scene import load_scene
+
+    scene, text, free = load_scene(options.scene), read_text(options.scene), _free(options.free)
+    scene.check_vibrates(options.name)
+    if scene.matrices is not None:
+        raise InputError(
+            f"{options.scene}: matrices: found a structure that is given by matrices, must be one "
+            "with a mesh, whose values a fit can vary"
+        )
+    fits.check_apart(options.out, [options.scene, *options.data])
+    data = _measured(options)
+    with _progress(options) as progress, announced(progress, "making the structure"):
+        problem = FitProblem(scene, data, free)  # before earlier results are removed
+    with kept(options.out, used=fits.NAMES) as notes:
+        with _progress(options) as progress:
+            found = solved(problem, progress)
+            with announced(progress, "curves of the best values"):
+                curves = fine_curves(found)
+        files, warnings = fits.write_fit(options.out, found, curves, text, notes)
+    print("\n".join(fits.fit_lines(found)))
+    return _print_notes(warnings, options.out, files)
+
+
+def _free(given: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Bounds by the keys of ``--free``; InputError with all that are wrong."""
+    free: dict[str, tuple[float, float]] = {}
+    problems = []
+    for text in given:
+        key, _, bounds = (part.strip() for part in text.rpartition("="))
+        low, _, high = (part.strip() for part in bounds.partition(".."))
+        try:
+            pair = float(low), float(high)
+        except ValueError:
+            pair = None
+        if not key or pair is None or high.startswith("."):
+            problems.append(
+                f"--free: found {text!r}, must be KEY=LOW..HIGH, as in 'joint[0].friction=0.1..1.0'"
+            )
+        elif key in free:
+            problems.append(f"--free: found {key!r} twice, must be once")
+        else:
+            free[key] = pair
+    refuse(problems)
+    return free
+
+
+def _measured(options: argparse.Namespace) -> list[MeasuredCurve]:
+    """Curves of the files of ``--data``; InputError with all that is wrong in them."""
+    from skfem_joint.analysis.measured import measured_curve
+    from skfem_joint.analysis.measured_head import KEYS
+
+    given = {name: getattr(options, name) for name in KEYS if name != "name"}
+    curves, problems = [], []
+    for path in options.data:
+        try:
+            curves.append(measured_curve(path, **given))
+        except InputError as error:
+            problems += error.problems
+    for name in given:
+        option = f"--{name.replace('_', '-')}"
+        problems = [text.replace(f"measured_curve: {name}:", f"{option}:") for text in problems]
+    refuse(dict.fromkeys(problems))
+    names = [curve.name for curve in curves]
+    if len(set(names)) < len(names):  # of files in several folders
+        names = [str(path) for path in options.data]
+        refuse(f"--data: found {x} twice, must be once" for x in names if names.count(x) > 1)
+    return [replace(curve, name=name) for curve, name in zip(curves, names, strict=True)]
 
 
 def _error_time(options: argparse.Namespace) -> int:

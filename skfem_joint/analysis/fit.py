@@ -33,6 +33,7 @@ from skfem_joint.errors import ConvergenceError, InputError, closest, refuse
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene, load_scene
 from skfem_joint.structure.load import Load
+from skfem_joint.structure.parameters import parameter, single_values
 from skfem_joint.structure.structure import Structure
 from skfem_joint.values import at_least, check
 
@@ -101,8 +102,8 @@ class FitProblem:
     Raises
     ------
     InputError
-        For keys that cannot be varied, bounds that do not rise or do not contain the value, and
-        data that fit no point.
+        For keys that cannot be varied or that lead to the same number, bounds that do not rise or
+        do not contain the value, and data that fit no point.
     """
 
     def __init__(
@@ -143,6 +144,7 @@ class FitProblem:
                     f"fit: {key}: is {value:g} in the scene, must be within the bounds {low:g} to "
                     f"{high:g}: change the value, or the bounds"
                 )
+        wrong += self._repeated()
         refuse(wrong)
         self._offsets = [
             (k, quantity) for k, curve in enumerate(self.curves) for quantity in curve.offset
@@ -154,6 +156,19 @@ class FitProblem:
         self.lowest = np.append(low_high[:, 0], more - np.inf)
         self.highest = np.append(low_high[:, 1], more + np.inf)
         self.start = np.append(self.model.start, more)
+
+    def _repeated(self) -> list[str]:
+        """Sentences about keys that lead to the same number, which has one value."""
+        structure, first, wrong = self.model.structure, dict[Any, str](), list[str]()
+        for key in self.model.keys:
+            places = parameter(structure, key).places
+            if others := dict.fromkeys(first[place] for place in places if place in first):
+                wrong.append(
+                    f"fit: {key}: found beside {', '.join(others)}, which varies the same number; "
+                    "leave one out"
+                )
+            first |= dict.fromkeys(places, key)
+        return wrong
 
     @cached_property
     def _logarithmic(self) -> Any:
@@ -219,6 +234,11 @@ class FitProblem:
         """Derivative of each entry of the vector by its variable, (k,)."""
         return np.where(self._logarithmic, vector, 1.0)
 
+    def sizes(self) -> FloatArray:
+        """Largest measured value beside each offset, and 1 of other entries, (k,)."""
+        largest = [np.nanmax(getattr(self.curves[k], quantity)) for k, quantity in self._offsets]
+        return np.append(np.ones(len(self.model.keys)), largest)
+
     def minimise(
         self, begin: FloatArray, held: int | None = None, progress: Progress = silent
     ) -> tuple[FloatArray, int]:
@@ -243,7 +263,7 @@ class FitProblem:
         def residuals(x: FloatArray) -> FloatArray:
             nonlocal count
             count += 1
-            progress("fit", count, 0)
+            progress("fit", count, 0, f"evaluation {count}")
             try:
                 return self.residuals(whole(x))[0]
             except (InputError, ConvergenceError):
@@ -359,7 +379,8 @@ class Fit:
         """The scene with the best values; InputError if a structure was fitted."""
         if not isinstance(self.problem.scene, Scene):
             raise InputError("fit: a structure was fitted; it is problem.model.at(values)")
-        return self.problem.scene.changed(self.values)
+        model = self.problem.model
+        return self.problem.scene.changed(single_values(model.structure, self.values))
 
     def interval(self, name: str, level: float = SETTINGS.level) -> tuple[float, float]:
         """Confidence interval of a value or an offset, within its bounds."""
@@ -469,7 +490,7 @@ def fit(
     scene, data, free, loads
         As `FitProblem` takes them.
     progress : callable, optional
-        Called with ("fit", evaluations, 0).
+        Called with ("fit", evaluations, 0, note).
 
     Returns
     -------
@@ -483,8 +504,15 @@ def fit(
     ConvergenceError
         If the best values are not found.
     """
+    return solved(FitProblem(scene, data, free, loads), progress)
+
+
+def solved(problem: FitProblem, progress: Progress = silent) -> Fit:
+    """Best values of a problem and their uncertainty, as `fit` returns them.
+
+    InputError and ConvergenceError as `fit`.
+    """
     began = time.perf_counter()
-    problem = FitProblem(scene, data, free, loads)
     vector, evaluations = problem.minimise(problem.start, progress=progress)
     r, J = problem.residuals(vector)
     squares, degrees = float(r @ r), r.size - vector.size
@@ -533,7 +561,7 @@ def _covariance(
     """Covariance of the variables of the fit, and sentences about undetermined directions."""
     variables = J * problem.rates(vector)
     width = 0.5 * (problem.inner(problem.highest) - problem.inner(problem.lowest))
-    scale = np.where(np.isfinite(width), width, 1.0 / np.linalg.norm(variables, axis=0))
+    scale = np.where(np.isfinite(width), width, problem.sizes())
     _, size, right = np.linalg.svd(variables * scale, full_matrices=True)
     size = np.append(size, np.zeros(right.shape[0] - size.size))
     factor = float(norm.ppf(0.5 + 0.5 * SETTINGS.level))

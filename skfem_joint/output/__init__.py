@@ -3,7 +3,7 @@
 `folder` prepares a folder and writes all files into it; `record` tracks which files in it this
 program wrote. `report` (summary, printed tables) and `tables` (CSV, JSON); `fields` and `series`
 (VTK); `plots` (curves) and `pictures` with `offscreen` (bodies); the folder `preview` (a structure
-before it is run); `damping` (backbones and responses) and `sweeps`.
+before it is run); `damping` (backbones and responses), `fits` and `sweeps`.
 """
 
 from skfem_joint.output.folder import prepare, write

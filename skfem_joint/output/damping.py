@@ -18,9 +18,9 @@ from skfem_joint.analysis.scene_response import SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_names
 from skfem_joint.output.backbone_peaks import peak_lines, peak_rows, peaks_figure
-from skfem_joint.output.plots import new_figure, prefixed_unit, save_figure
+from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
-from skfem_joint.output.tables import write_csv
+from skfem_joint.output.tables import plain, write_csv
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.structure import AnyStructure
 
@@ -210,7 +210,7 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
         row[0].set_title(f"mode {curve.mode}", loc="left")
         row[0].legend(fontsize="small")
         for panel in row:
-            _plain_ticks(panel.xaxis)
+            plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
     return figure
 
@@ -327,26 +327,10 @@ def response_figure(response: SceneResponse) -> Figure:
     upper.set_title(points[most], loc="left")
     upper.legend(fontsize="small", ncols=2)
     lower.set(xlabel="frequency, Hz", ylabel="phase, degrees")
-    _plain_ticks(upper.yaxis)
+    plain_ticks(upper.yaxis)
     for panel in (upper, lower):
         panel.grid(alpha=0.3)
     return figure
-
-
-def _plain_ticks(axis: Any) -> None:
-    """Label 1, 2 and 5 of each decade of a logarithmic axis, in plain numbers."""
-    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
-
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.set_minor_locator(NullLocator())
-
-
-def _plain(value: Any) -> Any:
-    """Cell of a table: numbers with ten digits, empty where a value is not known."""
-    if isinstance(value, float | np.floating):
-        return f"{value:.10g}" if np.isfinite(value) else ""
-    return "" if value is None else value
 
 
 def _written(
@@ -356,7 +340,7 @@ def _written(
     folder = next(iter(pictures)).parent
     with writing(folder, content) as summary:
         for name, rows in tables.items():
-            write_csv(folder / name, ([_plain(value) for value in row] for row in rows))
+            write_csv(folder / name, ([plain(value) for value in row] for row in rows))
         for picture, figure in pictures.items():
             save_figure(picture, figure)
     return [*(folder / name for name in tables), *pictures, summary]

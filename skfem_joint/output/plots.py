@@ -83,6 +83,15 @@ def prefixed_unit(unit: str, arrays: Iterable[FloatArray]) -> tuple[str, float]:
     return unit, 1.0
 
 
+def plain_ticks(axis: Any) -> None:
+    """Label 1, 2 and 5 of each decade of a logarithmic axis, in plain numbers."""
+    from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FormatStrFormatter("%g"))
+    axis.set_minor_locator(NullLocator())
+
+
 def histories_figure(runs: Mapping[str, Run], points: Sequence[str]) -> Figure:
     """Displacement of named points over time, one panel for each that moves.
 

@@ -8,6 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from skfem_joint.files import replacing
 
 
@@ -22,6 +24,13 @@ def write_csv(path: Path, rows: Iterable[Iterable[Any]]) -> None:
     """Write a table; its first row has the headings."""
     with replacing(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+def plain(value: Any) -> Any:
+    """Cell of a table: numbers with ten digits, empty where a value is not known."""
+    if isinstance(value, float | np.floating):
+        return f"{value:.10g}" if np.isfinite(value) else ""
+    return "" if value is None else value
 
 
 def text_table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:

@@ -1,0 +1,399 @@
+"""The command fit: values found again, its files, the scene that it writes, and what it refuses."""
+
+import csv
+import json
+import tomllib
+
+import numpy as np
+import pytest
+from scene_texts import written
+from scipy import sparse
+from scipy.io import mmwrite
+
+from skfem_joint import __version__, cli
+from skfem_joint.analysis.backbone import backbone
+from skfem_joint.analysis.fit import fit
+from skfem_joint.analysis.fit_curves import fine_curves
+from skfem_joint.analysis.measured import measured_curve
+from skfem_joint.output.fits import curves_figure, residuals_figure
+from skfem_joint.scene import load_scene
+from skfem_joint.scene.rewriting import rewritten
+from skfem_joint.structure.parameters import value_of
+
+FILES = {
+    "fit.json", "fit.png", "values.csv", "residuals.csv", "curve.csv", "residuals.png",
+    "fitted.toml", "summary.json",
+}  # fmt: skip
+SCENE = """\
+# a bar on a base
+[mesh]
+file = "bar.msh"  # of the paper
+[material]
+E = 200e9
+density = 8000
+[section]
+width = 0.05
+thickness = 0.01
+[support]
+fixed = ["fixed"]
+[[joint]]
+on = "joint"
+pressure = 50e6
+friction = 0.5 # a guess
+[damping]
+ratio = 0.002
+[[load]]
+on = "free_end"
+kind = "harmonic"
+amplitude = 87.5e3
+frequency = 500.0
+[time]
+cycles = 3
+[models]
+run = ["full"]
+"""
+FREE = ("joint[0].friction=0.1..1.0", "damping.ratio = 1e-4 .. 1e-2")
+HEAD = "# relative_frequency_deviation: 1e-4\n# relative_damping_deviation: 3 %\n"
+
+
+@pytest.fixture(scope="module")
+def rows(tmp_path_factory):
+    """Amplitude of the free end (mm), frequency and damping (%) at friction 0.7, ratio 0.0025."""
+    path = written(tmp_path_factory.mktemp("true"), text=SCENE)
+    true = load_scene(path).changed({"joint[0].friction": 0.7, "damping.ratio": 0.0025})
+    system = true.system()
+    (curve,) = backbone(system, levels=8, up_to=0.5)
+    moved = curve.displacement[:, system.points.index("free_end")]
+    return np.column_stack([1e3 * moved, curve.frequency, 100.0 * curve.damping_ratio])
+
+
+def data(folder, rows, head="# point: free_end\n", name="measured.csv", unit="mm"):
+    text = "".join(f"{x:.8g}, {f:.10g}, {z:.8g}\n" for x, f, z in rows)
+    path = folder / name
+    path.write_text(f"{HEAD}{head}amplitude ({unit}), frequency (Hz), damping (%)\n{text}")
+    return path
+
+
+def arguments(scene, files, out, *more, free=FREE):
+    given = [text for file in files for text in ("--data", str(file))]
+    given += [text for key in free for text in ("--free", key)]
+    return ["fit", str(scene), *given, "--out", str(out), *more]
+
+
+def table(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
+    scene = written(tmp_path, text=SCENE)
+    (tmp_path / "deep").mkdir()
+    out = tmp_path / "deep" / "out"
+    file = data(tmp_path, rows)
+    assert cli.main(arguments(scene, [file], out, "--highest", "0.2")) == 0
+    shown = capsys.readouterr().out
+    assert "± deviation" in shown
+    assert "95 % interval" in shown
+    assert "curves were computed in" in shown
+    assert {path.name for path in out.iterdir()} == FILES
+
+    found = json.loads((out / "fit.json").read_text(encoding="utf-8"))
+    assert found["version"] == __version__
+    assert found["values"]["joint[0].friction"] == pytest.approx(0.7, rel=1e-3)
+    assert found["values"]["damping.ratio"] == pytest.approx(0.0025, rel=2e-3)
+    assert found["covariance"]["names"] == ["joint[0].friction", "damping.ratio"]
+    deviations = np.sqrt(np.diag(found["covariance"]["matrix"]))
+    assert deviations == pytest.approx([*found["deviations"].values()])
+    assert (found["widened"], found["undetermined"]) == (1.0, [])
+
+    values = table(out / "values.csv")
+    assert [row["name"] for row in values] == found["covariance"]["names"]
+    for row in values:
+        best, lowest, highest = (float(row[key]) for key in ("best", "lowest", "highest"))
+        assert lowest < best < highest
+        assert (lowest, highest) == pytest.approx(found["intervals"][row["name"]], rel=1e-9)
+    assert [float(values[0][key]) for key in ("lower_bound", "upper_bound")] == [0.1, 1.0]
+
+    residuals = table(out / "residuals.csv")
+    fitted = rows[:, 0] <= 0.2
+    assert [row["fitted"] == "True" for row in residuals] == fitted.tolist()
+    assert 0 < fitted.sum() < fitted.size
+    assert [float(row["amplitude"]) for row in residuals] == pytest.approx(1e-3 * rows[:, 0])
+    assert {(row["unit"], row["data"]) for row in residuals} == {("m", "measured.csv")}
+    total = sum(
+        float(row[f"{name}_residual"]) ** 2
+        for row in residuals
+        for name in ("frequency", "damping")
+        if row["fitted"] == "True"
+    )
+    # Levels of the curve differ where compared samples count too.
+    assert total == pytest.approx(found["sum_of_squares"], abs=0.02)
+
+    curve = table(out / "curve.csv")
+    at = [float(row["amplitude"]) for row in curve]
+    assert len(at) == 40
+    assert (at[0], at[-1]) == pytest.approx((1e-3 * rows[0, 0], 1e-3 * rows[-1, 0]))
+    for column, own in (("frequency_Hz", rows[:, 1]), ("damping_ratio", 0.01 * rows[:, 2])):
+        y = [float(row[column]) for row in curve]
+        assert np.interp(1e-3 * rows[:, 0], at, y) == pytest.approx(own, rel=0.02)
+    assert all(float(row["frequency_band_Hz"]) > 0.0 for row in curve)
+
+    text = (out / "fitted.toml").read_text(encoding="utf-8")
+    assert "# a guess" in text
+    changed = [
+        (old, new)
+        for old, new in zip(scene.read_text().splitlines(), text.splitlines(), strict=True)
+        if old != new
+    ]
+    assert [old.split(" =")[0] for old, _ in changed if not old.startswith("file")] == [
+        "friction", "ratio",
+    ]  # fmt: skip
+    structure = load_scene(out / "fitted.toml").structure()
+    assert {key: value_of(structure, key) for key in found["values"]} == found["values"]
+
+    # The same command replaces its own files and keeps others.
+    (out / "mine.txt").write_text("mine")
+    assert cli.main(arguments(scene, [file], out)) == 0
+    assert "files of other origin, left as they are: mine.txt" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == FILES | {"mine.txt"}
+    (out / "fitted.toml").write_text("mine too")
+    assert cli.main(arguments(scene, [file], out)) == 2
+    assert (out / "fitted.toml").read_text() == "mine too"
+
+
+def test_options_win_over_heads_and_offsets_are_drawn(tmp_path, rows):
+    scene = written(tmp_path, text=SCENE)
+    higher = rows + np.array([0.0, 3.0, 0.0])
+    other = tmp_path / "other"
+    other.mkdir()
+    files = [data(tmp_path, rows, "# point: junction\n"), data(other, higher, "# point: none\n")]
+    given = ["--point", "free_end", "--offset", "frequency", "--relative-damping-deviation", "0.02"]
+    out = tmp_path / "out"
+    assert cli.main(arguments(scene, files, out, *given, "-q")) == 0
+    found = json.loads((out / "fit.json").read_text(encoding="utf-8"))
+    first, second = (f"offset of {path}: frequency" for path in files)
+    assert found["offsets"] == {
+        first: pytest.approx(0.0, abs=0.2),
+        second: pytest.approx(3.0, abs=0.2),
+    }
+    assert found["undetermined"] == []
+    curve = table(out / "curve.csv")
+    starts = [float(row["frequency_Hz"]) for row in curve if row["data"] == str(files[1])]
+    assert starts[0] == pytest.approx(higher[0, 1], abs=0.2)
+
+
+def test_pictures_show_samples_curves_and_bands(tmp_path, rows):
+    scene = load_scene(written(tmp_path, text=SCENE))
+    moved, frequency, damping = rows.T * np.array([[1.0], [1.0], [0.01]])
+    arrays = {"amplitude (mm)": moved, "frequency": frequency, "damping": damping}
+    omega = 2.0 * np.pi * frequency
+    accelerations = {**arrays, "amplitude (m/s2)": 1e-3 * moved * omega**2}
+    del accelerations["amplitude (mm)"]
+    every = [
+        measured_curve(arrays, name="a", point="free_end", highest=0.15),
+        measured_curve(arrays, name="b", point="free_end", offset=["frequency"]),
+        measured_curve(accelerations, name="c", point="free_end"),
+    ]
+    found = fit(scene, every, {"joint[0].friction": (0.1, 1.0)})
+    figure = curves_figure(found, fine_curves(found))
+    labels = [panel.get_xlabel() for panel in figure.axes]
+    assert labels[0] == "displacement amplitude of free_end, µm"
+    assert labels[2] == "acceleration amplitude of free_end, m/s²"
+    (legend,) = figure.legends
+    names = [text.get_text() for text in legend.get_texts()]
+    assert {"a", "a, not fitted", "b", "c", "model", "model of a", "its 95 % band"} <= {*names}
+    assert len(set(names)) == len(names)
+    assert all(panel.get_xscale() == "log" for panel in figure.axes)
+    residuals_figure(found).draw_without_rendering()
+    assert found.scene.joint[0].friction == found.values["joint[0].friction"]
+
+
+INLINE = """\
+joint = [{ on = "a", pressure = 50e6, friction = 0.5 }, { on = "b", pressure = { bolts = [
+  { at = [0.1, 0.0], force = 1e3 }, # first
+  { at = [0.2, 0.0], force = 1e3 },
+] } }]
+material.E = 2e11 # steel
+mesh = { file = ["one.msh", "../two.msh"], scale = 1e-3 }
+bolt = [{force = 1_000}, {force = 2e3}]
+sweep = { "mesh.file" = ["three.msh"], "material.E" = [1, 2] }
+[[load]]
+kind = "table"
+file = "force.csv"
+[material.regions.cover]
+E = 3e11
+"""
+TABLES = """\
+[[joint]]
+friction = 0.5 # first
+[[bolt]]
+force = 8e3   # N
+
+[mesh]
+file = '/meshes/one.msh'
+[[bolt]]
+force = 9e3
+"""
+
+
+def test_texts_keep_all_but_the_values(tmp_path):
+    values = {
+        "joint[0].friction": 0.1,
+        "joint[1].friction": 0.2,
+        "joint[1].pressure.bolts[1].force": 77.0,
+        "material.E": 1e11,
+        "material.regions.cover.E": 1.5e11,
+        "bolt[0].force": 1234.5678901234567,
+        "damping.mass": 3.0,
+    }
+    out = tmp_path / "a" / "out"
+    text = rewritten(INLINE, values, tmp_path, out)
+    assert "# first" in text
+    assert "# steel" in text
+    read, given = tomllib.loads(text), tomllib.loads(INLINE)
+    for entry, friction in zip(given["joint"], (0.1, 0.2), strict=True):
+        entry["friction"] = friction
+    given["joint"][1]["pressure"]["bolts"][1]["force"] = 77.0
+    given["material"] = {"E": 1e11, "regions": {"cover": {"E": 1.5e11}}}
+    given["bolt"][0]["force"] = 1234.5678901234567
+    given["damping"] = {"mass": 3.0}
+    given["mesh"]["file"] = ["../../one.msh", "../../../two.msh"]
+    given["load"][0]["file"] = "../../force.csv"
+    given["sweep"]["mesh.file"] = ["../../three.msh"]
+    assert read == given
+
+    text = rewritten(TABLES, {"bolt[0].force": 1.0, "bolt[1].force": 2.0}, tmp_path, out)
+    assert "# N" in text
+    assert tomllib.loads(text) == {
+        "joint": [{"friction": 0.5}],
+        "bolt": [{"force": 1.0}, {"force": 2.0}],
+        "mesh": {"file": "/meshes/one.msh"},
+    }
+
+
+BOLTS = """pressure = { bolts = [
+  { at = [0.03, 0.0], force = 20e3, head_radius = 0.01, spreading_angle = 45.0 },  # held
+  { at = [0.07, 0.0], force = 20e3, head_radius = 0.01, spreading_angle = 45.0 },
+], reach = 0.02 }"""
+
+
+def test_one_value_of_several_bolts_goes_into_each(tmp_path):
+    scene = written(tmp_path, ("pressure = 50e6", BOLTS), text=SCENE)
+    key = "joint[0].pressure.bolts[*].force"
+    true = load_scene(scene).changed({key.replace("*", str(k)): 24e3 for k in range(2)})
+    system = true.system()
+    (curve,) = backbone(system, levels=5, up_to=0.3)
+    moved = curve.displacement[:, system.points.index("free_end")]
+    file = data(
+        tmp_path,
+        np.column_stack([moved, curve.frequency, 100.0 * curve.damping_ratio]),
+        unit="m",
+    )
+    out = tmp_path / "out"
+    assert cli.main(arguments(scene, [file], out, free=[f"{key}=5e3..50e3"])) == 0
+    found = json.loads((out / "fit.json").read_text(encoding="utf-8"))["values"]
+    assert found == {key: pytest.approx(24e3, rel=2e-3)}
+    structure = load_scene(out / "fitted.toml").structure()
+    assert value_of(structure, key) == found[key]
+    text = (out / "fitted.toml").read_text(encoding="utf-8")
+    assert text.count(str(found[key])) == 2
+    assert "# held" in text
+
+
+@pytest.mark.parametrize(
+    ("free", "words"),
+    [
+        (["joint[0].friction"], "--free: found 'joint[0].friction', must be KEY=LOW..HIGH"),
+        (["joint[0].friction=0.1"], "must be KEY=LOW..HIGH"),
+        (["joint[0].friction=a..b"], "must be KEY=LOW..HIGH"),
+        (["=1..2"], "must be KEY=LOW..HIGH"),
+        (["damping.ratio=0..1"] * 2, "--free: found 'damping.ratio' twice"),
+        (["joint[0].friction=1..0.1"], "found bounds 1 to 0.1, must rise"),
+        (["joint[0].friction=0.6..1"], "is 0.5 in the scene, must be within the bounds 0.6 to 1"),
+        (["joint[0].friction=0.1..1", "joint[*].friction=0.1..1"], "varies the same number"),
+        (["joint[0].slip=0.6..1"], "it is no number that can be varied"),
+    ],
+)
+def test_wrong_free_values_end_with_a_sentence(tmp_path, rows, free, words, capsys):
+    scene, out = written(tmp_path, text=SCENE), tmp_path / "out"
+    assert cli.main(arguments(scene, [data(tmp_path, rows)], out, free=free)) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("head", "given", "words"),
+    [
+        ("# point: tip\n", [], "found 'tip', must be one of"),
+        ("", ["--point", "free_end", "--mode", "0"], "--mode: found '0'"),
+        ("", ["--point", "free_end", "--unit", "mile"], "--unit: found 'mile'"),
+        ("", ["--point", "free_end", "--lowest", "5"], "found no amplitude in the range"),
+    ],
+)
+def test_wrong_data_end_with_a_sentence(tmp_path, rows, head, given, words, capsys):
+    scene, out = written(tmp_path, text=SCENE), tmp_path / "out"
+    assert cli.main(arguments(scene, [data(tmp_path, rows, head)], out, *given)) == 2
+    assert words in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_data_need_a_point_where_there_are_several(tmp_path, rows, capsys):
+    scene = written(tmp_path, text=SCENE)
+    assert cli.main(arguments(scene, [data(tmp_path, rows, "")], tmp_path / "out")) == 2
+    assert "point: not given, must be one of" in capsys.readouterr().err
+
+
+def test_amplitudes_beyond_the_structure_are_refused(tmp_path, rows, capsys):
+    scene = written(tmp_path, text=SCENE)
+    file = data(tmp_path, rows * [1e3, 1.0, 1.0])
+    assert cli.main(arguments(scene, [file], tmp_path / "out")) == 2
+    assert "skfem-joint: " in capsys.readouterr().err
+
+
+def test_the_same_file_twice_is_refused(tmp_path, rows, capsys):
+    file = data(tmp_path, rows)
+    scene = written(tmp_path, text=SCENE)
+    assert cli.main(arguments(scene, [file, file], tmp_path / "out")) == 2
+    assert f"--data: found {file} twice, must be once" in capsys.readouterr().err
+
+
+def test_what_is_read_is_not_replaced(tmp_path, rows, capsys):
+    scene = written(tmp_path, text=SCENE).rename(tmp_path / "fitted.toml")
+    before = scene.read_text()
+    assert cli.main(arguments(scene, [data(tmp_path, rows, name="curve.csv")], tmp_path)) == 2
+    error = capsys.readouterr().err
+    assert "fitted.toml: is read, and a file of the results would replace it" in error
+    assert "curve.csv: is read" in error
+    assert scene.read_text() == before
+
+
+def test_offsets_of_all_data_are_determined_as_well_as_noise_allows(tmp_path, rows):
+    scene = load_scene(written(tmp_path, text=SCENE))
+    frequency = 1.0001 * rows[:, 1] + 3.0
+    arrays = {"amplitude (mm)": rows[:, 0], "frequency": frequency}
+    given = {"point": "free_end", "offset": "frequency", "relative_frequency_deviation": 1e-4}
+    found = fit(scene, measured_curve(arrays, **given), {"joint[0].friction": (0.1, 1.0)})
+    assert found.undetermined == ()
+    # One offset alone would be known to the deviation of a sample over the root of their number.
+    alone = 1e-4 * frequency.mean() / np.sqrt(frequency.size)
+    assert alone < found.deviations[found.problem.names[1]] < 4.0 * alone
+
+
+def test_matrices_and_slow_runs_are_refused(tmp_path, rows, capsys):
+    file = data(tmp_path, rows)
+    slow = written(tmp_path, ("cycles = 3", "cycles = 3\nquasi_static = true"), text=SCENE)
+    assert cli.main(arguments(slow, [file], tmp_path / "out")) == 2
+    assert "fit computes vibration" in capsys.readouterr().err
+
+    for name, A in (("K", [[2.0, -1.0], [-1.0, 1.0]]), ("M", np.eye(2))):
+        mmwrite(tmp_path / f"{name}.mtx", sparse.csr_array(A), precision=17)
+    given = tmp_path / "given.toml"
+    given.write_text(
+        '[matrices]\nM = "M.mtx"\nK = "K.mtx"\npoints = {a = 0, b = 1}\n'
+        '[[load]]\non = "a"\nkind = "harmonic"\namplitude = 1.0\nfrequency = 0.1\n'
+        '[time]\ncycles = 1\n[models]\nrun = ["full"]\n',
+        encoding="utf-8",
+    )
+    assert cli.main(arguments(given, [file], tmp_path / "out")) == 2
+    assert "must be one with a mesh" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
