@@ -70,11 +70,10 @@ for k, (one, model, mark) in enumerate(zip(data, fit.predicted, "os", strict=Tru
             f"{row[0]:7.3f}{star} {100 * row[1]:.3f} ({100 * row[2]:.3f}, "
             f"{100 * (row[2] / row[1] - 1):+5.1f} %)  {row[3]:+.3f} ({row[4]:+.3f})"
         )
-    below = ~one.fitted & (one.amplitude < 41.0)
-    print(
-        f"largest errors up to 40 m/s2: damping {100 * np.abs(damping / one.damping - 1)[below].max():.0f}"
-        f" %, frequency shift {100 * np.abs(apart / one.frequency)[below].max():.2f} %"
-    )
+    above = ~one.fitted & (one.amplitude < 41.0)
+    errors = np.abs(damping / one.damping - 1.0), np.abs(apart / one.frequency)
+    largest = [100.0 * error[above].max() for error in errors]
+    print(f"largest errors, 10 to 41 m/s2: damping {largest[0]:.0f} %, shift {largest[1]:.2f} %")
     for panel, measured, values in (
         (panels[0], one.frequency - one.frequency[0], shift),
         (panels[1], 100.0 * one.damping, 100.0 * damping),

@@ -116,8 +116,9 @@ class FitProblem:
         self.scene = load_scene(scene) if isinstance(scene, str | Path) else scene
         if isinstance(self.scene, Scene):
             structure, loads = self.scene.structure().meshed("fit"), self.scene.loads()
+            points = self.scene.output.points or None
         else:
-            structure = self.scene
+            structure, points = self.scene, None
         if not free:
             raise InputError("fit: free: no key is free; give at least one with its bounds")
         every = data if isinstance(data, list | tuple) else [data]
@@ -126,7 +127,7 @@ class FitProblem:
         )
         if not any(curve.fitted.any() for curve in self.curves):
             raise InputError("fit: no sample of the data is fitted; widen lowest and highest")
-        self.model = FitModel(structure, tuple(free), loads)
+        self.model = FitModel(structure, tuple(free), loads, points)
         for curve in self.curves:
             curve.weights(self.model.points)
         self._bounds(free)

@@ -93,6 +93,9 @@ class FitModel:
         Values that are free, see `skfem_joint.structure.parameters.with_values`.
     loads : sequence of Load
         Of the structure; a damping ratio may depend on their frequencies.
+    points : sequence of str, optional
+        Names of points, boundaries and regions that may be measured, as `Structure.system` takes
+        them.
 
     Attributes
     ----------
@@ -106,18 +109,27 @@ class FitModel:
     """
 
     def __init__(
-        self, structure: Structure, keys: Sequence[str], loads: Sequence[Load] = ()
+        self,
+        structure: Structure,
+        keys: Sequence[str],
+        loads: Sequence[Load] = (),
+        points: Sequence[str] | None = None,
     ) -> None:
-        self.structure, self.keys, self.loads = structure, tuple(keys), tuple(loads)
+        self.structure, self.keys = structure, tuple(keys)
+        self._of_system = tuple(loads), points
         self.computed = 0
         self._levels: dict[tuple[object, ...], FloatArray] = {}
         self.start = np.array([value_of(structure, key) for key in self.keys])
-        sensitivities(structure, self.keys, structure.system(self.loads))  # refuses what cannot be
+        sensitivities(structure, self.keys, self.system(structure))  # refuses what cannot be
+
+    def system(self, structure: Structure) -> System:
+        """System of the structure, or of one with other values."""
+        return structure.system(*self._of_system)
 
     @cached_property
     def points(self) -> tuple[str, ...]:
         """Names of the points whose amplitude may be measured."""
-        return self.structure.system(self.loads).points
+        return self.system(self.structure).points
 
     def at(self, values: Sequence[float]) -> Structure:
         """Structure with the free values at the given ones."""
@@ -144,7 +156,7 @@ class FitModel:
             If a level does not converge.
         """
         structure = self.at(values)
-        system = structure.system(self.loads)
+        system = self.system(structure)
         parameters = sensitivities(structure, self.keys, system)
         wanted = [curve.displacement[curve.fitted | every] for curve in measured]
         found: list[PredictedCurve | None] = [None] * len(measured)

@@ -1,7 +1,7 @@
 """Numbers of a structure by their keys, those that scenes and sweeps have.
 
 A key leads to one number, ``"joint[0].friction"``, or with ``[*]`` to one value that all entries
-of a list share, ``"bolt[*].force"``. Entries that do not have such a number do not count, as joints
+of a list share, ``"bolt[*].force"``; entries that do not have such a number do not count, as joints
 pressed by bolts for ``"joint[*].pressure"``. `value_of` reads it, `with_values` makes a structure
 with others, `skfem_joint.structure.sensitivities` derives by it.
 """
@@ -137,6 +137,27 @@ def with_values(structure: Structure, values: Mapping[str, float]) -> Structure:
             case ("damping", str(name)):
                 new[DAMPING[name]] = value
     return replace(structure, joints=joints, bolts=bolts, regions=regions, like=structure, **new)
+
+
+def single_values(structure: Structure, values: Mapping[str, float]) -> dict[str, float]:
+    """Values by keys that lead to one number each, as scenes take them.
+
+    Parameters
+    ----------
+    structure : Structure
+    values : mapping
+        Values by key; one with "[*]" becomes one of each entry.
+
+    Raises
+    ------
+    InputError
+        For keys that cannot be varied.
+    """
+    return {
+        key_path(place): float(value)
+        for key, value in values.items()
+        for place in parameter(structure, key).places
+    }
 
 
 def check_derivable(structure: Structure, wanted: Sequence[Parameter]) -> None:
