@@ -39,7 +39,13 @@ class FitModelSettings:
     most : int
         Most levels of a curve.
     near : float
-        Relative distance of the amplitudes of the levels from those that are wanted.
+        Relative distance of the amplitudes of the levels from those that are wanted. Curves have
+        kinks where the first points slip: at 0.02 a kink between a level and its sample moved
+        values by two of their standard deviations, and the search took longer. Smaller distances
+        take no more curves.
+    apart : float
+        Relative distance from a single wanted amplitude of the two levels beside it, and largest
+        one of an amplitude beyond the last level.
     trials : int
         Most curves that are computed to get there.
     factor : float
@@ -47,8 +53,9 @@ class FitModelSettings:
     """
 
     most: int = 20
-    near: float = 0.02
-    trials: int = 4
+    near: float = 1e-3
+    apart: float = 0.02
+    trials: int = 6
     factor: float = 3.0
 
 
@@ -154,7 +161,7 @@ class FitModel:
             along = np.array(weights)
             nodes = np.unique(np.concatenate([wanted[k] for k in own]))
             if nodes.size == 1:
-                nodes = nodes * np.array([1.0 - SETTINGS.near, 1.0 + SETTINGS.near])
+                nodes = nodes * np.array([1.0 - SETTINGS.apart, 1.0 + SETTINGS.apart])
             if nodes.size > SETTINGS.most:
                 nodes = np.geomspace(nodes[0], nodes[-1], SETTINGS.most)
             curve = self._curve(system, mode, along, nodes, parameters)
@@ -226,7 +233,7 @@ def _interpolated(
     rates = cast("BackboneSensitivity", curve.sensitivity)
     X, of_x = _logarithm(curve, system, weights)
     wanted = np.log(displacement)
-    at = np.clip(wanted, X[0] - SETTINGS.near, X[-1] + SETTINGS.near)
+    at = np.clip(wanted, X[0] - SETTINGS.apart, X[-1] + SETTINGS.apart)
     within = np.clip(wanted, X[0], X[-1])
     zeta = curve.damping_ratio
     of_zeta = rates.damping_ratio / zeta[:, np.newaxis]
