@@ -21,7 +21,7 @@ from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
 from skfem_joint.analysis.backbone_sensitivity import BackboneSensitivity
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.arrays import BoolArray, FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.sensitivity import SystemSensitivity
 from skfem_joint.structure.load import Load
 from skfem_joint.structure.parameters import value_of, with_values
@@ -39,17 +39,27 @@ class FitModelSettings:
     most : int
         Most levels of a curve.
     near : float
-        Relative distance of the amplitudes of the levels from those that are wanted.
+        Relative distance of the amplitudes of the levels from those that are wanted. Curves have
+        kinks where the first points slip: at 0.02 a kink between a level and its sample moved
+        values by two of their standard deviations, and the search took longer. Smaller distances
+        take no more curves.
+    apart : float
+        Relative distance from a single wanted amplitude of the two levels beside it, and largest
+        one of an amplitude beyond the last level.
     trials : int
         Most curves that are computed to get there.
     factor : float
         Most that a level changes from one to the next.
+    less : float
+        Share of levels that friction does not hold at which a search goes on.
     """
 
     most: int = 20
-    near: float = 0.02
-    trials: int = 4
+    near: float = 1e-3
+    apart: float = 0.02
+    trials: int = 6
     factor: float = 3.0
+    less: float = 0.5
 
 
 SETTINGS = FitModelSettings()
@@ -118,7 +128,7 @@ class FitModel:
         self.structure, self.keys = structure, tuple(keys)
         self._of_system = tuple(loads), points
         self.computed = 0
-        self._levels: dict[tuple[object, ...], FloatArray] = {}
+        self._found: dict[tuple[object, ...], _Found] = {}
         self.start = np.array([value_of(structure, key) for key in self.keys])
         sensitivities(structure, self.keys, self.system(structure))  # refuses what cannot be
 
@@ -158,6 +168,7 @@ class FitModel:
         structure = self.at(values)
         system = self.system(structure)
         parameters = sensitivities(structure, self.keys, system)
+        at = np.array(values, dtype=float)
         wanted = [curve.displacement[curve.fitted | every] for curve in measured]
         found: list[PredictedCurve | None] = [None] * len(measured)
         asked = [(curve.mode, tuple(curve.weights(system.points))) for curve in measured]
@@ -166,10 +177,10 @@ class FitModel:
             along = np.array(weights)
             nodes = np.unique(np.concatenate([wanted[k] for k in own]))
             if nodes.size == 1:
-                nodes = nodes * np.array([1.0 - SETTINGS.near, 1.0 + SETTINGS.near])
+                nodes = nodes * np.array([1.0 - SETTINGS.apart, 1.0 + SETTINGS.apart])
             if nodes.size > SETTINGS.most:
                 nodes = np.geomspace(nodes[0], nodes[-1], SETTINGS.most)
-            curve = self._curve(system, mode, along, nodes, parameters)
+            curve = self._curve(system, at, mode, along, nodes, parameters)
             for k in own:
                 found[k] = _interpolated(curve, system, along, wanted[k])
         return [one for one in found if one is not None]
@@ -177,32 +188,52 @@ class FitModel:
     def _curve(
         self,
         system: System,
+        values: FloatArray,
         mode: int,
         weights: FloatArray,
         nodes: FloatArray,
         parameters: Sequence[SystemSensitivity],
     ) -> Backbone:
-        """Backbone at amplitudes near ``nodes`` of a point, (levels,), m."""
+        """Backbone at amplitudes near ``nodes`` of a point, (levels,), m.
+
+        The levels begin as the derivatives of the curve that was found before say.
+        """
         place = (mode, *weights.tolist(), *nodes.tolist())
-        levels = self._levels.get(place)
-        if levels is None:
-            levels = self._of_stuck(system, mode, weights) * nodes
-        best, least = None, np.inf
-        for _ in range(SETTINGS.trials):
-            (curve,) = backbone(system, (mode,), levels, parameters=parameters)
+        before = self._found.get(place)
+        if before is not None and np.array_equal(before.values, values):
+            return before.curve
+        levels = (
+            self._of_stuck(system, mode, weights) * nodes
+            if before is None
+            else (_rising(before.levels(values)))
+        )
+        best, least, refused = None, np.inf, np.inf
+        for trial in range(SETTINGS.trials):
+            try:
+                (curve,) = backbone(system, (mode,), levels, parameters=parameters)
+            except (InputError, ConvergenceError):
+                # Levels of a stuck structure may be more than friction holds, where those of the
+                # same amplitudes with slip are not.
+                refused = levels[-1]
+                if best is None:
+                    levels = _up_to(levels, SETTINGS.less ** (trial + 1) * refused)
+                else:
+                    levels = _up_to(levels, np.sqrt(best.level[-1] * refused))
+                continue
             self.computed += 1
             X, of_x = _logarithm(curve, system, weights)
             apart = np.log(nodes[: X.size]) - X
             if (size := float(np.abs(apart).max())) < least:
                 best, least = curve, size
-                self._levels[place] = levels
+                self._found[place] = _Found(values, curve, apart, of_x)
             if size <= SETTINGS.near:
                 break
-            largest = np.log(SETTINGS.factor)
-            change = np.clip(apart / of_x[:, -1], -largest, largest)
-            levels = np.maximum.accumulate(levels[: X.size] * np.exp(change))
-            levels *= 1.0 + 1e-9 * np.arange(levels.size)  # they rise
-        return cast("Backbone", best)
+            levels = _rising(_Found(values, curve, apart, of_x).levels(values))
+            if levels[-1] >= refused:
+                levels = _up_to(levels, np.sqrt(curve.level[-1] * refused))
+        if best is None:  # say why
+            (best,) = backbone(system, (mode,), levels, parameters=parameters)
+        return best
 
     def _of_stuck(self, system: System, mode: int, weights: FloatArray) -> float:
         """Level over the amplitude of a point with the contact stuck."""
@@ -217,6 +248,51 @@ class FitModel:
                 "direction or mode"
             )
         return float((2.0 * np.pi * frequencies[mode - 1]) ** 2) / moved
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A curve that was found, from which the levels of the next one follow.
+
+    Attributes
+    ----------
+    values : ndarray, shape (k,)
+        Of the free keys.
+    curve : Backbone
+    apart : ndarray, shape (levels,)
+        Logarithm of wanted amplitudes over those of the levels.
+    rates : ndarray, shape (levels, k + 1)
+        Derivatives of the logarithm of the amplitudes.
+    """
+
+    values: FloatArray
+    curve: Backbone
+    apart: FloatArray
+    rates: FloatArray
+
+    def levels(self, values: FloatArray) -> FloatArray:
+        """Levels of the wanted amplitudes with other values, (levels,), to first order."""
+        old, positive = self.values, (self.values > 0.0) & (values > 0.0)
+        ratio = np.divide(values, old, out=np.ones_like(old), where=positive)
+        change = np.where(positive, old * np.log(ratio), values - old)
+        largest = np.log(SETTINGS.factor)
+        apart = self.apart - self.rates[:, :-1] @ change
+        change = np.clip(apart / self.rates[:, -1], -largest, largest)
+        return np.asarray(self.curve.level * np.exp(change))
+
+
+def _rising(levels: FloatArray) -> FloatArray:
+    """Levels that rise, at least by round-off."""
+    return np.asarray(np.maximum.accumulate(levels) * (1.0 + 1e-9 * np.arange(levels.size)))
+
+
+def _up_to(levels: FloatArray, highest: float) -> FloatArray:
+    """Levels between the same lowest one, if that is less, and another highest one."""
+    lowest = min(levels[0], 0.5 * highest)
+    if levels.size == 1 or levels[0] == levels[-1]:
+        return np.full(1, highest)
+    share = np.log(levels / levels[0]) / np.log(levels[-1] / levels[0])
+    return np.asarray(lowest * (highest / lowest) ** share)
 
 
 def _logarithm(
@@ -238,7 +314,7 @@ def _interpolated(
     rates = cast("BackboneSensitivity", curve.sensitivity)
     X, of_x = _logarithm(curve, system, weights)
     wanted = np.log(displacement)
-    at = np.clip(wanted, X[0] - SETTINGS.near, X[-1] + SETTINGS.near)
+    at = np.clip(wanted, X[0] - SETTINGS.apart, X[-1] + SETTINGS.apart)
     within = np.clip(wanted, X[0], X[-1])
     zeta = curve.damping_ratio
     of_zeta = rates.damping_ratio / zeta[:, np.newaxis]

@@ -34,6 +34,9 @@ SETTLED, MOST = 1e-11, 500
 ROUND_OFF = 1e-11
 #: Modes whose square frequencies differ by less than this, relative, are the same.
 SAME = 1e-7
+#: Modes of one frequency are mixed by a parameter that couples them by more than this share of its
+#: largest part; what is less is round-off of the modes.
+MIXED = 1e-6
 
 
 def stuck_stiffness_rates(
@@ -94,7 +97,8 @@ def mode_rates(
     along = shapes.T @ right
     apart = values - values[place]
     same = np.abs(apart) <= SAME * values[place]
-    mixed = same & (np.abs(along).max(axis=1) > 1e-6 * np.abs(along).max(initial=0.0))
+    size = np.abs(shapes.T @ pushed).max(axis=0)
+    mixed = same & (np.abs(along) > MIXED * size).any(axis=1)
     mixed[place] = False
     if mixed.any():
         raise InputError(

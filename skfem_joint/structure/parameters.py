@@ -1,9 +1,9 @@
 """Numbers of a structure by their keys, those that scenes and sweeps have.
 
 A key leads to one number, ``"joint[0].friction"``, or with ``[*]`` to one value that all entries
-of a list share, ``"bolt[*].force"``; entries that do not have such a number do not count, as joints
-pressed by bolts for ``"joint[*].pressure"``. `value_of` reads it, `with_values` makes a structure
-with others, `skfem_joint.structure.sensitivities` derives by it.
+of a list share, ``"bolt[*].force"``; entries that do not have such a number do not count, as
+joints pressed by bolts for ``"joint[*].pressure"``. `value_of` reads it, `with_values` makes a
+structure with others, `skfem_joint.structure.sensitivities` derives by it.
 """
 
 from __future__ import annotations
