@@ -21,6 +21,7 @@ PAGES = {
     "docs/start/plate.md": True,
     "docs/start/solid.md": True,
     "docs/start/commands.md": False,
+    "docs/start/fit.md": False,
     "docs/start/results.md": False,
     "docs/how-to/accuracy.md": True,
     "docs/how-to/bolts.md": True,
