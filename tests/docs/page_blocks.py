@@ -49,7 +49,7 @@ COMMENT = re.compile(r"^\s*<!-- (?P<text>.*?) -->\s*$")
 PICTURE = re.compile(r"^!\[.*\]\((?P<target>[^)]+)\)")
 FILE_NAME = re.compile(r"^# (?P<name>[\w.-]+\.(?:py|toml|csv|json))$")
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:,\d{3})*(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\w])")
-VARIABLE = re.compile(r"\btimes?\b(?! step)|compilation|iterations|residual|MiB|GiB| s$|_s\b")
+VARIABLE = re.compile(r"\btimes?\b(?! step)|compilation|iterations|residual|MiB|GiB| s\.?$|_s\b")
 
 
 @dataclass(frozen=True)
