@@ -1,7 +1,7 @@
 """Slow cycles of two bolted solid plates beside CalculiX, on two meshes.
 
     python examples/benchmarks/calculix.py 0.6 --workers 2   60 % of slip; half an hour or more
-    python examples/benchmarks/calculix.py bending 0.3 0.9   one load; some hours for all of them
+    python examples/benchmarks/calculix.py coarse bending    one mesh or load; some hours for all
     python examples/benchmarks/calculix.py --quick           one cycle of few steps, coarse mesh
     python examples/benchmarks/calculix.py --folder DIR      where CalculiX reads and writes; runs
                                                              that came to their end are kept there
@@ -84,7 +84,7 @@ def deck(structure, way, force, steps):
     loose = body.body_of_node[body.nodes_of("lower_end")[0]]
     lower = np.flatnonzero(body.body_of_node == loose)
     spread = structure.nodes[lower] - structure.nodes[lower].mean(axis=0)
-    corners = lower[[np.argmax(spread @ way) for way in product((1.0, -1.0), repeat=3)]]
+    corners = lower[[np.argmax(spread @ corner) for corner in product((1.0, -1.0), repeat=3)]]
     (joint,) = structure.joints
     lines = ["*NODE, NSET=ALL", *numbered(1e3 * structure.nodes)]
     lines += ["*ELEMENT, TYPE=C3D10, ELSET=PLATES", *numbered(t.T)]
@@ -143,11 +143,8 @@ def areas(t, u, force):
     return tuple(float(np.trapezoid(level[k], u[k])) for k in (slice(None), few))
 
 
-def by_calculix(kind, share, steps, bricks, folder):
-    """Energies of the loop by `areas`, J; ValueError if CalculiX does not come to the end."""
-    structure, force = bolted(kind, "unilateral", bricks), share * FULL[kind]
-    weights = np.outer(structure.body.even_shares("lower_end"), WAYS[kind])
-    text = deck(structure, WAYS[kind], force, steps)
+def by_calculix(text, weights, force, folder):
+    """Energies of the loop of an input by `areas`, J; ValueError if it does not reach its end."""
     given, found = folder / "plates.inp", folder / "plates.dat"
 
     def path():
@@ -185,7 +182,8 @@ def main(arguments):
     quick, workers = "--quick" in arguments, int(after(arguments, "--workers", 1))
     kinds = [name for name in FULL if name in arguments] or list(FULL)
     shares = [share for share in SHARES if str(share) in arguments] or SHARES
-    cases = list(product(kinds, shares, MESHES))[: 1 if quick else None]
+    meshes = [name for name in MESHES if name in arguments] or list(MESHES)
+    cases = list(product(kinds, shares, meshes))[: 1 if quick else None]
     steps, bricks = 3 if quick else 20, {k: solid_lap_joint(**v) for k, v in MESHES.items()}
     print("Energy of a slow cycle of two bolted solid plates, mJ, by this package and CalculiX\n")
     head(
@@ -194,19 +192,20 @@ def main(arguments):
     )
     with TemporaryDirectory() as temporary, ThreadPoolExecutor(workers) as pool:
         folder = Path(after(arguments, "--folder", temporary))
-        # the longest first
-        others = {
-            case: pool.submit(
-                by_calculix, *case[:2], steps, bricks[case[2]], folder / "-".join(map(str, case))
-            )
-            for case in sorted(cases, key=lambda case: -bricks[case[2]].n_elements)
-        }
+        others, sizes = {}, {}
+        for case in sorted(cases, key=lambda case: -bricks[case[2]].n_elements):  # longest first
+            kind, share, name = case
+            structure, force = bolted(kind, "unilateral", bricks[name]), share * FULL[kind]
+            sizes[case] = np.count_nonzero(~structure.held), structure.patches[0].points.size
+            text = deck(structure, WAYS[kind], force, steps)
+            weights = np.outer(structure.body.even_shares("lower_end"), WAYS[kind])
+            place = folder / "-".join(map(str, case))
+            # the package itself stays in this thread
+            others[case] = pool.submit(by_calculix, text, weights, force, place)
         for case in cases:
             kind, share, name = case
             energy = loop(kind, share, "unilateral", steps, bricks[name])[1]
-            structure = bolted(kind, "unilateral", bricks[name])
-            sizes = np.count_nonzero(~structure.held), structure.patches[0].points.size
-            cells = *case, *sizes, f"{1e3 * energy:.3f}"
+            cells = *case, *sizes[case], f"{1e3 * energy:.3f}"
             try:
                 whole, few = others[case].result()
             except ValueError as error:
