@@ -106,15 +106,19 @@ def two_plates(side=False):
     return merged([above, build_plate(others, *size, origin=(0.5, 0.0), boundaries=lower)])
 
 
-def solid_lap_joint():
-    """Two solid plates lapped and bolted, one element thick; their faces match."""
-    thick, across, washer, bolts = 0.01, 4, 0.008, (0.125, 0.175)
-    curves = [*(_circle(across, r) for r in (0.0045, 0.006, washer, 0.014))]
+def solid_lap_joint(across=4, inner=(0.0045, 0.006), outer=(0.014,)):
+    """Two solid plates lapped and bolted, one element thick; their faces match.
+
+    ``across`` elements lie on each quarter of a bolt, and circles of nodes, m, within the washer
+    and outside of it.
+    """
+    thick, washer, bolts = 0.01, 0.008, (0.125, 0.175)
+    curves = [_circle(across, r) for r in (*inner, washer, *outer)]
     rings = _rings([*curves, _square(across, 0.5 * WIDTH)], bolts)
 
     def plate(name, clamped, end, low):
         """One plate; its end stands at ``end``, its overlap between 0.1 m and 0.2 m."""
-        tail = np.linspace(min(end, 0.2), max(end, 0.1), 6), np.linspace(0.0, WIDTH, 5)
+        tail = np.linspace(min(end, 0.2), max(end, 0.1), 6), np.linspace(0.0, WIDTH, across + 1)
         grids = [np.array(np.meshgrid(*tail, indexing="ij")), *rings]
         p, t = _stacked([(grid, np.array([low, low + thick])) for grid in grids])
         face, back = low + thick * (name == "lower"), low + thick * (name == "upper")

@@ -401,23 +401,31 @@ def tetrahedra(mesh):
     return named(split.with_boundaries(names), order=2)
 
 
-def bolted(kind, contact):
-    """Structure of `solid_lap_joint` in tetrahedra; in bending its lower end is free."""
+def bolted(kind, contact, bricks=None):
+    """Structure of `solid_lap_joint` in tetrahedra; in bending its lower end is free.
+
+    ``bricks`` are a mesh of the same plates in place of the scene's.
+    """
     scene = sj.load_scene(EXAMPLES / "solid_lap_joint.toml")
     structure = scene.structure()
     joints = [replace(joint, contact=contact) for joint in structure.joints]
-    mesh = tetrahedra(structure.mesh)
+    mesh = tetrahedra(bricks or structure.mesh)
     held = {} if kind == "axial" else {"fixed_y": [], "fixed_z": []}
     return replace(structure, mesh=mesh, joints=joints, damping_ratio=None, **held)
 
 
-def loop(kind, share, contact, steps=20):
+#: Directions of the loads.
+WAYS = {"axial": (1.0, 0.0, 0.0), "bending": (0.0, 0.0, 1.0)}
+
+
+def loop(kind, share, contact, steps=20, bricks=None):
     """Run 0, F, -F, F with ``steps`` increments from 0 to F, and the energy of the loop, J."""
     force = share * FULL[kind]
-    way = (1.0, 0.0, 0.0) if kind == "axial" else (0.0, 0.0, 1.0)
     times = steps * np.array([0.0, 1.0, 3.0, 5.0])
-    load = sj.Load("lower_end", sj.Table(times, force * np.array([0.0, 1.0, -1.0, 1.0])), way)
-    system = sj.condense(bolted(kind, contact).system([load]), interface_modes=0)
+    load = sj.Load(
+        "lower_end", sj.Table(times, force * np.array([0.0, 1.0, -1.0, 1.0])), WAYS[kind]
+    )
+    system = sj.condense(bolted(kind, contact, bricks).system([load]), interface_modes=0)
     run = sj.quasi_static(system, step=1.0, n_steps=5 * steps)
     work = run.loops.work.sum(axis=1)
     return run, float(work[-1] - work[steps])
