@@ -156,7 +156,8 @@ class CycleRates:
         self.system, self.turning = path.to.system, list[int]()
         points = as_dense(self.system.P).reshape(-1, force.size)
         looked_at = np.vstack([force, points]).T
-        self.rates = LevelRates(solver, force, parameters, force_rates, looked_at)
+        touch = path.touched() if isinstance(path, OpeningPath) else None
+        self.rates = LevelRates(solver, force, parameters, force_rates, looked_at, touch)
         if isinstance(path, OpeningPath):
             values, self.work = self._opening(path, found)
         else:

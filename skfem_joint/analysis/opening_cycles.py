@@ -179,6 +179,13 @@ class OpeningPath:
         """Unknowns of the path, (n,), from those of `System.closed`."""
         return self.to.inner(np.asarray(self._closed @ u))
 
+    def touched(self) -> tuple[BoolArray, BoolArray]:
+        """Contact points, (m,), and pressure points, (q,), with a force at any level walked."""
+        levels = [level for walks in self.walked for walk in walks for _, level in walk]
+        limits = np.array([level.limits for level in levels])
+        normal = np.array([level.normal for level in levels])
+        return np.any(limits > 0.0, axis=0), np.any(normal > 0.0, axis=0)
+
     def follow(self, force: FloatArray, level: FloatArray, damping: float = 0.0) -> Cycles:
         """Cycles of a force (n,), N, between both signs of some levels, from rest.
 

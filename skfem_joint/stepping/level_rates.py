@@ -121,8 +121,8 @@ class _Matrix:
         Of the slips, and with contact that opens of the approaches after them.
     place : ndarray of int, shape (rows,)
         Unknown of A that is the slip of each row; -1 where no friction acts.
-    approach : int
-        First unknown of A that is an approach.
+    approach : ndarray of int, shape (q,)
+        Unknown of A that is the approach of each pressure point; -1 where it is never pressed.
     restrict, extend : callable
         Right sides of A from those of all unknowns, with what `extend` needs beside it; and back.
     sliders : int
@@ -131,7 +131,7 @@ class _Matrix:
 
     A: Any
     place: IntArray
-    approach: int
+    approach: IntArray
     restrict: Callable[[FloatArray], tuple[FloatArray, Any]]
     extend: Callable[[FloatArray, Any], FloatArray]
     sliders: int = 0
@@ -152,17 +152,37 @@ class _Matrix:
         kept = schur.kept if whole else np.arange(system.n)
         at[kept] = np.arange(kept.size)
         place = np.where(points.on_rows(points.w) > 0.0, at[points.unknowns], -1)
-        return _Matrix(A, place, A.shape[0], schur.restrict, schur.extend)
+        none = np.zeros(0, dtype=np.intp)
+        return _Matrix(A, place, none, schur.restrict, schur.extend)
 
     @staticmethod
-    def opening(levels: OpeningLevels) -> _Matrix:
-        """Of contact that opens; the factor of the levels is used again."""
+    def opening(levels: OpeningLevels, touch: tuple[BoolArray, BoolArray]) -> _Matrix:
+        """Of contact that opens; the factor of the levels is used again.
+
+        ``touch`` are the contact points, (m,), and pressure points, (q,), that carry a force at any
+        level: all others are eliminated.
+        """
         outer = cast("Any", levels.problem)
         on_springs = isinstance(outer, OpeningOnSprings)
         inner = outer.problem if on_springs else outer
-        rows = np.arange(inner.slips)
+        rubs = levels.to.system.on_rows(touch[0])
+        kept = np.flatnonzero(np.concatenate([rubs, touch[1]]))
+        at = np.full(inner.slips + touch[1].size, -1)
+        at[kept] = np.arange(kept.size)
+        apart = SchurComplement(inner.whole.A, kept)
+
+        def restrict(g: FloatArray) -> tuple[FloatArray, Any]:
+            right, beside = inner.restrict(g)
+            right, others = apart.restrict(right)
+            return right, (others, beside)
+
+        def extend(z: FloatArray, beside: Any) -> FloatArray:
+            others, inside = beside
+            return np.asarray(inner.extend(apart.extend(z, others), inside))
+
         sliders = outer.rows.size if on_springs else 0
-        return _Matrix(inner.whole.A, rows, inner.slips, inner.restrict, inner.extend, sliders)
+        places = at[: inner.slips], at[inner.slips :]
+        return _Matrix(apart.complement, *places, restrict, extend, sliders)
 
 
 class LevelRates:
@@ -180,6 +200,8 @@ class LevelRates:
         Derivative of F by each parameter, N.
     looked_at : ndarray, shape (n, f)
         Values of a displacement (n,) that are differentiated, a column for each.
+    touch : tuple of ndarray of bool, shape (m,) and (q,), optional
+        Contact points and pressure points of contact that opens that carry a force at any level.
 
     Attributes
     ----------
@@ -194,12 +216,15 @@ class LevelRates:
         parameters: Sequence[SystemSensitivity],
         force_rates: FloatArray,
         looked_at: FloatArray,
+        touch: tuple[BoolArray, BoolArray] | None = None,
     ) -> None:
         self.system: System = path.to.system
         self.parameters = parameters
         self.contact: OpeningContact | None = self.system.opening
         if isinstance(path, OpeningLevels):
-            self.matrix = _Matrix.opening(path)
+            m, q = self.system.w.size, path.contact.gap.size
+            every = np.ones(m, dtype=bool), np.ones(q, dtype=bool)
+            self.matrix = _Matrix.opening(path, touch or every)
         else:
             self.matrix = _Matrix.constant(path)
         # A x = g is condensed once for all right sides and values: v x = z v' + v'' g, with v' the
@@ -314,7 +339,7 @@ class LevelRates:
         z[self.matrix.place[sticks]], held[self.matrix.place[sticks]] = last.slip[sticks], True
         normals = None if self.contact is None else self._normals(after, right)
         if normals is not None:
-            closed = self.matrix.approach + normals.closed
+            closed = self.matrix.approach[normals.closed]
             z[closed], held[closed] = self.gap[normals.closed], True
         free, E, normal = np.flatnonzero(~held), self.to_rows, last.normal
         added, follows = as_compressed(E.T @ friction.tangent @ E), None
@@ -325,7 +350,7 @@ class LevelRates:
             added = added + self._of_elastic(normals, follows)
             normal = self._normal_forces(normals, z)
             known += follows @ normal
-            known[self.matrix.approach + normals.elastic] += normal[normals.elastic]
+            known[self.matrix.approach[normals.elastic]] += normal[normals.elastic]
         J = A[:, free] + added[free][:, free]
         r = right[free] - known[free] - A @ z
         if normals is None or follows is None:
@@ -438,23 +463,23 @@ class LevelRates:
         closed = np.flatnonzero(pressed & contact.rigid)
         elastic = np.flatnonzero(pressed & ~contact.rigid)
         known, over = np.zeros_like(self.gap), -contact.gaps(after.u)[elastic]
-        known[closed] = right[self.matrix.approach + closed]
+        known[closed] = right[self.matrix.approach[closed]]
         known[elastic] = self.at_rest[elastic] + over[:, np.newaxis] * self.stiffness[elastic]
         known[elastic] -= contact.stiffness[elastic, np.newaxis] * self.gap[elastic]
         return _Normals(closed, elastic, known)
 
     def _normal_forces(self, normals: _Normals, z: FloatArray) -> FloatArray:
         """Derivatives of the normal forces, (q, k), N, by those of the unknowns (z, k)."""
-        contact, first = cast("OpeningContact", self.contact), self.matrix.approach
+        contact, at = cast("OpeningContact", self.contact), self.matrix.approach
         forces, closed, elastic = normals.known.copy(), normals.closed, normals.elastic
-        forces[closed] -= self.matrix.A[first + closed] @ z
-        forces[elastic] += contact.stiffness[elastic, np.newaxis] * z[first + elastic]
+        forces[closed] -= self.matrix.A[at[closed]] @ z
+        forces[elastic] += contact.stiffness[elastic, np.newaxis] * z[at[elastic]]
         return forces
 
     def _of_elastic(self, normals: _Normals, follows: sparse.csr_array) -> sparse.csr_array:
         """Matrix, (z, z), of the springs of elastic points, and of friction by their forces."""
         contact, size = cast("OpeningContact", self.contact), self.matrix.A.shape[0]
-        at, springs = self.matrix.approach + normals.elastic, contact.stiffness[normals.elastic]
+        at, springs = self.matrix.approach[normals.elastic], contact.stiffness[normals.elastic]
         forces = sparse.diags_array(springs) @ selection(at, size)
         return sparse.csr_array((selection(at, size).T + follows[:, normals.elastic]) @ forces)
 
@@ -468,5 +493,5 @@ class LevelRates:
         own = sparse.csc_array(follows[free][:, normals.closed])
         used = np.flatnonzero(np.diff(own.indptr))
         if used.size:
-            forces = self.matrix.A[self.matrix.approach + normals.closed[used]][:, free]
+            forces = self.matrix.A[self.matrix.approach[normals.closed[used]]][:, free]
             J -= own[:, used] @ forces
