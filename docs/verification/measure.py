@@ -278,6 +278,11 @@ CLAIMS = {
     ),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),
+    "fit-gradients": Claim(
+        f"{BENCHMARKS}/fits.py gradients", 300, {"fit-gradients": printed}, timed=True
+    ),
+    "fit-coverage": Claim(f"{BENCHMARKS}/fits.py coverage", 300, {"fit-coverage": printed}),
+    "fit-solid": Claim(f"{BENCHMARKS}/fits.py solid", 200, {"fit-solid": printed}, timed=True),
     "contact-block": Claim(f"{BENCHMARKS}/contact.py block", 10, {"contact-block": printed}),
     "contact-wall": Claim(f"{BENCHMARKS}/contact.py wall", 10, {"contact-wall": printed}),
     "contact-alike": Claim(f"{BENCHMARKS}/contact.py alike", 30, {"contact-alike": printed}),

@@ -342,16 +342,14 @@ class LevelRates:
             closed = self.matrix.approach[normals.closed]
             z[closed], held[closed] = self.gap[normals.closed], True
         free, E, normal = np.flatnonzero(~held), self.to_rows, last.normal
-        added, follows = as_compressed(E.T @ friction.tangent @ E), None
-        known = E.T @ friction.known
+        follows, known = None, E.T @ friction.known
         A = self.matrix.A[free]
         if normals is not None:
-            follows = sparse.csr_array(E.T @ self._along(friction.direction))
-            added = added + self._of_elastic(normals, follows)
+            follows = self._along(E.T @ friction.direction)
             normal = self._normal_forces(normals, z)
             known += follows @ normal
             known[self.matrix.approach[normals.elastic]] += normal[normals.elastic]
-        J = A[:, free] + added[free][:, free]
+        J = self._tangent(friction, normals, follows, free)
         r = right[free] - known[free] - A @ z
         if normals is None or follows is None:
             z[free] = factorised(J)(r) if free.size else r
@@ -367,6 +365,54 @@ class LevelRates:
         limits = self._limits(cast("FloatArray", after.normal), normal)
         acts = cast("FloatArray", after.limits) > 0.0
         return Rates(values, slip, 0.0 * slip, np.where(acts[:, np.newaxis], limits, 0.0), normal)
+
+    def _tangent(
+        self,
+        friction: _Friction,
+        normals: _Normals | None,
+        follows: sparse.csr_array | None,
+        free: IntArray,
+    ) -> Any:
+        """Matrix of the free unknowns, with the tangents of friction and of elastic points."""
+        A, E = self.matrix.A, self.to_rows
+        if not isinstance(A, np.ndarray):
+            added = as_compressed(E.T @ friction.tangent @ E)
+            if normals is not None and follows is not None:
+                added = added + self._of_elastic(normals, follows)
+            return A[free][:, free] + added[free][:, free]
+        rows, columns, kept = self._blocks_in_matrix
+        J = A.copy()
+        J[rows, columns] += friction.tangent.data[kept]
+        if normals is not None and follows is not None and normals.elastic.size:
+            contact = cast("OpeningContact", self.contact)
+            at, springs = self.matrix.approach[normals.elastic], contact.stiffness[normals.elastic]
+            J[at, at] += springs
+            J[:, at] += follows[:, normals.elastic].toarray() * springs
+        return J[np.ix_(free, free)]
+
+    @cached_property
+    def _blocks(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Pairs of rows of the same point: rows, columns, and where each row begins."""
+        each = self.system.directions
+        first = np.repeat(np.cumsum(each) - each, each)
+        count = each[self.row_point]
+        begins = np.append(0, np.cumsum(count))
+        rows = np.repeat(np.arange(first.size), count)
+        columns = first[rows] + np.arange(rows.size) - begins[rows]
+        return rows, columns, begins
+
+    @cached_property
+    def _blocks_in_matrix(self) -> tuple[IntArray, IntArray, BoolArray]:
+        """Unknowns of these pairs where friction acts, and which pairs they are."""
+        rows, columns = (self.matrix.place[part] for part in self._blocks[:2])
+        kept = (rows >= 0) & (columns >= 0)
+        return rows[kept], columns[kept], kept
+
+    @cached_property
+    def _gain_of_unknowns(self) -> sparse.csr_array:
+        """Friction limit of each unknown by normal forces, (z, q)."""
+        gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)[self.row_point]
+        return sparse.csr_array(self.to_rows.T @ gain)
 
     def _padded(self, g: FloatArray) -> FloatArray:
         """Forces on all unknowns with those on sliders beside contact that opens, which are 0."""
@@ -419,13 +465,14 @@ class LevelRates:
         direction = np.divide(after.friction, force, out=np.zeros_like(w), where=moves)
         curved = np.divide(w, np.where(sprung, trial, size), out=np.zeros_like(w), where=moves)
         curved = np.where(sprung, springs * np.where(moves, curved, 1.0), curved)
-        points = (direction, (np.arange(rows.size), rows))
-        along = sparse.csr_array(points, shape=(rows.size, system.w.size))
         of_points = np.zeros(system.w.size)
         of_points[rows] = curved
-        tangent = sparse.diags_array(curved) - along @ sparse.diags_array(of_points) @ along.T
         single = system.on_rows(system.directions == 1) & moves
-        tangent = sparse.csr_array(sparse.diags_array((~single).astype(float)) @ tangent)
+        own, other, begins = self._blocks
+        entries = np.where(own == other, curved[own], 0.0)
+        entries -= direction[own] * of_points[rows[own]] * direction[other]
+        entries = np.where(single[other], 0.0, entries)
+        tangent = sparse.csr_array((entries, other, begins), shape=(rows.size, rows.size))
         held = last.friction + step[:, np.newaxis] * self.spring_rates[rows]
         share = np.divide(1.0, springs, out=np.zeros_like(w), where=sprung)
         zero = np.zeros_like(last.normal)
@@ -452,9 +499,10 @@ class LevelRates:
         return np.asarray(limits)
 
     def _along(self, direction: FloatArray) -> sparse.csr_array:
-        """Friction of each row by normal forces, (rows, q), in the directions of slip."""
-        gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)[self.row_point]
-        return sparse.csr_array(sparse.diags_array(direction) @ gain)
+        """Friction of each unknown by normal forces, (z, q), in the directions of slip (z,)."""
+        gain = self._gain_of_unknowns
+        data = gain.data * np.repeat(direction, np.diff(gain.indptr))
+        return sparse.csr_array((data, gain.indices, gain.indptr), shape=gain.shape)
 
     def _normals(self, after: Level, right: FloatArray) -> _Normals:
         """Points that are pressed at a level, with the right side (z, k) of its equations."""
@@ -490,6 +538,8 @@ class LevelRates:
 
         They change by -A z.
         """
+        if not normals.closed.size:
+            return
         own = sparse.csc_array(follows[free][:, normals.closed])
         used = np.flatnonzero(np.diff(own.indptr))
         if used.size:

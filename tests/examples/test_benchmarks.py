@@ -11,6 +11,7 @@ import pytest
 from benchmarks import (
     brake_reuss,
     contact_points,
+    fits,
     growth,
     plates,
     ready_made,
@@ -182,6 +183,25 @@ def test_the_benchmark_of_contact_points_runs(monkeypatch, capsys):
     assert unknowns == 2 * points
     assert cells[3].strip() == "yes"
     assert float(cells[8]) > 0.0
+
+
+def test_the_benchmark_of_fits_runs(capsys):
+    fits.main(["coverage", "--quick"])
+    text = capsys.readouterr().out
+    shares = re.findall(r"^\| (?:joint|damping)\S+ \| ([\d.]+) ", text, re.MULTILINE)
+    assert len(shares) == 3
+    assert min(map(float, shares)) >= 50.0  # of 4 draws
+    assert "named as not determined in 1 of 1 fits" in text
+
+
+@pytest.mark.slow
+def test_the_benchmarks_of_derivatives_and_solid_fits_run(capsys):
+    fits.main(["gradients", "solid", "--quick"])
+    rows = [line.split("|")[1:-1] for line in capsys.readouterr().out.splitlines() if "|" in line]
+    errors = [float(cells[6]) for cells in rows if len(cells) == 9 and "e-" in cells[6]]
+    assert len(errors) == 5 + 2 * 5 + 2 * 6
+    assert max(errors) < 1e-5
+    assert [int(cells[4]) < 15 for cells in rows if cells[0].strip() in ("lap joint",)] == [True]
 
 
 def test_solids_are_stepped_alike_condensed_or_not(monkeypatch):
