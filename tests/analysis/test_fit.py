@@ -250,7 +250,7 @@ def test_a_scene_is_fitted_like_its_structure():
     assert value_of(found.scene.structure(), FRICTION) == found.values[FRICTION]
     told: list[Any] = []
     sj.fit(start, data, free, progress=lambda *what: told.append(what))
-    assert told == [("fit", k + 1, 0) for k in range(found.evaluations)]
+    assert told == [("fit", k, 0, f"evaluation {k}") for k in range(1, found.evaluations + 1)]
 
 
 def test_fewer_samples_than_values_are_noted():

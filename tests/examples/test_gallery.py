@@ -12,7 +12,10 @@ from skfem_joint.scene.shipped import QUESTIONS, shipped_scene
 HEADER = (EXAMPLES / "GALLERY_HEADER.txt").read_text(encoding="utf-8")
 README = (EXAMPLES / "README.md").read_text(encoding="utf-8")
 #: Scripts that take more than some seconds in their short forms.
-LONG = ("brake_reuss", "damping", "plate_bolts", "range_model", "solid_lap_joint", "two_plates")
+LONG = (
+    "brake_reuss", "damping", "fit_joint", "measured_beam", "plate_bolts", "range_model",
+    "solid_lap_joint", "two_plates",
+)  # fmt: skip
 
 
 def docstring(name):
