@@ -283,6 +283,9 @@ CLAIMS = {
     ),
     "fit-coverage": Claim(f"{BENCHMARKS}/fits.py coverage", 300, {"fit-coverage": printed}),
     "fit-solid": Claim(f"{BENCHMARKS}/fits.py solid", 200, {"fit-solid": printed}, timed=True),
+    "measured-beam": Claim(
+        "python examples/measured_beam.py", 400, {"measured-beam": as_text}, short="--short"
+    ),
     "contact-block": Claim(f"{BENCHMARKS}/contact.py block", 10, {"contact-block": printed}),
     "contact-wall": Claim(f"{BENCHMARKS}/contact.py wall", 10, {"contact-wall": printed}),
     "contact-alike": Claim(f"{BENCHMARKS}/contact.py alike", 30, {"contact-alike": printed}),
