@@ -398,7 +398,13 @@ class Fit:
         rates = self.problem.rates(self.vector)
         return np.asarray(self.covariance / np.outer(rates, rates))
 
-    def profile(self, name: str, points: int = 9, level: float = SETTINGS.level) -> Profile:
+    def profile(
+        self,
+        name: str,
+        points: int = 9,
+        level: float = SETTINGS.level,
+        progress: Progress = silent,
+    ) -> Profile:
         """Profile likelihood of a value or an offset over somewhat more than its interval.
 
         Each point of it is a fit of all others, from where the covariance expects them.
@@ -410,6 +416,8 @@ class Fit:
             Values, at least 3; the best one is added if it is not among them.
         level : float
             Confidence level of the interval.
+        progress : callable, optional
+            Called with ("profile of NAME", values done, values).
 
         Raises
         ------
@@ -430,15 +438,18 @@ class Fit:
         at = np.unique(np.append(np.linspace(*ends, points), best[k]))
         excess = np.zeros(at.size)
         for j, x in enumerate(at.tolist()):
+            progress(f"profile of {name}", j, at.size)
             if x != best[k]:
                 begin = best + own * (x - best[k])
                 begin[k] = x
                 vector = np.clip(problem.outer(begin), problem.lowest, problem.highest)
                 r = problem.residuals(problem.minimise(vector, held=k)[0])[0]
                 excess[j] = (float(r @ r) - self.sum_of_squares) / self.widened**2
-        place, limit = int(np.searchsorted(at, best[k])), float(chi2.ppf(level, 1))
-        below = np.interp(-limit, -excess[: place + 1], at[: place + 1])
-        above = np.interp(limit, excess[place:], at[place:])
+        # The root of the excess is linear in the value where the model is.
+        place, root = int(np.searchsorted(at, best[k])), np.sqrt(np.maximum(excess, 0.0))
+        limit = float(np.sqrt(chi2.ppf(level, 1)))
+        below = np.interp(-limit, -root[: place + 1], at[: place + 1])
+        above = np.interp(limit, root[place:], at[place:])
         values = [self._with(best, k, x) for x in (*at.tolist(), below, above)]
         return Profile(name, np.array(values[:-2]), excess, (values[-2], values[-1]))
 

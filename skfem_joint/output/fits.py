@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint import __version__
-from skfem_joint.analysis.fit import SETTINGS, Fit
+from skfem_joint.analysis.fit import SETTINGS, Fit, Profile
 from skfem_joint.analysis.fit_curves import FineCurve, shifts
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.analysis.measured_columns import AMPLITUDES
@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Names of the files of a fit; one of other origin is not overwritten.
-NAMES = re.compile(r"fit\.(json|png)|(values|residuals|curve)\.csv|residuals\.png|fitted\.toml")
+NAMES = re.compile(
+    r"fit\.(json|png)|(values|residuals|curve|profiles)\.csv|residuals\.png|fitted\.toml"
+)
 
 _COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#b8860b")
 _MODEL = "#1a1a1a"
@@ -55,7 +57,12 @@ def check_apart(folder: Path, files: Sequence[Path]) -> None:
 
 
 def write_fit(
-    folder: Path, fit: Fit, curves: Sequence[FineCurve], text: str, notes: Sequence[str] = ()
+    folder: Path,
+    fit: Fit,
+    curves: Sequence[FineCurve],
+    text: str,
+    notes: Sequence[str] = (),
+    profiles: Sequence[Profile] = (),
 ) -> tuple[list[Path], list[str]]:
     """Write all files of the fit of a scene.
 
@@ -70,6 +77,8 @@ def write_fit(
         Of the scene's file.
     notes : sequence of str
         About the folder.
+    profiles : sequence of Profile
+        Profile likelihoods, if they were computed.
 
     Returns
     -------
@@ -86,12 +95,14 @@ def write_fit(
     files = [folder / "fit.json"]
     with writing(folder, content) as summary:
         write_json(files[0], _content(fit, every))
-        tables = (
-            ("values.csv", _value_rows(fit)),
-            ("residuals.csv", _residual_rows(fit)),
-            ("curve.csv", _curve_rows(curves)),
-        )
-        for name, rows in tables:
+        tables = {
+            "values.csv": _value_rows(fit),
+            "residuals.csv": _residual_rows(fit),
+            "curve.csv": _curve_rows(curves),
+        }
+        if profiles:
+            tables["profiles.csv"] = _profile_rows(profiles)
+        for name, rows in tables.items():
             write_csv(folder / name, ([plain(value) for value in row] for row in rows))
             files.append(folder / name)
         for name, figure in figures.items():
@@ -101,6 +112,19 @@ def write_fit(
         except JointError as error:
             every.append(f"The scene with the best values was not written: {error}")
     return [*files, summary], every
+
+
+def profile_lines(profiles: Sequence[Profile]) -> list[str]:
+    """What is printed of profile likelihoods: an interval of each value."""
+    if not profiles:
+        return []
+    level = f"{100.0 * SETTINGS.level:g} % interval by profile"
+    rows = {}
+    for profile in profiles:
+        size = float(np.ptp(profile.interval)) or float(profile.values[0])
+        low, high = (_rounded(end, 0.25 * size) for end in profile.interval)
+        rows[profile.name] = [f"{low} to {high}"]
+    return [text_table("", [level], rows), ""]
 
 
 def fit_lines(fit: Fit) -> list[str]:
@@ -303,6 +327,13 @@ def _value_rows(fit: Fit) -> Iterator[list[Any]]:
     for k, (name, best) in enumerate(_named(fit).items()):
         bounds = fit.problem.lowest[k], fit.problem.highest[k]
         yield [name, best, fit.deviations[name], *fit.interval(name), *bounds]
+
+
+def _profile_rows(profiles: Sequence[Profile]) -> Iterator[list[Any]]:
+    yield ["name", "value", "excess_of_squares"]
+    for profile in profiles:
+        for value, excess in zip(profile.values, profile.excess, strict=True):
+            yield [profile.name, float(value), float(excess)]
 
 
 def _residual_rows(fit: Fit) -> Iterator[list[Any]]:

@@ -359,3 +359,17 @@ def test_a_search_that_does_not_end_is_said(monkeypatch):
 def test_a_structure_is_not_a_scene(exact):
     with pytest.raises(InputError, match=r"problem.model.at\(values\)"):
         _ = exact.scene
+
+
+def test_the_profile_of_a_value_is_the_parabola_of_its_covariance_near_exact_data(exact):
+    name = exact.problem.names[0]
+    profile = exact.profile(name, points=5)
+    best = exact.values[name]
+    assert best in profile.values
+    assert profile.excess[profile.values == best] == [0.0]
+    own = np.log(exact.interval(name)[1] / best) / 1.959964
+    parabola = (np.log(profile.values / best) / own) ** 2
+    np.testing.assert_allclose(profile.excess, parabola, rtol=0.05, atol=0.01)
+    np.testing.assert_allclose(profile.interval, exact.interval(name), rtol=0.1 * own)
+    with pytest.raises(InputError, match="did you mean"):
+        exact.profile(name + "s")

@@ -397,3 +397,15 @@ def test_matrices_and_slow_runs_are_refused(tmp_path, rows, capsys):
     assert cli.main(arguments(given, [file], tmp_path / "out")) == 2
     assert "must be one with a mesh" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_profiles_are_written_beside_the_other_files(tmp_path, rows, capsys):
+    scene, out = written(tmp_path, text=SCENE), tmp_path / "out"
+    given = arguments(scene, [data(tmp_path, rows)], out, "--profile", free=FREE[:1])
+    assert cli.main(given) == 0
+    assert "95 % interval by profile" in capsys.readouterr().out
+    found = table(out / "profiles.csv")
+    assert {row["name"] for row in found} == {FREE[0].partition("=")[0]}
+    excess = [float(row["excess_of_squares"]) for row in found]
+    assert min(excess) == 0.0
+    assert max(excess) > 3.84
