@@ -53,7 +53,7 @@ from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, di
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.saved_path import SavedPath
 from skfem_joint.arrays import BoolArray, FloatArray, as_real
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.modes import eigenmodes
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.interface_modes import motions_without_slip
@@ -291,13 +291,8 @@ def backbone(
     system.check_any_load("backbone")
     check_whole(system, "backbone")
     check_each("backbone: modes", modes, COUNT)
-    check("backbone: up_to", up_to, POSITIVE)
-    if slips_at is not None:
-        check("backbone: slips_at", slips_at, POSITIVE)
-    shares = _shares(levels, up_to)
-    if np.ndim(levels):
-        slips_at = 1.0  # levels are given, not shares of it
     check_parameters(parameters, system)
+    shares, slips_at = _shares(levels, up_to, slips_at)
     numbers, opens = np.asarray(modes, dtype=int), system.opening is not None
     rows = rows if rows and not parameters else Rows()
     tally = Tally(progress, len(modes) * levels_of_a_curve(shares.size, opens))
@@ -307,11 +302,11 @@ def backbone(
     opening = OpeningPath(system, *paths) if opens else None
     count = int(numbers.max()) + SETTINGS.higher_modes
     frequencies, shapes = stuck_modes(to.system, count, path)
-    if numbers.max() > frequencies.size:
-        raise InputError(
-            f"backbone: found mode {numbers.max()}, there are {frequencies.size} with the contact "
-            "stuck"
-        )
+    refuse(
+        f"backbone: found mode {k}, there are {frequencies.size} with the contact stuck"
+        for k in numbers.tolist()
+        if k > frequencies.size
+    )
     if system.serves is not None:
         of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
         check_modes(system.serves, of_mode, of_mode, up_to)
@@ -329,19 +324,26 @@ def backbone(
     return curves
 
 
-def _shares(levels: int | ArrayLike, up_to: float) -> FloatArray:
-    """Levels that are given, or those of their number, as shares of that of gross slip.
+def _shares(
+    levels: int | ArrayLike, up_to: float, slips_at: float | None
+) -> tuple[FloatArray, float | None]:
+    """Levels as shares of that of gross slip, and that level, if it is known.
 
-    InputError for a number below 1, and levels that do not rise from above zero.
+    Levels that are given are shares of 1. InputError for a number below 1, other values that are
+    not positive, and levels that do not rise from above zero.
     """
+    check("backbone: up_to", up_to, POSITIVE)
+    if slips_at is not None:
+        check("backbone: slips_at", slips_at, POSITIVE)
     if np.ndim(levels) == 0:
         check("backbone: levels", levels, COUNT)
         count = int(np.asarray(levels))
-        return up_to * np.geomspace(SETTINGS.lowest if count > 1 else 1.0, 1.0, count)
+        lowest = SETTINGS.lowest if count > 1 else 1.0
+        return up_to * np.geomspace(lowest, 1.0, count), slips_at
     level = np.asarray(as_real(levels, "backbone: levels"))
     if level.ndim != 1 or not level.size or not level[0] > 0.0 or not np.all(np.diff(level) > 0.0):
         raise InputError("backbone: levels: must be a number, or levels that rise from above zero")
-    return level
+    return level, 1.0
 
 
 def levels_of_a_curve(levels: int, opens: bool = False) -> int:

@@ -109,6 +109,11 @@ def of_closed_system(
 
 def check_parameters(parameters: Sequence[SystemSensitivity], system: System) -> None:
     """InputError for derivatives whose shapes do not fit a system, or of a reduced system."""
+    if parameters and isinstance(system.B, np.ndarray):
+        raise InputError(
+            "backbone: parameters: found a reduced system, must be a full or condensed one, among "
+            "whose unknowns slips are"
+        )
     n, m = system.n, system.w.size
     shapes = {"K": (n, n), "C": (n, n), "w": (m,), "stiffness": (m,)}
     if system.opening is not None:
