@@ -58,8 +58,6 @@ fit = sj.fit(scene, data, free)
 for key, value in fit.values.items():
     print(f"{key}: {value:.4g}, standard deviation {fit.deviations[key]:.2g}")
 print(f"{system.n} unknowns, {fit.computed} curves, {fit.seconds:.0f} s")
-for note in fit.notes:
-    print(note)
 
 # %%
 # Prediction and measurement.

@@ -163,33 +163,7 @@ def _moves(
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
     rigid_friction = np.flatnonzero(system.on_rows((system.w > 0.0) & ~system.sprung))
     held = sparse.csr_array(system.B).indices[rigid_friction]
-    both = [
-        natural_modes(system, modes.SETTINGS.searched, joints=joints)
-        for joints in ("loose", "stuck")
-    ]
-    rigid, (loose, stuck) = [m.rigid_motions for m in both], [m.straining for m in both]
-    values["frequencies_stuck_Hz"] = stuck.frequencies[: SETTINGS.shown].tolist()
-    values["frequencies_loose_Hz"] = loose.frequencies[: SETTINGS.shown].tolist()
-    text = f"First natural frequencies beside rigid motions: {_listed(loose.frequencies)}"
-    if acting.size:
-        number, likeness = alike(system.M, stuck.modes[:, : SETTINGS.shown], loose.modes)
-        values["stuck_modes_like_loose"] = (number + 1).tolist()
-        values["stuck_modes_like_loose_share"] = likeness.tolist()
-        text += f" with the joints loose, {_listed(stuck.frequencies)} with the joints stuck"
-        text += _compared(number, likeness)
-    facts.append(f"{text}.")
-    values |= {"rigid_motions_loose": rigid[0], "rigid_motions_stuck": rigid[1]}
-    if structure.body is None:
-        facts.append(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
-    if rigid[1]:
-        opens = any(patch.joint.opens for patch in structure.patches)
-        cure = "Is something to be fixed, or do joints lack pressure or pairs?"
-        if opens:
-            cure = "Contact that opens holds it only while it is closed by the loads."
-        draft.doubts.append(
-            f"Nothing holds {rigid[1]} rigid motions, joints and supports included: the structure "
-            f"floats. {cure}"
-        )
+    floats, stuck = _frequencies(scene, structure, system, acting.size > 0, draft)
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
     slow = scene.time.quasi_static
     if frequency > 0.0 and structure.body is not None and not slow:
@@ -199,6 +173,12 @@ def _moves(
             f"The slowest wave travels at {speed:.4g} m/s: {count:.3g} elements in its length at "
             f"{frequency:.5g} Hz, the highest frequency of the loads."
         )
+    if floats and scene.support.free:
+        facts.append(
+            "The structure floats, so that loads at rest are not compared with what makes a joint "
+            "slip: they would move all of it away."
+        )
+        return
     vibration = _forces(scene, system, held, stuck)
     static, dynamic, amplified = vibration.static, vibration.dynamic, vibration.amplified
     if not system.loads or not np.any(static):
@@ -234,6 +214,45 @@ def _moves(
             f"The loads{moved} come to {share:.3g} times what makes the "
             "first joint slip as a whole."
         )
+
+
+def _frequencies(
+    scene: Scene, structure: AnyStructure, system: System, rubs: bool, draft: _Draft
+) -> tuple[bool, NaturalModes]:
+    """Add natural frequencies, and whether the structure floats, which is returned with the modes.
+
+    The modes are those with the joints stuck; ``rubs`` is whether a joint carries friction.
+    """
+    facts, values = draft.facts, draft.values
+    both = [
+        natural_modes(system, modes.SETTINGS.searched, joints=joints)
+        for joints in ("loose", "stuck")
+    ]
+    rigid, (loose, stuck) = [m.rigid_motions for m in both], [m.straining for m in both]
+    values["frequencies_stuck_Hz"] = stuck.frequencies[: SETTINGS.shown].tolist()
+    values["frequencies_loose_Hz"] = loose.frequencies[: SETTINGS.shown].tolist()
+    text = f"First natural frequencies beside rigid motions: {_listed(loose.frequencies)}"
+    if rubs:
+        number, likeness = alike(system.M, stuck.modes[:, : SETTINGS.shown], loose.modes)
+        values["stuck_modes_like_loose"] = (number + 1).tolist()
+        values["stuck_modes_like_loose_share"] = likeness.tolist()
+        text += f" with the joints loose, {_listed(stuck.frequencies)} with the joints stuck"
+        text += _compared(number, likeness)
+    facts.append(f"{text}.")
+    values |= {"rigid_motions_loose": rigid[0], "rigid_motions_stuck": rigid[1]}
+    if structure.body is None:
+        facts.append(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
+    if rigid[1]:
+        opens = any(patch.joint.opens for patch in structure.patches)
+        cure = "Is something to be fixed, or do joints lack pressure or pairs?"
+        if opens:
+            cure = "Contact that opens holds it only while it is closed by the loads."
+        if not scene.support.free:
+            draft.doubts.append(
+                f"Nothing holds {rigid[1]} rigid motions, joints and supports included: the "
+                f"structure floats. {cure}"
+            )
+    return rigid[1] > 0, stuck
 
 
 def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft: _Draft) -> None:
