@@ -203,7 +203,7 @@ def thin_beam():
     """Thin Brake-Reuss beam, bent across its lap, with the sensor of the measured curves.
 
     Its faces touch up to some 11 mm from the bolts' axes. Slip begins at that edge, and circles
-    half a millimetre apart resolve how: with two circles it begins at twice the amplitude.
+    half a millimetre apart resolve how: with two circles it begins at three times the amplitude.
     """
     rings = 0.0090, 0.0094, 0.0098, 0.0102, 0.0106, 0.0110, 0.0115
     return brake_reuss(along=(4, 2), thickness=0.5 * INCH, sensor=3 * INCH, rings=rings, digits=6)
