@@ -24,7 +24,7 @@ reduction    proper orthogonal modes, the static slip path, bases, fewer frictio
 scene        the text file that describes a run, checked as a whole, and the reference of its keys
 analysis     slips, stress and active regions of a run, natural modes; the models of a scene, run
              and compared, their estimated errors, error against run time, damping against
-             amplitude, response over frequency, sweeps of many scenes
+             amplitude, response over frequency, sweeps of many scenes, fits to measured curves
 output       tables, histories, fields for ParaView, pictures
 ===========  =====================================================================================
 
