@@ -382,7 +382,7 @@ class LevelRates:
             return A[free][:, free] + added[free][:, free]
         rows, columns, kept = self._blocks_in_matrix
         J = A.copy()
-        J[rows, columns] += friction.tangent.data[kept]
+        np.add.at(J, (rows, columns), friction.tangent.data[kept])  # points may share unknowns
         if normals is not None and follows is not None and normals.elastic.size:
             contact = cast("OpeningContact", self.contact)
             at, springs = self.matrix.approach[normals.elastic], contact.stiffness[normals.elastic]

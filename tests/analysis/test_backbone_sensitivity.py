@@ -324,3 +324,19 @@ def test_derivatives_of_another_contact_are_refused():
 def test_levels_that_do_not_rise_are_refused(levels):
     with pytest.raises(InputError, match="levels that rise from above zero"):
         backbone(bar().system(), levels=levels)
+
+
+def test_sliders_that_share_a_slip_add_up():
+    """An Iwan joint at the foot of a bar: limits and levels times a factor change nothing."""
+    n = 6
+    M = sparse.diags_array(np.full(n, 2.0))
+    stiffness = sparse.diags_array([np.full(n - 1, -1.0)] * 2, offsets=[-1, 1])
+    K = 1e7 * (stiffness + sparse.diags_array([1.0, *[2.0] * (n - 2), 2.0]))
+    joint = sj.iwan(np.eye(n)[0], F_S=1e3, K_T=2e7, chi=-0.5, beta=0.1, sliders=30)
+    system = sj.System.from_matrices(M, K, 1e-6 * K, contact=joint, points={"end": n - 1})
+    limits = sj.SystemSensitivity("limits", w=system.w)
+    (curve,) = sj.backbone(system, levels=6, up_to=0.6, parameters=[limits])
+    rates = curve.sensitivity
+    for values in (rates.frequency, rates.damping_ratio):
+        assert np.abs(values).max() > 0.0
+        np.testing.assert_allclose(values[:, 0], -values[:, 1], rtol=1e-6, atol=1e-9)
