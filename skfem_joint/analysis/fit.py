@@ -29,7 +29,7 @@ from scipy.stats import chi2, norm
 from skfem_joint.analysis.fit_model import FitModel, PredictedCurve
 from skfem_joint.analysis.measured import MeasuredCurve, measured_curve
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import ConvergenceError, InputError, closest, refuse
+from skfem_joint.errors import ConvergenceError, InputError, closest, first_of, refuse
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene, load_scene
 from skfem_joint.structure.load import Load
@@ -146,6 +146,11 @@ class FitProblem:
                     f"{high:g}: change the value, or the bounds"
                 )
         wrong += self._repeated()
+        named = [curve.name for curve in self.curves if curve.offset]
+        wrong += [
+            f"fit: two sets of data with an offset have the name {name!r}; give each its own name"
+            for name in sorted({name for name in named if named.count(name) > 1})
+        ]
         refuse(wrong)
         self._offsets = [
             (k, quantity) for k, curve in enumerate(self.curves) for quantity in curve.offset
@@ -175,6 +180,14 @@ class FitProblem:
     def _logarithmic(self) -> Any:
         """Whether each entry of the vector is fitted by its logarithm, (k,)."""
         return self.lowest > 0.0
+
+    def place(self, name: str) -> int:
+        """Number of the entry of the vector with a name; InputError if there is none."""
+        if name not in self.names:
+            raise InputError(
+                f"fit: found {name!r}{closest(name, self.names)}; there are {first_of(self.names)}"
+            )
+        return self.names.index(name)
 
     def residuals(self, vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals of all fitted samples over their deviations, (r,), and derivatives, (r, k).
@@ -385,7 +398,7 @@ class Fit:
 
     def interval(self, name: str, level: float = SETTINGS.level) -> tuple[float, float]:
         """Confidence interval of a value or an offset, within its bounds."""
-        k = self.problem.names.index(name)
+        k = self.problem.place(name)
         best = self.problem.inner(self.vector)[k]
         own = np.sqrt(self._inner_covariance[k, k]) * norm.ppf(0.5 + 0.5 * level)
         variables = self.problem.inner(self.vector)
@@ -426,11 +439,9 @@ class Fit:
         ConvergenceError
             If a fit does not end.
         """
-        problem, names = self.problem, self.problem.names
-        if name not in names:
-            raise InputError(f"profile: found {name!r}{closest(name, names)}; there are {names}")
+        problem, k = self.problem, self.problem.place(name)
         check("profile: points", points, at_least(3))
-        k, best = names.index(name), problem.inner(self.vector)
+        best = problem.inner(self.vector)
         low, high = (problem.inner(x)[k] for x in (problem.lowest, problem.highest))
         own = self._inner_covariance[:, k] / self._inner_covariance[k, k]
         wide = PROFILE * norm.ppf(0.5 + 0.5 * level) * np.sqrt(self._inner_covariance[k, k])

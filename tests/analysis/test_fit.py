@@ -373,3 +373,11 @@ def test_the_profile_of_a_value_is_the_parabola_of_its_covariance_near_exact_dat
     np.testing.assert_allclose(profile.interval, exact.interval(name), rtol=0.1 * own)
     with pytest.raises(InputError, match="did you mean"):
         exact.profile(name + "s")
+
+
+def test_names_must_be_known_and_differ(exact):
+    with pytest.raises(InputError, match="did you mean"):
+        exact.interval(exact.problem.names[0] + "s")
+    twice = [replace(DATA, offset=("frequency",))] * 2
+    with pytest.raises(InputError, match="give each its own name"):
+        fitted(twice)
