@@ -22,6 +22,8 @@ WRONG: dict[str, tuple[Any, ...]] = {
     "beta": (*NONE, 0.0, -1.0, NAN),
     "count": (*NONE, 0, -3, 10.5, 10.0, NAN, INF, np.float64(3.0)),
     "whole": (*NONE, -3, 1.5, NAN),
+    # A count, or values that rise.
+    "level": ("1", True, 1j, (), object, 10**400, -(10**400), 0, -3, 10.5, 10.0, NAN, INF),
 }
 
 
@@ -81,7 +83,7 @@ ARGUMENTS: list[tuple[str, str, Any]] = [
     ("levels[0]", "positive", lambda x: sj.response(SYSTEM, [500.0], [x])),
     ("steps_per_cycle", "count", lambda x: sj.response(SYSTEM, [500.0], steps_per_cycle=x)),
     ("modes[0]", "count", lambda x: sj.backbone(SYSTEM, [x])),
-    ("levels", "count", lambda x: sj.backbone(SYSTEM, levels=x)),
+    ("levels", "level", lambda x: sj.backbone(SYSTEM, levels=x)),
     ("up_to", "positive", lambda x: sj.backbone(SYSTEM, up_to=x)),
     ("slips_at", "positive", lambda x: sj.backbone(SYSTEM, slips_at=x)),
     ("cycles", "count", lambda x: sj.ring_down(SYSTEM, CURVE, x)),
