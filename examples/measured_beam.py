@@ -9,8 +9,10 @@ https://github.com/mattiacenedese/BRBtesting, whose numbers are in ``examples/me
 
 Friction and the viscous damping are fitted to the ring-down below 10 m/s², and everything above is
 predicted. It is no blind prediction: the mesh of the contact's edge, rigid faces and the deviation
-of the frequency were chosen with the curve above in view. The two sets differ by some 15 % of the damping where they
-meet, and the model is 7 % stiffer than the beam, so that each set has an offset in frequency and
+of the frequency were chosen with the curve above in view.
+
+The two sets differ by some 15 % of the damping where they meet, and the model is 7 % stiffer than
+the beam, so that each set has an offset in frequency and
 the second one in damping too; of the second only its lowest sample counts for its offsets. What is
 compared is the damping, and the shift of the frequency from a set's lowest amplitude. The fit
 minimises, with the offset :math:`o` of a set and its standard deviations :math:`s`,
