@@ -234,6 +234,9 @@ def stuck_modes(
     K, M = (sparse.csr_array(congruent(A, F)) for A in (system.stuck_stiffness, system.M))
     solve = None if path is None else path.stuck(F)
     frequency, shapes = eigenmodes(K, M, min(count, F.shape[1]), solve)
+    if path is not None and solve is not None:
+        square = frequency**2 - path.shift / (2.0 * np.pi) ** 2
+        frequency = np.sqrt(np.maximum(square, 0.0))
     return frequency, F @ shapes
 
 
@@ -413,9 +416,10 @@ def _curve(
     system, level, states = to.system, found.level, found.states
     springs = system.has_springs
     q = states @ force
-    omega = np.sqrt(level / q)
+    carried = found.carried(q)
+    omega = np.sqrt(carried / q)
     frequency = omega / (2.0 * np.pi)
-    friction_damping = found.work / (2.0 * np.pi * level * q)
+    friction_damping = found.work / (2.0 * np.pi * carried * q)
     slipping = found.sliding > still_share(path) * found.slip.max()
     state = _stick_or_slip(path, mode, shares, found, slipping)
     own_damping, own_notes = _own_law(path, mode, found, friction_damping)
@@ -465,8 +469,8 @@ def _sensitivity(
     if isinstance(path, OpeningPath):
         closed = of_closed_system(parameters, path.given)
     closed = _inside(closed, to)
-    stuck = None if isinstance(path, OpeningPath) else path.stuck
-    of_stuck, of_shape = mode_rates(to.system, *of_modes, closed, stuck)
+    stuck = () if isinstance(path, OpeningPath) else (path.stuck, path.shift)
+    of_stuck, of_shape = mode_rates(to.system, *of_modes, closed, *stuck)
     inside, system = closed, path.to.system
     if isinstance(path, OpeningPath):
         inside, of_shape = _inside(parameters, path.to), path.of_closed(to.outer(of_shape.T).T)

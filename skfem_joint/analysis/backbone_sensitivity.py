@@ -6,9 +6,10 @@ amplitude follow by the chain rule from
 
     omega = sqrt(alpha / q),    zeta = D / (2 pi alpha q) + phi^T C phi / (2 omega),
 
-with the work D of a cycle, by Masing's rule and its correction or along the cycle that was
-followed. The derivatives are at fixed levels alpha. A measured curve is known over the amplitude: a
-level changes with the parameter there, so that with the derivatives by the levels themselves
+with alpha less what a shift carries, if there is one (`Cycles.carried`), and the work D of a cycle,
+by Masing's rule and its correction or along the cycle that was followed. The derivatives are at
+fixed levels alpha. A measured curve is known over the amplitude: a level changes with the parameter
+there, so that with the derivatives by the levels themselves
 
     d(omega) at a fixed amplitude x  =  d(omega) - d(omega)/d(ln alpha) dx / (dx/d(ln alpha)).
 """
@@ -134,6 +135,15 @@ def check_parameters(parameters: Sequence[SystemSensitivity], system: System) ->
                 )
 
 
+def shift_rates(
+    system: System, shift: float, parameters: Sequence[SystemSensitivity]
+) -> FloatArray:
+    """Derivatives of a shift that is a share of the mean square frequency, (k,)."""
+    diagonal = system.K.diagonal()
+    share = shift * np.sign(diagonal) / np.abs(diagonal).sum()
+    return np.array([0.0 if p.K is None else share @ p.K.diagonal() for p in parameters])
+
+
 class CycleRates:
     """Derivatives of what cycles of a force at rising levels give.
 
@@ -162,6 +172,12 @@ class CycleRates:
         points = as_dense(self.system.P).reshape(-1, force.size)
         looked_at = np.vstack([force, points]).T
         touch = path.touched() if isinstance(path, OpeningPath) else None
+        if found.shift:
+            rates = shift_rates(self.system, found.shift, parameters)
+            parameters = [
+                p if p.K is None else replace(p, K=p.K + rate * self.system.M)
+                for p, rate in zip(parameters, rates.tolist(), strict=True)
+            ]
         self.rates = LevelRates(solver, force, parameters, force_rates, looked_at, touch)
         if isinstance(path, OpeningPath):
             values, self.work = self._opening(path, found)
@@ -294,10 +310,13 @@ def backbone_sensitivity(
     shape, of_shape, of_stuck = mode
     of_shape = np.column_stack([of_shape, np.zeros(system.n)])
     force, C = np.asarray(system.M @ shape), system.C
-    q, level = found.states @ force, found.level
+    q = found.states @ force
+    level = found.carried(q)
     of_q = cycles.amplitude + found.states @ (system.M @ of_shape)
-    of_level = np.zeros_like(of_q)
-    of_level[:, -1] = 1.0  # of its logarithm
+    of_level = -found.shift * of_q
+    of_level[:, -1] += found.level  # by the logarithm
+    of_level[:, :-1] -= np.outer(q, shift_rates(system, found.shift, parameters))
+    of_level /= level[:, np.newaxis]
     relative = of_q / q[:, np.newaxis]
     omega = np.sqrt(level / q)[:, np.newaxis]
     of_omega = 0.5 * omega * (of_level - relative)

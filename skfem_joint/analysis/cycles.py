@@ -41,6 +41,8 @@ class Cycles:
         Share of the pressure points pressed at rest that opened; None where none can.
     limits : ndarray, shape (levels, m), or None
         Friction limits at the level, N; None where they are constant.
+    shift : float
+        1/s2; the states are those of K + shift M where friction alone holds the structure.
     errors : mapping of str to float
         Estimated relative errors of "frequency" and "damping_ratio", if they are known.
     notes : tuple of str
@@ -60,8 +62,16 @@ class Cycles:
     middle: FloatArray | None = None
     opened: FloatArray | None = None
     limits: FloatArray | None = None
+    shift: float = 0.0
     errors: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def carried(self, q: FloatArray) -> FloatArray:
+        """Multiples of the load that K itself carries, (levels,), at amplitudes q of the mode.
+
+        The load is the inertia M phi of a mode, and shift M u is q times that.
+        """
+        return np.asarray(self.level - self.shift * q)
 
 
 def spread(levels: int, count: int) -> IntArray:

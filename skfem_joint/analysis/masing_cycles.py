@@ -70,8 +70,9 @@ def masing_cycles(path: SavedPath, force: FloatArray, level: FloatArray) -> Cycl
     error = float(np.abs(ratio - 1.0).max(initial=0.0)) if masing else None
     work *= between(level, followed, ratio)
     return Cycles(
-        level, states, work, slip, sliding, friction, loops, turned, followed, masing_error=error
-    )
+        level, states, work, slip, sliding, friction, loops, turned, followed,
+        masing_error=error, shift=path.shift,
+    )  # fmt: skip
 
 
 def keeps_direction(system: System, sliders: FloatArray) -> bool:

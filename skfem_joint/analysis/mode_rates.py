@@ -61,6 +61,7 @@ def mode_rates(
     place: int,
     parameters: Sequence[SystemSensitivity],
     stuck: Callable[[sparse.csc_array], Solver | None] | None = None,
+    shift: float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of a frequency, (k,), Hz, and of its mode, (n, k), with the contact stuck.
 
@@ -75,6 +76,8 @@ def mode_rates(
         k of them, in the unknowns of the system.
     stuck : callable, optional
         Of motions without slip: solver of their stiffness, if there is one, `QuasiStatic.stuck`.
+    shift : float
+        Multiple of M that its stiffness has beside K, 1/s2.
 
     Raises
     ------
@@ -110,7 +113,7 @@ def mode_rates(
     rest = right - (M @ shapes) @ along
     sized = np.abs(rest).max(axis=0) > ROUND_OFF * np.abs(pushed).max(axis=0)
     of_shape[:, changes] = shapes @ known + _higher(
-        system, values[place], shapes, np.where(sized, rest, 0.0), stuck
+        system, values[place], shapes, np.where(sized, rest, 0.0), stuck, shift
     )
     omega = 2.0 * np.pi * frequencies[place]
     return of_value / (2.0 * omega) / (2.0 * np.pi), of_shape
@@ -122,6 +125,7 @@ def _higher(
     shapes: FloatArray,
     right: FloatArray,
     stuck: Callable[[sparse.csc_array], Solver | None] | None,
+    shift: float,
 ) -> FloatArray:
     """Solution x of (K - value M) x = right among modes beyond the ``shapes``, (n, k)."""
     if not np.any(right):
@@ -129,7 +133,8 @@ def _higher(
     F = motions_without_slip(system, carrying=True)
     K, M = (sparse.csr_array(congruent(A, F)) for A in (system.stuck_stiffness, system.M))
     Y = F.T @ shapes
-    solve = (stuck and stuck(F)) or factorised(K)
+    shifted = stuck and stuck(F)
+    solve, value = (shifted, value + shift) if shifted else (factorised(K), value)
     return np.asarray(F @ _fixed_point(solve, M, value, Y, F.T @ right))
 
 

@@ -33,10 +33,16 @@ class SavedPath(QuasiStatic):
     ----------
     origin : str
         Name of what all rows depend on: the system and the tolerance.
+
+    Where a small multiple of M makes K definite, ``shift``, its forces on all but rigid motions
+    count at every level in full: (K + shift M) u + B^T f = F. They are known from u then, which
+    those of the last increment alone would not be.
     """
 
     def __init__(self, system: System, tolerance: float, tally: Tally, rows: Rows) -> None:
         super().__init__(system, tolerance, tally)
+        if self.shift and self.condensed is None:
+            self._spare_rigid(self.rigid)
         self.rows, self.origin = rows, rows.mark("level", system, tolerance)
 
     def follow(

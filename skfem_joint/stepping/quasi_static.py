@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from scipy import linalg, sparse
+from scipy.sparse.linalg import aslinearoperator
 
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import ConvergenceError, InputError, JointError
@@ -225,11 +226,15 @@ class QuasiStatic:
         self.condensed, self.problem, self.A = whole.schur, contact, contact.H
         acting = self.to.system.w > 0.0
         self.beta, self.acting = self.beta[acting], np.repeat(acting, self.to.system.directions)
-        self.stiffness, self.added, self.B = self.A, 0.0 * self.A, self.B[:, kept]
-        if rigid.size:
-            image = self.A @ rigid
-            self.added = image @ np.linalg.solve(rigid.T @ image, image.T)
-            self.stiffness = self.A - self.added
+        self.B = self.B[:, kept]
+        self._spare_rigid(rigid)
+
+    def _spare_rigid(self, rigid: FloatArray) -> None:
+        """Take what is added to K from each level's forces for rigid motions alone, (n, r)."""
+        image = self.A @ rigid
+        among = np.linalg.solve(rigid.T @ image, image.T)
+        self.added = aslinearoperator(image) @ aslinearoperator(among)
+        self.stiffness = aslinearoperator(self.A) - self.added
 
     def _without_friction(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of A u = f."""

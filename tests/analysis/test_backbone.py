@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import DENSITY, EA, MU, THICKNESS, WIDTH, pressed, structure
+from clamped_plates import bolted, loads
 from joint_scenes import bar_scene, joint
 from scipy import sparse
 from stepping_systems import arm
@@ -15,6 +16,7 @@ from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
 from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.sources import stuck_basis
+from skfem_joint.stepping.quasi_static import QuasiStatic
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 LINE = DENSITY * WIDTH * THICKNESS
@@ -283,3 +285,15 @@ def test_the_steeper_a_law_the_nearer_it_is_to_coulombs():
         assert any("creep" in text for text in curve.warnings) == (apart[-1] > 0.12)
     assert np.all(np.diff(apart) < 0.0)
     assert apart[-1] < 0.02
+
+
+@pytest.mark.parametrize(("held", "mode"), [({}, 1), ({"fixed": [], "free": True}, 4)])
+def test_a_shift_that_holds_loose_bodies_is_not_seen(held, mode):
+    """The stiffness of plates that friction alone holds together is singular: masses are added."""
+    system = bolted(order=2, **held).system(loads("right", 2))
+    (curve,) = backbone(system, [mode], levels=4, up_to=1e-3)  # nothing slips
+    true = sj.natural_modes(system, mode, joints="stuck").frequencies[-1]
+    shift = QuasiStatic(system).shift / (2.0 * np.pi * true) ** 2
+    assert 0.5 * shift > 5e-9
+    assert curve.stuck_frequency == pytest.approx(true, rel=1e-9)
+    np.testing.assert_allclose(curve.frequency, true, rtol=1e-9)
