@@ -122,9 +122,14 @@ def lowest_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArr
     """
     shift = shifts.SETTINGS.least * mean_square_frequency(K, M)
     frequency, modes = eigenmodes(K + shift * M, M, count)
+    return unshifted(frequency, shift), modes
+
+
+def unshifted(frequency: FloatArray, shift: float) -> FloatArray:
+    """Natural frequencies, Hz, from those of the stiffness K + shift M; zero of rigid motions."""
     squares = (2.0 * np.pi * frequency) ** 2
     squares = np.where(squares > 2.0 * shift, squares - shift, 0.0)
-    return np.sqrt(squares) / (2.0 * np.pi), modes
+    return np.sqrt(squares) / (2.0 * np.pi)
 
 
 def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:

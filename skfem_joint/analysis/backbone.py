@@ -27,7 +27,6 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from skfem_joint.analysis.backbone_sensitivity import (
     BackboneSensitivity,
@@ -52,16 +51,13 @@ from skfem_joint.analysis.own_law_damping import own_law_damping
 from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.saved_path import SavedPath
+from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
-from skfem_joint.modes import eigenmodes
 from skfem_joint.progress import Progress, Tally, silent
-from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.sensitivity import SystemSensitivity
 from skfem_joint.stepping.arrangement import Arranged, arranged
-from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
-from skfem_joint.unknowns import congruent
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
 
@@ -215,31 +211,6 @@ class Backbone:
         return self.highest, np.zeros(self.highest.size), *kept
 
 
-def stuck_modes(
-    system: System, count: int, path: QuasiStatic | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Lowest frequencies (Hz) and modes (n, k), of unit mass, with all contact points held.
-
-    Springs in series with friction take part, and their sliders are held. A factor of the ``path``
-    is used again where it has one. InputError if everything is in contact, so that nothing is left
-    to vibrate.
-    """
-    F = motions_without_slip(system, carrying=True)
-    if F.shape[1] == 0:
-        raise InputError(
-            "backbone: every unknown is in contact, so that no mode is left when it sticks; "
-            "leave a part of the structure out of the joints, keep interface_modes in a reduced "
-            "model, or look at response"
-        )
-    K, M = (sparse.csr_array(congruent(A, F)) for A in (system.stuck_stiffness, system.M))
-    solve = None if path is None else path.stuck(F)
-    frequency, shapes = eigenmodes(K, M, min(count, F.shape[1]), solve)
-    if path is not None and solve is not None:
-        square = frequency**2 - path.shift / (2.0 * np.pi) ** 2
-        frequency = np.sqrt(np.maximum(square, 0.0))
-    return frequency, F @ shapes
-
-
 def backbone(
     system: System,
     modes: Sequence[int] = (1,),
@@ -304,7 +275,8 @@ def backbone(
     paths = SETTINGS.tolerance, tally, rows, bool(parameters)
     opening = OpeningPath(system, *paths) if opens else None
     count = int(numbers.max()) + SETTINGS.higher_modes
-    frequencies, shapes = stuck_modes(to.system, count, path)
+    stuck = Stuck(to.system, path)
+    frequencies, shapes = stuck.modes(count)
     refuse(
         f"backbone: found mode {k}, there are {frequencies.size} with the contact stuck"
         for k in numbers.tolist()
@@ -315,7 +287,7 @@ def backbone(
         check_modes(system.serves, of_mode, of_mode, up_to)
     curves = []
     for k in numbers.tolist():
-        mode = _Mode(k, shapes, frequencies, to.system.M @ shapes[:, k - 1])
+        mode = _Mode(k, shapes, frequencies, to.system.M @ shapes[:, k - 1], stuck)
         curve = _curve(to, path, opening, mode, shares, slips_at, parameters)
         curves.append(replace(curve, slips_at=np.nan) if np.ndim(levels) else curve)
     if system.serves is None:
@@ -373,12 +345,15 @@ class _Mode:
         Of all these, Hz.
     force : ndarray, shape (n,)
         Inertia M phi, the load of level 1, N.
+    stuck : Stuck
+        Structure that it is a mode of.
     """
 
     number: int
     shapes: FloatArray
     frequencies: FloatArray
     force: FloatArray
+    stuck: Stuck
 
     @property
     def shape(self) -> FloatArray:
@@ -469,8 +444,7 @@ def _sensitivity(
     if isinstance(path, OpeningPath):
         closed = of_closed_system(parameters, path.given)
     closed = _inside(closed, to)
-    stuck = () if isinstance(path, OpeningPath) else (path.stuck, path.shift)
-    of_stuck, of_shape = mode_rates(to.system, *of_modes, closed, *stuck)
+    of_stuck, of_shape = mode_rates(to.system, *of_modes, closed, mode.stuck)
     inside, system = closed, path.to.system
     if isinstance(path, OpeningPath):
         inside, of_shape = _inside(parameters, path.to), path.of_closed(to.outer(of_shape.T).T)

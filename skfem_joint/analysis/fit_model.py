@@ -17,9 +17,10 @@ from typing import cast
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
+from skfem_joint.analysis.backbone import Backbone, backbone
 from skfem_joint.analysis.backbone_sensitivity import BackboneSensitivity
 from skfem_joint.analysis.measured import MeasuredCurve
+from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.sensitivity import SystemSensitivity
@@ -128,7 +129,7 @@ class FitModel:
         self.structure, self.keys = structure, tuple(keys)
         self._of_system = tuple(loads), points
         self.computed = 0
-        self._found: dict[tuple[object, ...], _Found] = {}
+        self._found: dict[tuple[object, ...], list[_Found]] = {}  # the newest first
         self.start = np.array([value_of(structure, key) for key in self.keys])
         sensitivities(structure, self.keys, self.system(structure))  # refuses what cannot be
 
@@ -199,15 +200,16 @@ class FitModel:
         The levels begin as the derivatives of the curve that was found before say.
         """
         place = (mode, *weights.tolist(), *nodes.tolist())
-        before = self._found.get(place)
-        if before is not None and np.array_equal(before.values, values):
-            return before.curve
+        known = self._found.setdefault(place, [])
+        for before in known:
+            if np.array_equal(before.values, values):
+                return before.curve
         levels = (
             self._of_stuck(system, mode, weights) * nodes
-            if before is None
-            else (_rising(before.levels(values)))
+            if not known
+            else _rising(known[0].levels(values))
         )
-        best, least, refused = None, np.inf, np.inf
+        best, found, least, refused = None, None, np.inf, np.inf
         for trial in range(SETTINGS.trials):
             try:
                 (curve,) = backbone(system, (mode,), levels, parameters=parameters)
@@ -225,7 +227,7 @@ class FitModel:
             apart = np.log(nodes[: X.size]) - X
             if (size := float(np.abs(apart).max())) < least:
                 best, least = curve, size
-                self._found[place] = _Found(values, curve, apart, of_x)
+                found = _Found(values, curve, apart, of_x)
             if size <= SETTINGS.near:
                 break
             levels = _rising(_Found(values, curve, apart, of_x).levels(values))
@@ -233,12 +235,14 @@ class FitModel:
                 levels = _up_to(levels, np.sqrt(curve.level[-1] * refused))
         if best is None:  # say why
             (best,) = backbone(system, (mode,), levels, parameters=parameters)
+        elif found is not None:
+            known[:] = [found, *known[:1]]  # a step that is not taken leads back to the one before
         return best
 
     def _of_stuck(self, system: System, mode: int, weights: FloatArray) -> float:
         """Level over the amplitude of a point with the contact stuck."""
         closed = system.closed()
-        frequencies, shapes = stuck_modes(closed, mode)
+        frequencies, shapes = Stuck(closed).modes(mode)
         if mode > frequencies.size:
             raise InputError(f"fit: found mode {mode}, there are {frequencies.size} stuck ones")
         moved = abs(float(weights @ np.asarray(closed.P @ shapes[:, mode - 1])))

@@ -18,13 +18,11 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
+from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.linalg.factors import factorised
-from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.sensitivity import SystemSensitivity
 from skfem_joint.system import System
-from skfem_joint.unknowns import congruent
 
 Solver = Callable[[FloatArray], FloatArray]
 
@@ -60,8 +58,7 @@ def mode_rates(
     shapes: FloatArray,
     place: int,
     parameters: Sequence[SystemSensitivity],
-    stuck: Callable[[sparse.csc_array], Solver | None] | None = None,
-    shift: float = 0.0,
+    stuck: Stuck | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of a frequency, (k,), Hz, and of its mode, (n, k), with the contact stuck.
 
@@ -69,15 +66,13 @@ def mode_rates(
     ----------
     system : System
     frequencies, shapes : ndarray, shape (modes,) and (n, modes)
-        Lowest modes, as `skfem_joint.analysis.backbone.stuck_modes` returns them.
+        Lowest modes, as `Stuck.modes` returns them.
     place : int
         Which of them.
     parameters : sequence of SystemSensitivity
         k of them, in the unknowns of the system.
-    stuck : callable, optional
-        Of motions without slip: solver of their stiffness, if there is one, `QuasiStatic.stuck`.
-    shift : float
-        Multiple of M that its stiffness has beside K, 1/s2.
+    stuck : Stuck, optional
+        Of the system, whose factor is used again.
 
     Raises
     ------
@@ -113,7 +108,7 @@ def mode_rates(
     rest = right - (M @ shapes) @ along
     sized = np.abs(rest).max(axis=0) > ROUND_OFF * np.abs(pushed).max(axis=0)
     of_shape[:, changes] = shapes @ known + _higher(
-        system, values[place], shapes, np.where(sized, rest, 0.0), stuck, shift
+        system, values[place], shapes, np.where(sized, rest, 0.0), stuck
     )
     omega = 2.0 * np.pi * frequencies[place]
     return of_value / (2.0 * omega) / (2.0 * np.pi), of_shape
@@ -124,18 +119,15 @@ def _higher(
     value: float,
     shapes: FloatArray,
     right: FloatArray,
-    stuck: Callable[[sparse.csc_array], Solver | None] | None,
-    shift: float,
+    stuck: Stuck | None,
 ) -> FloatArray:
     """Solution x of (K - value M) x = right among modes beyond the ``shapes``, (n, k)."""
     if not np.any(right):
         return np.zeros_like(right)
-    F = motions_without_slip(system, carrying=True)
-    K, M = (sparse.csr_array(congruent(A, F)) for A in (system.stuck_stiffness, system.M))
-    Y = F.T @ shapes
-    shifted = stuck and stuck(F)
-    solve, value = (shifted, value + shift) if shifted else (factorised(K), value)
-    return np.asarray(F @ _fixed_point(solve, M, value, Y, F.T @ right))
+    stuck = stuck or Stuck(system)
+    solve, shift = stuck.solver
+    Y, right = stuck.F.T @ shapes, stuck.F.T @ right
+    return np.asarray(stuck.F @ _fixed_point(solve, stuck.M, value + shift, Y, right))
 
 
 def _fixed_point(

@@ -7,13 +7,14 @@ from functools import partial
 
 import numpy as np
 
-from skfem_joint.analysis.backbone import Backbone, backbone, levels_of_a_curve, stuck_modes
+from skfem_joint.analysis.backbone import Backbone, backbone, levels_of_a_curve
 from skfem_joint.analysis.cycles import spread
 from skfem_joint.analysis.normal_force import NormalChange, normal_change_of_mode
 from skfem_joint.analysis.ring_down import RingDown, ring_down
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import options_of, origin_of
 from skfem_joint.analysis.scene_range import of_scene, range_model, served_scene
+from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.progress import Progress, silent
@@ -255,7 +256,7 @@ def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, 
         return V, condensed_system(system, V)
     modes = 24 if isinstance(options.modes, str) else options.modes
     beyond = 2 if isinstance(options.interface_modes, str) else options.interface_modes
-    stuck = stuck_modes(system.closed(), curve.mode + beyond)[1]
+    stuck = Stuck(system.closed()).modes(curve.mode + beyond)[1]
     states, increments = curve.states, curve.loops
     if system.opening is not None:
         stuck, system = system.opening.closed_motions() @ stuck, elastic(system)

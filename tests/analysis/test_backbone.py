@@ -12,8 +12,9 @@ from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.analysis.backbone import Backbone, backbone, stuck_modes
+from skfem_joint.analysis.backbone import Backbone, backbone
 from skfem_joint.analysis.scene_backbone import scene_backbone
+from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.sources import stuck_basis
 from skfem_joint.stepping.quasi_static import QuasiStatic
@@ -119,7 +120,7 @@ def test_higher_modes_near_odd_multiples_are_reported():
 @pytest.mark.parametrize("system", [bar(), plate(), plate(True)])
 def test_a_reduced_model_has_the_curve_of_the_full_one(system):
     (full,) = backbone(system)
-    stuck = stuck_modes(system, 2)[1]
+    stuck = Stuck(system).modes(2)[1]
     basis = stuck_basis(system, stuck, full.states, full.loops, 24, full.stuck_frequency)
     small = reduced_system(system, basis)
     (found,) = backbone(small, slips_at=full.slips_at)
@@ -187,7 +188,7 @@ def test_a_ring_down_does_not_depend_on_its_step_and_states_where_it_does():
     system = plate(bolted=True)
     system = replace(system, C=2e-6 * system.K)
     (full,) = backbone(system, levels=8)
-    stuck = stuck_modes(system, 2)[1]
+    stuck = Stuck(system).modes(2)[1]
     basis = stuck_basis(system, stuck, full.states, full.loops, 24, full.stuck_frequency)
     small = reduced_system(system, basis, periodic=False)
     (curve,) = backbone(small, levels=8, slips_at=full.slips_at)

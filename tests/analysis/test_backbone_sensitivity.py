@@ -25,8 +25,8 @@ from skfem_joint.structure.sensitivities import sensitivities
 CURVES = "amplitude", "frequency", "friction_damping", "viscous_damping", "displacement"
 #: Relative step of central differences, and tolerance of levels, whose noise is over the step.
 STEP, EXACT = 1e-4, 1e-10
-#: Noise of such differences, over the value: that of the levels over the step.
-NOISE = EXACT / STEP
+#: Noise of such differences, over the value: that of the levels at both ends over the step.
+NOISE = 2.0 * EXACT / STEP
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -10,11 +10,11 @@ from joint_scenes import BARS, MU, THICKNESS, WIDTH, bar_scene, harmonic, joint,
 from scipy import sparse
 from scipy.integrate import trapezoid
 
-from skfem_joint.analysis.backbone import stuck_modes
 from skfem_joint.analysis.description import alike, describe
 from skfem_joint.analysis.gross_slip import sticking_share
 from skfem_joint.analysis.normal_force import normal_change_of_mode
 from skfem_joint.analysis.scene_backbone import scene_backbone
+from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.mesh import build_bar, build_plate
 from skfem_joint.output.damping import backbone_lines, write_backbone
@@ -150,7 +150,7 @@ def test_a_longitudinal_mode_changes_the_normal_force_by_its_inertia():
         time={"cycles": 1, "steps_per_cycle": 40},
     )  # fmt: skip
     structure, system = scene.structure(), scene.system()
-    frequencies, shapes = stuck_modes(system, 6)
+    frequencies, shapes = Stuck(system).modes(6)
     up = system.load_vectors()[:, 0] @ shapes
     k = int(np.abs(up).argmax())
     f, q = frequencies[k], 1e-7
