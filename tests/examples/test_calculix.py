@@ -78,7 +78,8 @@ def test_without_its_program_the_benchmark_says_so(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="CalculiX is not installed")
 def test_the_benchmark_of_calculix_runs(capsys):
-    calculix.main(["axial", "0.3", "--quick"])
+    calculix.main(["axial", "0.6", "--quick"])
     cells = capsys.readouterr().out.splitlines()[-1].split("|")
     ours, theirs = float(cells[7]), float(cells[8])
-    assert 0.5 < ours / theirs < 2.0  # three increments resolve no loop
+    # -17.5 % with 20 levels a part; CalculiX's area from six is 11 % smaller, which leaves -7.7 %
+    assert ours == pytest.approx(theirs, rel=0.2)
