@@ -220,6 +220,7 @@ def backbone(
     progress: Progress = silent,
     rows: Rows | None = None,
     parameters: Sequence[SystemSensitivity] = (),
+    kept: Kept | None = None,
 ) -> list[Backbone]:
     """Natural frequency and damping ratio of some modes over their amplitude.
 
@@ -247,6 +248,8 @@ def backbone(
         Where levels are kept as they finish, and taken up again; not beside ``parameters``.
     parameters : sequence of SystemSensitivity
         By which the curves are differentiated, from :func:`skfem_joint.sensitivities`.
+    kept : skfem_joint.analysis.backbone.Kept, optional
+        Factors of an earlier call, and where those of this call are kept.
 
     Returns
     -------
@@ -271,7 +274,7 @@ def backbone(
     rows = rows if rows and not parameters else Rows()
     tally = Tally(progress, len(modes) * levels_of_a_curve(shares.size, opens))
     to = arranged(system.closed())
-    path = SavedPath(to.system, SETTINGS.tolerance, tally, rows)
+    path = (kept or Kept()).path_of(to, tally, rows)
     paths = SETTINGS.tolerance, tally, rows, bool(parameters)
     opening = OpeningPath(system, *paths) if opens else None
     count = int(numbers.max()) + SETTINGS.higher_modes
@@ -328,6 +331,21 @@ def levels_of_a_curve(levels: int, opens: bool = False) -> int:
     cycles.
     """
     return cycles_to_follow(levels) if opens else levels_to_follow(levels)
+
+
+class Kept:
+    """Factors of the stiffness that curves of other limits, springs and damping use again."""
+
+    def __init__(self) -> None:
+        self._path: SavedPath | None = None
+
+    def path_of(self, to: Arranged, tally: Tally, rows: Rows) -> SavedPath:
+        """Quasi-static path of a system, with the factors kept where they are its own."""
+        before, self._path = self._path, None
+        path = None if before is None else before.again(to, tally, rows)
+        del before  # two factors at once may be too large
+        self._path = path or SavedPath(to.system, SETTINGS.tolerance, tally, rows)
+        return self._path
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from typing import cast
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from skfem_joint.analysis.backbone import Backbone, backbone
+from skfem_joint.analysis.backbone import Backbone, Kept, backbone
 from skfem_joint.analysis.backbone_sensitivity import BackboneSensitivity
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.analysis.stuck import Stuck
@@ -128,7 +128,7 @@ class FitModel:
     ) -> None:
         self.structure, self.keys = structure, tuple(keys)
         self._of_system = tuple(loads), points
-        self.computed = 0
+        self.computed, self._kept = 0, Kept()
         self._found: dict[tuple[object, ...], list[_Found]] = {}  # the newest first
         self.start = np.array([value_of(structure, key) for key in self.keys])
         sensitivities(structure, self.keys, self.system(structure))  # refuses what cannot be
@@ -212,7 +212,7 @@ class FitModel:
         best, found, least, refused = None, None, np.inf, np.inf
         for trial in range(SETTINGS.trials):
             try:
-                (curve,) = backbone(system, (mode,), levels, parameters=parameters)
+                (curve,) = backbone(system, (mode,), levels, parameters=parameters, kept=self._kept)
             except (InputError, ConvergenceError):
                 # Levels of a stuck structure may be more than friction holds, where those of the
                 # same amplitudes with slip are not.

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from scipy import sparse
 
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
 from skfem_joint.progress import Tally
+from skfem_joint.stepping.arrangement import Arranged
 from skfem_joint.stepping.quasi_static import SETTINGS as QUASI_STATIC
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
@@ -44,6 +48,24 @@ class SavedPath(QuasiStatic):
         if self.shift and self.condensed is None:
             self._spare_rigid(self.rigid)
         self.rows, self.origin = rows, rows.mark("level", system, tolerance)
+
+    def again(self, to: Arranged, tally: Tally, rows: Rows) -> SavedPath | None:
+        """Path at rest of a system that differs in limits, springs and damping alone, or None.
+
+        Factors of the stiffness are used again.
+        """
+        old, new = self.to.system, to.system
+        known = self.whole is not None and to.kind == self.to.kind
+        if not known or not all(
+            _same(getattr(old, name), getattr(new, name)) for name in ("K", "M", "B", "beta")
+        ):
+            return None
+        if not np.array_equal(old.w > 0.0, new.w > 0.0):
+            return None
+        path = self.limited(to)
+        path.tally, path.rows = tally, rows
+        path.origin = rows.mark("level", new, self.tolerance)
+        return path
 
     def follow(
         self,
@@ -97,3 +119,11 @@ class SavedPath(QuasiStatic):
         limit = self.rows.row(mark, lambda: compute(force))
         self.forget()
         return limit
+
+
+def _same(A: Any, B: Any) -> bool:
+    """Whether two arrays or sparse arrays are the same, entry by entry."""
+    if not (sparse.issparse(A) and sparse.issparse(B)):
+        return type(A) is type(B) and np.array_equal(A, B)
+    parts = ((x.indptr, x.indices, x.data) for x in (A, B))
+    return A.format == B.format and all(map(np.array_equal, *parts))

@@ -28,7 +28,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, cast
 
 import numpy as np
 from scipy import linalg, sparse
@@ -175,7 +175,7 @@ class QuasiStatic:
         self.solves = 0
         self.scaled_back = 0  # levels whose forces were scaled back
 
-    def afresh(self, to: Arranged, tolerance: float | None = None) -> QuasiStatic:
+    def afresh(self, to: Arranged, tolerance: float | None = None) -> Self:
         """Copy at rest that reuses the factorisations; ``to`` maps to the caller's unknowns."""
         path = copy(self)
         path.to, path.tally = to, Tally()
@@ -184,12 +184,19 @@ class QuasiStatic:
         path.sigma = np.zeros_like(self.sigma)
         return path
 
-    def with_limits(self, w: FloatArray) -> QuasiStatic:
+    def with_limits(self, w: FloatArray) -> Self:
         """Copy at rest with other friction limits (m,), N, zero where they were zero.
 
         Factors of the stiffness are used again.
         """
-        path = self.afresh(replace(self.to, system=replace(self.to.system, w=w)))
+        return self.limited(replace(self.to, system=replace(self.to.system, w=w)))
+
+    def limited(self, to: Arranged) -> Self:
+        """Copy at rest for a system that differs in friction limits, springs and damping alone.
+
+        Limits are zero where they were zero. Factors of the stiffness are used again.
+        """
+        path = self.afresh(to)
         points = ContactPoints.of(path.to.system)
         if self.whole is None:
             path.problem = step_problem(self.A, points, self.to.kind)

@@ -12,12 +12,15 @@ from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.analysis.backbone import Backbone, backbone
+from skfem_joint.analysis.backbone import Backbone, Kept, backbone
 from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.analysis.stuck import Stuck
+from skfem_joint.linalg.schur import SchurComplement
+from skfem_joint.minimise import condensed_newton
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.sources import stuck_basis
 from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.structure.parameters import with_values
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 LINE = DENSITY * WIDTH * THICKNESS
@@ -298,3 +301,29 @@ def test_a_shift_that_holds_loose_bodies_is_not_seen(held, mode):
     assert 0.5 * shift > 5e-9
     assert curve.stuck_frequency == pytest.approx(true, rel=1e-9)
     np.testing.assert_allclose(curve.frequency, true, rtol=1e-9)
+
+
+@pytest.mark.parametrize("held", [{}, {"fixed": [], "free": True}])
+def test_curves_of_other_limits_and_damping_use_factors_again(held, monkeypatch):
+    made = []
+
+    class Counted(SchurComplement):
+        def __init__(self, *given):
+            made.append(given)
+            super().__init__(*given)
+
+    monkeypatch.setattr(condensed_newton, "SchurComplement", Counted)
+    kept, modes = Kept(), [4 if held else 1]
+    for friction, damping in ((0.3, 0.01), (0.4, 0.02)):
+        given = bolted(joint={"friction": friction}, damping_ratio=damping, **held)
+        system = given.system(loads("right", 2))
+        (again,) = backbone(system, modes, 4, kept=kept)
+        assert len(made) == 1
+    (alone,) = backbone(system, modes, 4)
+    assert len(made) == 2
+    for name in ("frequency", "damping_ratio", "amplitude", "slips_at"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(alone, name))
+    given = with_values(given, {"material.E": 190e9})
+    stiffer = given.system(loads("right", 2))
+    (again,), (alone,) = backbone(stiffer, modes, 4, kept=kept), backbone(stiffer, modes, 4)
+    np.testing.assert_array_equal(again.frequency, alone.frequency)
