@@ -597,9 +597,10 @@ def _covariance(
 
 def _undetermined(problem: FitProblem, direction: FloatArray) -> str:
     """Sentence about a direction, (k,), of the variables that the data do not determine."""
-    share = direction / direction[np.abs(direction).argmax()]
-    some = np.flatnonzero(np.abs(share) >= SETTINGS.shown)
-    some = some[np.argsort(-np.abs(share[some]), kind="stable")]
+    size = np.round(np.abs(direction) / np.abs(direction).max(), 3)  # equal shares in given order
+    share = direction / direction[size.argmax()]
+    some = np.flatnonzero(size >= SETTINGS.shown)
+    some = some[np.argsort(-size[some], kind="stable")]
     names = [problem.names[k] for k in some]
     if len(names) == 1:
         return f"The data do not determine {names[0]}: any value within its bounds fits as well."
