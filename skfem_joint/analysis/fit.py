@@ -544,6 +544,7 @@ def solved(problem: FitProblem, progress: Progress = silent) -> Fit:
     rates = problem.rates(vector)
     count = len(problem.model.keys)
     predicted = problem.model.predict(vector[:count].tolist(), problem.curves)
+    problem.model.let_go()
     notes += [note for curve in problem.curves for note in curve.notes]
     notes += _at_bounds(problem, vector)
     return Fit(

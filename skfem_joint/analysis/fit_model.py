@@ -142,6 +142,10 @@ class FitModel:
         """Names of the points whose amplitude may be measured."""
         return self.system(self.structure).points
 
+    def let_go(self) -> None:
+        """Give back the memory of the factors that are kept from one curve to the next."""
+        self._kept = Kept()
+
     def at(self, values: Sequence[float]) -> Structure:
         """Structure with the free values at the given ones."""
         return with_values(self.structure, dict(zip(self.keys, values, strict=True)))

