@@ -139,7 +139,9 @@ INCH = 0.0254
 BOLTS = (-0.03, 0.0, 0.03)
 
 
-def brake_reuss(across=2, along=(8,), thickness=INCH, sensor=None, rings=(), ends=1, digits=9):
+def brake_reuss(
+    across=2, along=(8,), thickness=INCH, sensor=None, rings=(), layers=(), ends=1, digits=9
+):
     """Brake-Reuss beam; ``across`` elements on each quarter of a bolt, ``along`` a full part.
 
     Sizes of the beam, washers, bolts: the model of the tutorial of Abaqus4Joints (N. Balaji). Heads
@@ -149,14 +151,14 @@ def brake_reuss(across=2, along=(8,), thickness=INCH, sensor=None, rings=(), end
 
     A ``sensor`` (m from the end) is a point of the upper half beam's outer face, and ``along`` then
     has the elements before and behind it. ``rings`` are radii (m) of more circles around the
-    washers, and ``ends`` the elements on each end of the lap. Six ``digits``, positions to the
-    micrometre, make the file a fifth smaller.
+    washers, ``layers`` heights (m) of elements above its faces, and ``ends`` those on each end
+    of the lap. Six ``digits``, positions to the micrometre, make the file a fifth smaller.
     """
     half, angle = 0.5 * INCH, 0.5 * np.pi / across  # between corners
     radii = np.array([0.15625 * INCH, 0.00425, 0.00667, 0.34375 * INCH, *rings])
     shank, hole, head, washer, *others = np.sqrt(angle / np.sin(angle)) * radii
     deep = 0.5 * thickness
-    face = np.array([0.0, deep])
+    face = np.array([0.0, *layers, deep])
     above = np.array([deep, deep + 0.0625 * INCH, deep + (0.0625 + 0.203125) * INCH])
     whole = np.concatenate([face, above[1:]])
     side = np.linspace(-1.0, 1.0, across + 1)
@@ -166,11 +168,11 @@ def brake_reuss(across=2, along=(8,), thickness=INCH, sensor=None, rings=(), end
     stops = [0.06, 0.36] if sensor is None else [0.06, 0.36 - sensor, 0.36]
     for (start, stop), count in zip(pairwise(stops), along, strict=True):
         beam = np.linspace(start, stop, count + 1)
-        parts.append((np.meshgrid(beam, y, indexing="ij"), np.array([-deep, 0.0, deep])))
+        parts.append((np.meshgrid(beam, y, indexing="ij"), np.array([-deep, *face])))
     core = np.meshgrid(0.5 * shank * side, 0.5 * shank * side, indexing="ij")
     curves = [_square(across, 0.5 * shank), *(_circle(across, r) for r in (shank, hole, head))]
     curves += [_circle(across, r) for r in (washer, *others)] + [_square(across, 0.015, half)]
-    heights = [whole, above[1:], whole, whole[:3], *[face] * (1 + len(others))]
+    heights = [whole, above[1:], whole, whole[:-1], *[face] * (1 + len(others))]
     for x in BOLTS:
         parts.append((core + np.array([[[x]], [[0.0]]]), whole))
         for pair, z in zip(pairwise(curves), heights, strict=True):
@@ -202,11 +204,12 @@ def brake_reuss(across=2, along=(8,), thickness=INCH, sensor=None, rings=(), end
 def thin_beam():
     """Thin Brake-Reuss beam, bent across its lap, with the sensor of the measured curves.
 
-    Its faces touch up to some 11 mm from the bolts' axes. Slip begins at that edge, and circles
-    half a millimetre apart resolve how: with two circles it begins at three times the amplitude.
+    Its faces touch up to some 12 mm from the bolts' axes, and slip begins at that edge. Circles of
+    nodes 0.3 mm apart resolve it, with sixteen elements around and a layer of 0.9 mm.
     """
-    rings = 0.0090, 0.0094, 0.0098, 0.0102, 0.0106, 0.0110, 0.0115
-    return brake_reuss(along=(4, 2), thickness=0.5 * INCH, sensor=3 * INCH, rings=rings, digits=6)
+    rings = 0.0098, 0.0106, 0.0109, 0.0112, 0.0115, 0.0118, 0.0121
+    sizes = {"thickness": 0.5 * INCH, "sensor": 3 * INCH, "digits": 6}
+    return brake_reuss(4, (4, 2), rings=rings, layers=(0.0009,), **sizes)
 
 
 def _solid(name, p, t, boundaries, points=None):

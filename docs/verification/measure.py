@@ -284,7 +284,7 @@ CLAIMS = {
     "fit-coverage": Claim(f"{BENCHMARKS}/fits.py coverage", 300, {"fit-coverage": printed}),
     "fit-solid": Claim(f"{BENCHMARKS}/fits.py solid", 200, {"fit-solid": printed}, timed=True),
     "measured-beam": Claim(
-        "python examples/measured_beam.py", 400, {"measured-beam": as_text}, short="--short"
+        "python examples/measured_beam.py", 800, {"measured-beam": as_text}, short="--short"
     ),
     "contact-block": Claim(f"{BENCHMARKS}/contact.py block", 10, {"contact-block": printed}),
     "contact-wall": Claim(f"{BENCHMARKS}/contact.py wall", 10, {"contact-wall": printed}),
