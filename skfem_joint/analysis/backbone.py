@@ -220,7 +220,6 @@ def backbone(
     progress: Progress = silent,
     rows: Rows | None = None,
     parameters: Sequence[SystemSensitivity] = (),
-    kept: Kept | None = None,
 ) -> list[Backbone]:
     """Natural frequency and damping ratio of some modes over their amplitude.
 
@@ -248,8 +247,6 @@ def backbone(
         Where levels are kept as they finish, and taken up again; not beside ``parameters``.
     parameters : sequence of SystemSensitivity
         By which the curves are differentiated, from :func:`skfem_joint.sensitivities`.
-    kept : skfem_joint.analysis.backbone.Kept, optional
-        Factors of an earlier call, and where those of this call are kept.
 
     Returns
     -------
@@ -265,6 +262,22 @@ def backbone(
     ConvergenceError
         If a level does not converge, or with contact that opens the first one has no state.
     """
+    given = modes, levels, up_to, slips_at, progress, rows, parameters
+    return _backbone(Kept(), system, *given)
+
+
+def _backbone(
+    kept: Kept,
+    system: System,
+    modes: Sequence[int],
+    levels: int | ArrayLike,
+    up_to: float,
+    slips_at: float | None,
+    progress: Progress,
+    rows: Rows | None,
+    parameters: Sequence[SystemSensitivity],
+) -> list[Backbone]:
+    """As `backbone`, with factors that are kept."""
     system.check_any_load("backbone")
     check_whole(system, "backbone")
     check_each("backbone: modes", modes, COUNT)
@@ -274,7 +287,7 @@ def backbone(
     rows = rows if rows and not parameters else Rows()
     tally = Tally(progress, len(modes) * levels_of_a_curve(shares.size, opens))
     to = arranged(system.closed())
-    path = (kept or Kept()).path_of(to, tally, rows)
+    path = kept.path_of(to, tally, rows)
     paths = SETTINGS.tolerance, tally, rows, bool(parameters)
     opening = OpeningPath(system, *paths) if opens else None
     count = int(numbers.max()) + SETTINGS.higher_modes
@@ -346,6 +359,16 @@ class Kept:
         del before  # two factors at once may be too large
         self._path = path or SavedPath(to.system, SETTINGS.tolerance, tally, rows)
         return self._path
+
+    def backbone(
+        self,
+        system: System,
+        modes: Sequence[int],
+        levels: ArrayLike,
+        parameters: Sequence[SystemSensitivity] = (),
+    ) -> list[Backbone]:
+        """Curves at given levels, as the function `backbone` returns them."""
+        return _backbone(self, system, modes, levels, 1.0, None, silent, None, parameters)
 
 
 @dataclass(frozen=True)

@@ -216,7 +216,7 @@ class FitModel:
         best, found, least, refused = None, None, np.inf, np.inf
         for trial in range(SETTINGS.trials):
             try:
-                (curve,) = backbone(system, (mode,), levels, parameters=parameters, kept=self._kept)
+                (curve,) = self._kept.backbone(system, (mode,), levels, parameters)
             except (InputError, ConvergenceError):
                 # Levels of a stuck structure may be more than friction holds, where those of the
                 # same amplitudes with slip are not.
