@@ -204,7 +204,7 @@ def test_the_benchmarks_of_derivatives_and_solid_fits_run(capsys):
             errors[cells[3].strip()].append(float(cells[6]))
     assert [len(each) for each in errors.values()] == [5 + 2 * 5, 2 * 6]
     assert max(errors["constant"]) < 1e-5
-    # By E, derivatives see the mass added to loose plates: 1.6e-5 on this coarse mesh, printed 2e-5.
+    # By E, derivatives see the mass added to loose plates: 1.6e-5 on this mesh, printed as 2e-5.
     assert max(errors["unilateral"]) <= 2e-5
     assert [int(cells[4]) < 15 for cells in rows if cells[0].strip() in ("lap joint",)] == [True]
 
