@@ -199,7 +199,8 @@ class LevelRates:
     force_rates : ndarray, shape (n, k)
         Derivative of F by each parameter, N.
     looked_at : ndarray, shape (n, f)
-        Values of a displacement (n,) that are differentiated, a column for each.
+        Values of a displacement (n,) that are differentiated, a column for each; first F, the
+        inertia of a mode of unit mass.
     touch : tuple of ndarray of bool, shape (m,) and (q,), optional
         Contact points and pressure points of contact that opens that carry a force at any level.
 
@@ -224,9 +225,9 @@ class LevelRates:
         if isinstance(path, OpeningLevels):
             m, q = self.system.w.size, path.contact.gap.size
             every = np.ones(m, dtype=bool), np.ones(q, dtype=bool)
-            self.matrix = _Matrix.opening(path, touch or every)
+            self.matrix, self.shift = _Matrix.opening(path, touch or every), path.shift
         else:
-            self.matrix = _Matrix.constant(path)
+            self.matrix, self.shift = _Matrix.constant(path), 0.0
         # A x = g is condensed once for all right sides and values: v x = z v' + v'' g, with v' the
         # restricted v, and v'' the displacement under v with the contact held.
         self._force = self._padded(np.column_stack([force_rates, force]))
@@ -318,8 +319,13 @@ class LevelRates:
         for k, (alpha, level) in enumerate(walk):
             both = self._total(alpha, self._force, pushed[:, k]), right[:, k]
             right_here = self._total(alpha, self._right_of_force, both[1])
-            last = self._next(last, before, level, both[0], right_here)
-            before = level
+            rates = self._next(last, before, level, both[0], right_here)
+            if self.shift:  # which levels do not show, but the matrix has
+                more = self.shift * rates.values[0]
+                g = both[0] + np.outer(self._force[:, -1], more)
+                right_here = right_here + np.outer(self._right_of_force[:, -1], more)
+                rates = self._next(last, before, level, g, right_here)
+            last, before = rates, level
             found.append(last)
         return found
 

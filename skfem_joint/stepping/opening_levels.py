@@ -96,11 +96,11 @@ class OpeningLevels:
             raise InputError("contact that opens: found a system without it")
         self.tolerance, self.contact = tolerance, inner.opening
         K = as_dense(inner.K) if inner.is_dense else as_compressed(inner.K)
-        self.K, self.added = K, None
+        self.K, self.added, self.shift = K, None, 0.0
         if is_singular(K):
-            least = shifts.SETTINGS.least * inner.mean_square_frequency
+            self.shift = shifts.SETTINGS.least * inner.mean_square_frequency
             M = as_dense(inner.M) if inner.is_dense else as_compressed(inner.M)
-            self.added = least * M
+            self.added = self.shift * M
         self.H = K if self.added is None else K + self.added
         self.few = isinstance(self.contact.N, np.ndarray)
         contact = self.contact.N, self.contact.gain, self.contact.stiffness

@@ -198,14 +198,9 @@ def test_the_benchmark_of_fits_runs(capsys):
 def test_the_benchmarks_of_derivatives_and_solid_fits_run(capsys):
     fits.main(["gradients", "solid", "--quick"])
     rows = [line.split("|")[1:-1] for line in capsys.readouterr().out.splitlines() if "|" in line]
-    errors = {"constant": [], "unilateral": []}
-    for cells in rows:
-        if len(cells) == 10 and "e-" in cells[6]:
-            errors[cells[3].strip()].append(float(cells[6]))
-    assert [len(each) for each in errors.values()] == [5 + 2 * 5, 2 * 6]
-    assert max(errors["constant"]) < 1e-5
-    # By E, derivatives see the mass added to loose plates: 1.6e-5 on this mesh, printed as 2e-5.
-    assert max(errors["unilateral"]) <= 2e-5
+    errors = [float(cells[6]) for cells in rows if len(cells) == 10 and "e-" in cells[6]]
+    assert len(errors) == 5 + 2 * 5 + 2 * 6
+    assert max(errors) < 1e-5
     assert [int(cells[4]) < 15 for cells in rows if cells[0].strip() in ("lap joint",)] == [True]
 
 
