@@ -251,7 +251,7 @@ class BlockFactors:
                 place, moves = np.cumsum(among) - 1, among[self.rows]
                 free = np.flatnonzero(among)
                 T = self.A.take(free, axis=0).take(free, axis=1)
-            T[place[self.rows[moves]], place[self.columns[moves]]] += values[moves]
+            np.add.at(T, (place[self.rows[moves]], place[self.columns[moves]]), values[moves])
             return factorised(T)
         entries, n = self.A.tocoo(copy=False), self.A.shape[0]
         values = np.concatenate([entries.data, values])

@@ -26,11 +26,11 @@ from functools import cached_property
 from typing import Any, NamedTuple, cast
 
 import numpy as np
-from scipy import linalg, sparse
+from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.linalg.schur import SchurComplement, condensed
 from skfem_joint.minimise.opening_springs import OpeningOnSprings
 from skfem_joint.minimise.problem import ContactPoints
@@ -40,7 +40,6 @@ from skfem_joint.stepping.levels import Level
 from skfem_joint.stepping.opening_levels import OpeningLevels
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
-from skfem_joint.unknowns import selection
 
 #: A point slips in an increment if it slips by more than this share of the largest slip, and one on
 #: a spring if its force is less than this share below its limit.
@@ -74,24 +73,30 @@ class Rates(NamedTuple):
 
 
 class _Friction(NamedTuple):
-    """Derivative of the friction of an increment: known + tangent d(slip).
+    """Derivatives of the friction of increments: known + tangent d(slip).
+
+    Arrays have a row for each increment. The tangent has a block for each point.
 
     Attributes
     ----------
-    direction : ndarray, shape (rows,)
+    step : ndarray, shape (levels, rows)
+        Slip, m.
+    direction : ndarray, shape (levels, rows)
         Direction of the force of each point that slips; zero of others.
-    sticks : ndarray of bool, shape (rows,)
+    sticks : ndarray of bool, shape (levels, rows)
         Rows whose slip is as at the level before.
-    tangent : sparse array, shape (rows, rows)
-        N/m.
-    known : ndarray, shape (rows, k)
-        Without the part of limits that follow the derivatives of normal forces.
+    diagonal, beside : ndarray, shape (levels, rows)
+        Entries of the tangent, N/m: on its diagonal, and of the other row of the same point.
+    turning : ndarray of int, shape (levels,)
+        Points that may turn.
     """
 
+    step: FloatArray
     direction: FloatArray
     sticks: BoolArray
-    tangent: sparse.csr_array
-    known: FloatArray
+    diagonal: FloatArray
+    beside: FloatArray
+    turning: IntArray
 
 
 class _Normals(NamedTuple):
@@ -102,13 +107,19 @@ class _Normals(NamedTuple):
     closed, elastic : ndarray of int
         Numbers of the rigid and of the elastic pressure points among them.
     known : ndarray, shape (q, k)
-        Derivative of the normal forces, N, but for what the approaches change: their stiffness at
-        elastic points, and at closed ones what is left of the right sides.
+        Derivative of the normal forces, N, but for what the unknowns change.
+    by_unknowns : ndarray, shape (q, z)
+        Derivative of the normal forces by the unknowns, N/m.
     """
 
     closed: IntArray
     elastic: IntArray
     known: FloatArray
+    by_unknowns: FloatArray
+
+    def forces(self, z: FloatArray) -> FloatArray:
+        """Derivatives of the normal forces, (q, k), N, from those of the unknowns (z, k)."""
+        return np.asarray(self.known + self.by_unknowns @ z)
 
 
 @dataclass(frozen=True)
@@ -230,16 +241,28 @@ class LevelRates:
             self.matrix, self.shift = _Matrix.constant(path), 0.0
         # A x = g is condensed once for all right sides and values: v x = z v' + v'' g, with v' the
         # restricted v, and v'' the displacement under v with the contact held.
-        self._force = self._padded(np.column_stack([force_rates, force]))
-        self._right_of_force = self.matrix.restrict(self._force)[0]
+        of_force = self._padded(np.column_stack([force_rates, force]))
+        self._right_of_force = self.matrix.restrict(of_force)[0]
         looked_at = self._padded(looked_at)
         self._seen, beside = self.matrix.restrict(looked_at)
         self._held = self.matrix.extend(np.zeros_like(self._seen), beside)
+        self._held_of_force = self._held.T @ of_force
         self.row_point = np.repeat(np.arange(self.system.w.size), self.system.directions)
-        rubs, z = self.matrix.place >= 0, self.matrix.A.shape[0]
-        ones = np.ones(int(rubs.sum()))
-        entries = ones, (np.flatnonzero(rubs), self.matrix.place[rubs])
-        self.to_rows = sparse.csr_array(entries, shape=(rubs.size, z))
+        self.flexibility = self.system.spring_flexibility
+        self._rubs = np.flatnonzero(self.matrix.place >= 0)
+        ones, size = np.ones(self._rubs.size), (self.matrix.A.shape[0], self.row_point.size)
+        entries = ones, (self.matrix.place[self._rubs], self._rubs)
+        self._from_rows = sparse.csr_array(entries, shape=size)  # points may share unknowns
+        begins = self.system.first_row[:-1]
+        acts, two = self.matrix.place[begins] >= 0, self.system.directions == 2
+        self._first, self._second = begins[acts], (begins + two)[acts]
+        self._partner = np.arange(self.row_point.size)
+        self._partner[begins[two]] += 1
+        self._partner[begins[two] + 1] -= 1
+        if self.contact is None:
+            second = np.where(two[acts], self.matrix.place[self._second], -1)
+            first = self.matrix.place[self._first]
+            self._factors = BlockFactors(self.matrix.A, first, second)
         self._contact_rates()
         self.turning: list[int] = []
 
@@ -288,13 +311,13 @@ class LevelRates:
         """Slips that `Rates.slip` are derivatives of, (rows,), m."""
         if self.contact is None or not self.system.has_springs:
             return level.slip
-        return np.asarray(level.slip - self.system.spring_flexibility * level.friction)
+        return np.asarray(level.slip - self.flexibility * level.friction)
 
     def slider(self, level: Level, rates: Rates) -> tuple[FloatArray, FloatArray]:
         """Slips of the sliders, (rows,), m, and their derivatives, (rows, k)."""
         if self.contact is not None or not self.system.has_springs:
             return self.slips(level), rates.slip
-        flexibility = self.system.spring_flexibility
+        flexibility = self.flexibility
         softer = -(flexibility**2)[:, np.newaxis] * self.spring_rates[self.row_point]
         taken = flexibility[:, np.newaxis] * rates.friction
         slips = level.slip - flexibility * level.friction
@@ -310,115 +333,127 @@ class LevelRates:
         LinAlgError
             If everything slips, so that a level is not determined.
         """
-        self.turning = []
-        pushed = self._pushed([level for _, level in walk])
-        right, found = self._right_of_force[:, :0], list[Rates]()
-        if pushed.size:
-            right = self.matrix.restrict(pushed)[0]
-        pushed, right = (x.reshape(len(x), len(walk), -1) for x in (pushed, right))
+        levels, found = [level for _, level in walk], list[Rates]()
+        friction = self._friction(before, levels)
+        self.turning = friction.turning.tolist()
+        pushed, at = self._pushed(levels), self._pushing
+        right, held = np.zeros((2, 0, 0))
+        if at.size:
+            right, held = self.matrix.restrict(pushed)[0], self._held.T @ pushed
+        shape = len(walk), at.size
+        right, held = (x.reshape(len(x), *shape) for x in (right, held))
         for k, (alpha, level) in enumerate(walk):
-            both = self._total(alpha, self._force, pushed[:, k]), right[:, k]
-            right_here = self._total(alpha, self._right_of_force, both[1])
-            rates = self._next(last, before, level, both[0], right_here)
-            if self.shift:  # which levels do not show, but the matrix has
-                more = self.shift * rates.values[0]
-                g = both[0] + np.outer(self._force[:, -1], more)
-                right_here = right_here + np.outer(self._right_of_force[:, -1], more)
-                rates = self._next(last, before, level, g, right_here)
-            last, before = rates, level
+            right_here, held_here = alpha * self._right_of_force, alpha * self._held_of_force
+            if at.size:
+                right_here[:, at] += right[:, k]
+                held_here[:, at] += held[:, k]
+            increment = _Friction(*(part[k] for part in friction))
+            last = self._next(last, increment, level, right_here, held_here)
             found.append(last)
         return found
 
-    def _total(self, alpha: float, of_force: FloatArray, pushed: FloatArray) -> FloatArray:
-        """Right side of a level, (n, k), from that of the unit force and what parameters push."""
-        total = alpha * of_force
-        total[:, self._pushing] += pushed
-        return total
-
     def _next(
-        self, last: Rates, before: Level, after: Level, g: FloatArray, right: FloatArray
+        self,
+        last: Rates,
+        friction: _Friction,
+        after: Level,
+        right: FloatArray,
+        held: FloatArray,
     ) -> Rates:
-        """Of the next level, from its right side ``g`` of all unknowns, and the restricted one."""
-        friction = self._friction(last, before, after)
-        z, held = np.zeros_like(right), np.zeros(len(right), dtype=bool)
-        sticks = friction.sticks
-        z[self.matrix.place[sticks]], held[self.matrix.place[sticks]] = last.slip[sticks], True
-        normals = None if self.contact is None else self._normals(after, right)
-        if normals is not None:
-            closed = self.matrix.approach[normals.closed]
-            z[closed], held[closed] = self.gap[normals.closed], True
-        free, E, normal = np.flatnonzero(~held), self.to_rows, last.normal
-        follows, known = None, E.T @ friction.known
-        A = self.matrix.A[free]
-        if normals is not None:
-            follows = self._along(E.T @ friction.direction)
-            normal = self._normal_forces(normals, z)
-            known += follows @ normal
-            known[self.matrix.approach[normals.elastic]] += normal[normals.elastic]
-        J = self._tangent(friction, normals, follows, free)
-        r = right[free] - known[free] - A @ z
-        if normals is None or follows is None:
-            z[free] = factorised(J)(r) if free.size else r
-        else:
-            self._couple(J, free, follows, normals)
-            z[free] = linalg.lu_solve(linalg.lu_factor(J.T, overwrite_a=True), r, trans=1)
-            normal = self._normal_forces(normals, z)
-        values, slip = self._seen.T @ z + self._held.T @ g, E @ z
-        if self.contact is None:
-            forces = friction.known + friction.tangent @ slip
-            sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
-            return Rates(values, slip, np.where(sprung, forces, 0.0), last.limits, normal)
+        """Of the next level.
+
+        Its right sides are restricted, (z, k), and ``held`` are the values that are looked at with
+        the contact held, (f, k).
+        """
+        fixed = np.zeros(len(right), dtype=bool)
+        sticks = np.flatnonzero(friction.sticks)
+        z, known = np.zeros_like(right), self._from_rows @ self._known(last, friction, after)
+        z[self.matrix.place[sticks]], fixed[self.matrix.place[sticks]] = last.slip[sticks], True
+        if self.contact is not None:
+            return self._next_opening(friction, after, right, held, z, known, fixed)
+        if not fixed.all():
+            ends = friction.diagonal[self._first], friction.diagonal[self._second]
+            blocks = np.stack([ends[0], friction.beside[self._first], ends[1]], axis=1)
+            z += self._factors.factorised(blocks, fixed)(right - known - self.matrix.A @ z)
+        slip = self._on_rows(z)
+        forces = self._known(last, friction, after) + self._by_slip(friction, slip)
+        sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
+        forces = np.where(sprung, forces, 0.0)
+        return Rates(self._seen.T @ z + held, slip, forces, last.limits, last.normal)
+
+    def _next_opening(
+        self,
+        friction: _Friction,
+        after: Level,
+        right: FloatArray,
+        held: FloatArray,
+        z: FloatArray,
+        known: FloatArray,
+        fixed: BoolArray,
+    ) -> Rates:
+        """Of the next level with contact that opens; unknowns that are ``fixed`` have values."""
+        if self.shift:  # one right side more, the unit force: see below
+            right, held = (
+                np.column_stack([x, y[:, -1]])
+                for x, y in ((right, self._right_of_force), (held, self._held_of_force))
+            )
+            z, known = (np.column_stack([x, np.zeros(len(x))]) for x in (z, known))
+        contact, A, at = cast("OpeningContact", self.contact), self.matrix.A, self.matrix.approach
+        normals = self._normals(after, right)
+        elastic, closed = normals.elastic, at[normals.closed]
+        z[closed, : self.gap.shape[1]], fixed[closed] = self.gap[normals.closed], True
+        follows = self._along(self._from_rows @ friction.direction)
+        J = A + follows @ normals.by_unknowns
+        J[at[elastic], at[elastic]] += contact.stiffness[elastic]
+        rubs = self._rubs
+        own, other = (self.matrix.place[x] for x in (rubs, self._partner[rubs]))
+        np.add.at(J, (own, own), friction.diagonal[rubs])
+        np.add.at(J, (own, other), friction.beside[rubs])
+        normal = normals.forces(z)
+        known += follows @ normal
+        known[at[elastic]] += normal[elastic]
+        free = np.flatnonzero(~fixed)
+        r = right[free] - known[free] - A[free] @ z
+        z[free] = np.linalg.solve(J[np.ix_(free, free)], r)
+        values, normal = self._seen.T @ z + held, normals.forces(z)
+        if self.shift:  # levels have no added mass, but the matrix has: its force is given back
+            more = self.shift * values[0, :-1] / (1.0 - self.shift * values[0, -1])
+            z, values, normal = (x[:, :-1] + np.outer(x[:, -1], more) for x in (z, values, normal))
+        slip = self._on_rows(z)
         limits = self._limits(cast("FloatArray", after.normal), normal)
         acts = cast("FloatArray", after.limits) > 0.0
         return Rates(values, slip, 0.0 * slip, np.where(acts[:, np.newaxis], limits, 0.0), normal)
 
-    def _tangent(
-        self,
-        friction: _Friction,
-        normals: _Normals | None,
-        follows: sparse.csr_array | None,
-        free: IntArray,
-    ) -> Any:
-        """Matrix of the free unknowns, with the tangents of friction and of elastic points."""
-        A, E = self.matrix.A, self.to_rows
-        if not isinstance(A, np.ndarray):
-            added = as_compressed(E.T @ friction.tangent @ E)
-            if normals is not None and follows is not None:
-                added = added + self._of_elastic(normals, follows)
-            return A[free][:, free] + added[free][:, free]
-        rows, columns, kept = self._blocks_in_matrix
-        J = A.copy()
-        np.add.at(J, (rows, columns), friction.tangent.data[kept])  # points may share unknowns
-        if normals is not None and follows is not None and normals.elastic.size:
-            contact = cast("OpeningContact", self.contact)
-            at, springs = self.matrix.approach[normals.elastic], contact.stiffness[normals.elastic]
-            J[at, at] += springs
-            J[:, at] += follows[:, normals.elastic].toarray() * springs
-        return J[np.ix_(free, free)]
+    def _on_rows(self, z: FloatArray) -> FloatArray:
+        """Slips of all rows, (rows, k), from the unknowns (z, k)."""
+        slip = np.zeros((self.row_point.size, z.shape[1]))
+        slip[self._rubs] = z[self.matrix.place[self._rubs]]
+        return slip
 
-    @cached_property
-    def _blocks(self) -> tuple[IntArray, IntArray, IntArray]:
-        """Pairs of rows of the same point: rows, columns, and where each row begins."""
-        each = self.system.directions
-        first = np.repeat(np.cumsum(each) - each, each)
-        count = each[self.row_point]
-        begins = np.append(0, np.cumsum(count))
-        rows = np.repeat(np.arange(first.size), count)
-        columns = first[rows] + np.arange(rows.size) - begins[rows]
-        return rows, columns, begins
+    def _by_slip(self, friction: _Friction, slip: FloatArray) -> FloatArray:
+        """What slips (rows, k) of an increment change its friction by, (rows, k)."""
+        forces = friction.diagonal[:, np.newaxis] * slip
+        if self.row_point.size > self.system.w.size:
+            forces += friction.beside[:, np.newaxis] * slip[self._partner]
+        return forces
 
-    @cached_property
-    def _blocks_in_matrix(self) -> tuple[IntArray, IntArray, BoolArray]:
-        """Unknowns of these pairs where friction acts, and which pairs they are."""
-        rows, columns = (self.matrix.place[part] for part in self._blocks[:2])
-        kept = (rows >= 0) & (columns >= 0)
-        return rows[kept], columns[kept], kept
+    def _known(self, last: Rates, friction: _Friction, after: Level) -> FloatArray:
+        """Derivatives of the friction of an increment, (rows, k), but for those of its slip."""
+        given, rows = self.given, self.row_point
+        if after.normal is not None and any(gain is not None for gain in self.gains):
+            given = self._limits(after.normal, np.zeros_like(self.at_rest))
+        known = friction.direction[:, np.newaxis] * given[rows]
+        known -= self._by_slip(friction, last.slip)
+        if self.contact is None and self.system.has_springs:
+            held = last.friction + friction.step[:, np.newaxis] * self.spring_rates[rows]
+            known += self.flexibility[:, np.newaxis] * self._by_slip(friction, held)
+        return known
 
     @cached_property
     def _gain_of_unknowns(self) -> sparse.csr_array:
         """Friction limit of each unknown by normal forces, (z, q)."""
         gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)[self.row_point]
-        return sparse.csr_array(self.to_rows.T @ gain)
+        return sparse.csr_array(self._from_rows @ gain)
 
     def _padded(self, g: FloatArray) -> FloatArray:
         """Forces on all unknowns with those on sliders beside contact that opens, which are 0."""
@@ -440,60 +475,56 @@ class LevelRates:
         They are what K and springs beside contact that opens change by, and forces at rest.
         """
         system, columns = self.system, list[FloatArray]()
-        for level in levels:
-            for j in self._pushing.tolist():
-                parameter, g = self.parameters[j], np.zeros(system.n)
-                if parameter.K is not None:
-                    g -= parameter.K @ level.u
-                if self.contact is not None:
-                    g += self.contact.N.T @ self.at_rest[:, j]
-                sliders = np.zeros(0)
-                if self.matrix.sliders:
-                    rates = self.spring_rates[self.row_point, j]
-                    stiffer = system.spring_flexibility * level.friction * rates
-                    g -= system.B.T @ stiffer
-                    sliders = stiffer[system.on_rows(system.sprung)]
-                columns.append(np.concatenate([g, sliders]))
-        return np.reshape(columns, (len(columns), len(self._force))).T
+        u = np.array([level.u for level in levels]).T
+        for j in self._pushing.tolist():
+            parameter, g = self.parameters[j], np.zeros(u.shape)
+            if parameter.K is not None:
+                g -= parameter.K @ u
+            if self.contact is not None:
+                g += (self.contact.N.T @ self.at_rest[:, j])[:, np.newaxis]
+            if self.matrix.sliders:
+                forces = np.array([level.friction for level in levels]).T
+                rates = self.flexibility * self.spring_rates[self.row_point, j]
+                stiffer = rates[:, np.newaxis] * forces
+                g -= system.B.T @ stiffer
+                g = np.vstack([g, stiffer[system.on_rows(system.sprung)]])
+            columns.append(g)
+        return np.stack(columns, axis=2).reshape(len(columns[0]), -1) if columns else u[:, :0]
 
-    def _friction(self, last: Rates, before: Level, after: Level) -> _Friction:
-        system, rows = self.system, self.row_point
-        step = self.slips(after) - self.slips(before)
-        limits = system.w if after.limits is None else after.limits
-        w, acts = limits[rows], (limits[rows] > 0.0) & (self.matrix.place >= 0)
-        springs = system.on_rows(system.spring_constants) if self.contact is None else 0.0 * w
+    def _friction(self, before: Level, levels: Sequence[Level]) -> _Friction:
+        """Of the increments between levels that follow each other."""
+        system, rows, place = self.system, self.row_point, self.matrix.place
+        path = before, *levels
+        forces = np.array([level.friction for level in path])
+        step = np.diff([self.slips(level) for level in path], axis=0)
+        limits = np.array([system.w if level.limits is None else level.limits for level in levels])
+        w = limits[:, rows]
+        acts = (w > 0.0) & (place >= 0)
+        springs = np.zeros(rows.size)
+        if self.contact is None:
+            springs = system.on_rows(system.spring_constants)
         sprung = springs > 0.0
-        size, force = (system.slip_norm(x)[rows] for x in (step, after.friction))
-        trial = system.slip_norm(before.friction + springs * step)[rows]
-        moves = np.where(sprung, force >= (1.0 - STILL) * w, size > STILL * size.max(initial=0.0))
-        moves &= acts
-        self._count_turning(moves, size, np.where(sprung, trial, force), w, acts)
-        direction = np.divide(after.friction, force, out=np.zeros_like(w), where=moves)
+        size, force, trial = (
+            system.slip_norm(x)[:, rows] for x in (step, forces[1:], forces[:-1] + springs * step)
+        )
+        largest = size.max(axis=1, initial=0.0, keepdims=True)
+        moves = acts & np.where(sprung, force >= (1.0 - STILL) * w, size > STILL * largest)
+        # Points that hardly slip, or whose force hardly differs from the limit.
+        hardly = moves & (size < TURNING * largest)
+        near = acts & ~moves & (np.where(sprung, trial, force) > (1.0 - TURNING) * w)
+        turning = system.by_point(1.0 * (hardly | near)) > 0.0
+        direction = np.divide(forces[1:], force, out=np.zeros_like(w), where=moves)
         curved = np.divide(w, np.where(sprung, trial, size), out=np.zeros_like(w), where=moves)
         curved = np.where(sprung, springs * np.where(moves, curved, 1.0), curved)
-        of_points = np.zeros(system.w.size)
-        of_points[rows] = curved
-        single = system.on_rows(system.directions == 1) & moves
-        own, other, begins = self._blocks
-        entries = np.where(own == other, curved[own], 0.0)
-        entries -= direction[own] * of_points[rows[own]] * direction[other]
-        entries = np.where(single[other], 0.0, entries)
-        tangent = sparse.csr_array((entries, other, begins), shape=(rows.size, rows.size))
-        held = last.friction + step[:, np.newaxis] * self.spring_rates[rows]
-        share = np.divide(1.0, springs, out=np.zeros_like(w), where=sprung)
-        zero = np.zeros_like(last.normal)
-        given = self.given if after.normal is None else self._limits(after.normal, zero)
-        known = direction[:, np.newaxis] * given[rows]
-        known += share[:, np.newaxis] * (tangent @ held) - tangent @ last.slip
-        return _Friction(direction, acts & ~moves & ~sprung, tangent, known)
-
-    def _count_turning(
-        self, moves: BoolArray, size: FloatArray, force: FloatArray, w: FloatArray, acts: BoolArray
-    ) -> None:
-        """Count points that hardly slip, or whose ``force`` hardly differs from the limit ``w``."""
-        hardly = moves & (size < TURNING * size.max(initial=0.0))
-        near = acts & ~moves & (force > (1.0 - TURNING) * w)
-        self.turning.append(int(np.unique(self.row_point[hardly | near]).size))
+        single, across = system.on_rows(system.directions == 1), direction[:, self._partner]
+        return _Friction(
+            step=step,
+            direction=direction,
+            sticks=acts & ~moves & ~sprung,
+            diagonal=np.where(single & moves, 0.0, curved * (1.0 - direction**2)),
+            beside=np.where(single, 0.0, -curved * direction * across),
+            turning=turning.sum(axis=1),
+        )
 
     def _limits(self, normal: FloatArray, rates: FloatArray) -> FloatArray:
         """Derivatives of the friction limits, (m, k), N, by those (q, k) of normal forces (q,)."""
@@ -512,42 +543,15 @@ class LevelRates:
 
     def _normals(self, after: Level, right: FloatArray) -> _Normals:
         """Points that are pressed at a level, with the right side (z, k) of its equations."""
-        contact = cast("OpeningContact", self.contact)
+        contact, at = cast("OpeningContact", self.contact), self.matrix.approach
         pressed = cast("FloatArray", after.normal) > 0.0
         closed = np.flatnonzero(pressed & contact.rigid)
         elastic = np.flatnonzero(pressed & ~contact.rigid)
-        known, over = np.zeros_like(self.gap), -contact.gaps(after.u)[elastic]
-        known[closed] = right[self.matrix.approach[closed]]
-        known[elastic] = self.at_rest[elastic] + over[:, np.newaxis] * self.stiffness[elastic]
-        known[elastic] -= contact.stiffness[elastic, np.newaxis] * self.gap[elastic]
-        return _Normals(closed, elastic, known)
-
-    def _normal_forces(self, normals: _Normals, z: FloatArray) -> FloatArray:
-        """Derivatives of the normal forces, (q, k), N, by those of the unknowns (z, k)."""
-        contact, at = cast("OpeningContact", self.contact), self.matrix.approach
-        forces, closed, elastic = normals.known.copy(), normals.closed, normals.elastic
-        forces[closed] -= self.matrix.A[at[closed]] @ z
-        forces[elastic] += contact.stiffness[elastic, np.newaxis] * z[at[elastic]]
-        return forces
-
-    def _of_elastic(self, normals: _Normals, follows: sparse.csr_array) -> sparse.csr_array:
-        """Matrix, (z, z), of the springs of elastic points, and of friction by their forces."""
-        contact, size = cast("OpeningContact", self.contact), self.matrix.A.shape[0]
-        at, springs = self.matrix.approach[normals.elastic], contact.stiffness[normals.elastic]
-        forces = sparse.diags_array(springs) @ selection(at, size)
-        return sparse.csr_array((selection(at, size).T + follows[:, normals.elastic]) @ forces)
-
-    def _couple(
-        self, J: FloatArray, free: IntArray, follows: sparse.csr_array, normals: _Normals
-    ) -> None:
-        """Add to J, in place, what the forces of closed points do to friction, ``follows`` (z, q).
-
-        They change by -A z.
-        """
-        if not normals.closed.size:
-            return
-        own = sparse.csc_array(follows[free][:, normals.closed])
-        used = np.flatnonzero(np.diff(own.indptr))
-        if used.size:
-            forces = self.matrix.A[self.matrix.approach[normals.closed[used]]][:, free]
-            J -= own[:, used] @ forces
+        known, over = np.zeros((at.size, right.shape[1])), -contact.gaps(after.u)[elastic]
+        by_unknowns = np.zeros((at.size, len(right)))
+        known[closed], by_unknowns[closed] = right[at[closed]], -self.matrix.A[at[closed]]
+        springs, given = contact.stiffness[elastic], self.at_rest[elastic]
+        given = given + over[:, np.newaxis] * self.stiffness[elastic]
+        given -= springs[:, np.newaxis] * self.gap[elastic]
+        known[elastic, : given.shape[1]], by_unknowns[elastic, at[elastic]] = given, springs
+        return _Normals(closed, elastic, known, by_unknowns)
