@@ -249,6 +249,9 @@ class LevelRates:
         self._held_of_force = self._held.T @ of_force
         self.row_point = np.repeat(np.arange(self.system.w.size), self.system.directions)
         self.flexibility = self.system.spring_flexibility
+        self._sprung: BoolArray | None = None  # of constant limits, and so `Rates.friction`
+        if self.contact is None and self.system.has_springs:
+            self._sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
         self._rubs = np.flatnonzero(self.matrix.place >= 0)
         ones, size = np.ones(self._rubs.size), (self.matrix.A.shape[0], self.row_point.size)
         entries = ones, (self.matrix.place[self._rubs], self._rubs)
@@ -315,7 +318,7 @@ class LevelRates:
 
     def slider(self, level: Level, rates: Rates) -> tuple[FloatArray, FloatArray]:
         """Slips of the sliders, (rows,), m, and their derivatives, (rows, k)."""
-        if self.contact is not None or not self.system.has_springs:
+        if self._sprung is None:
             return self.slips(level), rates.slip
         flexibility = self.flexibility
         softer = -(flexibility**2)[:, np.newaxis] * self.spring_rates[self.row_point]
@@ -367,18 +370,21 @@ class LevelRates:
         """
         fixed = np.zeros(len(right), dtype=bool)
         sticks = np.flatnonzero(friction.sticks)
-        z, known = np.zeros_like(right), self._from_rows @ self._known(last, friction, after)
+        z, forces = np.zeros_like(right), self._known(last, friction, after)
+        known = self._from_rows @ forces
         z[self.matrix.place[sticks]], fixed[self.matrix.place[sticks]] = last.slip[sticks], True
         if self.contact is not None:
             return self._next_opening(friction, after, right, held, z, known, fixed)
         if not fixed.all():
             ends = friction.diagonal[self._first], friction.diagonal[self._second]
             blocks = np.stack([ends[0], friction.beside[self._first], ends[1]], axis=1)
-            z += self._factors.factorised(blocks, fixed)(right - known - self.matrix.A @ z)
+            solve, r = self._factors.factorised(blocks, fixed), right - known
+            z += solve(r - self.matrix.A @ z if sticks.size else r)
         slip = self._on_rows(z)
-        forces = self._known(last, friction, after) + self._by_slip(friction, slip)
-        sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
-        forces = np.where(sprung, forces, 0.0)
+        if self._sprung is not None:
+            forces = np.where(self._sprung, forces + self._by_slip(friction, slip), 0.0)
+        else:
+            forces = last.friction
         return Rates(self._seen.T @ z + held, slip, forces, last.limits, last.normal)
 
     def _next_opening(
@@ -444,7 +450,7 @@ class LevelRates:
             given = self._limits(after.normal, np.zeros_like(self.at_rest))
         known = friction.direction[:, np.newaxis] * given[rows]
         known -= self._by_slip(friction, last.slip)
-        if self.contact is None and self.system.has_springs:
+        if self._sprung is not None:
             held = last.friction + friction.step[:, np.newaxis] * self.spring_rates[rows]
             known += self.flexibility[:, np.newaxis] * self._by_slip(friction, held)
         return known

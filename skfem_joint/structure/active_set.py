@@ -11,7 +11,8 @@ and iterations for the multipliers.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -44,6 +45,9 @@ class ActiveSetSettings:
         Most corrections of a solution.
     tolerance : float
         Share of the forces that may be left out of balance.
+    kept : int
+        Most unknowns of a solution whose factor is kept for its derivatives. Two solid plates of
+        47,808 unknowns keep 170 MB (by PARDISO).
     round_off : float
         Pressures and penetrations below this part of the largest are zero.
     """
@@ -54,6 +58,7 @@ class ActiveSetSettings:
     active_sets: int = 100
     corrections: int = 20
     tolerance: float = 1e-9
+    kept: int = 50_000
     round_off: float = 1e-8
 
 
@@ -81,6 +86,9 @@ class UnilateralContact:
     gap: FloatArray
     tied: BoolArray
     force: FloatArray
+    _last: list[tuple[BoolArray, Callable[[FloatArray], FloatArray]]] = field(
+        init=False, repr=False, compare=False, default_factory=list
+    )
 
     @cached_property
     def penalty(self) -> FloatArray:
@@ -93,6 +101,18 @@ class UnilateralContact:
     def _open(self) -> Uncondensed:
         """Stiffness with contact open, condensed to the unknowns that closed contact changes."""
         return condensed(_shifted(self.K), np.unique(self.G.indices), SETTINGS.dense)
+
+    def _solver(self, active: BoolArray) -> Callable[[FloatArray], FloatArray]:
+        """Solver with given contact closed, (m,); the last one is kept."""
+        if not self._last or not np.array_equal(self._last[0][0], active):
+            self._last.clear()  # two factors at once may be too large
+            self._last.append((active.copy(), self._open.solver(self._springs(active))))
+        return self._last[0][1]
+
+    def _springs(self, active: BoolArray) -> sparse.csr_array:
+        """Stiffness of closed contact, (n, n)."""
+        G = self.G[active]
+        return sparse.csr_array(G.T @ sparse.diags_array(self.penalty[active]) @ G)
 
     def solve(
         self, first: BoolArray | None = None
@@ -137,7 +157,7 @@ class UnilateralContact:
         value returned is the residual as a share of the clamp forces.
         """
         G, penalty, gap = self.G[active], self.penalty[active], self.gap[active]
-        solve = self._open.solver(G.T @ sparse.diags_array(penalty) @ G)
+        solve = self._solver(active)
         p, last = p[active], np.inf
         for _ in range(SETTINGS.corrections):
             r, apart = self.force - self.K @ u - G.T @ p, gap - G @ u
@@ -156,8 +176,8 @@ class UnilateralContact:
     def rates(self, active: BoolArray, force_rates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives of displacement, (n, k), and pressure, (m, k), while the same is closed.
 
-        One factor serves all parameters. It is of the whole stiffness: to condense it first pays
-        only for several sets of what is closed.
+        One factor serves all parameters: that of `solve`, if it was called before. A new one is of
+        the whole stiffness: to condense it first pays only for several sets of what is closed.
 
         Parameters
         ----------
@@ -172,13 +192,16 @@ class UnilateralContact:
             If forces are left out of balance.
         """
         G, penalty = self.G[active], self.penalty[active, np.newaxis]
-        contact = G.T @ sparse.diags_array(penalty[:, 0]) @ G
-        solve = factorised(sparse.csr_array(_shifted(self.K) + contact))
+        G_T = sparse.csr_array(G.T)
+        if self._last:
+            solve = self._solver(active)
+        else:
+            solve = factorised(sparse.csr_array(_shifted(self.K) + self._springs(active)))
         size = np.abs(force_rates).max(axis=0)
         force = force_rates / np.where(size > 0.0, size, 1.0)
         u, p, last, left = np.zeros(force.shape), np.zeros((len(penalty), size.size)), np.inf, 0.0
         for _ in range(SETTINGS.corrections):
-            r, apart = force - self.K @ u - G.T @ p, -(G @ u)
+            r, apart = force - self.K @ u - G_T @ p, -(G @ u)
             left = float(np.abs(r).max(initial=0.0))
             if apart.size and u.any():
                 moved = np.abs(u).max(axis=0, initial=np.finfo(float).tiny)
@@ -186,7 +209,7 @@ class UnilateralContact:
             if left > 0.5 * last and left < SETTINGS.tolerance:
                 break
             last = min(last, left)
-            du = solve(r + G.T @ (penalty * apart))
+            du = solve(r + G_T @ (penalty * apart))
             u, p = u + du, p + penalty * (G @ du - apart)
         if left >= SETTINGS.tolerance:
             raise ConvergenceError(

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import linalg, sparse
@@ -45,11 +45,14 @@ class TouchingFaces:
         Displacements that were solved for.
     closed : ndarray of bool, shape (k,)
         Whether the gap at each node of the faces is closed, those of all joints in turn.
+    clamps : sparse array, shape (dim N, bolts)
+        Forces of each bolt on the nodes for a clamp force of 1 N.
     """
 
     spaces: Mapping[int, PressureSpace]
     free: BoolArray
     closed: BoolArray
+    clamps: Matrix
 
     @property
     def ends(self) -> IntArray:
@@ -74,6 +77,8 @@ class Preload:
     seconds : float
         Duration of the computation, s.
     faces : TouchingFaces
+    contact : UnilateralContact, optional
+        What was solved, with its factor; of small structures, see `ActiveSetSettings.kept`.
     """
 
     displacement: FloatArray
@@ -82,6 +87,7 @@ class Preload:
     active_sets: int
     seconds: float
     faces: TouchingFaces = field(repr=False)
+    contact: UnilateralContact | None = field(repr=False)
 
     def sentences(self, joints: Sequence[Joint], bolts: Sequence[Clamp]) -> Iterator[str]:
         """What a description says about the preload of these joints by these bolts."""
@@ -128,7 +134,7 @@ def preload(
     joints : sequence of Joint
     bolts : sequence of Clamp
     like : TouchingFaces, optional
-        The same faces, of other forces or moduli: what touched then is tried first.
+        The same faces and bolts, of other forces or moduli: what touched then is tried first.
 
     Raises
     ------
@@ -138,8 +144,15 @@ def preload(
         If the search for the touching nodes does not end.
     """
     begin, (_, K) = time.perf_counter(), body.matrices()
-    clamps = (clamp_forces(body, bolt, f"bolt[{i}]") for i, bolt in enumerate(bolts))
-    force = np.sum([*clamps], axis=0)
+    if like is None:
+        units = (
+            clamp_forces(body, replace(bolt, force=1.0), f"bolt[{i}]").ravel()
+            for i, bolt in enumerate(bolts)
+        )
+        clamps: Matrix = sparse.csr_array(np.stack([*units], axis=1))
+    else:
+        clamps = like.clamps
+    force = np.reshape(clamps @ [bolt.force for bolt in bolts], (body.n_nodes, body.dim))
     sizes = body.properties["width"], body.properties["thickness"]
     if like is None:
         every = ((i, pressure_space(body, joint, *sizes)) for i, joint in enumerate(joints))
@@ -162,14 +175,15 @@ def preload(
     u[free], p, closed, count = contact.solve(None if like is None else like.closed)
     u -= left_out @ linalg.lstsq(left_out, u)[0]
     borne = np.where(p > active_set.SETTINGS.round_off * p.max(initial=0.0), area * p, 0.0)
-    touching = TouchingFaces(faces, free, closed)
+    touching = TouchingFaces(faces, free, closed, clamps)
     parts = (np.split(x, touching.ends) for x in (borne, gap - N @ u))
     pressed: list[Pressed | None] = [None] * len(joints)
     for (i, face), *values in zip(faces.items(), *parts, strict=True):
         if joints[i].pressed_by_bolts:
             pressed[i] = _pressed(joints[i], face, body.n_nodes, *values)
     seconds = time.perf_counter() - begin
-    return Preload(u.reshape(force.shape), force, tuple(pressed), count, seconds, touching)
+    known = contact if force.size <= active_set.SETTINGS.kept else None
+    return Preload(u.reshape(force.shape), force, tuple(pressed), count, seconds, touching, known)
 
 
 def preload_rates(
@@ -202,11 +216,11 @@ def preload_rates(
     """
     faces = held.faces
     N, area = _all_rows(faces.spaces, len(force_rates))
-    G, K = sparse.csr_array(sparse.diags_array(area) @ N), body.matrices()[1]
-    free, none = faces.free, np.zeros(area.size)
-    contact = UnilateralContact(
-        K[free][:, free], G[:, free], area, none, none > 0.0, np.zeros(np.count_nonzero(free))
-    )
+    free, contact = faces.free, held.contact
+    if contact is None:
+        G, K = sparse.csr_array(sparse.diags_array(area) @ N), body.matrices()[1]
+        none, no_force = np.zeros(area.size), np.zeros(np.count_nonzero(free))
+        contact = UnilateralContact(K[free][:, free], G[:, free], area, none, none > 0.0, no_force)
     u = np.zeros(force_rates.shape)
     u[free], p = contact.rates(faces.closed, force_rates[free])
     parts = (np.split(x, faces.ends) for x in (area[:, np.newaxis] * p, -(N @ u)))

@@ -25,7 +25,6 @@ from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.modes import RayleighFit
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
-from skfem_joint.structure.clamps import clamp_forces
 from skfem_joint.structure.opening import friction_gain
 from skfem_joint.structure.parameters import Parameter, check_derivable, parameter, value_of
 from skfem_joint.structure.patch import Patch, manifold_of
@@ -108,7 +107,7 @@ class _Model:
         rates : mapping
             Derivatives of the preload, by the number of the joint.
         """
-        K = None if all_nodes is None else congruent(all_nodes, self.structure.T)
+        K = None if all_nodes is None else self._in_unknowns(one, all_nodes)
         w, opening = self._contact(one, rates)
         stiffness = self._springs(one)
         C = self._damping(one, K, stiffness, None if opening is None else opening.stiffness)
@@ -128,6 +127,14 @@ class _Model:
             K = part if K is None else K + part
         return K
 
+    def _in_unknowns(self, one: Parameter, all_nodes: Matrix) -> Matrix:
+        """Derivative of the stiffness in the unknowns of the system, from that of all nodes."""
+        body = self.structure.body
+        regions = [str(place[2]) for place in one.places if place[:2] == ("material", "regions")]
+        if body.elements_of_modulus(*regions[:1]).all():  # K is proportional to the modulus
+            return sparse.csr_array(self.system.K / body.properties["E"][0])
+        return congruent(all_nodes, self.structure.T)
+
     def preload(
         self, wanted: Sequence[Parameter], by_modulus: Sequence[Matrix | None]
     ) -> list[dict[int, Rates]]:
@@ -143,9 +150,7 @@ class _Model:
         for number, (one, K) in enumerate(zip(wanted, by_modulus, strict=True)):
             bolts = [int(place[1]) for place in one.places if place[0] == "bolt"]
             if bolts:
-                units = (replace(self.structure.bolts[i], force=1.0) for i in bolts)
-                each = [clamp_forces(body, unit, one.name).ravel() for unit in units]
-                forces.append(np.sum(each, axis=0))
+                forces.append(np.asarray(found.faces.clamps[:, bolts].sum(axis=1)).ravel())
             elif K is not None:
                 forces.append(-(K @ found.displacement.ravel()))
             else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import InitVar, dataclass, field
+from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 from itertools import chain, count
 from pathlib import Path
@@ -149,7 +149,8 @@ class Structure:
         object.__setattr__(other, "fitted", self.fitted)
 
         def faces(structure: Structure) -> list[Any]:
-            return [(j.on, j.against, j.gap, j.pressed_by_bolts) for j in structure.joints]
+            joints = ((j.on, j.against, j.gap, j.pressed_by_bolts) for j in structure.joints)
+            return [*joints, *(replace(bolt, force=1.0) for bolt in structure.bolts)]
 
         if self.mesh is not other.mesh or not np.array_equal(self.held, other.held):
             return

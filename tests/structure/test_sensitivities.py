@@ -18,7 +18,7 @@ import skfem_joint.modes
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.sensitivity import SystemSensitivity
-from skfem_joint.structure import assembly
+from skfem_joint.structure import active_set, assembly
 from skfem_joint.structure import structure as structure_module
 from skfem_joint.structure.parameters import value_of, with_values
 from skfem_joint.structure.sensitivities import sensitivities
@@ -166,6 +166,26 @@ def test_limits_are_homogeneous_in_the_forces_of_all_bolts(contact, solid, order
             total = sum(bolt.force * rate for bolt, rate in zip(BOLTS, rates, strict=True))
             known = getattr(system.opening, name)
             np.testing.assert_allclose(total, known, atol=1e-9 * known.max())
+
+
+def test_derivatives_of_the_preload_use_its_own_factor(monkeypatch):
+    """A large structure does not keep the factor; its derivatives are the same with a new one."""
+    made: list[int] = []
+    real = active_set.factorised
+    monkeypatch.setattr(active_set, "factorised", lambda A: (made.append(1), real(A))[1])
+    keys, found = ["bolt[0].force", "material.regions.ub.E"], []
+    for kept in (None, 0):
+        if kept is not None:
+            monkeypatch.setattr(active_set, "SETTINGS", replace(active_set.SETTINGS, kept=kept))
+        given = bolted(joint={"contact": "unilateral"}, regions={"ub": {"E": 100e9}})
+        system = given.system(loads("right", 2))
+        assert (given.preload.contact is None) == (kept == 0)
+        found.append(sensitivities(given, keys, system))
+        assert len(made) == (kept == 0)
+    for one, other in zip(*found, strict=True):
+        for (_, a), (_, b) in zip(parts(one), parts(other), strict=True):
+            if b is not None:
+                assert abs(a - b).max() < 1e-9 * abs(b).max()
 
 
 def test_one_value_of_all_bolts_changes_with_each_of_them():
