@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from itertools import pairwise
 from typing import Any, cast
 
 import numpy as np
@@ -155,6 +154,8 @@ class CycleRates:
         Of the named points, m, with their signs.
     work : ndarray, shape (levels, k + 1)
         Of the work of friction in a cycle, J.
+    shift : ndarray, shape (k,)
+        Of the shift of the stiffness, 1/s2, see `Cycles.shift`.
     turning : list of int
         Points that may turn, at each level.
     """
@@ -172,11 +173,12 @@ class CycleRates:
         points = as_dense(self.system.P).reshape(-1, force.size)
         looked_at = np.vstack([force, points]).T
         touch = path.touched() if isinstance(path, OpeningPath) else None
+        self.shift = np.zeros(len(parameters))
         if found.shift:
-            rates = shift_rates(self.system, found.shift, parameters)
+            self.shift = shift_rates(self.system, found.shift, parameters)
             parameters = [
                 p if p.K is None else replace(p, K=p.K + rate * self.system.M)
-                for p, rate in zip(parameters, rates.tolist(), strict=True)
+                for p, rate in zip(parameters, self.shift.tolist(), strict=True)
             ]
         self.rates = LevelRates(solver, force, parameters, force_rates, looked_at, touch)
         if isinstance(path, OpeningPath):
@@ -187,28 +189,24 @@ class CycleRates:
 
     def _masing(self, found: Cycles) -> tuple[FloatArray, FloatArray]:
         """Of constant limits, see `skfem_joint.analysis.masing_cycles`."""
-        system, work = self.system, list[FloatArray]()
-        rest = Level(*np.zeros((1, system.n)), *np.zeros((2, system.B.shape[0])))
-        walk, before = list[tuple[float, Level]](), rest
-        for alpha, u, sigma in zip(found.level.tolist(), found.states, found.friction, strict=True):
-            before = self._level(before, u, sigma)
-            walk.append((alpha, before))
-        rates = self.rates.follow(self.rates.rest(), rest, walk)
-        ends = [(level, of_level) for (_, level), of_level in zip(walk, rates, strict=True)]
-        work = [4.0 * self._work(*self.rates.slider(*end))[1] for end in ends]
+        rest = Level(*np.zeros((1, self.system.n)), *np.zeros((2, self.system.B.shape[0])))
+        levels = self._levels(rest, found.states, found.friction)
+        rates = self.rates.follow(
+            self.rates.rest(), rest, [*zip(found.level.tolist(), levels, strict=True)]
+        )
+        slips, of_slips = self.rates.sliders(levels, rates)
+        work, of_work = (4.0 * x for x in self._work(slips, of_slips))
         self.turning = self.rates.turning
         values = np.array([of_level.values for of_level in rates])
-        of_work, followed = np.array(work), found.followed
+        followed = found.followed
         if not followed.size:
             return values, of_work
         halves = np.split(np.arange(len(found.loops)), followed.size)
-        by_rule, ratios, of_ratios = np.zeros(followed.size), [], []
-        for j, (k, half) in enumerate(zip(followed.tolist(), halves, strict=True)):
-            slips = self.rates.slider(*ends[k])[0]
-            by_rule[j] = 4.0 * self._work(slips, np.zeros((slips.size, 0)))[0]
-            done, of_done = self._half_cycle(found, k, half, *ends[k])
-            ratios.append(2.0 * done / by_rule[j])
-            of_ratios.append((2.0 * of_done - ratios[-1] * of_work[k]) / by_rule[j])
+        ratios, of_ratios = [], []
+        for k, half in zip(followed.tolist(), halves, strict=True):
+            done, of_done = self._half_cycle(found, k, half, levels[k], rates[k])
+            ratios.append(2.0 * done / work[k])
+            of_ratios.append((2.0 * of_done - ratios[-1] * of_work[k]) / work[k])
         whole = found.work / between(found.level, followed, np.array(ratios))
         of_ratio = between(found.level, followed, np.array(of_ratios))
         ratio = between(found.level, followed, np.array(ratios))[:, np.newaxis]
@@ -219,43 +217,49 @@ class CycleRates:
     ) -> tuple[float, FloatArray]:
         """Work of friction in the half cycle from a level, J, and its derivatives, (k + 1,)."""
         turns = np.linspace(1.0, -1.0, MASING.increments + 1)[1:]
-        u, friction, at = before.u, found.friction[k], before
-        walk = list[tuple[float, Level]]()
-        for turn, j in zip(turns.tolist(), half.tolist(), strict=True):
-            u = u + found.loops[j]
-            if found.turned is not None:
-                friction = friction + found.turned[j]
-            at = self._level(at, u, friction)
-            walk.append((turn * float(found.level[k]), at))
-        rates = self.rates.follow(last, before, walk)
+        u = before.u + np.cumsum(found.loops[half], axis=0)
+        friction = np.broadcast_to(found.friction[k], (half.size, found.friction[k].size))
+        if found.turned is not None:
+            friction = friction + np.cumsum(found.turned[half], axis=0)
+        levels, alpha = self._levels(before, u, friction), turns * float(found.level[k])
+        rates = self.rates.follow(last, before, [*zip(alpha.tolist(), levels, strict=True)])
         self.turning[k] = max(self.turning[k], *self.rates.turning)
-        work, of_work = 0.0, np.zeros(last.values.shape[1])
-        a, of_a = self.rates.slider(before, last)
-        for (_, level), of_level in zip(walk, rates, strict=True):
-            b, of_b = self.rates.slider(level, of_level)
-            done, of_done = self._work(b - a, of_b - of_a)
-            work, of_work, a, of_a = work + done, of_work + of_done, b, of_b
-        return work, of_work
+        slips, of_slips = self.rates.sliders([before, *levels], [last, *rates])
+        work, of_work = self._work(np.diff(slips, axis=0), np.diff(of_slips, axis=0))
+        return float(work.sum()), np.asarray(of_work.sum(axis=0))
 
-    def _level(self, before: Level, u: FloatArray, sigma: FloatArray) -> Level:
-        """Level with the friction of its slip; ``sigma`` (rows,) is that of points on springs."""
+    def _levels(self, before: Level, u: FloatArray, sigma: FloatArray) -> list[Level]:
+        """Levels (levels, n) that follow each other, with the friction of their slips.
+
+        That of points on springs is ``sigma``, (levels, rows), over their limits.
+        """
         system = self.system
-        slip = np.asarray(system.B @ u)
-        step, rows = slip - before.slip, system.on_rows(system.w)
-        size = system.on_rows(system.slip_norm(step))
+        slip = np.asarray((system.B @ u.T).T)
+        step, limits = np.diff(slip, axis=0, prepend=before.slip[np.newaxis]), system.w
+        size = system.slip_norm(step)[:, self.rates.row_point]
         along = np.divide(step, size, out=np.zeros_like(step), where=size > 0.0)
         sprung = system.on_rows(system.sprung)
-        return Level(u, rows * np.where(sprung, sigma, along), slip)
+        friction = system.on_rows(limits) * np.where(sprung, sigma, along)
+        return [Level(*parts) for parts in zip(u, friction, slip, strict=True)]
 
-    def _work(self, slips: FloatArray, of_slips: FloatArray) -> tuple[float, FloatArray]:
-        """Sum of w |slip| over the points with constant limits, J, and its derivatives, (k,)."""
-        system, given = self.system, self.rates.given
+    def _work(
+        self, slips: FloatArray, of_slips: FloatArray, limits: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """Sums of w |slip|, (levels,), J, and their derivatives by the slips, (levels, k).
+
+        Slips are (levels, rows), their derivatives (levels, rows, k). Constant limits have a part
+        by their own derivatives; others, (levels, m), are given.
+        """
+        system = self.system
         size = system.slip_norm(slips)
-        rows = system.on_rows(size)
+        rows = size[:, self.rates.row_point]
         along = np.divide(slips, rows, out=np.zeros_like(rows), where=rows > 0.0)
-        of_size = system.by_point((along[:, np.newaxis] * of_slips).T)
-        own = given.T[: of_size.shape[0]]
-        return float(system.w @ size), np.asarray(own @ size + of_size @ system.w)
+        of_size = system.by_point(np.swapaxes(along[:, :, np.newaxis] * of_slips, 1, 2))
+        w = np.broadcast_to(system.w, size.shape) if limits is None else limits
+        of_work = np.einsum("lkm,lm->lk", of_size, w)
+        if limits is None:
+            of_work += size @ self.rates.given
+        return np.einsum("lm,lm->l", w, size), of_work
 
     def _opening(self, path: OpeningPath, found: Cycles) -> tuple[FloatArray, FloatArray]:
         """Of contact that opens, see `skfem_joint.analysis.opening_cycles`."""
@@ -274,16 +278,15 @@ class CycleRates:
 
     def _work_around(self, chain: list[tuple[Level, Rates]]) -> FloatArray:
         """Derivatives of the work of a cycle, (k + 1,): of mean limits times slips."""
-        system, total = self.system, np.zeros(chain[0][1].values.shape[1])
-        for (a, da), (b, db) in pairwise(chain):
-            step = self.rates.slips(b) - self.rates.slips(a)
-            size = system.slip_norm(step)
-            rows = system.on_rows(size)
-            along = np.divide(step, rows, out=np.zeros_like(rows), where=rows > 0.0)
-            of_size = system.by_point((along[:, np.newaxis] * (db.slip - da.slip)).T)
-            mean = 0.5 * (np.asarray(a.limits) + np.asarray(b.limits))
-            total += of_size @ mean + 0.5 * (da.limits + db.limits).T @ size
-        return total
+        slips, of_slips = self.rates.sliders(*zip(*chain, strict=True))
+        limits, of_limits = (
+            np.array([one.limits for one in part]) for part in zip(*chain, strict=True)
+        )
+        step = np.diff(slips, axis=0)
+        mean, of_mean = (0.5 * (x[1:] + x[:-1]) for x in (limits, of_limits))
+        _, of_work = self._work(step, np.diff(of_slips, axis=0), mean)
+        by_limits = np.einsum("lm,lmk->k", self.system.slip_norm(step), of_mean)
+        return np.asarray(of_work.sum(axis=0) + by_limits)
 
 
 def backbone_sensitivity(
@@ -315,7 +318,7 @@ def backbone_sensitivity(
     of_q = cycles.amplitude + found.states @ (system.M @ of_shape)
     of_level = -found.shift * of_q
     of_level[:, -1] += found.level  # by the logarithm
-    of_level[:, :-1] -= np.outer(q, shift_rates(system, found.shift, parameters))
+    of_level[:, :-1] -= np.outer(q, cycles.shift)
     of_level /= level[:, np.newaxis]
     relative = of_q / q[:, np.newaxis]
     omega = np.sqrt(level / q)[:, np.newaxis]

@@ -310,21 +310,26 @@ class LevelRates:
             normal, limits = self.at_rest, self._limits(self.contact.force, self.at_rest)
         return Rates(values, zeros, zeros, limits, normal)
 
-    def slips(self, level: Level) -> FloatArray:
-        """Slips that `Rates.slip` are derivatives of, (rows,), m."""
+    def slips(self, levels: Sequence[Level]) -> FloatArray:
+        """Slips that `Rates.slip` are derivatives of, (levels, rows), m."""
+        slips = np.array([level.slip for level in levels])
         if self.contact is None or not self.system.has_springs:
-            return level.slip
-        return np.asarray(level.slip - self.flexibility * level.friction)
+            return slips
+        return np.asarray(slips - self.flexibility * [level.friction for level in levels])
 
-    def slider(self, level: Level, rates: Rates) -> tuple[FloatArray, FloatArray]:
-        """Slips of the sliders, (rows,), m, and their derivatives, (rows, k)."""
+    def sliders(
+        self, levels: Sequence[Level], rates: Sequence[Rates]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Slips of the sliders, (levels, rows), m, and their derivatives, (levels, rows, k)."""
+        slips, of_slips = self.slips(levels), np.array([one.slip for one in rates])
         if self._sprung is None:
-            return self.slips(level), rates.slip
-        flexibility = self.flexibility
-        softer = -(flexibility**2)[:, np.newaxis] * self.spring_rates[self.row_point]
-        taken = flexibility[:, np.newaxis] * rates.friction
-        slips = level.slip - flexibility * level.friction
-        return slips, rates.slip - taken - softer * level.friction[:, np.newaxis]
+            return slips, of_slips
+        friction = np.array([level.friction for level in levels])
+        flexibility = self.flexibility[:, np.newaxis]
+        softer = flexibility**2 * self.spring_rates[self.row_point]
+        of_slips -= flexibility * np.array([one.friction for one in rates])
+        of_slips += friction[:, :, np.newaxis] * softer
+        return slips - self.flexibility * friction, of_slips
 
     def follow(
         self, last: Rates, before: Level, walk: Sequence[tuple[float, Level]]
@@ -502,7 +507,7 @@ class LevelRates:
         system, rows, place = self.system, self.row_point, self.matrix.place
         path = before, *levels
         forces = np.array([level.friction for level in path])
-        step = np.diff([self.slips(level) for level in path], axis=0)
+        step = np.diff(self.slips(path), axis=0)
         limits = np.array([system.w if level.limits is None else level.limits for level in levels])
         w = limits[:, rows]
         acts = (w > 0.0) & (place >= 0)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.mesh.cells import spot
 from skfem_joint.slips import unit_vectors
@@ -45,6 +45,8 @@ class Pressed:
         Displacement of the other body opposite to each node, from that of its nodes.
     contact_force, contact_gap : ndarray, shape (k,), or None
         Force, N, and gap, m, of the nodes of `PressureSpace`, where bolts press the joint.
+    means : sparse array, shape (k, k), or None
+        Normal forces of the same nodes from these forces, see `PressureSpace.means`.
     """
 
     force: FloatArray
@@ -53,6 +55,7 @@ class Pressed:
     other: sparse.csr_array | None
     contact_force: FloatArray | None = None
     contact_gap: FloatArray | None = None
+    means: Matrix | None = None
 
 
 def point_stiffness(joint: Joint, area: FloatArray) -> FloatArray:

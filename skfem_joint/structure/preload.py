@@ -273,5 +273,6 @@ def _pressed(
         )
     at = selection(face.nodes, n_nodes).T
     other = None if face.other is None else sparse.csr_array(at @ face.other)
-    nodal = at @ (face.means(force) @ force), at @ face.area, at @ gap
-    return Pressed(*nodal, other, force, gap)
+    means = face.means(force)
+    nodal = at @ (means @ force), at @ face.area, at @ gap
+    return Pressed(*nodal, other, force, gap, means)

@@ -221,7 +221,7 @@ class _Model:
         space, before = found.faces.spaces[number], pressed.contact_force
         force = np.where(before > 0.0, rates[0], 0.0)
         nodal = np.zeros(self.structure.n_nodes)
-        nodal[space.nodes] = force if patch.joint.opens else space.means(before) @ force
+        nodal[space.nodes] = force if patch.joint.opens else pressed.means @ force
         return nodal
 
     def _joined(self, parts: Sequence[_JointRates]) -> OpeningSensitivity | None:
