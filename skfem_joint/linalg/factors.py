@@ -253,9 +253,9 @@ class BlockFactors:
                 T = self.A.take(free, axis=0).take(free, axis=1)
             np.add.at(T, (place[self.rows[moves]], place[self.columns[moves]]), values[moves])
             return factorised(T)
-        entries, n = self.A.tocoo(copy=False), self.A.shape[0]
-        values = np.concatenate([entries.data, values])
+        values, n = np.concatenate([self.A.data, values]), self.A.shape[0]
         if self.band is None:
+            entries = self.A.tocoo(copy=False)
             self.rows = np.concatenate([entries.row, self.rows])
             self.columns = np.concatenate([entries.col, self.columns])
             self.band = Band(self.rows, self.columns, n)

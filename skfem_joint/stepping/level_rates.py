@@ -31,7 +31,7 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import BlockFactors
-from skfem_joint.linalg.schur import SchurComplement, condensed
+from skfem_joint.linalg.schur import SchurComplement, Uncondensed
 from skfem_joint.minimise.opening_springs import OpeningOnSprings
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.opening import OpeningContact
@@ -152,11 +152,9 @@ class _Matrix:
         """Of constant limits; factors of the path are used again."""
         system = path.to.system
         points = ContactPoints.of(system)
+        schur: Any = Uncondensed(as_compressed(path.K + path.shift * path.M))
         if path.whole is not None:
-            schur: Any = path.whole.schur
-        else:
-            H = as_compressed(path.K + path.shift * path.M)
-            schur = condensed(H, points.limited)
+            schur = path.whole.schur
         whole = isinstance(schur, SchurComplement)
         A = schur.complement if whole else schur.A
         at = np.full(system.n, -1)
