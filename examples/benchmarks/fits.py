@@ -10,7 +10,7 @@ slip, of a bar on a rigid base and of two plates under two bolts, in side view a
 springs in series with friction. Errors are largest differences from central differences of curves
 whose levels converge to 1e-10, over the largest derivative of the curve, or over a thousandth of
 the value over the parameter if that is larger. Only levels count at which the same points slip at
-both ends. Times are of the processor, median of three alternating runs at the usual tolerance; the
+both ends. Times are of the processor, median of five alternating runs at the usual tolerance; the
 derivatives of the structure's matrices are part of them, and with new values the structure and its
 preload, as in a step of a fit.
 
@@ -123,7 +123,7 @@ def seconds(work):
     return time.process_time() - begin
 
 
-def times(given, loads, keys, levels, repeats=3):
+def times(given, loads, keys, levels, repeats=5):
     """Time of a curve, s, of one with derivatives over it, and the same of new values.
 
     New values need a structure and its preload before the curve, as in a step of a fit.
@@ -137,14 +137,12 @@ def times(given, loads, keys, levels, repeats=3):
         new = with_values(given, {key: value_of(given, key) * (1.0 + 1e-9) for key in keys})
         curve(new.system(loads), new if differentiated else None)
 
-    system = given.system(loads)
-    ways = (
-        lambda: curve(system), lambda: curve(system, given),
-        lambda: anew(False), lambda: anew(True),
-    )  # fmt: skip
-    alone, both, first, second = np.median(
-        [[seconds(way) for way in ways] for _ in range(repeats)], axis=0
-    )
+    def medians(*ways):
+        return np.median([[seconds(way) for way in ways] for _ in range(repeats)], axis=0)
+
+    system = given.system(loads)  # the last one, whose damping's frequencies are known
+    alone, both = medians(lambda: curve(system), lambda: curve(system, given))
+    first, second = medians(lambda: anew(False), lambda: anew(True))
     return alone, both / alone, second / first
 
 
@@ -177,7 +175,7 @@ def gradients(quick):
                 found = differences(given, loads, key, curve.level)
                 curves.SETTINGS, what = usual, key
             wanted = keys if key is None else [key]
-            alone, *ratios = times(given, loads, wanted, curve.level, 1 if quick else 3)
+            alone, *ratios = times(given, loads, wanted, curve.level, 1 if quick else 5)
             same = "" if key is None else f"{found[0]} of {found[1]}"
             error = "" if key is None else f"{found[2]:.0e}"
             row(

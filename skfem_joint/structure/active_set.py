@@ -43,8 +43,8 @@ class ActiveSetSettings:
         Most sets of touching nodes that are tried.
     corrections : int
         Most corrections of a solution.
-    tolerance : float
-        Share of the forces that may be left out of balance.
+    tolerance, exact : float
+        Shares of the forces that may be left out of balance, and that are not corrected further.
     kept : int
         Most unknowns of a solution whose factor is kept for its derivatives. Two solid plates of
         47,808 unknowns keep 170 MB (by PARDISO).
@@ -58,6 +58,7 @@ class ActiveSetSettings:
     active_sets: int = 100
     corrections: int = 20
     tolerance: float = 1e-9
+    exact: float = 1e-12
     kept: int = 50_000
     round_off: float = 1e-8
 
@@ -164,7 +165,7 @@ class UnilateralContact:
             left = float(np.abs(r).max() / np.abs(self.force).max())
             if apart.size and u.any():
                 left += float(np.abs(apart / self.area[active]).max() / np.abs(u).max())
-            if left > 0.5 * last and left < SETTINGS.tolerance:
+            if _balanced(left, last):
                 break
             last = min(last, left)
             du = solve(r + G.T @ (penalty * apart))
@@ -206,7 +207,7 @@ class UnilateralContact:
             if apart.size and u.any():
                 moved = np.abs(u).max(axis=0, initial=np.finfo(float).tiny)
                 left += float((np.abs(apart / self.area[active, np.newaxis]) / moved).max())
-            if left > 0.5 * last and left < SETTINGS.tolerance:
+            if _balanced(left, last):
                 break
             last = min(last, left)
             du = solve(r + G_T @ (penalty * apart))
@@ -219,6 +220,11 @@ class UnilateralContact:
         whole = np.zeros((active.size, size.size))
         whole[active] = p
         return u * size, whole * size
+
+
+def _balanced(left: float, before: float) -> bool:
+    """Whether a share of the forces is so small that it is not corrected, or falls no further."""
+    return left < SETTINGS.exact or (left > 0.5 * before and left < SETTINGS.tolerance)
 
 
 def _shifted(K: Matrix) -> sparse.csr_array:
