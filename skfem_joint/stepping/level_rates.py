@@ -73,9 +73,10 @@ class Rates(NamedTuple):
 
 
 class _Friction(NamedTuple):
-    """Derivatives of the friction of increments: known + tangent d(slip).
+    """Derivatives of the friction of increments: known + tangent d(s).
 
-    Arrays have a row for each increment. The tangent has a block for each point.
+    s is the increment of the slip, and on springs more than that by what the friction before has
+    stretched them. Arrays have a row for each increment. The tangent has a block for each point.
 
     Attributes
     ----------
@@ -87,6 +88,8 @@ class _Friction(NamedTuple):
         Rows whose slip is as at the level before.
     diagonal, beside : ndarray, shape (levels, rows)
         Entries of the tangent, N/m: on its diagonal, and of the other row of the same point.
+    known : ndarray, shape (levels, rows, k)
+        Of the limits and springs alone.
     turning : ndarray of int, shape (levels,)
         Points that may turn.
     """
@@ -96,6 +99,7 @@ class _Friction(NamedTuple):
     sticks: BoolArray
     diagonal: FloatArray
     beside: FloatArray
+    known: FloatArray
     turning: IntArray
 
 
@@ -373,7 +377,10 @@ class LevelRates:
         """
         fixed = np.zeros(len(right), dtype=bool)
         sticks = np.flatnonzero(friction.sticks)
-        z, forces = np.zeros_like(right), self._known(last, friction, after)
+        begin = -last.slip
+        if self._sprung is not None:
+            begin += self.flexibility[:, np.newaxis] * last.friction
+        z, forces = np.zeros_like(right), friction.known + self._by_slip(friction, begin)
         known = self._from_rows @ forces
         z[self.matrix.place[sticks]], fixed[self.matrix.place[sticks]] = last.slip[sticks], True
         if self.contact is not None:
@@ -440,23 +447,11 @@ class LevelRates:
         return slip
 
     def _by_slip(self, friction: _Friction, slip: FloatArray) -> FloatArray:
-        """What slips (rows, k) of an increment change its friction by, (rows, k)."""
-        forces = friction.diagonal[:, np.newaxis] * slip
+        """What slips (..., rows, k) of increments change their friction by, (..., rows, k)."""
+        forces = friction.diagonal[..., np.newaxis] * slip
         if self.row_point.size > self.system.w.size:
-            forces += friction.beside[:, np.newaxis] * slip[self._partner]
+            forces += friction.beside[..., np.newaxis] * slip[..., self._partner, :]
         return forces
-
-    def _known(self, last: Rates, friction: _Friction, after: Level) -> FloatArray:
-        """Derivatives of the friction of an increment, (rows, k), but for those of its slip."""
-        given, rows = self.given, self.row_point
-        if after.normal is not None and any(gain is not None for gain in self.gains):
-            given = self._limits(after.normal, np.zeros_like(self.at_rest))
-        known = friction.direction[:, np.newaxis] * given[rows]
-        known -= self._by_slip(friction, last.slip)
-        if self._sprung is not None:
-            held = last.friction + friction.step[:, np.newaxis] * self.spring_rates[rows]
-            known += self.flexibility[:, np.newaxis] * self._by_slip(friction, held)
-        return known
 
     @cached_property
     def _gain_of_unknowns(self) -> sparse.csr_array:
@@ -526,14 +521,24 @@ class LevelRates:
         curved = np.divide(w, np.where(sprung, trial, size), out=np.zeros_like(w), where=moves)
         curved = np.where(sprung, springs * np.where(moves, curved, 1.0), curved)
         single, across = system.on_rows(system.directions == 1), direction[:, self._partner]
-        return _Friction(
+        given = self.given[rows]
+        if any(gain is not None for gain in self.gains):
+            none = np.zeros_like(self.at_rest)
+            of_levels = [self._limits(cast("FloatArray", one.normal), none) for one in levels]
+            given = np.array(of_levels)[:, rows]
+        found = _Friction(
             step=step,
             direction=direction,
             sticks=acts & ~moves & ~sprung,
             diagonal=np.where(single & moves, 0.0, curved * (1.0 - direction**2)),
             beside=np.where(single, 0.0, -curved * direction * across),
+            known=direction[:, :, np.newaxis] * given,
             turning=turning.sum(axis=1),
         )
+        if self._sprung is None:
+            return found
+        stiffer = (self.flexibility * step)[:, :, np.newaxis] * self.spring_rates[rows]
+        return found._replace(known=found.known + self._by_slip(found, stiffer))
 
     def _limits(self, normal: FloatArray, rates: FloatArray) -> FloatArray:
         """Derivatives of the friction limits, (m, k), N, by those (q, k) of normal forces (q,)."""

@@ -59,6 +59,8 @@ class QuasiStaticSettings:
     ----------
     limit_share : float
         Share of the friction limit to which loads are scaled back where friction alone holds.
+    given_back : int
+        Most times that a level is solved again to take the added mass out of it.
     halvings : int
         A level that does not converge at once is reached in parts, halved at most this often.
     carried : float
@@ -79,6 +81,7 @@ class QuasiStaticSettings:
     """
 
     limit_share: float = 0.98
+    given_back: int = 4
     halvings: int = 6
     carried: float = 1e-3
     limit_iterations: int = 20
@@ -104,7 +107,8 @@ class Increment(NamedTuple):
     found : Minimum
         Whether the minimisation converged, and its work.
     carried : float
-        Share of the load that the added mass carries; it is zero where supports hold.
+        Share of the load that the added mass carries, or that is not given back of it; it is zero
+        where supports hold.
     """
 
     u: FloatArray
@@ -333,6 +337,9 @@ class QuasiStatic:
     def increment(self, u: FloatArray, f: FloatArray, friction: FloatArray) -> Increment:
         """One level by Coulomb's law, in one part, with its friction and without scaling back.
 
+        Where the contact is stepped alone, the added mass acts on all but rigid motions at first.
+        The level is then solved again with the mass' force given back, until that hardly changes.
+
         Parameters
         ----------
         u : ndarray, shape (n,)
@@ -342,14 +349,34 @@ class QuasiStatic:
         friction : ndarray, shape (rows,)
             Friction force of the level before, N, which counts where springs are in series.
         """
+        tried = self._increment(u, f, friction)
+        if self.condensed is None or not self.shift:
+            return tried
+        for _ in range(SETTINGS.given_back):
+            if not tried.found.converged or tried.beyond:
+                break
+            again = self._increment(u, f, friction, self.shift * (self.M @ tried.u))
+            counts = {
+                name: n + again.found.counts.get(name, 0) for name, n in tried.found.counts.items()
+            }
+            tried = again._replace(found=replace(again.found, counts=counts))
+            if tried.carried <= self.tolerance:
+                break
+        return tried
+
+    def _increment(
+        self, u: FloatArray, f: FloatArray, friction: FloatArray, given: FloatArray | None = None
+    ) -> Increment:
+        """As `increment`; with the forces ``given`` back, (n,), for those of the added mass, N."""
         system, inside = self.to.system, self.condensed
         limits = system.on_rows(system.w)
         before = np.divide(friction, limits, out=np.zeros_like(limits), where=limits > 0.0)
         right, start, interior = f, u, f[:0]
         if inside is not None:
-            right, interior = inside.restrict(f)
+            right, interior = inside.restrict(f if given is None else f + given)
             start = u[inside.kept]
-        driving = right - self.stiffness @ start  # of an unloaded level it is the larger one
+        held = self.stiffness if given is None else self.A
+        driving = right - held @ start  # of an unloaded level it is the larger one
         found = self._minimise(driving, np.full(self.beta.size, np.inf), before)
         after = start + found.v
         if inside is None:
@@ -360,6 +387,8 @@ class QuasiStatic:
             found = replace(found, where=int(inside.kept[found.where]))
         largest = max(right, driving, key=lambda force: float(np.linalg.norm(force)))
         carried = self._carried(found, largest)
+        if given is not None:
+            carried = _share(self.shift * (self.M @ after) - given, largest)
         if found.converged and carried <= SETTINGS.carried:
             self.last = found.v
         return Increment(after, new, found, carried)
@@ -448,10 +477,7 @@ class QuasiStatic:
 
     def _carried(self, increment: Minimum, f: FloatArray) -> float:
         """Share of the load that the added mass carries."""
-        if not self.shift:
-            return 0.0
-        carried, force = (float(np.linalg.norm(x)) for x in (self.added @ increment.v, f))
-        return carried / force if force > 0.0 else 0.0  # no load: friction holds what was held
+        return _share(self.added @ increment.v, f) if self.shift else 0.0
 
     def _least_of_rigid(self, f: FloatArray) -> tuple[float, bool]:
         """Smallest sum w |B d| / f d found among rigid motions d, and whether it is the least.
@@ -501,6 +527,12 @@ class QuasiStatic:
             f"what friction can hold was not found in {SETTINGS.limit_iterations} iterations: the "
             f"limit is at most {limit:.6g} of the forces, and may be lower"
         )
+
+
+def _share(carried: FloatArray, f: FloatArray) -> float:
+    """Forces of the added mass over a load; zero without a load: friction holds what was held."""
+    force = float(np.linalg.norm(f))
+    return float(np.linalg.norm(carried)) / force if force > 0.0 else 0.0
 
 
 def factors_at_rest(system: System) -> QuasiStatic | None:

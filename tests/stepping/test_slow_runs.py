@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import LAP, WIDTH, lap, pressed, structure
+from clamped_plates import bolted, loads
 from stepping_systems import LapJoint, arm
 
 import skfem_joint as sj
@@ -282,6 +283,20 @@ def test_a_body_that_friction_holds_goes_round_closed_loops(model):
     assert run.energy_residual < 1e-8
     assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=1e-6)
     assert run.loops.opening < 1e-6
+
+
+@pytest.mark.parametrize("solid", [False, True])
+def test_levels_of_a_body_that_friction_holds_balance_without_added_mass(solid):
+    """K is singular, and a little mass is added to it; no force of that is left at a level."""
+    given = bolted(solid).system(loads("right", 3 if solid else 2))
+    levels = CoulombLevels(given, 1e-11)
+    system, level = levels.to.system, levels.rest()
+    assert levels.path.shift > 0.0
+    force = levels.to.force(100.0 * given.loads[0].vector)
+    for share in (0.5, 1.0, -0.2):
+        level = levels.next(level, share * force)
+        left = share * force - system.K @ level.u - system.B.T @ level.friction
+        assert np.abs(left).max() < 1e-10 * np.abs(force).max()
 
 
 def test_loads_at_the_start_are_reached_first_and_jumps_are_followed():
