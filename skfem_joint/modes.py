@@ -215,7 +215,8 @@ def rayleigh_fit(K: Matrix, M: Matrix, stuck: IntArray, loads: Iterable[Amplitud
 class KnownFit:
     """`rayleigh_fit` that keeps its last result, for systems that differ in friction alone.
 
-    Modes of a solid of 73,000 unknowns take half a minute, to see that nothing changed 0.2 s.
+    Modes of a solid of 73,000 unknowns take half a minute, to see that nothing changed far less
+    than a second. It keeps the matrices of the last system, which must not be changed in place.
     """
 
     def __init__(self) -> None:

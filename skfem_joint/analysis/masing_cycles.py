@@ -28,6 +28,8 @@ class MasingSettings:
         Increments of each half of a cycle that is followed.
     checked : int
         Levels at which cycles are followed to check Masing's rule.
+    idle : float
+        Work of a cycle over that of its load below which it is round-off.
     turned : float
         Masing's rule is given up where the slip added up along the path is more than this times
         the slip at its end.
@@ -35,6 +37,7 @@ class MasingSettings:
 
     increments: int = 4
     checked: int = 3
+    idle: float = 1e-12
     turned: float = 1.05
 
 
@@ -62,7 +65,8 @@ def masing_cycles(path: SavedPath, force: FloatArray, level: FloatArray) -> Cycl
     slip, sliding = system.slip_norm(rows), system.slip_norm(sliders)
     work, masing = 4.0 * sliding @ system.w, keeps_direction(system, sliders)
     followed = spread(level.size, SETTINGS.checked) if masing else np.arange(level.size)
-    followed = followed[work[followed] > 0.0]
+    energy = level * (states @ force)
+    followed = followed[work[followed] > SETTINGS.idle * energy[followed]]
     loops, turned = _half_cycles(path, level, force, states, friction, followed)
     slid = system.slider_slip(np.asarray((system.B @ loops.T).T), turned)
     cycle = 2.0 * (system.slip_norm(slid) @ system.w).reshape(-1, SETTINGS.increments).sum(axis=1)

@@ -11,6 +11,7 @@ from skfem_joint.linalg.schur import complement_bytes
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import MOST_DENSE, arranged
+from skfem_joint.structure.active_set import SETTINGS as ACTIVE_SET
 from skfem_joint.system import System
 
 GIB = 2**30
@@ -59,8 +60,11 @@ def needed(scene: Scene) -> dict[str, int]:
     if "reduced" in scene.models.run and scene.reduction.reference == "self":
         training = min(scene.n_steps, 3 * (scene.cycle_steps or scene.n_steps)) * (2 * n + 4 * rows)
     share, power = _FILL[dim]
-    largest = dim * nodes if scene.bolt else n  # a preload is solved for all nodes
-    factors = 24 * int(share * largest ** (1.0 + power))  # bytes of an entry with its index
+    factorised = [n]
+    if scene.bolt:  # a preload is solved for all nodes, and a small one keeps its factor
+        factorised = [dim * nodes, *([n] if dim * nodes <= ACTIVE_SET.kept else [])]
+    # Bytes of an entry with its index.
+    factors = sum(24 * int(share * unknowns ** (1.0 + power)) for unknowns in factorised)
     factors += factors if "reduced" in scene.models.run and models > 1 else 0
     assembled = 1100 * nodes + 120 * structure.n_entries  # measured
     parts = 8 * stored * row, 8 * frames * frame, 8 * training, factors + assembled

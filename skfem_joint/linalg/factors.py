@@ -248,7 +248,7 @@ class BlockFactors:
             place, moves = np.arange(len(self.A)), np.ones(self.rows.size, dtype=bool)
             T = self.A.copy()
             if among is not None:
-                place, moves = np.cumsum(among) - 1, among[self.rows]
+                place, moves = np.cumsum(among) - 1, among[self.rows] & among[self.columns]
                 free = np.flatnonzero(among)
                 T = self.A.take(free, axis=0).take(free, axis=1)
             np.add.at(T, (place[self.rows[moves]], place[self.columns[moves]]), values[moves])

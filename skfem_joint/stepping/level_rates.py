@@ -41,6 +41,8 @@ from skfem_joint.stepping.opening_levels import OpeningLevels
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
 
+#: Slips below this share of those before and after an increment are round-off.
+ROUND_OFF = 1e-13
 #: A point slips in an increment if it slips by more than this share of the largest slip, and one on
 #: a spring if its force is less than this share below its limit.
 STILL = 1e-9
@@ -76,12 +78,11 @@ class _Friction(NamedTuple):
     """Derivatives of the friction of increments: known + tangent d(s).
 
     s is the increment of the slip, and on springs more than that by what the friction before has
-    stretched them. Arrays have a row for each increment. The tangent has a block for each point.
+    stretched them. Arrays have a row for each increment, or are of one increment alone. The tangent
+    has a block for each point.
 
     Attributes
     ----------
-    step : ndarray, shape (levels, rows)
-        Slip, m.
     direction : ndarray, shape (levels, rows)
         Direction of the force of each point that slips; zero of others.
     sticks : ndarray of bool, shape (levels, rows)
@@ -94,7 +95,6 @@ class _Friction(NamedTuple):
         Points that may turn.
     """
 
-    step: FloatArray
     direction: FloatArray
     sticks: BoolArray
     diagonal: FloatArray
@@ -251,7 +251,8 @@ class LevelRates:
         self._held_of_force = self._held.T @ of_force
         self.row_point = np.repeat(np.arange(self.system.w.size), self.system.directions)
         self.flexibility = self.system.spring_flexibility
-        self._sprung: BoolArray | None = None  # of constant limits, and so `Rates.friction`
+        # Rows whose friction has springs in series, where limits are constant.
+        self._sprung: BoolArray | None = None
         if self.contact is None and self.system.has_springs:
             self._sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
         self._rubs = np.flatnonzero(self.matrix.place >= 0)
@@ -408,7 +409,7 @@ class LevelRates:
         fixed: BoolArray,
     ) -> Rates:
         """Of the next level with contact that opens; unknowns that are ``fixed`` have values."""
-        if self.shift:  # one right side more, the unit force: see below
+        if self.shift:  # one more right side, the unit force, to give back what mass was added
             right, held = (
                 np.column_stack([x, y[:, -1]])
                 for x, y in ((right, self._right_of_force), (held, self._held_of_force))
@@ -511,6 +512,9 @@ class LevelRates:
         size, force, trial = (
             system.slip_norm(x)[:, rows] for x in (step, forces[1:], forces[:-1] + springs * step)
         )
+        if self.contact is not None:  # sliders that stick differ by round-off
+            whole = system.slip_norm(np.array([level.slip for level in path]))[:, rows]
+            size = np.where(size > ROUND_OFF * (whole[1:] + whole[:-1]), size, 0.0)
         largest = size.max(axis=1, initial=0.0, keepdims=True)
         moves = acts & np.where(sprung, force >= (1.0 - STILL) * w, size > STILL * largest)
         # Points that hardly slip, or whose force hardly differs from the limit.
@@ -527,7 +531,6 @@ class LevelRates:
             of_levels = [self._limits(cast("FloatArray", one.normal), none) for one in levels]
             given = np.array(of_levels)[:, rows]
         found = _Friction(
-            step=step,
             direction=direction,
             sticks=acts & ~moves & ~sprung,
             diagonal=np.where(single & moves, 0.0, curved * (1.0 - direction**2)),

@@ -12,8 +12,9 @@ and iterations for the multipliers.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -58,7 +59,7 @@ class ActiveSetSettings:
     active_sets: int = 100
     corrections: int = 20
     tolerance: float = 1e-9
-    exact: float = 1e-12
+    exact: float = 1e-13
     kept: int = 50_000
     round_off: float = 1e-8
 
@@ -90,6 +91,11 @@ class UnilateralContact:
     _last: list[tuple[BoolArray, Callable[[FloatArray], FloatArray]]] = field(
         init=False, repr=False, compare=False, default_factory=list
     )
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without factors, which cannot be pickled."""
+        names = (f.name for f in fields(self))
+        return {name: getattr(self, name) for name in names} | {"_last": []}
 
     @cached_property
     def penalty(self) -> FloatArray:
@@ -154,7 +160,7 @@ class UnilateralContact:
     ) -> tuple[FloatArray, FloatArray, float]:
         """Displacement and pressure for a given set of closed contact, by an augmented Lagrangian.
 
-        The solution is corrected with the same factor until the residual stops falling. The third
+        The solution is corrected with the same factor until the residual is round-off. The third
         value returned is the residual as a share of the clamp forces.
         """
         G, penalty, gap = self.G[active], self.penalty[active], self.gap[active]
@@ -177,8 +183,9 @@ class UnilateralContact:
     def rates(self, active: BoolArray, force_rates: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Derivatives of displacement, (n, k), and pressure, (m, k), while the same is closed.
 
-        One factor serves all parameters: that of `solve`, if it was called before. A new one is of
-        the whole stiffness: to condense it first pays only for several sets of what is closed.
+        One factor serves all parameters: that of `solve`, if it was called before and ended with
+        what is closed. Else the whole stiffness has a factor: to condense it first pays only for
+        several sets of what is closed.
 
         Parameters
         ----------
@@ -194,7 +201,7 @@ class UnilateralContact:
         """
         G, penalty = self.G[active], self.penalty[active, np.newaxis]
         G_T = sparse.csr_array(G.T)
-        if self._last:
+        if self._last and np.array_equal(self._last[0][0], active):
             solve = self._solver(active)
         else:
             solve = factorised(sparse.csr_array(_shifted(self.K) + self._springs(active)))

@@ -35,7 +35,7 @@ from skfem_joint.unknowns import selection, stacked
 
 @dataclass(frozen=True)
 class TouchingFaces:
-    """Faces of the static problem, and what of them is closed in its solution.
+    """Faces and bolts of the static problem, and what of the faces is closed in its solution.
 
     Attributes
     ----------

@@ -148,7 +148,7 @@ class Structure:
         """Give another structure what is known already and the same for both."""
         object.__setattr__(other, "fitted", self.fitted)
 
-        def faces(structure: Structure) -> list[Any]:
+        def pressed(structure: Structure) -> list[Any]:
             joints = ((j.on, j.against, j.gap, j.pressed_by_bolts) for j in structure.joints)
             return [*joints, *(replace(bolt, force=1.0) for bolt in structure.bolts)]
 
@@ -157,7 +157,7 @@ class Structure:
         same_body, known = other.body is self.body, vars(self).get("preload")
         if same_body:
             object.__setattr__(other, "_known", vars(self).get("_reduced", self._known))
-        if known is None or faces(self) != faces(other):
+        if known is None or pressed(self) != pressed(other):
             return
         if same_body and self.bolts == other.bolts:
             vars(other)["preload"] = known

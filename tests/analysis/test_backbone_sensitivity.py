@@ -60,6 +60,12 @@ def in_plan(**joint: float) -> Callable[[], sj.Structure]:
     return lambda: structure(lap(), joints, ["lower_left"], stiffness_damping=1e-6)
 
 
+def pressed_evenly() -> sj.Structure:
+    """Plates that a pressure holds together, so that nothing slips at low levels."""
+    joint = {"contact": "unilateral", "pressure": 20e6, **ELASTIC}
+    return bolted(joint=joint, bolts=[], damping_ratio=0.01)
+
+
 FRICTION, SPRING, PUSH = "joint[0].friction", "joint[0].tangential_stiffness", "bolt[0].force"
 PRESSURE, E, RATIO = "joint[0].pressure", "material.E", "damping.ratio"
 OF_BAR = FRICTION, PRESSURE, E, "damping.stiffness", "damping.mass", "material.regions.upper_arm.E"
@@ -82,6 +88,7 @@ CASES = {
         plates(False, "unilateral", **ELASTIC),
         ACROSS, (*BOLTED, SPRING, "joint[0].normal_stiffness"), 4,
     ),
+    "open, sticking at first": Case(pressed_evenly, ACROSS, (E, FRICTION), 6),
     "solid": Case(plates(True, "constant"), SOLID, BOLTED, 6),
     "solid on springs": Case(plates(True, "constant", **STIFF), SOLID, (*BOLTED, SPRING), 6),
     "open solid": Case(plates(True, "unilateral"), SOLID, (FRICTION, PUSH, E), 3),

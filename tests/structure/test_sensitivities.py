@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
@@ -186,6 +187,15 @@ def test_derivatives_of_the_preload_use_its_own_factor(monkeypatch):
         for (_, a), (_, b) in zip(parts(one), parts(other), strict=True):
             if b is not None:
                 assert abs(a - b).max() < 1e-9 * abs(b).max()
+
+
+def test_a_structure_with_a_known_preload_can_be_sent_to_another_process():
+    given = bolted(regions={"ub": {"E": 100e9}})
+    on, key = loads("right", 2), "material.regions.ub.E"
+    (known,) = sensitivities(given, [key], given.system(on))
+    sent = pickle.loads(pickle.dumps(given))  # noqa: S301 - its own
+    (found,) = sensitivities(sent, [key], sent.system(on))
+    np.testing.assert_allclose(found.w, known.w, atol=1e-9 * np.abs(known.w).max())
 
 
 def test_one_value_of_all_bolts_changes_with_each_of_them():
