@@ -341,8 +341,8 @@ class LevelRates:
 
         Raises
         ------
-        LinAlgError
-            If everything slips, so that a level is not determined.
+        LinAlgError, InputError or RuntimeError
+            If everything slips, so that a level is not determined; by whoever finds no factor.
         """
         levels, found = [level for _, level in walk], list[Rates]()
         friction = self._friction(before, levels)
