@@ -278,10 +278,9 @@ class CycleRates:
 
     def _work_around(self, chain: list[tuple[Level, Rates]]) -> FloatArray:
         """Derivatives of the work of a cycle, (k + 1,): of mean limits times slips."""
-        slips, of_slips = self.rates.sliders(*zip(*chain, strict=True))
-        limits, of_limits = (
-            np.array([one.limits for one in part]) for part in zip(*chain, strict=True)
-        )
+        levels, rates = zip(*chain, strict=True)
+        slips, of_slips = self.rates.sliders(levels, rates)
+        limits, of_limits = (np.array([one.limits for one in part]) for part in (levels, rates))
         step = np.diff(slips, axis=0)
         mean, of_mean = (0.5 * (x[1:] + x[:-1]) for x in (limits, of_limits))
         _, of_work = self._work(step, np.diff(of_slips, axis=0), mean)

@@ -111,10 +111,17 @@ class UnilateralContact:
 
     def _solver(self, active: BoolArray) -> Callable[[FloatArray], FloatArray]:
         """Solver with given contact closed, (m,); the last one is kept."""
-        if not self._last or not np.array_equal(self._last[0][0], active):
+        known = self._kept_solver(active)
+        if known is None:
             self._last.clear()  # two factors at once may be too large
-            self._last.append((active.copy(), self._open.solver(self._springs(active))))
-        return self._last[0][1]
+            known = self._open.solver(self._springs(active))
+            self._last.append((active.copy(), known))
+        return known
+
+    def _kept_solver(self, active: BoolArray) -> Callable[[FloatArray], FloatArray] | None:
+        """The last solver, if it was for the same contact."""
+        same = (solve for closed, solve in self._last if np.array_equal(closed, active))
+        return next(same, None)
 
     def _springs(self, active: BoolArray) -> sparse.csr_array:
         """Stiffness of closed contact, (n, n)."""
@@ -201,9 +208,8 @@ class UnilateralContact:
         """
         G, penalty = self.G[active], self.penalty[active, np.newaxis]
         G_T = sparse.csr_array(G.T)
-        if self._last and np.array_equal(self._last[0][0], active):
-            solve = self._solver(active)
-        else:
+        solve = self._kept_solver(active)
+        if solve is None:
             solve = factorised(sparse.csr_array(_shifted(self.K) + self._springs(active)))
         size = np.abs(force_rates).max(axis=0)
         force = force_rates / np.where(size > 0.0, size, 1.0)

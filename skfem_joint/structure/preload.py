@@ -144,21 +144,18 @@ def preload(
         If the search for the touching nodes does not end.
     """
     begin, (_, K) = time.perf_counter(), body.matrices()
+    sizes = body.properties["width"], body.properties["thickness"]
     if like is None:
         units = (
             clamp_forces(body, replace(bolt, force=1.0), f"bolt[{i}]").ravel()
             for i, bolt in enumerate(bolts)
         )
         clamps: Matrix = sparse.csr_array(np.stack([*units], axis=1))
-    else:
-        clamps = like.clamps
-    force = np.reshape(clamps @ [bolt.force for bolt in bolts], (body.n_nodes, body.dim))
-    sizes = body.properties["width"], body.properties["thickness"]
-    if like is None:
         every = ((i, pressure_space(body, joint, *sizes)) for i, joint in enumerate(joints))
         faces = {i: face for i, face in every if face is not None}
     else:
-        faces = dict(like.spaces)
+        clamps, faces = like.clamps, dict(like.spaces)
+    force = np.reshape(clamps @ [bolt.force for bolt in bolts], (body.n_nodes, body.dim))
     N, area = _all_rows(faces, force.size)
     gap = np.concatenate([face.gap for face in faces.values()])
     gap = gap + np.repeat(
