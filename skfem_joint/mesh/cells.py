@@ -11,8 +11,9 @@ A check raises ValueError, which states place and reason. In all functions
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import chain, combinations
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 
 #: Share of the mesh's size below which two positions are the same, and a bar or plane is straight.
 TOLERANCE = 1e-9
+#: Share of an element's shortest edge below which a node lies on its side: rounded coordinates.
+CONFORMING = 1e-4
 
 
 @dataclass(frozen=True)
@@ -260,13 +263,19 @@ def check_shapes(cell: Cell, p: FloatArray, t: IntArray, xyz: FloatArray) -> Boo
 
 
 def find_bodies(
-    p: FloatArray, t: IntArray, facets: IntArray, t2f: IntArray, xyz: FloatArray
+    p: FloatArray,
+    t: IntArray,
+    facets: IntArray,
+    t2f: IntArray,
+    xyz: FloatArray,
+    regions: Mapping[str, IntArray],
 ) -> IntArray:
     """Number of the body of each element, shape (n_elements,).
 
     Elements that share facets belong to the same body. Bodies are numbered by their first elements.
-    Refused are elements on the same side of a facet, bodies that share a node, and two nodes of a
-    body in the same place.
+    Refused are elements on the same side of a facet, nodes that hang on sides of other elements of
+    their body, bodies that share a node, and two nodes of a body in the same place. ``regions`` are
+    the elements of each region, for messages.
     """
     beside = _beside(p, t, facets, t2f, xyz)
     joined = beside[:, (beside >= 0).all(axis=0)]
@@ -274,24 +283,130 @@ def find_bodies(
     body = np.asarray(connected_components(touching, directed=False)[1], dtype=np.intp)
     body_of = np.empty(len(xyz), dtype=np.intp)
     body_of[t] = body
+    whole = body  # bodies that share nodes count as one
     shared = t[body_of[t] != body]
+    if shared.size:
+        n, ends = body.max() + 1, (body_of[t].ravel(), np.tile(body, len(t)))
+        links = coo_array((np.ones(t.size), ends), shape=(n, n))
+        whole = np.asarray(connected_components(links, directed=False)[1])[body]
+    if len(p) > 1:  # in a bar elements of which none branches or folds back only share ends
+        _check_conforming(p, t, facets, beside, whole, xyz, regions)
     if shared.size:
         raise ValueError(
             f"elements only touch in the point {spot(xyz[shared[0]])}, a hinge: join them along a "
             "whole side, or give them separate nodes"
         )
-    nodes = np.unique(facets[:, (beside < 0).any(axis=0)])  # cracks are part of the surface
-    size = float(np.ptp(xyz[nodes], axis=0).max())
-    # Bodies may overlap: a fourth coordinate keeps their nodes apart.
-    apart = np.column_stack([xyz[nodes], 2.0 * size * body_of[nodes]])
-    double = cKDTree(apart).query(apart, k=2)[0][:, 1] <= TOLERANCE * size
-    if double.any():
-        raise ValueError(
-            f"{double.sum()} nodes of one body lie in one place with another node that is not "
-            f"joined to them, the first at {spot(xyz[nodes[np.argmax(double)]])}: the body would "
-            "be cracked there. Merge them (Gmsh: Coherence Mesh), or open the gap if it is meant"
-        )
     return body
+
+
+def _check_conforming(
+    p: FloatArray,
+    t: IntArray,
+    facets: IntArray,
+    beside: IntArray,
+    body: IntArray,
+    xyz: FloatArray,
+    regions: Mapping[str, IntArray],
+) -> None:
+    """Refuse nodes on sides of elements of their body of which they are no corners.
+
+    Such a node hangs on an edge or face, or lies in one place with a corner. Both can only be where
+    facets belong to one element, as cracks do.
+    """
+    lone = np.flatnonzero((beside < 0).any(axis=0))
+    sides, element = facets[:, lone], beside[:, lone].max(axis=0)
+    nodes = np.unique(sides)
+    places = cKDTree(p.T[nodes])
+    body_of = np.empty(len(xyz), dtype=np.intp)
+    body_of[t] = body
+    pairs = combinations(t[:, element], 2)
+    shortest = np.min([np.linalg.norm(p[:, a] - p[:, b], axis=0) for a, b in pairs], axis=0)
+    reach = CONFORMING * shortest
+    found: list[IntArray] = []
+    for part in np.array_split(np.arange(lone.size), 1 + lone.size // 5000):  # bounds the memory
+        corners = sides[:, part]
+        side, near = within_reach(p.T[corners.T], places, reach[part], len(corners))
+        node = nodes[near]
+        other = body_of[node] == body[element[part[side]]]
+        other &= (corners[:, side] != node).all(axis=0)
+        side, node = side[other], node[other]
+        foot = nearest_places(p.T[corners[:, side].T], p.T[node])
+        on = np.linalg.norm(foot - p.T[node], axis=1) <= reach[part[side]]
+        found.append(np.array([node[on], part[side[on]]]))
+    node, side = np.hstack(found)
+    if not node.size:
+        return
+    to_corner = np.linalg.norm(p[:, sides[:, side]] - p[:, np.newaxis, node], axis=0).min(axis=0)
+    hangs = to_corner > reach[side]
+    if not hangs.any():
+        raise ValueError(
+            f"{np.unique(node).size} nodes of one body lie in one place with another node that is "
+            f"not joined to them, the first at {spot(xyz[node.min()])}: the body would be cracked "
+            "there. Merge them (Gmsh: Coherence Mesh), or open the gap if it is meant"
+        )
+    count, first = np.unique(node[hangs]).size, node[hangs].min()
+    side = side[hangs & (node == first)][0]
+    within = ", ".join(repr(n) for n, chosen in regions.items() if np.isin(element[side], chosen))
+    raise ValueError(
+        f"node {first} at {spot(xyz[first])} hangs on a side of element {element[side]}"
+        f"{f' of region {within}' if within else ''}, from {spot(*xyz[sides[:, side]])}: it is no "
+        f"corner of it, and the body would open there ({count} such nodes). Divide both sides of "
+        "this place alike, so that elements meet corner to corner; mesh bodies in contact with "
+        f"nodes of their own; open a gap that is meant by more than {reach[side]:.2g} m"
+    )
+
+
+def within_reach(
+    corners: FloatArray, points: cKDTree, reach: FloatArray, crowded: int = 0
+) -> tuple[IntArray, IntArray]:
+    """Pairs of cells, with corners (n, corners, dim), and of points that may be near.
+
+    They hold all points that are no farther than ``reach`` (n,) from a cell, and some more. Cells
+    with no more than ``crowded`` points have none.
+    """
+    middle = corners.mean(axis=1)
+    radius = np.linalg.norm(corners - middle[:, np.newaxis], axis=-1).max(axis=1)
+    radius = (1.0 + TOLERANCE) * radius + reach
+    counts = points.query_ball_point(middle, radius, return_length=True)
+    cells = np.flatnonzero(counts > crowded)
+    members = points.query_ball_point(middle[cells], radius[cells])
+    return np.repeat(cells, counts[cells]), np.fromiter(chain.from_iterable(members), np.intp)
+
+
+def nearest_places(corners: FloatArray, points: FloatArray) -> FloatArray:
+    """Nearest place in each of k cells to the point (k, dim) that is given for it.
+
+    Cells are segments, triangles or quadrilaterals, (k, corners, dim). The corners of
+    quadrilaterals may have any order.
+    """
+    if len(points) == 0:
+        return points
+    # Segments or triangles that cover a cell with so many corners.
+    parts = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]}
+    return _nearest([_foot(corners[:, part], points) for part in parts[corners.shape[1]]], points)
+
+
+def _nearest(candidates: list[FloatArray], points: FloatArray) -> FloatArray:
+    """Nearest of several candidates, each (k, dim), to each of k points."""
+    every = np.array(candidates)
+    best = np.linalg.norm(every - points, axis=-1).argmin(axis=0)
+    return np.asarray(every[best, np.arange(len(points))])
+
+
+def _foot(corners: FloatArray, points: FloatArray) -> FloatArray:
+    """Nearest places in segments or triangles (k, 2 or 3, dim) to k points, (k, dim)."""
+    start, sides = corners[:, 0], corners[:, 1:] - corners[:, :1]
+    gram = np.einsum("kid,kjd->kij", sides, sides)
+    right = np.einsum("kid,kd->ki", sides, points - start)
+    share = np.linalg.solve(gram, right[..., None])[..., 0]
+    if corners.shape[1] == 2:
+        share = np.clip(share, 0.0, 1.0)
+    foot = start + np.einsum("ki,kid->kd", share, sides)
+    if corners.shape[1] == 2:
+        return np.asarray(foot)
+    border = _nearest([_foot(corners[:, [i - 1, i]], points) for i in range(3)], points)
+    above = (share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0)
+    return np.where(above[:, np.newaxis], foot, border)
 
 
 def _beside(

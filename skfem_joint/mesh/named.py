@@ -221,7 +221,7 @@ def from_parts(
     if mirrored.any() and not keep_order:
         t = np.where(mirrored, t[list(cell.mirrored)], t)
     sides, t2f = cell.facets(t, p.shape[1])
-    body = cells.find_bodies(p, t, sides, t2f, xyz) if body is None else body
+    body = cells.find_bodies(p, t, sides, t2f, xyz, regions) if body is None else body
     if cell.dim == 1:  # boundaries of one vertex are points, and nodes of bars ascend
         single = {name: int(ends[0, 0]) for name, ends in facets.items() if ends.shape[1] == 1}
         single = {name: node for name, node in single.items() if points.get(name, node) == node}

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.mesh.cells import Cell, cell_of, split
+from skfem_joint.mesh.cells import Cell, cell_of, nearest_places, split, within_reach
 
 
 @dataclass(frozen=True)
@@ -247,17 +246,9 @@ def _elements_at(
     corners = mesh.p.T[cells.T]
     middle = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middle[:, None], axis=-1).max(axis=1)
-    points_of_cell = cKDTree(points).query_ball_point(
-        middle, reach + (1.0 + 2.0 * allowed) * radius
-    )
-    cell = np.repeat(np.arange(len(corners)), [len(members) for members in points_of_cell])
-    near = np.fromiter(chain.from_iterable(points_of_cell), np.intp)
+    cell, near = within_reach(corners, cKDTree(points), reach + 2.0 * allowed * radius)
     beside = corners[cell]
-    # Segments or triangles that cover a cell with so many corners, in any order of these.
-    parts = {2: [[0, 1]], 3: [[0, 1, 2]], 4: [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]}[
-        corners.shape[1]
-    ]
-    foot = _nearest([_foot(beside[:, part], points[near]) for part in parts], points[near])
+    foot = nearest_places(beside, points[near])
     distance = np.linalg.norm(foot - points[near], axis=1)
     size = np.linalg.norm(beside - np.roll(beside, 1, axis=1), axis=-1).max(axis=1)
     order = np.lexsort((element[cell], np.where(distance < 1e-9 * size, 0.0, distance), near))
@@ -270,29 +261,6 @@ def _elements_at(
     feet = np.full(points.shape, np.nan)
     feet[first] = foot[best]
     return chosen, gap, feet
-
-
-def _nearest(candidates: list[FloatArray], points: FloatArray) -> FloatArray:
-    """Nearest of several candidates, each (k, dim), to each of k points."""
-    every = np.array(candidates)
-    best = np.linalg.norm(every - points, axis=-1).argmin(axis=0)
-    return np.asarray(every[best, np.arange(len(points))])
-
-
-def _foot(corners: FloatArray, points: FloatArray) -> FloatArray:
-    """Nearest places in segments or triangles (k, 2 or 3, dim) to k points, (k, dim)."""
-    start, sides = corners[:, 0], corners[:, 1:] - corners[:, :1]
-    gram = np.einsum("kid,kjd->kij", sides, sides)
-    right = np.einsum("kid,kd->ki", sides, points - start)
-    share = np.linalg.solve(gram, right[..., None])[..., 0]
-    if corners.shape[1] == 2:
-        share = np.clip(share, 0.0, 1.0)
-    foot = start + np.einsum("ki,kid->kd", share, sides)
-    if corners.shape[1] == 2:
-        return np.asarray(foot)
-    border = _nearest([_foot(corners[:, [i - 1, i]], points) for i in range(3)], points)
-    above = (share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0)
-    return np.where(above[:, np.newaxis], foot, border)
 
 
 def local_coordinates(grid: Nodes, elements: IntArray, points: FloatArray) -> FloatArray:
