@@ -356,6 +356,20 @@ def _check_conforming(
     )
 
 
+def outward(corners: FloatArray, centres: FloatArray) -> FloatArray:
+    """Normals (k, dim) of sides with corners (k, corners, dim), of the size of each side.
+
+    ``centres`` (k, dim) are those of the elements that the normals point out of.
+    """
+    if corners.shape[-1] == 2:
+        normals = (corners[:, 1] - corners[:, 0])[:, ::-1] * [1.0, -1.0]
+    else:  # half the cross product of the diagonals; in a triangle, of two sides
+        diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
+        normals = 0.5 * np.cross(*diagonals)
+    away = np.einsum("kc,kc->k", normals, corners.mean(axis=1) - centres)
+    return np.asarray(normals * np.sign(away)[:, np.newaxis])
+
+
 def within_reach(
     corners: FloatArray, points: cKDTree, reach: FloatArray, crowded: int = 0
 ) -> tuple[IntArray, IntArray]:

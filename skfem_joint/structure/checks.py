@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
 
 from skfem_joint.errors import closest, listed
 from skfem_joint.mesh import NamedMesh
+from skfem_joint.mesh.cells import TOLERANCE, nearest_places, outward, spot, within_reach
 
 #: Kinds of named parts of a mesh.
 KINDS = ("region", "boundary", "point")
@@ -47,3 +49,52 @@ def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> 
 def overlap(first: ArrayLike, second: ArrayLike) -> bool:
     """Whether two sets of element or facet numbers have a member in common."""
     return np.intersect1d(first, second).size > 0
+
+
+def body_label(mesh: NamedMesh, number: int) -> str:
+    """A body in a message, named after the regions that lie in it alone, if there are any."""
+    own = [
+        repr(name)
+        for name, elements in sorted(mesh.regions.items())
+        if len(elements) and np.all(mesh.body[elements] == number)
+    ]
+    if own:
+        return f"the body with the region{'s' if len(own) > 1 else ''} {', '.join(own)}"
+    middle = mesh.mesh.p[:, mesh.mesh.t[:, mesh.body == number]].mean(axis=(1, 2))
+    return f"the body around {spot(middle)}"
+
+
+def both_faces(mesh: NamedMesh, name: str, where: str) -> Iterator[str]:
+    """Refuse a region or boundary in which one body lies on another.
+
+    Faces lie on each other if they look at each other and are no farther apart than a tenth of
+    their shortest edge; cells of a region if the middle of one lies in the other.
+    """
+    side = name in mesh.boundaries
+    own = (mesh.boundaries if side else mesh.regions)[name]
+    cells = (mesh.mesh.facets if side else mesh.mesh.t)[:, own]
+    element = mesh.mesh.f2t[0, own] if side else own
+    body = mesh.body[element]
+    if np.all(body == body[0]):
+        return
+    corners = mesh.mesh.p.T[cells.T]
+    middle = corners.mean(axis=1)
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)
+    reach = (0.1 if side else TOLERANCE) * edges.min(axis=1)
+    first, second = within_reach(corners, cKDTree(middle), reach, 1)
+    apart = body[first] != body[second]
+    first, second = first[apart], second[apart]
+    gap = np.linalg.norm(nearest_places(corners[first], middle[second]) - middle[second], axis=1)
+    facing = gap <= reach[first]
+    if side:
+        normal = outward(corners, mesh.mesh.p[:, mesh.mesh.t[:, element]].mean(axis=1).T)
+        normal /= np.linalg.norm(normal, axis=1)[:, np.newaxis]
+        facing &= np.einsum("kd,kd->k", normal[first], normal[second]) < -0.5
+    if not facing.any():
+        return
+    one, other = (body_label(mesh, int(body[of[facing][0]])) for of in (first, second))
+    yield (
+        f"{where}: {name!r} holds both {'faces' if side else 'parts'} of an interface, of {one} "
+        f"and of {other}, at {spot(middle[second[facing][0]])}: give each body's own part a group, "
+        "and name one as on and the other as against"
+    )

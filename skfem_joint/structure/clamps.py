@@ -13,10 +13,9 @@ from skfem_joint.errors import InputError
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.slips import SlipRows
 from skfem_joint.structure.body import Body
-from skfem_joint.structure.checks import wrong_name
+from skfem_joint.structure.checks import body_label, both_faces, wrong_name
 from skfem_joint.structure.joints import PRELOAD, Joint
 from skfem_joint.structure.nodes import interpolation
-from skfem_joint.structure.rigid import body_label
 from skfem_joint.unknowns import selection
 from skfem_joint.values import POSITIVE, problems
 
@@ -80,9 +79,10 @@ def clamp_problems(
                 "shank alone"
             )
             continue
-        wrong = []
+        wrong: list[str] = []
         for key, name in bolt.surfaces:
-            wrong += wrong_name(mesh, name, ("boundary",), f"{where}.{key}")
+            missing = wrong_name(mesh, name, ("boundary",), f"{where}.{key}")
+            wrong += missing or both_faces(mesh, name, f"{where}.{key}")
         yield from wrong or (_off_path(mesh, bolt, where, pressed) if pressed else ())
 
 

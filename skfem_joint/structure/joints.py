@@ -9,7 +9,7 @@ import numpy as np
 
 from skfem_joint.arrays import IntArray
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.structure.checks import one_of, overlap, wrong_name
+from skfem_joint.structure.checks import both_faces, one_of, overlap, wrong_name
 from skfem_joint.structure.pressure import Bolts, Pressure, PressureTable
 from skfem_joint.values import BETA, NOT_NEGATIVE, STIFFNESS, problems
 
@@ -137,8 +137,11 @@ def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:
             )
         if kind == "boundary" and not all(np.isin(part, outer).all() for part in parts):
             yield f"{where}: it runs inside a body; a joint must be on its border"
+        names = dict.fromkeys(name for name in (joint.on, joint.against) if name is not None)
+        both = [problem for name in names for problem in both_faces(mesh, name, where)]
+        yield from both
         elements = [part if kind == "region" else mesh.mesh.f2t[0, part] for part in parts]
-        if len(parts) == 2 and overlap(*(mesh.body[numbers] for numbers in elements)):
+        if len(parts) == 2 and not both and overlap(*(mesh.body[e] for e in elements)):
             yield (
                 f"{where}: {joint.on!r} and {joint.against!r} belong to the same body; a joint "
                 "presses two bodies on each other, meshed apart from each other"

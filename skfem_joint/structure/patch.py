@@ -18,7 +18,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.mesh.cells import spot
+from skfem_joint.mesh.cells import outward, spot
 from skfem_joint.slips import unit_vectors
 from skfem_joint.structure.joints import PRELOAD, Joint
 from skfem_joint.structure.nodes import Nodes, interpolation
@@ -197,18 +197,12 @@ def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> Floa
     """
     largest_turn = 30.0
     x, mesh = grid.nodes, grid.mesh.mesh
-    corners = x[cells]
     if x.shape[1] == 2:
-        vector = (corners[:, 1] - corners[:, 0])[:, ::-1] * [1.0, -1.0]
         meeting = np.bincount(cells.ravel())
         if np.any(meeting > 2):
             place = spot(x[np.argmax(meeting)])
             raise InputError(f"{where}: more than two of its edges meet at {place}")
-    else:  # half the cross product of the diagonals; in a triangle, of two sides
-        diagonals = corners[:, 2] - corners[:, 0], corners[:, -1] - corners[:, 1]
-        vector = 0.5 * np.cross(*diagonals)
-    outwards = corners.mean(axis=1) - mesh.p[:, mesh.t[:, beside]].mean(axis=1).T
-    vector *= np.sign(np.einsum("kc,kc->k", vector, outwards))[:, None]
+    vector = outward(x[cells], mesh.p[:, mesh.t[:, beside]].mean(axis=1).T)
     unit = vector / np.linalg.norm(vector, axis=1)[:, None]
     total, mean = np.zeros_like(x), np.zeros_like(x)
     for corner in cells.T:

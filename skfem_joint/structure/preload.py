@@ -25,11 +25,12 @@ from skfem_joint.errors import InputError
 from skfem_joint.structure import active_set
 from skfem_joint.structure.active_set import UnilateralContact
 from skfem_joint.structure.body import Body
+from skfem_joint.structure.checks import body_label
 from skfem_joint.structure.clamps import Clamp, clamp_forces
 from skfem_joint.structure.joints import PRELOAD, Joint
 from skfem_joint.structure.patch import Pressed
 from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
-from skfem_joint.structure.rigid import body_label, body_motions, combinations_left_free
+from skfem_joint.structure.rigid import body_motions, combinations_left_free
 from skfem_joint.unknowns import selection, stacked
 
 

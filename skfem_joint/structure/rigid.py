@@ -8,10 +8,9 @@ from itertools import combinations
 import numpy as np
 
 from skfem_joint.arrays import BoolArray, FloatArray
-from skfem_joint.mesh import NamedMesh
-from skfem_joint.mesh.cells import spot
 from skfem_joint.slips import SlipRows
 from skfem_joint.structure.body import Body
+from skfem_joint.structure.checks import body_label
 from skfem_joint.structure.patch import Patch
 
 
@@ -72,16 +71,3 @@ def loose_bodies(
     free = np.abs(combinations_left_free(rows))
     share = free.reshape(body.mesh.body.max() + 1, -1).max(axis=1, initial=0.0)
     return [body_label(body.mesh, number) for number in np.flatnonzero(share > 1e-6).tolist()]
-
-
-def body_label(mesh: NamedMesh, number: int) -> str:
-    """A body in a message, named after the regions that lie in it alone, if there are any."""
-    own = [
-        repr(name)
-        for name, elements in sorted(mesh.regions.items())
-        if len(elements) and np.all(mesh.body[elements] == number)
-    ]
-    if own:
-        return f"the body with the region{'s' if len(own) > 1 else ''} {', '.join(own)}"
-    middle = mesh.mesh.p[:, mesh.mesh.t[:, mesh.body == number]].mean(axis=(1, 2))
-    return f"the body around {spot(middle)}"

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import skfem
 from bodies import (
     LAP,
     PLANE,
@@ -23,7 +24,7 @@ from bodies import (
 )
 
 import skfem_joint as sj
-from skfem_joint.mesh import named
+from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.structure import doubts
 
 LOAD = sj.Harmonic(1.0, 1.0)
@@ -157,6 +158,79 @@ def test_joints_that_do_not_overlap_are_refused_with_place_and_distance():
     bars = sj.merged([sj.build_bar([("bar", 0.2, 4)], {"fixed": 0.0}), far])
     with pytest.raises(sj.InputError, match="do not overlap with 'bar'"):
         structure(bars, [sj.Joint("far", 1e6, 0.5, "bar")], ["fixed"])
+
+
+def stacked(gap: float = 0.0, n: int = 4, order: int = 1) -> NamedMesh:
+    """Solid plates over each other on 0.04 m x 0.03 m, n elements along the upper one's face."""
+    boxes = []
+    for y, (far, near), strips, sides in (
+        (0.0, ("left", "top"), [("low_free", 0.06, 4), ("low", 0.04, 4)], "low"),
+        (0.006 + gap, ("right", "bottom"), [("up", 0.04, n), ("up_free", 0.06, 4)], "up"),
+    ):
+        groups = {f"{far}_end": far, f"{sides}_lap": (near, sides)}
+        box = {"origin": (0.06 * (y > 0.0), y, 0.0), "boundaries": groups, "order": order}
+        boxes.append(sj.build_box(strips, (0.006, 0.03), (2, 2), **box))
+    return sj.merged(boxes)
+
+
+def grouped(body: NamedMesh, **names: tuple[str, str]) -> NamedMesh:
+    """The same mesh with unions of two of its regions or boundaries, by name."""
+    mesh = body.mesh
+    for name, parts in names.items():
+        if parts[0] in body.regions:
+            mesh = mesh.with_subdomains({name: np.concatenate([body.regions[n] for n in parts])})
+        else:
+            both = np.concatenate([body.boundaries[n] for n in parts])
+            mesh = mesh.with_boundaries({name: both})
+    return replace(body, mesh=mesh)
+
+
+@pytest.mark.parametrize(
+    ("body", "joint", "fixed"),
+    [
+        (stacked(), ("low_lap", "up_lap"), "left_end"),
+        (stacked(n=3), ("low_lap", "up_lap"), "left_end"),
+        (stacked(gap=5e-4), ("low_lap", "up_lap"), "left_end"),
+        (side((4, 3)), ("contact", "face"), "lower_left"),
+        (lap(), ("lower_joint", "upper_joint"), "lower_left"),
+    ],
+    ids=["matching", "other mesh", "apart", "edges", "regions"],
+)
+def test_a_group_that_holds_both_faces_of_an_interface_is_refused(body, joint, fixed):
+    """It would press both bodies on a rigid base, with twice the force of the pair."""
+    body = grouped(body, both=joint)
+    for given in (pressed("both"), pressed(joint[0], against="both")):
+        found = "\n".join(problems(body, [given], [fixed]))
+        assert re.search(
+            r"'both' holds both (faces|parts) of an interface, of the body with", found
+        )
+        assert len(set(re.findall("the body with the regions '[a-z_]+', '[a-z_]+'", found))) == 2
+        assert "belong to the same body" not in found
+    basis = skfem.Basis(body.mesh, skfem.ElementVector(body.mesh.elem()))
+    with pytest.raises(sj.InputError, match="holds both"):
+        sj.contact(basis, "both", pressure=5e6, friction=0.3)
+    (patch,) = structure(body, [pressed(joint[0], against=joint[1])], [fixed]).patches
+    area = patch.area.sum() + patch.held_area
+    assert patch.clamping_force == pytest.approx(8e6 * area)
+
+
+def test_a_group_of_two_bodies_on_one_base_is_none_of_both_faces():
+    """Blocks beside each other, which touch, share their base; so do two feet of one group."""
+    left, right = (
+        sj.build_box([(name, 0.1, 3)], (0.03, 0.03), (2, 2), origin=(x, 0.0, 0.0),
+                     boundaries={f"{name}_foot": "bottom", f"{name}_top": "top"})
+        for name, x in (("a", 0.0), ("b", 0.1))
+    )  # fmt: skip
+    body = grouped(sj.merged([left, right]), feet=("a_foot", "b_foot"))
+    (patch,) = structure(body, [pressed("feet", pressure=1e6)], []).patches
+    assert patch.clamping_force == pytest.approx(1e6 * 0.2 * 0.03)
+
+
+def test_a_bolt_whose_head_holds_both_faces_of_an_interface_is_refused():
+    body = grouped(stacked(), both=("low_lap", "up_lap"))
+    joint = pressed("up_lap", against="low_lap", pressure="preload")
+    (found,) = problems(body, [joint], ["left_end"], bolts=[sj.Clamp(6e3, "both", "low_lap")])
+    assert "bolt[0].head: 'both' holds both faces of an interface" in found
 
 
 def test_what_is_pressed_on_another_body_must_not_be_supported():
