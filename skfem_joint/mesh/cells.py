@@ -28,8 +28,8 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 
 #: Share of the mesh's size below which two positions are the same, and a bar or plane is straight.
 TOLERANCE = 1e-9
-#: Share of an element's shortest edge below which a node lies on its side: rounded coordinates.
-CONFORMING = 1e-4
+#: Share of an edge below which distances come from coordinates that a file has rounded.
+CONFORMING = 5e-4
 
 
 @dataclass(frozen=True)

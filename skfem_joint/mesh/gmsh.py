@@ -101,9 +101,12 @@ def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
             raise ValueError(f"{count} groups are named {name!r}: give each its own")
     numbers = {name: _Numbers(sections[name], name, mode == "1") for name in ("Nodes", "Elements")}
     tags, used = (_walk_41 if version == "4.1" else _walk_22)(**numbers)
-    groups = None
+    groups: Groups | None = None
     if version == "4.1" and "Entities" in sections:
-        groups = _groups_of_entities(_Numbers(sections["Entities"], "Entities", mode == "1"))
+        groups = {}
+        for name in ("Entities", "PartitionedEntities"):  # the latter are parts of the former
+            if name in sections:
+                groups |= _groups_of_entities(_Numbers(sections[name], name, mode == "1"))
     largest = max(10**6, len(data))  # meshio's table of nodes is as long as the largest tag
     if not np.all((tags >= 1) & (tags <= largest)):
         raise ValueError(f"$Nodes numbers nodes beyond 1 ... {largest}: renumber the mesh")
@@ -142,11 +145,17 @@ def _sections(data: bytes) -> dict[str, bytes]:
 
 
 def _groups_of_entities(numbers: _Numbers) -> Groups:
-    """Physical groups of each entity, from a section $Entities."""
-    groups = {}
+    """Physical groups of each entity, from a section $Entities or $PartitionedEntities."""
+    groups: Groups = {}
+    partitioned = numbers.name == "PartitionedEntities"
+    if partitioned:
+        numbers.take("i4", 2 * numbers.integers("u8", 2)[1])  # ghosts
     for dimension, count in enumerate(numbers.integers("u8", 4)):
         for _ in range(count):
             (tag,) = numbers.integers("i4", 1)
+            if partitioned:
+                numbers.take("i4", 2)  # its parent
+                numbers.take("i4", *numbers.integers("u8", 1))  # its partitions
             numbers.take("f8", 6 if dimension else 3)
             physical = numbers.integers("i4", *numbers.integers("u8", 1))
             groups[dimension, tag] = {abs(number) for number in physical}  # negative: reversed
@@ -207,10 +216,14 @@ def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
 def _nodes_of(kind: int) -> int:
     """Number of nodes of an element type of Gmsh; ValueError for types that are not read."""
     if kind not in _NODES:
+        what = dict.fromkeys((6, 13, 18), "prisms") | dict.fromkeys((7, 14, 19), "pyramids")
+        cure = "Mesh it with tetrahedra or hexahedra alone: in Gmsh, recombine no surface, or all"
+        if kind not in what:
+            cure = "Save it with Mesh.ElementOrder = 1 or 2"
+        found = what.get(kind, "elements of third order, or of another kind")
         raise ValueError(
-            f"it holds elements of Gmsh type {kind} (6 is a prism, 7 a pyramid, 21 a triangle of "
-            "third order): allowed are points, lines, and triangles, quadrangles, tetrahedra and "
-            "hexahedra of first or second order. Save it with Mesh.ElementOrder = 1 or 2"
+            f"it holds {found} (Gmsh type {kind}); allowed are points, lines, and triangles, "
+            f"quadrangles, tetrahedra and hexahedra of first or second order. {cure}"
         )
     return _NODES[kind]
 

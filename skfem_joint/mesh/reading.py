@@ -23,6 +23,7 @@ import numpy as np
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
+from skfem_joint.mesh.abaqus import check_inp
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
 from skfem_joint.mesh.gmsh import Groups, check_msh
 from skfem_joint.mesh.named import NamedMesh, check_finite, from_parts, merged, not_a_side
@@ -100,6 +101,8 @@ def _read(file: Path) -> meshio.Mesh:
     if not file.is_file():
         wrong = "not a file" if file.exists() else "no such mesh file"
         raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
+    data, inp = read_whole(file), file.suffix.lower() == ".inp"
+    content = check_inp(data.decode("utf-8-sig", "replace")).encode() if inp else data
     # Exceptions that meshio's parsers raise for damaged files, besides its own ReadError and exit.
     failures = (
         *(SystemExit, meshio.ReadError, struct.error),
@@ -117,19 +120,10 @@ def _read(file: Path) -> meshio.Mesh:
             # numpy 2 refuses such texts; version 1 warns and goes on with other numbers.
             for damage in ("string or file could not be read", "NumPy will stop allowing"):
                 warnings.filterwarnings("error", damage, DeprecationWarning)
-            data = read_whole(file)
-            if file.suffix.lower() == ".inp":
-                raw = meshio.read(file, file_format="abaqus")
-                if any(len(blocks) != len(raw.cells) for blocks in raw.cell_sets.values()):
-                    raise ValueError("its element sets name elements that are not there")
-                if any(block.data.ndim != 2 for block in raw.cells):
-                    raise ValueError("an element has no nodes")
-                return raw
-            content, tags, groups = check_msh(data)
-            with tempfile.TemporaryDirectory() as folder:
-                copy = Path(folder) / "mesh.msh"
-                copy.write_bytes(content)
-                raw = meshio.read(copy, file_format="gmsh")
+            if inp:
+                return _inner_last(_through_meshio(content, "abaqus"))
+            content, tags, groups = check_msh(content)
+            raw = _through_meshio(content, "gmsh")
             raw.cell_sets = _members(raw, groups)
             order = np.argsort(tags)  # nodes are numbered as in the file
             raw.points = raw.points[order]
@@ -145,6 +139,30 @@ def _read(file: Path) -> meshio.Mesh:
             f"{file}: cannot be read as a mesh: {reason}. Readable are whole Gmsh files of format "
             "2.2 or 4.1 (.msh) and Abaqus files (.inp)"
         ) from error
+    return raw
+
+
+def _through_meshio(content: bytes, file_format: str) -> meshio.Mesh:
+    """Mesh that meshio reads from a file with this content."""
+    import meshio
+
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "mesh"
+        copy.write_bytes(content)
+        return meshio.read(copy, file_format=file_format)
+
+
+def _inner_last(raw: meshio.Mesh) -> meshio.Mesh:
+    """Mesh of bars whose three-node lines have the node between the ends last, as in Gmsh.
+
+    Abaqus writes it between them, meshio last: the node opposite to the longest side is taken.
+    """
+    for block in raw.cells:
+        if block.type == "line3" and len(block.data):
+            x = raw.points[block.data]
+            opposite = np.linalg.norm(np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1), axis=-1)
+            order = np.array([[1, 2, 0], [0, 2, 1], [0, 1, 2]])[opposite.argmax(axis=1)]
+            block.data = np.take_along_axis(block.data, order, axis=1)
     return raw
 
 
@@ -172,7 +190,7 @@ def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, I
     return members
 
 
-def _kind(raw: meshio.Mesh, inp: bool) -> tuple[Cell, int]:
+def _kind(raw: meshio.Mesh) -> tuple[Cell, int]:
     """Kind of the elements of a file, and their order; ValueError for other kinds."""
     kinds = {  # by meshio's name, without the number of nodes that it ends with in second order
         "triangle": "triangle",
@@ -191,10 +209,6 @@ def _kind(raw: meshio.Mesh, inp: bool) -> tuple[Cell, int]:
     if top == 1:
         return CELLS["line"], 1
     name = types[0].rstrip("0123456789")
-    if inp or name not in kinds:
-        raise ValueError(
-            f"it holds {types[0]} cells; from .inp files only bars are read: save a .msh"
-        )
     if len(types) > 1:
         raise ValueError(
             f"it mixes cells of type {' and '.join(types)}: all elements of a mesh must have the "
@@ -267,7 +281,7 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
     """Named mesh of a file that meshio has read; ValueError says why there is none."""
     from skfem.io.meshio import INV_HEX_MAPPING
 
-    cell, order = _kind(raw, path.lower().endswith(".inp"))
+    cell, order = _kind(raw)
     position = np.zeros((len(raw.points), 3))
     position[:, : raw.points.shape[1]] = raw.points
     position *= scale
@@ -282,9 +296,10 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
     used = np.zeros(len(position), dtype=np.bool_)
     used[corners] = True
     vertex = np.where(used, np.cumsum(used) - 1, -1)
-    _check_sides(others, vertex, position)
-    p = np.ascontiguousarray(_plain(position[used], cell.dim))
+    _check_sides(others, vertex, position, cell.dim)
+    single = {name for name, parts in others.items() if np.unique(parts).size == 1}
     t = np.ascontiguousarray(vertex[corners[:, kept]])
+    p = np.ascontiguousarray(_plain(position[used], t, cell.dim))
     mesh = from_parts(
         cell,
         p,
@@ -292,8 +307,8 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
         xyz=position[used],
         order=order,
         regions={name: number[members] for name, members in regions.items()},
-        facets={name: vertex[parts.T] for name, parts in others.items() if parts.shape[1] > 1},
-        points={n: int(vertex[parts[0, 0]]) for n, parts in others.items() if parts.shape[1] == 1},
+        facets={n: vertex[parts.T] for n, parts in others.items() if n not in single},
+        points={n: int(vertex[parts[0, 0]]) for n, parts in others.items() if n in single},
     )
     if cell.dim == 1 and mesh.body.max():
         beyond = int(np.argmax(mesh.body == 1))
@@ -312,22 +327,24 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
     return replace(mesh, path=path, notes=tuple(notes), straightened=change)
 
 
-def _check_sides(others: Mapping[str, IntArray], vertex: IntArray, position: FloatArray) -> None:
+def _check_sides(
+    others: Mapping[str, IntArray], vertex: IntArray, position: FloatArray, dim: int
+) -> None:
     """Refuse groups of sides or points with nodes of no element, and points on several nodes.
 
-    ``vertex`` is the vertex at each node, -1 for nodes without one.
+    ``vertex`` is the vertex at each node, -1 for nodes without one. Several nodes of a bar, in
+    ``dim`` = 1, are a boundary.
     """
     for name, parts in others.items():
         off = (vertex[parts] < 0).any(axis=1)
         if off.any():
             raise ValueError(not_a_side(name, position[parts[np.argmax(off)]]))
-        if parts.shape[1] == 1 and np.unique(parts).size != 1:
-            raise ValueError(
-                f"point name {name!r} marks {np.unique(parts).size} nodes: give each its own"
-            )
+        count = np.unique(parts).size
+        if count == 0 or (parts.shape[1] == 1 < min(count, dim)):
+            raise ValueError(f"point name {name!r} marks {count} nodes: give each its own")
 
 
-def _plain(xyz: FloatArray, dim: int) -> FloatArray:
+def _plain(xyz: FloatArray, t: IntArray, dim: int) -> FloatArray:
     """Positions (dim, n) in the dimension of the mesh, from those in space (n, 3).
 
     They are arc lengths along a bar, and x and y of a plane mesh. ValueError if the nodes do not
@@ -338,10 +355,18 @@ def _plain(xyz: FloatArray, dim: int) -> FloatArray:
     if dim == 2:
         low, high = xyz.min(axis=0), xyz.max(axis=0)
         if high[2] - low[2] > TOLERANCE * (high - low)[:2].max():
+            spread = np.linalg.svd(xyz - xyz.mean(axis=0), compute_uv=False)
+            cure = "turn it into the x-y plane"
+            if not np.ptp(xyz[t, 2], axis=0).any():
+                cure = "give bodies in different planes as different files"
+            elif spread[2] > 1e-6 * spread[0]:
+                cure = (
+                    "if its surfaces bound a solid, name the volume: in Gmsh give each volume a "
+                    "Physical Volume, without which its elements are not written"
+                )
             raise ValueError(
                 f"the mesh is not in a plane z = const: z runs from {low[2]:.9g} to {high[2]:.9g} "
-                "m; turn it into the x-y plane, and give bodies in different planes as different "
-                "files"
+                f"m; {cure}"
             )
         return xyz[:, :2].T
     start, axis = _line(xyz)
@@ -352,7 +377,8 @@ def _plain(xyz: FloatArray, dim: int) -> FloatArray:
         worst = int(np.argmax(off))
         raise ValueError(
             f"the bar is not straight: {spot(xyz[worst])} is {off[worst]:.3g} m off the line "
-            f"between the farthest nodes; {allowed:.1g} m are allowed"
+            f"between the farthest nodes; {allowed:.1g} m are allowed. If its lines bound a plate "
+            "or a solid, name that: in Gmsh give it a Physical Surface or Physical Volume"
         )
     return np.asarray(position[np.newaxis])
 

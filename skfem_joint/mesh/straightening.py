@@ -16,7 +16,7 @@ import numpy as np
 import skfem
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.mesh.cells import TOLERANCE, cell_of, split
+from skfem_joint.mesh.cells import CONFORMING, cell_of, split
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def straightening(
     nodes = nodes[: positions.shape[1]]
     offset = positions - straight[:, nodes]
     distance = np.linalg.norm(offset, axis=0)
-    curved = distance > TOLERANCE * np.ptp(mesh.p, axis=1).max()
+    curved = distance > CONFORMING * np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0)
     moved = np.unique(nodes[curved]).size
     if not moved:
         return None, []

@@ -45,7 +45,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     directions, normal = np.zeros((m, dim, dim)), np.zeros((m, dim))
     R = sparse.csr_array((m, count))
     entered, opens = np.zeros((2, m), dtype=bool)
-    outwards = np.zeros((count, dim))
+    outwards, R_held = np.zeros((count, dim)), sparse.csr_array((count, count))
     for patch in patches:
         w[patch.points] += patch.joint.friction * patch.normal_force
         clamped[patch.points] += patch.normal_force
@@ -58,6 +58,8 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         elif patch.normal is not None:
             normal[patch.points] = patch.normal
             outwards[patch.held_nodes] = patch.held_normal
+            if patch.held_other is not None:
+                R_held = R_held + selection(patch.held_nodes, count).T @ patch.held_other
         if patch.other is not None:
             new = ~entered[patch.points]
             R = R + selection(patch.points[new], m).T @ patch.other[new]
@@ -69,12 +71,14 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     # Contact that stays closed holds the direction in which a free node does not slip.
     closed = np.flatnonzero((np.count_nonzero(~held[node], axis=1) > slips) & ~opens)
     # It also holds nodes of a pressed border that supports keep from slipping, in free directions.
+    own = sparse.eye_array(count)
     outwards[node] = 0.0
     outwards[held] = 0.0
     still = np.flatnonzero(np.linalg.norm(outwards, axis=1) > SMALL)
     H = [
         rows_along(closed, np.where(held[node[closed]], 0.0, normal[closed]), m) @ relative,
-        rows_along(still, outwards[still], count),
+        rows_along(still, outwards[still], count)
+        @ sparse.kron(own - R_held, sparse.eye_array(dim)),
     ]
     lone = dim * still + np.argmax(np.abs(outwards[still]), axis=1)
     return SlipRows(

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.mesh.cells import outward, spot
+from skfem_joint.mesh.cells import CONFORMING, outward, spot
 from skfem_joint.slips import unit_vectors
 from skfem_joint.structure.joints import PRELOAD, Joint
 from skfem_joint.structure.nodes import Nodes, interpolation
@@ -92,6 +92,8 @@ class Patch:
     held_normal : ndarray, shape (held nodes, dim), or None
         Normals of these nodes: closed contact fixes their displacement along the normal in the
         directions that supports leave free.
+    held_other : sparse array, shape (held nodes, N), or None
+        Displacement of the other body at these nodes.
     cells : ndarray of int, shape (c, corners)
         Linear sub-cells of the contact, by node numbers.
     other : sparse array, shape (k, N), or None
@@ -116,6 +118,7 @@ class Patch:
     held_area: float
     held_nodes: IntArray = field(default_factory=lambda: np.zeros(0, np.intp))
     held_normal: FloatArray | None = None
+    held_other: sparse.csr_array | None = None
     cells: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.intp))
     other: sparse.csr_array | None = None
     bolt_shares: tuple[float, ...] = ()
@@ -193,7 +196,7 @@ def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> Floa
     """Outward unit normals (N, dim) at the nodes of facets: means of those that meet there.
 
     Facets that meet at more than `largest_turn` degrees are refused: a node between them has no
-    tangent.
+    tangent. A face that is flat but for rounded coordinates has one normal, which holds no slip.
     """
     largest_turn = 30.0
     x, mesh = grid.nodes, grid.mesh.mesh
@@ -203,7 +206,11 @@ def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> Floa
             place = spot(x[np.argmax(meeting)])
             raise InputError(f"{where}: more than two of its edges meet at {place}")
     vector = outward(x[cells], mesh.p[:, mesh.t[:, beside]].mean(axis=1).T)
-    unit = vector / np.linalg.norm(vector, axis=1)[:, None]
+    unit = unit_vectors(vector)
+    common = unit_vectors(vector.sum(axis=0, keepdims=True))
+    if np.linalg.norm(unit - common, axis=1).max() < CONFORMING:  # flat but for rounded coordinates
+        unit = np.repeat(common, len(unit), axis=0)
+        vector = np.linalg.norm(vector, axis=1)[:, None] * unit
     total, mean = np.zeros_like(x), np.zeros_like(x)
     for corner in cells.T:
         np.add.at(total, corner, vector)
@@ -353,6 +360,7 @@ def make_patch(
         other=other,
         held_nodes=still,
         held_normal=None if normal is None else normal[~slips],
+        held_other=None if opening_other is None else opening_other[~slips],
         held_force=float(force[still].sum()),
         held_area=float(area[still].sum()),
         bolt_shares=shares,
@@ -373,26 +381,30 @@ def _other(
 
     ``opposite`` (N, N) is the same for all nodes, if a preload has computed it before.
     """
-    supported = pressed[held[pressed].any(axis=1)]
-    if supported.size:
-        raise InputError(
-            f"{joint.label}: {supported.size} of its nodes are supported, the first at "
-            f"{spot(grid.nodes[supported[0]])}; what is pressed against {joint.against!r} must be "
-            "free to follow it: move the support off the joint, or exchange the pressed part "
-            "and `against`"
-        )
-    if opposite is not None:
-        return sparse.csr_array(opposite[pressed])
-    if pressed.size == 0:
-        return sparse.csr_array((0, grid.n_nodes))
-    values, gap = interpolation(grid, str(joint.against), grid.nodes[pressed])
-    if gap.max() > 0.0:
+    values, gap = opposite, np.zeros(pressed.size)
+    if values is not None:
+        values = sparse.csr_array(values[pressed])
+    elif pressed.size:
+        values, gap = interpolation(grid, str(joint.against), grid.nodes[pressed])
+    else:
+        values = sparse.csr_array((0, grid.n_nodes))
+    if gap.max(initial=0.0) > 0.0:
         farthest = grid.nodes[pressed[np.argmax(gap)]]
         raise InputError(
             f"{joint.label}: {np.count_nonzero(gap)} of its {pressed.size} pressed nodes do not "
             f"overlap with {joint.against!r}; the farthest, at {spot(farthest)}, is about "
             f"{gap.max():.3g} m from it; the pressed part must lie inside the part it is "
             "pressed against: split the mesh where the overlap ends, or exchange both"
+        )
+    # Both bodies may be held alike, as on a plane of symmetry: there the slip is zero.
+    alone = held[pressed] & (values @ (~held).astype(float) > SMALL)
+    if alone.any():
+        supported = pressed[alone.any(axis=1)]
+        raise InputError(
+            f"{joint.label}: {supported.size} of its nodes are supported, the first at "
+            f"{spot(grid.nodes[supported[0]])}; what is pressed against {joint.against!r} must be "
+            "free to follow it: hold both bodies there alike, as on a plane of symmetry, move the "
+            "support off the joint, or exchange the pressed part and `against`"
         )
     return values
 

@@ -43,6 +43,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
+from skfem_joint.mesh.cells import CONFORMING
 from skfem_joint.slips import rows_along, unit_vectors
 from skfem_joint.structure.clamps import PARALLEL
 from skfem_joint.structure.joints import Joint
@@ -226,15 +227,18 @@ def _opposite(
         return normal, np.zeros(len(x)), None
     mesh = body.mesh.mesh
     ends = mesh.p[:, mesh.facets[:, body.mesh.boundaries[joint.on]]]
-    element, foot = feet(body, joint.against, x, float(np.ptp(ends, axis=1).max()))
+    extent = np.ptp(ends, axis=1).max(axis=0)
+    element, foot = feet(body, joint.against, x, float(extent.max()))
     way = foot - x
     distance = np.linalg.norm(way, axis=1)
     signed = np.einsum("kd,kd->k", way, normal)
-    apart = distance > 1e-9 * body.mesh.size  # else round-off
-    opposite = np.abs(signed) > PARALLEL * distance
-    n = np.where((apart & opposite)[:, np.newaxis], np.sign(signed)[:, None] * unit_vectors(way),
-                 normal)  # fmt: skip
-    gap = np.where(apart, np.where(opposite, np.sign(signed) * distance, np.nan), 0.0)
+    # The way to a face that touches has the direction of round-off, or of rounded coordinates.
+    apart = distance > CONFORMING * extent.min()
+    opposite = ~apart | (np.abs(signed) > PARALLEL * distance)
+    along = (apart & opposite)[:, np.newaxis]
+    n = np.where(along, np.sign(signed)[:, np.newaxis] * unit_vectors(way), normal)
+    gap = np.where(apart, np.sign(signed) * distance, signed)
+    gap = np.where(distance > 1e-9 * body.mesh.size, np.where(opposite, gap, np.nan), 0.0)
     none = np.isnan(distance)
     gap[none] = np.nan
     return n, gap, values_in(body, element, foot, np.where(none, np.inf, 0.0))[0]
