@@ -181,10 +181,13 @@ def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
         width = n_tags + _nodes_of(kind) + Elements.binary
         table = Elements.take("i4", count * width).reshape(count, width)
         used.append(table[:, -_nodes_of(kind) :].ravel())
-        with_tags.add(n_tags > 0)
+        with_tags.add(n_tags if Elements.binary else n_tags > 0)
         count_read += count
-    if len(with_tags) > 1:  # meshio shifts the tags of those that have some
-        raise ValueError("some elements have tags and some have none; save it again with Gmsh")
+    if len(with_tags) > 1:  # meshio shifts or mixes them
+        raise ValueError(
+            "some elements have tags and some have none, or other numbers of them, as in a binary "
+            "file of parts; save it again with Mesh.MshFileVersion = 4.1"
+        )
     return tags, np.concatenate(used)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import skfem
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.mesh.cells import CONFORMING, cell_of, split
+from skfem_joint.mesh.cells import CONFORMING, cell_of, split, spot
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,14 @@ def straightening(
     moved = np.unique(nodes[curved]).size
     if not moved:
         return None, []
+    concerned = curved.any(axis=0)
+    _check_order(positions[:, :, concerned], straight[:, nodes[:, concerned]])
     cell, _ = cell_of(mesh)
     serendipity = {8: skfem.ElementQuadS2, 20: skfem.ElementHexS2}  # by number of nodes
     element = serendipity.get(len(nodes), cell.elements[1])()
     dofs = skfem.Dofs(mesh, element)
     d = np.zeros((len(offset), dofs.N))
     d[:, dofs.element_dofs] = offset
-    concerned = curved.any(axis=0)
 
     intorder = 6  # exact for the volume of all these elements
 
@@ -97,6 +98,26 @@ def straightening(
         f"mesh by {round(100.0 * change, 6):.2g} %."
     )
     return Straightening(lost, changes), [note]
+
+
+def _check_order(positions: FloatArray, straight: FloatArray) -> None:
+    """Refuse elements with a node in a place of another node (dim, nodes, n) of the same element.
+
+    Files of other programs, converted without care, have middle nodes in another order.
+    """
+    least = CONFORMING * np.ptp(straight, axis=1).max(axis=0)
+    for node in range(positions.shape[1]):
+        apart = np.linalg.norm(straight - positions[:, [node]], axis=0)
+        wrong = (apart < least) & (np.arange(len(apart)) != node)[:, np.newaxis]
+        if wrong.any():
+            element = positions[:, node, np.argmax(wrong.any(axis=0))]
+            raise ValueError(
+                f"the node at {spot(element)} does not lie on the edge that its place in an "
+                "element of second order asks for, but on another one: the nodes between the "
+                "corners have the order of another program. Write them in Gmsh's order (Abaqus and "
+                "VTK write the last two of ten-node tetrahedra the other way round, and those of "
+                "hexahedra otherwise), or elements of first order"
+            )
 
 
 def together(parts: Sequence[tuple[int, Straightening | None]]) -> Straightening | None:

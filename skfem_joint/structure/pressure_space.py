@@ -232,13 +232,15 @@ def _opposite(
     way = foot - x
     distance = np.linalg.norm(way, axis=1)
     signed = np.einsum("kd,kd->k", way, normal)
-    # The way to a face that touches has the direction of round-off, or of rounded coordinates.
-    apart = distance > CONFORMING * extent.min()
-    opposite = ~apart | (np.abs(signed) > PARALLEL * distance)
+    round_off = 1e-9 * body.mesh.size
+    flat = np.ptp(normal, axis=0).max(initial=0.0) < 1e-9
+    # The way from a flat face to one that touches it is that of rounded coordinates.
+    apart = distance > (max(round_off, CONFORMING * extent.min()) if flat else round_off)
+    opposite = np.abs(signed) > PARALLEL * distance
     along = (apart & opposite)[:, np.newaxis]
     n = np.where(along, np.sign(signed)[:, np.newaxis] * unit_vectors(way), normal)
-    gap = np.where(apart, np.sign(signed) * distance, signed)
-    gap = np.where(distance > 1e-9 * body.mesh.size, np.where(opposite, gap, np.nan), 0.0)
+    gap = np.where(apart, np.where(opposite, np.sign(signed) * distance, np.nan), signed)
+    gap[distance <= round_off] = 0.0
     none = np.isnan(distance)
     gap[none] = np.nan
     return n, gap, values_in(body, element, foot, np.where(none, np.inf, 0.0))[0]

@@ -37,6 +37,25 @@ def msh22(nodes: Sequence[Sequence[float]], cells: Cells, names: str) -> str:
     return "\n".join([*lines, "$EndElements", ""])
 
 
+def partitioned(text: str) -> str:
+    """Gmsh 4.1 ASCII file whose entities have become parts of a partitioned mesh.
+
+    As Gmsh writes it, parts name their parents and partitions, and have the groups too.
+    """
+    before, _, rest = text.partition("$Entities\n")
+    entities, _, after = rest.partition("$EndEntities\n")
+    counts, *lines = entities.splitlines()
+    parents, parts = [counts], ["2 1", "900 1", counts]  # two partitions with a ghost entity
+    dims = [dim for dim, count in enumerate(map(int, counts.split())) for _ in range(count)]
+    for dim, line in zip(dims, lines, strict=True):
+        tag, values = line.split(" ", 1)
+        parents.append(f"{int(tag) + 100} {values}")
+        parts.append(f"{tag} {dim} {int(tag) + 100} 2 1 2 {values}")
+    sections = {"Entities": parents, "PartitionedEntities": parts}
+    own = "".join("\n".join([f"${n}", *x, f"$End{n}", ""]) for n, x in sections.items())
+    return before + own + after
+
+
 def saved(folder: Path, text: str | bytes, name: str = "mesh.msh") -> Path:
     """File with the given content."""
     path = folder / name

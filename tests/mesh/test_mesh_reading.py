@@ -16,6 +16,7 @@ from mesh_files import (
     assert_same,
     boundary_sizes,
     msh22,
+    partitioned,
     region_sizes,
     saved,
     sizes,
@@ -432,6 +433,31 @@ def test_an_entity_of_format_41_that_is_not_listed_has_no_group(tmp_path):
     assert {name: cells.size for name, cells in mesh.regions.items()} == {"plate": 2}
 
 
+@pytest.mark.parametrize(("kind", "order"), KINDS)
+def test_a_partitioned_mesh_is_the_whole_one(tmp_path, kind, order):
+    write_mesh(strip(kind, order), tmp_path / "whole.msh")
+    parts = partitioned((tmp_path / "whole.msh").read_text())
+    whole = load_meshes(tmp_path / "whole.msh")
+    assert_same(load_meshes(saved(tmp_path, parts)), whole, sorted_alike=True)
+
+
+def test_a_solid_of_which_only_surfaces_are_named_asks_for_its_volume(tmp_path):
+    """Gmsh then writes the surfaces alone; a tilted plate asks to be turned, plates to be split."""
+    surfaces: Cells = [(3, 3, at) for at in ([1, 2, 5, 4], [7, 8, 11, 10], [1, 2, 8, 7])]
+    for nodes, cells, cure in (
+        (BOX, surfaces, "name the volume: in Gmsh give each volume a Physical Volume"),
+        (BOX, surfaces[:2], "give bodies in different planes as different files"),
+        (
+            [(x, 0.8 * y, 0.6 * y) for x, y, _ in PLATE],
+            [(3, 3, [1, 2, 5, 4])],
+            "turn it into the x-y plane",
+        ),
+    ):
+        path = saved(tmp_path, msh22(nodes, cells, '2 3 "left"\n'))
+        with pytest.raises(InputError, match=cure):
+            load_meshes(path)
+
+
 @pytest.mark.parametrize("reverse", [False, True])
 def test_curved_edges_are_made_straight_with_a_note(tmp_path, reverse):
     """A middle node that two elements share is counted once."""
@@ -447,6 +473,22 @@ def test_curved_edges_are_made_straight_with_a_note(tmp_path, reverse):
         f"{tmp_path / 'mesh.msh'}: 1 node of curved edges moved to the middles of straight ones, "
         "by 0.0283 m at most. That changes the area of the mesh by 0 %.",
     )
+
+
+@pytest.mark.parametrize(("kind", "order"), [kind for kind in KINDS if kind[1] == 2])
+def test_middle_nodes_in_the_order_of_another_program_are_refused(tmp_path, kind, order):
+    """As converters write them: the last two of a tetrahedron's edges in Abaqus' order."""
+    write_mesh(strip(kind, order), tmp_path / "mesh.msh")
+    before, _, cells = (tmp_path / "mesh.msh").read_text().partition("$Elements\n")
+    nodes = {"triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27}[kind]
+    rows = [line.split(" ") for line in cells.splitlines()]
+    edge = {"triangle": 5, "quadrilateral": 7, "tetrahedron": 9, "hexahedron": 18}[kind]
+    for row in rows:
+        if len(row) == 1 + nodes:
+            row[edge], row[edge + 1] = row[edge + 1], row[edge]
+    text = before + "$Elements\n" + "".join(" ".join(row) + "\n" for row in rows)
+    with pytest.raises(InputError, match=r"the node at \(.*\) m .* the order of another program"):
+        load_meshes(saved(tmp_path, text))
 
 
 def moved(nodes: list[tuple[float, ...]], node: int, *position: float) -> list[tuple[float, ...]]:

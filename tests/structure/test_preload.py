@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import skfem
 from bodies import DENSITY, NU, PLANE, SOLID, THICKNESS, E, block, mapped, section
+from clamped_plates import bolted
 
+from skfem_joint.analysis.natural_modes import natural_modes
 from skfem_joint.errors import InputError
 from skfem_joint.mesh import NamedMesh, merged, named
 from skfem_joint.structure import Clamp, Joint, Material, Structure
@@ -213,3 +215,26 @@ MESH = stacked("quad", 1)
 def test_what_presses_nothing_is_refused(how, sentence):
     with pytest.raises(InputError, match=sentence):
         _ = clamped(MESH, **how).patches
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_coordinates_that_a_file_rounds_change_nothing(order):
+    """Bolted plates turned in space, 1.2 m from the origin, in mm with three decimals.
+
+    The normals of a rounded face differ by some 1e-4: they held the upper plate along the face,
+    and the preload was refused.
+    """
+    exact = bolted(solid=True, order=order)
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    turn *= np.linalg.det(turn)
+    turned = mapped(exact.mesh, lambda x: turn @ x + 1.2)
+    rounded = mapped(turned, lambda x: np.round(1e3 * x, 3) * 1e-3)
+    apart = turned.mesh.p - rounded.mesh.p
+    assert np.abs(apart).max() > 2e-7
+    frequencies = []
+    for mesh in (turned, rounded):
+        some = replace(exact, mesh=mesh)
+        assert some.patches[0].clamping_force == pytest.approx(16e3, rel=1e-5)
+        assert some.at_rest()[-1].startswith("Friction alone holds the body with the regions 'u1'")
+        frequencies.append(natural_modes(some.system(), 4).frequencies)
+    np.testing.assert_allclose(*frequencies, rtol=1e-4, atol=1e-3)
