@@ -83,6 +83,8 @@ class SlipRows:
         at all points if not given.
     normal : NormalRows, optional
         Contact that opens and closes.
+    notes : tuple of str
+        Sentences about the contact, which go to those of the `System`.
     """
 
     B: Matrix
@@ -95,6 +97,7 @@ class SlipRows:
     names: tuple[str, ...] = ()
     stiffness: FloatArray | None = None
     normal: NormalRows | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def springs(self) -> FloatArray:
@@ -163,6 +166,7 @@ class SlipRows:
             names=(*self.joint_of_point, *other.joint_of_point),
             stiffness=np.concatenate([self.springs, other.springs]),
             normal=_both_normal(self, other),
+            notes=(*self.notes, *other.notes),
         )
 
     @staticmethod

@@ -568,6 +568,7 @@ class System:
             J=J,
             joints=joints,
             stiffness=joined.springs,
+            notes=joined.notes,
         )
         if joined.normal is None:
             new = outer._slips_as_unknowns(fixed, joined.closed, joined.pivots)

@@ -161,6 +161,11 @@ def _numbers(what: str, groups: Mapping[str, Any] | None, count: int) -> dict[st
     """Sorted numbers of each group, all of them below ``count``; ValueError if they are not."""
     sorted_groups = {name: np.unique(np.asarray(values)) for name, values in (groups or {}).items()}
     for name, numbers in sorted_groups.items():
+        if not isinstance(name, str):
+            raise ValueError(
+                f"{what} {name!r}: names must be text, found {type(name).__name__}; give "
+                f"{{{str(name)!r}: ...}}"
+            )
         if not numbers.size:
             raise ValueError(f"{what} {name!r} is empty: take it out, or give it members")
         if numbers.dtype.kind not in "iu" or numbers[0] < 0 or numbers[-1] >= count:

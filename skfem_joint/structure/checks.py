@@ -23,8 +23,10 @@ def one_of(where: str, value: str, allowed: Sequence[str]) -> Iterator[str]:
         yield f"{where}: found {value!r}, must be one of {', '.join(allowed)}"
 
 
-def wrong_name(mesh: NamedMesh, name: str, kinds: Sequence[str], where: str) -> list[str]:
+def wrong_name(mesh: NamedMesh, name: Any, kinds: Sequence[str], where: str) -> list[str]:
     """What is wrong with the name of a part of the mesh, which must be of some of the kinds."""
+    if not isinstance(name, str):
+        return [f"{where}: found {name!r}, must be a name, which is text: {str(name)!r}"]
     tables: dict[str, Mapping[str, Any]] = {
         "region": mesh.regions, "boundary": mesh.boundaries, "point": mesh.points
     }  # fmt: skip

@@ -20,6 +20,7 @@ from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
 from skfem_joint.slips import SlipRows, rows_along
+from skfem_joint.structure.doubts import faces_apart
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.opening import opening_face, opening_rows
@@ -191,6 +192,7 @@ def contact(
         clamped=None,
         names=names,
         normal=normal,
+        notes=tuple(faces_apart(grid, [patch])),
     )
 
 

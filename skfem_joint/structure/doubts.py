@@ -11,9 +11,11 @@ from itertools import product
 
 import numpy as np
 
+from skfem_joint.mesh.cells import CONFORMING
 from skfem_joint.structure.body import SECTION, Body
 from skfem_joint.structure.clamps import Clamp
 from skfem_joint.structure.joints import Joint
+from skfem_joint.structure.nodes import Nodes, feet
 from skfem_joint.structure.patch import Patch
 from skfem_joint.system import System
 
@@ -36,6 +38,8 @@ class Usual:
         Elements that reach from side to side are reported above this share of all elements. Two
         sides are opposite if the cosines of their normals with a direction and with its opposite
         exceed the second number.
+    apart : float
+        Distance of curved faces over the size of their facets that is reported.
     straightened : float
         Change of an area or a mass by straight edges above which smaller elements are advised.
     """
@@ -47,6 +51,7 @@ class Usual:
     per_wavelength: float = 6
     spanning: float = 0.05
     opposite: float = 0.85
+    apart: float = 0.05
     straightened: float = 0.01
 
 
@@ -115,6 +120,29 @@ def oscillating_impacts(body: Body, patches: Sequence[Patch]) -> Iterator[str]:
                 f"Joint '{patch.joint.name}' starts apart, so that its faces will hit each other: "
                 "behind an impact forces oscillate by 20 to 50 % with a consistent mass, by its "
                 f"own dispersion, and hardly with a lumped one; {cure}."
+            )
+
+
+def faces_apart(grid: Nodes, patches: Sequence[Patch]) -> Iterator[str]:
+    """Sentences about faces that are apart on the mesh and that a given pressure presses.
+
+    Distances to curved faces are in part those of their straight edges.
+    """
+    for patch in patches:
+        joint, mesh = patch.joint, grid.mesh
+        if joint.against not in mesh.boundaries or joint.pressed_by_bolts or not patch.nodes.size:
+            continue
+        _, foot = feet(grid, str(joint.against), grid.nodes[patch.nodes], 0.0)
+        apart = np.linalg.norm(foot - grid.nodes[patch.nodes], axis=1)
+        ends = mesh.mesh.p[:, mesh.mesh.facets[:, mesh.boundaries[joint.on]]]
+        size = float(np.ptp(ends, axis=1).max())
+        flat = patch.normal is not None and np.ptp(patch.normal, axis=0).max() < CONFORMING
+        if apart.max() > (CONFORMING if flat else USUAL.apart) * size:
+            yield (
+                f"Joint '{joint.name}' and '{joint.against}' are up to {apart.max():.3g} m apart "
+                f"on the mesh, {apart.mean():.3g} m in the mean, and its pressure acts across that "
+                "distance as if they touched: move the bodies on each other, or let bolts close "
+                "the gap (pressure = 'preload')."
             )
 
 

@@ -378,7 +378,7 @@ class Structure:
         wrong: list[str] = []
         rows: dict[str, FloatArray] = {}
         applied: list[AppliedLoad] = []
-        notes: list[str] = []
+        notes = [*doubts.faces_apart(self.body, self.patches)]
         for load in loads:
             on = load.on or f"mass_{load.base}"
             vector, scale, note = acting(self.body, load, M)

@@ -147,6 +147,19 @@ def test_meshes_and_elements_that_are_none_are_refused_with_their_place(mesh, re
         named(mesh)
 
 
+@pytest.mark.parametrize("kind", ["line", "triangle", "hexahedron"])
+def test_names_that_are_numbers_ask_for_text(kind):
+    plain = type(strip(kind).mesh)()
+    for mesh, what in (
+        (plain.with_subdomains({1: np.array([0])}), "region 1"),
+        (plain.with_boundaries({1: np.array([0]), "left": np.array([0])}), "boundary 1"),
+    ):
+        with pytest.raises(InputError, match=rf"{what}: names must be text, found int; .*'1': "):
+            named(mesh)
+    with pytest.raises(InputError, match="point 7: names must be text"):
+        named(plain, points={7: 0})
+
+
 def cubes(*corners: tuple[float, ...], kind: str = "hexahedron") -> skfem.Mesh:
     """Unit cubes or squares at the corners, joined where their vertices meet."""
     unit = skfem.MeshHex1() if len(corners[0]) == 3 else skfem.MeshQuad1()

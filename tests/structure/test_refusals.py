@@ -167,7 +167,8 @@ def stacked(gap: float = 0.0, n: int = 4, order: int = 1) -> NamedMesh:
         (0.0, ("left", "top"), [("low_free", 0.06, 4), ("low", 0.04, 4)], "low"),
         (0.006 + gap, ("right", "bottom"), [("up", 0.04, n), ("up_free", 0.06, 4)], "up"),
     ):
-        groups = {f"{far}_end": far, f"{sides}_lap": (near, sides)}
+        outer = "bottom" if near == "top" else "top"
+        groups = {f"{far}_end": far, f"{sides}_lap": (near, sides), f"{sides}_out": (outer, sides)}
         box = {"origin": (0.06 * (y > 0.0), y, 0.0), "boundaries": groups, "order": order}
         boxes.append(sj.build_box(strips, (0.006, 0.03), (2, 2), **box))
     return sj.merged(boxes)
@@ -337,6 +338,24 @@ def test_what_looks_wrong_is_said(joint, changes, sentence):
     assert re.search(sentence, found)
 
 
+@pytest.mark.parametrize("gap", [0.0, 1e-8, 2e-4])
+def test_faces_apart_under_a_pressure_are_said_with_their_distance(gap):
+    """Elements are 0.01 m long: further than a tenth of them faces do not meet at all."""
+    body, sentence = stacked(gap), f"up to {gap:.3g} m apart on the mesh, {gap:.3g} m in the mean"
+    joint = pressed("up_lap", against="low_lap", pressure=5e6)
+    some = structure(body, [joint], ["left_end"])
+    basis = skfem.Basis(body.mesh, skfem.ElementVector(skfem.ElementHex1()))
+    contact = sj.contact(basis, "up_lap", against="low_lap", pressure=5e6, friction=0.3)
+    M, K = some.matrices()
+    fixed = np.flatnonzero(some.held)
+    given = sj.System.from_matrices(M, K, fixed=fixed, contact=contact)
+    for notes in (some.system().notes, doubts(some, some.system()), given.notes):
+        assert any(sentence in note for note in notes) == (gap > 1e-6)
+    bolted = replace(joint, pressure="preload")
+    closed = structure(body, [bolted], ["left_end"], bolts=[sj.Clamp(6e3, "up_out", "low_out")])
+    assert not any("apart on the mesh" in note for note in closed.system().notes)
+
+
 def test_a_structure_takes_the_file_of_its_mesh_and_no_other_thing(tmp_path):
     section = {"width": 0.05, "thickness": 0.01}
     file = Path(__file__).parents[2] / "meshes" / "lap_joint_250mm.msh"
@@ -347,6 +366,15 @@ def test_a_structure_takes_the_file_of_its_mesh_and_no_other_thing(tmp_path):
         sj.Structure(tmp_path / "nowhere.msh", STEEL, **section)
     with pytest.raises(sj.InputError, match="mesh: found int, must be a mesh of scikit-fem"):
         sj.Structure(3, STEEL, **section)
+
+
+def test_numbers_in_place_of_names_ask_for_text():
+    body = block("quad")
+    found = problems(body, [pressed(1), pressed("base", against=2)], [3])
+    for where, number in (("support.fixed", 3), ("joint 1.on", 1), ("joint 'base'.against", 2)):
+        assert f"{where}: found {number}, must be a name, which is text: '{number}'" in found
+    with pytest.raises(sj.InputError, match="load on 4: found 4, must be a name"):
+        structure(body).system([sj.Load(4, LOAD, (1, 0))])
 
 
 def test_a_mesh_without_names_asks_for_physical_groups():
