@@ -186,7 +186,8 @@ def largest(errors: Estimate, source: str = "total") -> tuple[float, float]:
 def stated(errors: Estimate) -> str:
     """Largest estimated errors, in words."""
     motion, energy = largest(errors)
-    return f"{100 * motion:.2g} % in displacement and {100 * energy:.2g} % in energy"
+    mesh = ", that of the mesh not counted" * errors.lacks_mesh
+    return f"{100 * motion:.2g} % in displacement and {100 * energy:.2g} % in energy{mesh}"
 
 
 def resolved(scene: Scene, system: System) -> Scene:

@@ -84,6 +84,8 @@ from skfem_joint.system import AppliedLoad, System
 #: Sources of error, as a summary names them. The distance from Coulomb's law is in no total, see
 #: `skfem_joint.analysis.against_coulomb`.
 SOURCES = ("basis", "law", "points", "mesh", "time_step", "full_run", "total", "coulomb")
+#: What a total is called that leaves the mesh out.
+WITHOUT_MESH = "total without mesh"
 #: What a table calls those whose names say too little.
 NAMES = {"coulomb": "against Coulomb's law"}
 
@@ -229,12 +231,18 @@ class Estimate:
             joints[name] = _larger(measured, joints.get(name, (None, None)))
         return replace(self, parts=parts, unmeasured=dict(stated), by_joint=joints)
 
+    @property
+    def lacks_mesh(self) -> bool:
+        """Whether the total leaves out what the size and order of the elements do."""
+        return all(error is None for error in self.parts.get("mesh", {}).values())
+
     def __repr__(self) -> str:
         lines = ["Estimate of relative errors:"]
         for source, errors in self.parts.items():
             known = {name: e for name, e in errors.items() if e is not None}
             shown = ", ".join(f"{name} {100.0 * e:.2g} %" for name, e in known.items())
-            lines.append(f"  {source.replace('_', ' ')}: {shown or 'not known'}")
+            label = WITHOUT_MESH if source == "total" and self.lacks_mesh else source
+            lines.append(f"  {label.replace('_', ' ')}: {shown or 'not known'}")
         return "\n".join(lines)
 
     @property

@@ -103,6 +103,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "interrupted": run.interrupted,
         "estimate_s": model.estimate_s,
         "estimated_error": _estimated(model.estimate, "_per_cycle" if has_cycles else ""),
+        "estimated_total_without_mesh": _lacks_mesh(study, model),
     }
     if content["loads"] is None:  # of a run in time
         del content["loads"]
@@ -200,6 +201,13 @@ def _estimated(estimate: Estimate | None, energies: str) -> dict[str, dict[str, 
         }
         for quantity in QUANTITIES
     }
+
+
+def _lacks_mesh(study: Study, model: Model) -> bool | None:
+    """Whether estimated totals leave the error by the mesh out; None where there is neither."""
+    if model.estimate is None or study.structure.body is None:
+        return None
+    return model.estimate.lacks_mesh
 
 
 def violated(study: Study, model: Model) -> list[str]:
@@ -384,8 +392,9 @@ def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
     yield (
         f"The {worst.replace('_', ' ')} of the {model.name} model errs by an estimated "
         f"{100 * total[worst]:.2g} %, most of it ({100 * sources[source]:.2g} %) from "
-        f"{'its' if source != 'mesh' else 'the'} {source.replace('_', ' ')}: {cures[source]}; or "
-        "say in [accuracy] what is needed."
+        f"{'its' if source != 'mesh' else 'the'} {source.replace('_', ' ')}"
+        f"{' (that of the mesh is not counted)' * bool(_lacks_mesh(study, model))}: "
+        f"{cures[source]}; or say in [accuracy] what is needed."
     )
 
 

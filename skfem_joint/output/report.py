@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis.estimate import NAMES, SOURCES
+from skfem_joint.analysis.estimate import NAMES, SOURCES, WITHOUT_MESH
 from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.models import Study
 from skfem_joint.analysis.summary import model_summary
@@ -104,6 +104,8 @@ def estimate_table(content: Mapping[str, Any]) -> str:
             if any(value is not None for value in values):
                 shown = [_percent(value) for value in values]
                 label = NAMES.get(source, source.replace("_", " "))
+                if source == "total" and model["estimated_total_without_mesh"]:
+                    label = WITHOUT_MESH
                 rows[f"{name} model, {label}"] = shown
         joints = {
             joint: value

@@ -147,9 +147,9 @@ def faces_apart(grid: Nodes, patches: Sequence[Patch]) -> Iterator[str]:
 
 
 def locking(body: Body) -> Iterator[str]:
-    """Sentence about elements of first order that are too stiff in bending.
+    """Sentence about elements of first order, which are too stiff in bending.
 
-    Counted are elements with corners on two opposite sides of the body.
+    It says how many have corners on two opposite sides of the body.
     """
     if body.dim == 1 or body.mesh.order > 1:
         return
@@ -164,13 +164,16 @@ def locking(body: Body) -> Iterator[str]:
         np.maximum.at(largest, corner, cosines)
     reached = largest[mesh.t].max(axis=0) > USUAL.opposite
     share = (reached & reached[:, ::-1]).any(axis=1).mean()
+    each = f"{body.cell.name}s".replace("hedrons", "hedra")
+    single = ""
     if share > USUAL.spanning:
-        each = f"{body.cell.name}s of first order".replace("hedrons", "hedra")
-        yield (
-            f"{100.0 * share:.3g} % of the elements reach from one side to the other: single "
-            f"{each} are too stiff in bending (they lock); take second order, or at least two "
-            "elements through the thickness, better four."
-        )
+        single = f", most where single ones reach from side to side, as {100.0 * share:.3g} % do"
+    yield (
+        f"The elements are {each} of first order, which bend too stiffly by tens of per cent (they "
+        f"lock){single}: where parts bend, frequencies are too high, displacements and friction "
+        "energies too small by as much, which no estimated total counts but that of a full model "
+        "with --certify. Take elements of second order (in Gmsh Mesh.ElementOrder = 2)."
+    )
 
 
 def straightened(

@@ -120,9 +120,10 @@ def test_an_estimated_error_stands_by_quantity_and_source(study):
             assert errors["displacement_rms"][source] == parts["displacement_rms"]
             assert errors["friction_energy_per_cycle"][source] == parts["friction_energy"]
     shown = report.estimate_table(content).splitlines()[2:]
-    rows = {line[:28].strip(): line[28:].split() for line in shown}
+    rows = {line[:33].strip(): line[33:].split() for line in shown}
     total = content["models"]["full"]["estimated_error"]["displacement_rms"]["total"]
-    assert rows["full model, total"][0] == f"{100 * total:.2g}"
+    assert rows["full model, total without mesh"][0] == f"{100 * total:.2g}"
+    assert content["models"]["full"]["estimated_total_without_mesh"]
     assert ("reduced model, basis" in rows, "full model, basis" in rows) == (True, False)
     alone = report.summary(sj.run_scene(scene(accuracy={"estimate": False})))
     assert "not estimated" in report.estimate_table(alone)
