@@ -1,6 +1,7 @@
 """The estimated errors are the errors: each against a run that has hardly any."""
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -11,6 +12,7 @@ from skfem_joint.analysis.certificate import certify, extrapolated, make_referen
 from skfem_joint.analysis.estimate import Estimate, verification_run
 from skfem_joint.analysis.history import difference, results
 from skfem_joint.analysis.scene_plan import plan_of
+from skfem_joint.output import report
 from skfem_joint.scene import Scene
 
 
@@ -81,6 +83,25 @@ def test_a_short_full_run_certifies_a_reduced_model_that_runs_alone():
     assert total >= by_run
     with pytest.raises(sj.InputError, match="does not run the full model"):
         certify(results_of_it, "full")
+
+
+def test_a_total_that_lacks_the_mesh_says_so_beside_the_number():
+    """Only a certified full model knows its mesh, not a reduced one beside it or alone."""
+    for models, name, label in (
+        (("full", "reduced"), "full", "total"),
+        (("full", "reduced"), "reduced", "total without mesh"),
+        (("reduced",), "reduced", "total without mesh"),
+    ):
+        study = sj.run_scene(coarse(*models, beta=1e4))
+        assert "\n  total without mesh: " in repr(study.models[name].estimate)
+        study = replace(study, models={name: certify(study, name) for name in models})
+        content = report.summary(study)
+        assert f"\n  {label}: " in repr(study.models[name].estimate)
+        lines = [line.split("  ")[0] for line in report.estimate_table(content).splitlines()]
+        assert [f"{name} model, {label}"] == [
+            x for x in lines if x.startswith(f"{name} model, tot")
+        ]
+        assert content["models"][name]["estimated_total_without_mesh"] == (label != "total")
 
 
 def test_certified_errors_of_a_plate_shrink_with_its_elements():
