@@ -38,11 +38,12 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     """Read a mesh from files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
 
     Gmsh files of format 2.2 or 4.1, ASCII or binary, are read: physical groups of the elements
-    become regions, those of their sides boundaries, physical points points. Bars are also read
-    from Abaqus files (.inp), with element sets as regions and node sets as points. Bodies that
-    share no nodes, in the same file or in several, stay separate even if they overlap. A file of
-    lines is a straight bar in space; its first end is that with the lexicographically smaller
-    position. Plane meshes lie in a plane z = const.
+    become regions, those of their sides boundaries, physical points points; of a bar several
+    points with one name are a boundary. Bars are also read from Abaqus files (.inp), with element
+    sets as regions and node sets as points and boundaries. Bodies that share no nodes, in the same
+    file or in several, stay separate even if they overlap. A file of lines is a straight bar in
+    space; its first end is that with the lexicographically smaller position. Plane meshes lie in a
+    plane z = const.
 
     Repairs: cells that a file repeats for each of their groups are merged and belong to all these
     groups; nodes that no element uses are dropped; mirrored elements are turned over; lines of
@@ -67,8 +68,9 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     InputError
         A file is missing, cut or damaged, or holds no mesh as described; elements without size,
         not convex, crossing themselves or overlapping in a body; bodies that touch in a point or
-        an edge; bars that are curved, branched, closed, folded or disconnected; unmerged nodes of
-        a body; groups without elements; points on several nodes; names used twice.
+        an edge; nodes that hang on edges or faces of others; bars that are curved, branched,
+        closed, folded or disconnected; unmerged nodes of a body; middle nodes in another order;
+        groups without elements; points on several nodes; names used twice.
     """
     if isinstance(paths, str | Path):
         paths = [paths]
