@@ -213,7 +213,7 @@ class System:
         joints = []
         for name, share in zip(self.joints, as_dense(self.J), strict=True):
             count, limit = np.count_nonzero(share), float(share @ self.w)
-            own = self.spring_constants[share > 0.0].sum()
+            own = float(share @ self.spring_constants)
             springs = f", springs of {own:.6g} N/m" if own > 0.0 else ""
             joints.append(f"{name} ({count} contact points, limit {limit:.6g} N{springs})")
         loads = [load.on or "without a name" for load in self.loads]
@@ -290,9 +290,47 @@ class System:
 
     @property
     def joint_points(self) -> list[IntArray]:
-        """Numbers of the contact points with friction, for each joint that has such points."""
-        parts = (sparse.csr_array(self.J).toarray() > 0.0) & self.rubs
-        return [np.flatnonzero(part) for part in parts if part.any()]
+        """Numbers of the contact points with friction of each joint; none where it has no such.
+
+        Joints may share points. Sums over a joint weigh its points by its share in them, ``J``, as
+        `limits_by_joint` does, so that a point that joints share is counted once in all.
+        """
+        parts = (as_dense(self.J) > 0.0) & self.rubs
+        return [np.flatnonzero(part) for part in parts]
+
+    @property
+    def limits_by_joint(self) -> FloatArray:
+        """Part of each joint in the friction limit of each contact point, (joints, m), N."""
+        return np.asarray(as_dense(self.J) * self.w)
+
+    def least_share(self, points: BoolArray) -> float:
+        """Least share of a joint's friction limit that some contact points, (m,), have; at most 1.
+
+        Joints without a limit do not count.
+        """
+        limits = self.limits_by_joint
+        whole = limits.sum(axis=1)
+        own = limits[whole > 0.0] @ points
+        return float((own / whole[whole > 0.0]).min(initial=1.0))
+
+    def with_factors(self, factors: FloatArray) -> System:
+        """System whose joints have other friction limits: theirs times ``factors``, (joints,).
+
+        A factor acts on its joint's share of each point. Where contact opens it acts on what
+        normal forces give, too.
+        """
+        if not factors.size:
+            return self
+        J = sparse.csr_array(self.J)
+        of_points = 1.0 + (factors - 1.0) @ J
+        known = np.where(of_points > 0.0, of_points, 1.0)
+        shares = sparse.diags_array(factors) @ J @ sparse.diags_array(1.0 / known)
+        opening = self.opening
+        if opening is not None:
+            gain = sparse.csr_array(sparse.diags_array(of_points) @ opening.gain)
+            opening = replace(opening, gain=gain)
+        w = self.w * of_points
+        return replace(self, w=w, J=sparse.csr_array(shares), opening=opening)
 
     @property
     def n(self) -> int:

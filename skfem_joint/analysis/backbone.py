@@ -555,9 +555,8 @@ def _stick_or_slip(
 
     InputError if a joint slips as a whole at the first level.
     """
-    joints = path.to.system.joint_points
     gross = [
-        is_gross(min(sticking_share(path, both[0], points, both[1]) for points in joints))
+        is_gross(sticking_share(path, *both))
         for both in zip(found.slip, found.sliding, strict=True)
     ]
     if gross[0]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, IntArray, as_dense
+from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
@@ -53,16 +53,13 @@ def still_share(path: QuasiStatic) -> float:
     return THRESHOLD if path.to.kind == "dense" else SETTINGS.still
 
 
-def sticking_share(
-    path: QuasiStatic, slip: FloatArray, points: IntArray, sliding: FloatArray | None = None
-) -> float:
-    """Share of a joint's friction limit whose points stick, by the slip (m,), m, of a state.
+def sticking_share(path: QuasiStatic, slip: FloatArray, sliding: FloatArray | None = None) -> float:
+    """Least share of a joint's friction limit whose points stick, by the slip (m,), m, of a state.
 
     ``sliding``, (m,), m, is that of the sliders, if some have springs in series.
     """
-    limits, own = path.to.system.w[points], slip if sliding is None else sliding
-    sticks = own[points] <= still_share(path) * slip.max()
-    return float(limits[sticks].sum() / limits.sum())
+    own = slip if sliding is None else sliding
+    return path.to.system.least_share(own <= still_share(path) * slip.max(initial=0.0))
 
 
 def is_gross(sticking: float) -> bool:
@@ -114,30 +111,28 @@ def gross_slip_level(
     if system.has_springs:  # points may share an unknown, and each has the force of its spring
         stretched = system.spring_constants * system.slip_norm(np.asarray(system.B @ stuck))
         forces = np.where(system.sprung, stretched, forces)
-    loaded = [points for points in system.joint_points if forces[points].sum() > 0.0]
-    if not loaded:
+    by_joint, limits = system.J @ forces, system.J @ system.w
+    loaded = (by_joint > 0.0) & (limits > 0.0)
+    if not loaded.any():
         return limit
-    nominal = min(float(system.w[p].sum() / forces[p].sum()) for p in loaded)
-    search = _Search(path, force, loaded)
+    nominal = float((limits[loaded] / by_joint[loaded]).min())
+    search = _Search(path, force)
     return search.held(nominal) if np.isinf(limit) else search.free(nominal, limit, raised)
 
 
 @dataclass
 class _Search:
-    """Search for the multiple of a force at which one of some joints slips as a whole.
+    """Search for the multiple of a force at which the first joint slips as a whole.
 
     Attributes
     ----------
     path : QuasiStatic
     force : ndarray, shape (n,)
         N.
-    joints : list of ndarray of int
-        Points of each joint.
     """
 
     path: QuasiStatic
     force: FloatArray
-    joints: list[IntArray]
 
     def sticking(
         self, level: float, start: tuple[FloatArray, ...]
@@ -148,10 +143,7 @@ class _Search:
         u = self.path.follow(load[np.newaxis], limit_share=np.inf, start=start)[0]
         rows, sigma = system.B @ u, self.path.friction_of(0)
         both = [system.slip_norm(x) for x in (rows, system.slider_slip(rows, sigma))]
-        sticking = min(
-            sticking_share(self.path, both[0], points, both[1]) for points in self.joints
-        )
-        return sticking, (u, load, *([sigma] if system.has_springs else []))
+        return sticking_share(self.path, *both), (u, load, *([sigma] if system.has_springs else []))
 
     def held(self, nominal: float) -> float:
         """Level where supports carry a part of the load."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skfem_joint.arrays import BoolArray, FloatArray, as_dense
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError, first_of, refuse
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
 from skfem_joint.served import Interval, Point, Served
@@ -89,7 +89,8 @@ def at(
         Factor on the loads, in place of ``slip``. Nothing is run to find how much slips there: the
         point's own run shows it, and `estimate` refuses one in which a joint slips as a whole.
     limits : mapping of str to float, optional
-        Factor on the friction limits of joints by name; 1 where not given.
+        Factor on the friction limits of joints by name; 1 where not given. Where joints share
+        contact points it acts on the joint's share of them.
 
     Returns
     -------
@@ -156,9 +157,7 @@ def placed(
         period = common_period(load.amplitude for load in system.loads)
     if period is None or not all(load.amplitude.harmonics for load in system.loads):
         raise InputError("range: all loads must be harmonic, with a common period")
-    of_joints = (as_dense(system.J) > 0.0).astype(float)
-    w = system.w * (factors @ of_joints if factors.size else 1.0)
-    return replace(loaded_at(system, frequency, level, period), w=w)
+    return loaded_at(system, frequency, level, period).with_factors(factors)
 
 
 def loaded_at(system: System, frequency: float, level: float, period: float) -> System:
@@ -232,7 +231,7 @@ def sticking(run: Run) -> float:
     slip = run.slider_peak
     period = common_period(load.amplitude for load in system.loads) or 0.0
     still = slip <= np.maximum(SETTINGS.still * slip.max(initial=0.0), period / system.beta)
-    return least_share(system, still)
+    return system.least_share(still)
 
 
 def check_short_of_gross_slip(run: Run) -> None:
@@ -242,12 +241,6 @@ def check_short_of_gross_slip(run: Run) -> None:
             "a joint slips as a whole, which the reduced model for the range does not serve; lower "
             "the level, or give the full system"
         )
-
-
-def least_share(system: System, points: BoolArray) -> float:
-    """Least share of a joint's friction limit that some of the contact points (m,) have."""
-    w = system.w
-    return min(float(w[p][points[p]].sum() / w[p].sum()) for p in system.joint_points)
 
 
 def gross_slip_level(system: System, frequency: float, factors: FloatArray) -> float:
