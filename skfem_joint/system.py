@@ -35,7 +35,7 @@ from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import RayleighFit, ratio_problems, rayleigh, rayleigh_fit
 from skfem_joint.opening import OpeningContact, constant_contact_alone
 from skfem_joint.served import Served
-from skfem_joint.slips import SlipRows
+from skfem_joint.slips import SLIPPING_SHARE, SlipRows
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
     change_of_unknowns,
@@ -309,9 +309,9 @@ class System:
         Joints without a limit do not count.
         """
         limits = self.limits_by_joint
-        whole = limits.sum(axis=1)
-        own = limits[whole > 0.0] @ points
-        return float((own / whole[whole > 0.0]).min(initial=1.0))
+        limits = limits[limits.any(axis=1)]
+        own = np.where(points, limits, 0.0).sum(axis=1)
+        return float((own / limits.sum(axis=1)).min(initial=1.0))
 
     def with_factors(self, factors: FloatArray) -> System:
         """System whose joints have other friction limits: theirs times ``factors``, (joints,).
@@ -665,6 +665,36 @@ class System:
             return slip_peak
         taken = np.where(self.sprung, self.w / self.stiffness, 0.0)
         return np.asarray(np.maximum(slip_peak - taken, 0.0))
+
+    def slipping(self, slip: FloatArray, period: float = 0.0) -> BoolArray:
+        """Whether each contact point slips in a cycle rather than sticks or creeps, (..., m).
+
+        A point slips if its slip exceeds `SLIPPING_SHARE` of the largest one of all joints, and its
+        elastic slip, which is that of a point that sticks: what its law lets it creep in a period
+        at half of its friction limit, and `SLIPPING_SHARE` of the slip that its limit gives it
+        while all other unknowns are held, which is far above round-off.
+
+        Parameters
+        ----------
+        slip : ndarray, shape (..., m)
+            Largest slip of each slider in the cycle, m: a quarter of the way that it slides. What
+            springs in series take is no part of it, see `slider_peak`.
+        period : float
+            Duration of the cycle, s; 0 where points do not creep, as on a quasi-static path.
+        """
+        diagonal = np.asarray(self.K.diagonal(), dtype=float)
+        compliance = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
+        squares = self.B * self.B if isinstance(self.B, np.ndarray) else self.B.power(2)
+        held = self.w * self.by_point(np.asarray(squares @ compliance))
+        elastic = np.maximum(period / self.beta, SLIPPING_SHARE * held)
+        largest = slip.max(axis=-1, initial=0.0, keepdims=True)
+        return np.asarray(self.rubs & (slip > np.maximum(SLIPPING_SHARE * largest, elastic)))
+
+    def slipping_share(self, slip: FloatArray, period: float = 0.0) -> FloatArray:
+        """Share of the friction limits whose points slip, (...), see `slipping`; 0 without any."""
+        whole = float(self.w.sum())
+        part = self.slipping(slip, period) @ self.w
+        return np.asarray(part / whole if whole else 0.0 * part)
 
     def no_steeper(self, beta: ArrayLike) -> System:
         """System whose points have at most the steepness ``beta`` (s/m), but for those on springs.

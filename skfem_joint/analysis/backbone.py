@@ -41,7 +41,6 @@ from skfem_joint.analysis.gross_slip import (
     gross_slip_level,
     is_gross,
     sticking_share,
-    still_share,
 )
 from skfem_joint.analysis.masing_cycles import SETTINGS as MASING
 from skfem_joint.analysis.masing_cycles import levels_to_follow, masing_cycles
@@ -139,7 +138,7 @@ class Backbone:
     slip : ndarray, shape (levels, m)
         Of each contact point, m; that of springs in series with friction included.
     share : ndarray, shape (levels,)
-        Share of the friction limits whose points slip.
+        Share of the friction limits whose points slip, see `System.slipping`.
     state : tuple of str
         At each level "stick", "partial", or "gross", where a joint slips as a whole.
     masing_error : float or None
@@ -436,7 +435,7 @@ def _curve(
     omega = np.sqrt(carried / q)
     frequency = omega / (2.0 * np.pi)
     friction_damping = found.work / (2.0 * np.pi * carried * q)
-    slipping = found.sliding > still_share(path) * found.slip.max()
+    slipping = path.to.system.slipping(found.sliding)
     state = _stick_or_slip(path, mode, shares, found, slipping)
     own_damping, own_notes = _own_law(path, mode, found, friction_damping)
     notes = [f"Mode {mode.number}: {note}" for note in found.notes]
@@ -457,7 +456,7 @@ def _curve(
         states=to.outer(states),
         loops=to.outer(found.loops),
         slip=found.slip,
-        share=slipping @ system.w / system.w.sum(),
+        share=path.to.system.slipping_share(found.sliding),
         state=state,
         masing_error=found.masing_error,
         warnings=(*notes, *own_notes),

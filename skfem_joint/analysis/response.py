@@ -28,7 +28,6 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.loads import common_period
 from skfem_joint.progress import Progress, Tally, silent
-from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at
 from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.integrate import integrate_plan
@@ -135,8 +134,8 @@ class SteadyPoint:
     slip : ndarray, shape (m,)
         Largest slip of each contact point, m.
     share : float
-        Share of the friction limits, with contact that opens of those at rest, whose points slip by
-        more than a thousandth of the largest slip.
+        Share of the friction limits, with contact that opens of those at rest, whose points slip
+        in the period, see `System.slipping`; 0 where all stick, wherever they came to rest before.
     periods : int
         Periods that the search took.
     change : float
@@ -675,7 +674,7 @@ def _steady(
         friction_energy=float(run.friction_work.sum()),
         input_energy=float(run.input_work.sum()),
         slip=run.slip_peak,
-        share=_slipping_share(system, run),
+        share=_slipping_share(run),
         periods=vibration.periods,
         change=vibration.change,
         state=run.final,
@@ -702,12 +701,18 @@ def _without_vibration(system: System, frequency: float, why: str) -> SteadyPoin
     )
 
 
-def _slipping_share(system: System, run: Run) -> float:
-    """Share of the friction limits whose points slip; zero without friction."""
-    slips, limit = run.slider_peak, float(system.w.sum())
-    if not limit:
-        return 0.0
-    return float(system.w[slips > THRESHOLD * slips.max(initial=0.0)].sum() / limit)
+def _slipping_share(run: Run) -> float:
+    """Share of the friction limits whose points slip in a period of steady vibration.
+
+    The slip of a point is a quarter of the way that its friction works on, so that slip that
+    remains from before the period does not count. Where limits follow normal forces the way is
+    taken under those at rest.
+    """
+    system = run.system
+    w = system.point_weights
+    way = np.divide(run.friction_work, w, out=np.zeros_like(w), where=w > 0.0)
+    period = common_period(load.amplitude for load in system.loads) or 0.0
+    return float(system.slipping_share(0.25 * way, period))
 
 
 def _harmonics(rows: FloatArray) -> FloatArray:
