@@ -35,7 +35,7 @@ from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import RayleighFit, ratio_problems, rayleigh, rayleigh_fit
 from skfem_joint.opening import OpeningContact, constant_contact_alone
 from skfem_joint.served import Served
-from skfem_joint.slips import SLIPPING_SHARE, SlipRows
+from skfem_joint.slips import SLIPPING_SHARE, WHOLE_SHARE, SlipRows
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
     change_of_unknowns,
@@ -695,6 +695,20 @@ class System:
         whole = float(self.w.sum())
         part = self.slipping(slip, period) @ self.w
         return np.asarray(part / whole if whole else 0.0 * part)
+
+    def slips_as_a_whole(self, slip: FloatArray, period: float = 0.0) -> bool:
+        """Whether points with 99 % of the friction limit of a joint slip, see `slipping`."""
+        return self.least_share(~self.slipping(slip, period)) <= 1.0 - WHOLE_SHARE
+
+    def slid(self, friction_work: FloatArray) -> FloatArray:
+        """Slip of each point in a cycle, (m,), m: a quarter of the way that its friction works on.
+
+        Slip that remains from before the cycle does not count. Where limits follow normal forces
+        the way is taken under those at rest. ``friction_work``, (m,), J, is that of the cycle.
+        """
+        w = self.point_weights
+        way = np.divide(friction_work, w, out=np.zeros_like(w), where=w > 0.0)
+        return np.asarray(0.25 * way)
 
     def no_steeper(self, beta: ArrayLike) -> System:
         """System whose points have at most the steepness ``beta`` (s/m), but for those on springs.

@@ -8,6 +8,7 @@ import numpy as np
 
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.slips import WHOLE_SHARE
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
 
@@ -17,8 +18,6 @@ class GrossSlipSettings:
 
     Attributes
     ----------
-    whole : float
-        A joint slips as a whole if points with this share of its friction limit slip.
     still : float
         Points whose slip is below this share of the largest slip count as sticking. In dense
         systems, which have fewer unknowns than points, points cannot stick exactly: there the share
@@ -36,7 +35,6 @@ class GrossSlipSettings:
         Share of the load of limit analysis up to which joints are looked at one by one.
     """
 
-    whole: float = 0.99
     still: float = 1e-9
     above: float = 0.01
     raised: float = 1.3
@@ -63,8 +61,8 @@ def sticking_share(path: QuasiStatic, slip: FloatArray, sliding: FloatArray | No
 
 
 def is_gross(sticking: float) -> bool:
-    """Whether a joint slips as a whole, by the share of its limit that sticks."""
-    return sticking <= 1.0 - SETTINGS.whole
+    """Whether a joint slips as a whole, by the share of its limit that sticks exactly."""
+    return sticking <= 1.0 - WHOLE_SHARE
 
 
 def gross_slip_level(
@@ -155,7 +153,7 @@ class _Search:
             if is_gross(sticking):
                 if last == 1.0:  # at the first trial, or from all sticking to none
                     return nominal
-                beyond = (1.0 - SETTINGS.whole - sticking) / (last - sticking)
+                beyond = (1.0 - WHOLE_SHARE - sticking) / (last - sticking)
                 return float(level * SETTINGS.raised**-beyond)
             level *= SETTINGS.raised
         # The basis of a dense system may not let a joint slip so far.

@@ -291,6 +291,7 @@ def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]
         "frequencies": len(curve.points),
         "periods": int(curve.column("periods").sum()),
         "largest_step_error": None if np.isnan(error).all() else float(np.nanmax(error)),
+        "slips_as_a_whole_Hz": curve.gross.tolist(),
         "failed_Hz": [p.frequency for p in curve.points if p.failure is not None],
         "estimated_error": estimate
         and {quantity: estimate.of("total", quantity) for quantity in QUANTITIES},

@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import ConvergenceError, InputError, first_of, refuse
+from skfem_joint.errors import ConvergenceError, GrossSlipError, InputError, first_of, refuse
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
 from skfem_joint.served import Interval, Point, Served
+from skfem_joint.slips import WHOLE_SHARE
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
@@ -39,8 +40,6 @@ class PointSettings:
         Share of the largest slip of a run below which a point counts as sticking. In reduced models
         points that stick move a little: with a hundredth the level was 8 % low to 3 % high beside
         condensed models, where it was a thousandth; with a thousandth here it was half of it.
-    whole : float
-        A joint slips as a whole if points with this share of its friction limit slip.
     near : float
         The level is found to this, relative.
     raised : float
@@ -55,7 +54,6 @@ class PointSettings:
     cycles: int = 4
     steps: int = 50
     still: float = 1e-2
-    whole: float = 0.99
     near: float = 0.03
     raised: float = 1.3
     trials: int = 16
@@ -235,9 +233,9 @@ def sticking(run: Run) -> float:
 
 
 def check_short_of_gross_slip(run: Run) -> None:
-    """ConvergenceError if a joint slips as a whole in a run of a model for a range."""
-    if run.system.serves is not None and sticking(run) <= 1.0 - SETTINGS.whole:
-        raise ConvergenceError(
+    """GrossSlipError if a joint slips as a whole in a run of a model for a range."""
+    if run.system.serves is not None and sticking(run) <= 1.0 - WHOLE_SHARE:
+        raise GrossSlipError(
             "a joint slips as a whole, which the reduced model for the range does not serve; lower "
             "the level, or give the full system"
         )
@@ -292,7 +290,7 @@ def found_level(there: Callable[[float], System], guess: float) -> float | None:
         period = common_period(load.amplitude for load in model.loads) or 1.0
         steps = max(settings.steps, int(np.ceil(period / longest_step(model, period) - 1e-9)))
         run = integrate(model, cycles=settings.cycles, steps_per_cycle=steps)
-        if sticking(run) <= 1.0 - settings.whole:
+        if sticking(run) <= 1.0 - WHOLE_SHARE:
             high = level
         else:
             low = level
