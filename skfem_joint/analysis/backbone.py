@@ -145,7 +145,7 @@ class Backbone:
         Largest relative error of the work by Masing's rule, before its correction; None where a
         cycle was followed at each level.
     warnings : tuple of str
-        What to beware of.
+        What to beware of: of levels beyond slip as a whole, of curves without slip, of impacts.
     estimated : dict of str to float
         Estimated largest relative errors of ``frequency`` and ``damping_ratio``: of a reduced model
         for a range, or of the increments and of what is left open of the cycles with contact that
@@ -164,6 +164,9 @@ class Backbone:
         Derivatives by parameters, where they were asked for.
     limits : ndarray, shape (levels, m), optional
         With contact that opens: the friction limits of ``friction``, N.
+    differs : ndarray of bool, shape (levels,), optional
+        Levels at which a ring-down differs by more than both stated errors, from
+        `skfem_joint.analysis.ring_down.RingDown.beside`; None if there is none beside the curve.
     """
 
     mode: int
@@ -191,6 +194,20 @@ class Backbone:
     opened: FloatArray | None = None
     sensitivity: BackboneSensitivity | None = None
     limits: FloatArray | None = None
+    differs: BoolArray | None = None
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why not to rely on each level; empty where there is no reason.
+
+        "whole slip", where a joint slips as a whole and the mode's shape no longer holds, and
+        "ring-down differs", see ``differs``.
+        """
+        differs = np.zeros(len(self.state), bool) if self.differs is None else self.differs
+        return tuple(
+            ", ".join(["whole slip"] * (state == "gross") + ["ring-down differs"] * bool(apart))
+            for state, apart in zip(self.state, differs, strict=True)
+        )
 
     @property
     def damping_ratio(self) -> FloatArray:
@@ -303,8 +320,9 @@ def _backbone(
     curves = []
     for k in numbers.tolist():
         mode = _Mode(k, shapes, frequencies, to.system.M @ shapes[:, k - 1], stuck)
-        curve = _curve(to, path, opening, mode, shares, slips_at, parameters)
-        curves.append(replace(curve, slips_at=np.nan) if np.ndim(levels) else curve)
+        absolute = np.ndim(levels) > 0
+        curve = _curve(to, path, opening, mode, shares, slips_at, parameters, absolute)
+        curves.append(replace(curve, slips_at=np.nan) if absolute else curve)
     if system.serves is None:
         return curves
     larger = alone(system)
@@ -414,9 +432,13 @@ def _curve(
     shares: FloatArray,
     slips_at: float | None,
     parameters: Sequence[SystemSensitivity],
+    absolute: bool,
 ) -> Backbone:
-    """Backbone of a mode at some shares of the level at which the first joint slips as a whole."""
-    slips_at = _check_levels(path, mode, shares, slips_at)
+    """Backbone of a mode at some shares of the level at which the first joint slips as a whole.
+
+    The shares may be ``absolute`` levels, of a ``slips_at`` of 1.
+    """
+    slips_at = _check_levels(path, mode, shares, slips_at, absolute)
     level, force, shape = shares * slips_at, mode.force, mode.shape
     closed = to
     if opening is None:
@@ -436,9 +458,11 @@ def _curve(
     frequency = omega / (2.0 * np.pi)
     friction_damping = found.work / (2.0 * np.pi * carried * q)
     slipping = path.to.system.slipping(found.sliding)
-    state = _stick_or_slip(path, mode, shares, found, slipping)
+    state = _stick_or_slip(path, mode, shares, found, slipping, absolute)
     own_damping, own_notes = _own_law(path, mode, found, friction_damping)
     notes = [f"Mode {mode.number}: {note}" for note in found.notes]
+    notes += _slips_as_a_whole(mode, shares, state, absolute)
+    notes += _no_slip(mode, shares, state, absolute) + _impacts(mode, opening, found)
     notes += _few_points(mode, slipping) + _excited_modes(mode, frequency, opening is not None)
     middle = found.middle
     return Backbone(
@@ -517,7 +541,7 @@ def _own_law(
 
 
 def _check_levels(
-    path: SavedPath, mode: _Mode, shares: FloatArray, slips_at: float | None
+    path: SavedPath, mode: _Mode, shares: FloatArray, slips_at: float | None, absolute: bool
 ) -> float:
     """Level at which the first joint slips as a whole; computed if not given.
 
@@ -541,14 +565,20 @@ def _check_levels(
         path.rows.total += path.rows.done - counted  # how many it takes is known only now
     if shares[-1] * slips_at >= limit:
         raise InputError(
-            f"backbone: found levels up to {shares[-1]:g}, but friction alone holds the structure, "
-            f"and mode {number} makes all of it slip at {limit / slips_at:.3g}; ask for less"
+            f"backbone: found levels up to {_text(shares[-1], absolute)}, but friction alone holds "
+            f"the structure, and mode {number} makes all of it slip at "
+            f"{_text(limit / slips_at, absolute)}; ask for less"
         )
     return slips_at
 
 
 def _stick_or_slip(
-    path: SavedPath, mode: _Mode, shares: FloatArray, found: Cycles, slipping: BoolArray
+    path: SavedPath,
+    mode: _Mode,
+    shares: FloatArray,
+    found: Cycles,
+    slipping: BoolArray,
+    absolute: bool,
 ) -> tuple[str, ...]:
     """Whether the contact sticks, slips in part, or a joint slips as a whole, at each level.
 
@@ -561,10 +591,54 @@ def _stick_or_slip(
     if gross[0]:
         raise InputError(
             f"backbone: mode {mode.number}: a joint slips as a whole at the first level already, "
-            f"{shares[0]:.3g} of that at which the first one does; set up_to below 1"
+            f"{_text(shares[0], absolute)}; "
+            + ("give lower levels" if absolute else "set up_to below 1")
         )
     state = np.where(gross, "gross", np.where(slipping.any(axis=1), "partial", "stick"))
     return tuple(state.tolist())
+
+
+def _text(level: float, absolute: bool) -> str:
+    """A level in words: as such, or as a share of that at which the first joint slips whole."""
+    return f"{level:.4g} m/s² kg^1/2" if absolute else f"{level:.3g} of gross slip"
+
+
+def _slips_as_a_whole(
+    mode: _Mode, share: FloatArray, state: Sequence[str], absolute: bool
+) -> list[str]:
+    """Note of the levels at which a joint slips as a whole."""
+    gross = [value == "gross" for value in state]
+    if not any(gross):
+        return []
+    return [
+        f"Mode {mode.number}: from the level {_text(share[gross.index(True)], absolute)} on a "
+        "joint slips as a whole. The method keeps the inertia of the mode with stuck joints there, "
+        "whose shape free vibration leaves: frequency and damping at these levels may be wrong by "
+        "factors. Compare a ring-down, or response."
+    ]
+
+
+def _no_slip(mode: _Mode, share: FloatArray, state: Sequence[str], absolute: bool) -> list[str]:
+    """Note of a curve on which nothing slips, and how to go on."""
+    if any(value != "stick" for value in state):
+        return []
+    how = "higher levels" if absolute else "an up_to above it; above 1 a joint slips as a whole"
+    return [
+        f"Mode {mode.number}: nothing slips up to the highest level, "
+        f"{_text(share[-1], absolute)}, so that the curve has no damping by friction. A joint of a "
+        f"single slider, or of few, slips as a whole or not at all: ask for {how}."
+    ]
+
+
+def _impacts(mode: _Mode, opening: OpeningPath | None, found: Cycles) -> list[str]:
+    """Note that quasi-static cycles have no impacts, where contact opens."""
+    if opening is None or found.opened is None or not found.opened.any():
+        return []
+    return [
+        f"Mode {mode.number}: contact opens from the level number "
+        f"{int(np.argmax(found.opened > 0.0)) + 1} on. The cycles are slow: what impacts take as "
+        "faces meet again is not in the damping. A ring-down has it (impact_work)."
+    ]
 
 
 def _few_points(mode: _Mode, slipping: BoolArray) -> list[str]:
