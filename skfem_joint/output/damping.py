@@ -104,7 +104,8 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"{worst['damping_ratio']:.2g} % in damping at most."
             )
     lines += [
-        f"Mode {mode} at its highest level changes the normal force by {change.text}."
+        f"Mode {mode} at its highest level changes the normal force by {change.text}. "
+        f"{change.of_the_mesh}"
         for mode, change in _normal_changes(backbone).items()
     ]
     return lines
