@@ -524,13 +524,15 @@ class Recorder:
             stored.point_u[k], stored.point_v[k] = system.P @ state.u, system.P @ state.v
             stored.joint_work[k] = system.J @ self.friction_work
             if self.save.slips:
-                start, point, _, share, *slid = self.joints
+                start, point, _, share, sliding, creep = self.joints
                 if limits is not None:
                     share = self._shares(limits)
-                now = step * self.h, self.friction_work
+                time, work = step * self.h, self.friction_work
                 sizes = system.slip_norm(system.B @ state.u), system.slip_norm(state.sigma)
                 results = stored.joint_slip[k], stored.joint_slipping[k]
-                energy.joint_slips(start, point, share, *slid, *now, *sizes, *results)
+                energy.joint_slips(
+                    start, point, share, sliding, creep, time, work, *sizes, *results
+                )
             self.rows += 1
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
