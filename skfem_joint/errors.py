@@ -70,6 +70,20 @@ class ConvergenceError(JointError):
         super().__init__(message)
 
 
+class GrossSlipError(ConvergenceError):
+    """A joint slips as a whole, and there is no result for that.
+
+    Attributes
+    ----------
+    periods : int
+        Periods after which a search for steady vibration was given up; 0 where none was.
+    """
+
+    def __init__(self, message: str, periods: int = 0) -> None:
+        self.periods = periods
+        super().__init__(message)
+
+
 def listed(names: Any) -> str:
     """Sorted names in quotes; of very many only the first ones."""
     shown, more = sorted(names)[:MOST_LISTED], len(names) - MOST_LISTED

@@ -17,6 +17,11 @@ from skfem_joint.errors import InputError
 from skfem_joint.opening import OpeningContact
 from skfem_joint.unknowns import ChangeOfUnknowns, change_of_unknowns, selection, stacked
 
+#: A point whose slip is below this share of the largest does not count as slipping.
+SLIPPING_SHARE = 1e-3
+#: A joint slips as a whole if points with this share of its friction limit slip.
+WHOLE_SHARE = 0.99
+
 
 @dataclass(frozen=True)
 class NormalRows:

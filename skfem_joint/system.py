@@ -35,7 +35,7 @@ from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import RayleighFit, ratio_problems, rayleigh, rayleigh_fit
 from skfem_joint.opening import OpeningContact, constant_contact_alone
 from skfem_joint.served import Served
-from skfem_joint.slips import SlipRows
+from skfem_joint.slips import SLIPPING_SHARE, WHOLE_SHARE, SlipRows
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
     change_of_unknowns,
@@ -213,7 +213,7 @@ class System:
         joints = []
         for name, share in zip(self.joints, as_dense(self.J), strict=True):
             count, limit = np.count_nonzero(share), float(share @ self.w)
-            own = self.spring_constants[share > 0.0].sum()
+            own = float(share @ self.spring_constants)
             springs = f", springs of {own:.6g} N/m" if own > 0.0 else ""
             joints.append(f"{name} ({count} contact points, limit {limit:.6g} N{springs})")
         loads = [load.on or "without a name" for load in self.loads]
@@ -290,9 +290,47 @@ class System:
 
     @property
     def joint_points(self) -> list[IntArray]:
-        """Numbers of the contact points with friction, for each joint that has such points."""
-        parts = (sparse.csr_array(self.J).toarray() > 0.0) & self.rubs
-        return [np.flatnonzero(part) for part in parts if part.any()]
+        """Numbers of the contact points with friction of each joint; none where it has no such.
+
+        Joints may share points. Sums over a joint weigh its points by its share in them, ``J``, as
+        `limits_by_joint` does, so that a point that joints share is counted once in all.
+        """
+        parts = (as_dense(self.J) > 0.0) & self.rubs
+        return [np.flatnonzero(part) for part in parts]
+
+    @property
+    def limits_by_joint(self) -> FloatArray:
+        """Part of each joint in the friction limit of each contact point, (joints, m), N."""
+        return np.asarray(as_dense(self.J) * self.w)
+
+    def least_share(self, points: BoolArray) -> float:
+        """Least share of a joint's friction limit that some contact points, (m,), have; at most 1.
+
+        Joints without a limit do not count.
+        """
+        limits = self.limits_by_joint
+        limits = limits[limits.any(axis=1)]
+        own = np.where(points, limits, 0.0).sum(axis=1)
+        return float((own / limits.sum(axis=1)).min(initial=1.0))
+
+    def with_factors(self, factors: FloatArray) -> System:
+        """System whose joints have other friction limits: theirs times ``factors``, (joints,).
+
+        A factor acts on its joint's share of each point. Where contact opens it acts on what
+        normal forces give, too.
+        """
+        if not factors.size:
+            return self
+        J = sparse.csr_array(self.J)
+        of_points = 1.0 + (factors - 1.0) @ J
+        known = np.where(of_points > 0.0, of_points, 1.0)
+        shares = sparse.diags_array(factors) @ J @ sparse.diags_array(1.0 / known)
+        opening = self.opening
+        if opening is not None:
+            gain = sparse.csr_array(sparse.diags_array(of_points) @ opening.gain)
+            opening = replace(opening, gain=gain)
+        w = self.w * of_points
+        return replace(self, w=w, J=sparse.csr_array(shares), opening=opening)
 
     @property
     def n(self) -> int:
@@ -628,6 +666,50 @@ class System:
             return slip_peak
         taken = np.where(self.sprung, self.w / self.stiffness, 0.0)
         return np.asarray(np.maximum(slip_peak - taken, 0.0))
+
+    def slipping(self, slip: FloatArray, period: float = 0.0) -> BoolArray:
+        """Whether each contact point slips in a cycle rather than sticks or creeps, (..., m).
+
+        A point slips if its slip exceeds `SLIPPING_SHARE` of the largest one of all joints, and its
+        elastic slip, which is that of a point that sticks: what its law lets it creep in a period
+        at half of its friction limit, and `SLIPPING_SHARE` of the slip that its limit gives it
+        while all other unknowns are held, which is far above round-off.
+
+        Parameters
+        ----------
+        slip : ndarray, shape (..., m)
+            Largest slip of each slider in the cycle, m: a quarter of the way that it slides. What
+            springs in series take is no part of it, see `slider_peak`.
+        period : float
+            Duration of the cycle, s; 0 where points do not creep, as on a quasi-static path.
+        """
+        diagonal = np.asarray(self.K.diagonal(), dtype=float)
+        compliance = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
+        squares = self.B * self.B if isinstance(self.B, np.ndarray) else self.B.power(2)
+        held = self.w * self.by_point(np.asarray(squares @ compliance))
+        elastic = np.maximum(period / self.beta, SLIPPING_SHARE * held)
+        largest = slip.max(axis=-1, initial=0.0, keepdims=True)
+        return np.asarray(self.rubs & (slip > np.maximum(SLIPPING_SHARE * largest, elastic)))
+
+    def slipping_share(self, slip: FloatArray, period: float = 0.0) -> FloatArray:
+        """Share of the friction limits whose points slip, (...), see `slipping`; 0 without any."""
+        whole = float(self.w.sum())
+        part = self.slipping(slip, period) @ self.w
+        return np.asarray(part / whole if whole else 0.0 * part)
+
+    def slips_as_a_whole(self, slip: FloatArray, period: float = 0.0) -> bool:
+        """Whether points with 99 % of the friction limit of a joint slip, see `slipping`."""
+        return self.least_share(~self.slipping(slip, period)) <= 1.0 - WHOLE_SHARE
+
+    def slid(self, friction_work: FloatArray) -> FloatArray:
+        """Slip of each point in a cycle, (m,), m: a quarter of the way that its friction works on.
+
+        Slip that remains from before the cycle does not count. Where limits follow normal forces
+        the way is taken under those at rest. ``friction_work``, (m,), J, is that of the cycle.
+        """
+        w = self.point_weights
+        way = np.divide(friction_work, w, out=np.zeros_like(w), where=w > 0.0)
+        return np.asarray(0.25 * way)
 
     def no_steeper(self, beta: ArrayLike) -> System:
         """System whose points have at most the steepness ``beta`` (s/m), but for those on springs.

@@ -8,7 +8,7 @@ from skfem_joint.analysis.contact_history import contact_system, slip_peaks_of
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
-from skfem_joint.reduction.active_length import active_fractions, measured_lengths, slips
+from skfem_joint.reduction.active_length import active_fractions, measured_lengths
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import AnyStructure, Structure
 from skfem_joint.system import System
@@ -44,9 +44,9 @@ class ActiveRegion:
 def active_region(structure: Structure, run: Run, period: float | None = None) -> ActiveRegion:
     """Active region of each joint of a structure in a run.
 
-    A point is active if its largest slip exceeds two values: a thousandth of the largest slip in
-    its joint, and the slip by which it creeps in a period at half of its friction limit. The slip
-    of full and condensed models is known at every step, that of reduced ones from stored fields.
+    A point is active if it slips by the definition of `System.slipping`: by more than a thousandth
+    of the largest slip, and than it creeps in a period at half of its friction limit. The slip of
+    full and condensed models is known at every step, that of reduced ones from stored fields.
 
     Parameters
     ----------
@@ -88,6 +88,6 @@ def region_of(
     """
     slip_peak, sliding = peaks
     area, points = active_fractions(structure, system, sliding, period)
-    active = slips(structure, system, sliding, period)
+    active = system.slipping(sliding, period)
     lengths = measured_lengths(structure, sliding)
     return ActiveRegion(lengths, area, points, active, slip_peak)

@@ -41,7 +41,6 @@ from skfem_joint.analysis.gross_slip import (
     gross_slip_level,
     is_gross,
     sticking_share,
-    still_share,
 )
 from skfem_joint.analysis.masing_cycles import SETTINGS as MASING
 from skfem_joint.analysis.masing_cycles import levels_to_follow, masing_cycles
@@ -139,14 +138,14 @@ class Backbone:
     slip : ndarray, shape (levels, m)
         Of each contact point, m; that of springs in series with friction included.
     share : ndarray, shape (levels,)
-        Share of the friction limits whose points slip.
+        Share of the friction limits whose points slip, see `System.slipping`.
     state : tuple of str
         At each level "stick", "partial", or "gross", where a joint slips as a whole.
     masing_error : float or None
         Largest relative error of the work by Masing's rule, before its correction; None where a
         cycle was followed at each level.
     warnings : tuple of str
-        What to beware of.
+        What to beware of: of levels beyond slip as a whole, of curves without slip, of impacts.
     estimated : dict of str to float
         Estimated largest relative errors of ``frequency`` and ``damping_ratio``: of a reduced model
         for a range, or of the increments and of what is left open of the cycles with contact that
@@ -165,6 +164,9 @@ class Backbone:
         Derivatives by parameters, where they were asked for.
     limits : ndarray, shape (levels, m), optional
         With contact that opens: the friction limits of ``friction``, N.
+    differs : ndarray of bool, shape (levels,), optional
+        Levels at which a ring-down differs by more than both stated errors, from
+        `skfem_joint.analysis.ring_down.RingDown.beside`; None if there is none beside the curve.
     """
 
     mode: int
@@ -192,6 +194,20 @@ class Backbone:
     opened: FloatArray | None = None
     sensitivity: BackboneSensitivity | None = None
     limits: FloatArray | None = None
+    differs: BoolArray | None = None
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why not to rely on each level; empty where there is no reason.
+
+        "whole slip", where a joint slips as a whole and the mode's shape no longer holds, and
+        "ring-down differs", see ``differs``.
+        """
+        differs = np.zeros(len(self.state), bool) if self.differs is None else self.differs
+        return tuple(
+            ", ".join(["whole slip"] * (state == "gross") + ["ring-down differs"] * bool(apart))
+            for state, apart in zip(self.state, differs, strict=True)
+        )
 
     @property
     def damping_ratio(self) -> FloatArray:
@@ -304,8 +320,9 @@ def _backbone(
     curves = []
     for k in numbers.tolist():
         mode = _Mode(k, shapes, frequencies, to.system.M @ shapes[:, k - 1], stuck)
-        curve = _curve(to, path, opening, mode, shares, slips_at, parameters)
-        curves.append(replace(curve, slips_at=np.nan) if np.ndim(levels) else curve)
+        absolute = np.ndim(levels) > 0
+        curve = _curve(to, path, opening, mode, shares, slips_at, parameters, absolute)
+        curves.append(replace(curve, slips_at=np.nan) if absolute else curve)
     if system.serves is None:
         return curves
     larger = alone(system)
@@ -415,9 +432,13 @@ def _curve(
     shares: FloatArray,
     slips_at: float | None,
     parameters: Sequence[SystemSensitivity],
+    absolute: bool,
 ) -> Backbone:
-    """Backbone of a mode at some shares of the level at which the first joint slips as a whole."""
-    slips_at = _check_levels(path, mode, shares, slips_at)
+    """Backbone of a mode at some shares of the level at which the first joint slips as a whole.
+
+    The shares may be ``absolute`` levels, of a ``slips_at`` of 1.
+    """
+    slips_at = _check_levels(path, mode, shares, slips_at, absolute)
     level, force, shape = shares * slips_at, mode.force, mode.shape
     closed = to
     if opening is None:
@@ -436,10 +457,12 @@ def _curve(
     omega = np.sqrt(carried / q)
     frequency = omega / (2.0 * np.pi)
     friction_damping = found.work / (2.0 * np.pi * carried * q)
-    slipping = found.sliding > still_share(path) * found.slip.max()
-    state = _stick_or_slip(path, mode, shares, found, slipping)
+    slipping = path.to.system.slipping(found.sliding)
+    state = _stick_or_slip(path, mode, shares, found, slipping, absolute)
     own_damping, own_notes = _own_law(path, mode, found, friction_damping)
     notes = [f"Mode {mode.number}: {note}" for note in found.notes]
+    notes += _slips_as_a_whole(mode, shares, state, absolute)
+    notes += _no_slip(mode, shares, state, absolute) + _impacts(mode, opening, found)
     notes += _few_points(mode, slipping) + _excited_modes(mode, frequency, opening is not None)
     middle = found.middle
     return Backbone(
@@ -457,7 +480,7 @@ def _curve(
         states=to.outer(states),
         loops=to.outer(found.loops),
         slip=found.slip,
-        share=slipping @ system.w / system.w.sum(),
+        share=path.to.system.slipping_share(found.sliding),
         state=state,
         masing_error=found.masing_error,
         warnings=(*notes, *own_notes),
@@ -518,7 +541,7 @@ def _own_law(
 
 
 def _check_levels(
-    path: SavedPath, mode: _Mode, shares: FloatArray, slips_at: float | None
+    path: SavedPath, mode: _Mode, shares: FloatArray, slips_at: float | None, absolute: bool
 ) -> float:
     """Level at which the first joint slips as a whole; computed if not given.
 
@@ -542,31 +565,80 @@ def _check_levels(
         path.rows.total += path.rows.done - counted  # how many it takes is known only now
     if shares[-1] * slips_at >= limit:
         raise InputError(
-            f"backbone: found levels up to {shares[-1]:g}, but friction alone holds the structure, "
-            f"and mode {number} makes all of it slip at {limit / slips_at:.3g}; ask for less"
+            f"backbone: found levels up to {_text(shares[-1], absolute)}, but friction alone holds "
+            f"the structure, and mode {number} makes all of it slip at "
+            f"{_text(limit / slips_at, absolute)}; ask for less"
         )
     return slips_at
 
 
 def _stick_or_slip(
-    path: SavedPath, mode: _Mode, shares: FloatArray, found: Cycles, slipping: BoolArray
+    path: SavedPath,
+    mode: _Mode,
+    shares: FloatArray,
+    found: Cycles,
+    slipping: BoolArray,
+    absolute: bool,
 ) -> tuple[str, ...]:
     """Whether the contact sticks, slips in part, or a joint slips as a whole, at each level.
 
     InputError if a joint slips as a whole at the first level.
     """
-    joints = path.to.system.joint_points
     gross = [
-        is_gross(min(sticking_share(path, both[0], points, both[1]) for points in joints))
+        is_gross(sticking_share(path, *both))
         for both in zip(found.slip, found.sliding, strict=True)
     ]
     if gross[0]:
         raise InputError(
             f"backbone: mode {mode.number}: a joint slips as a whole at the first level already, "
-            f"{shares[0]:.3g} of that at which the first one does; set up_to below 1"
+            f"{_text(shares[0], absolute)}; "
+            + ("give lower levels" if absolute else "set up_to below 1")
         )
     state = np.where(gross, "gross", np.where(slipping.any(axis=1), "partial", "stick"))
     return tuple(state.tolist())
+
+
+def _text(level: float, absolute: bool) -> str:
+    """A level in words: as such, or as a share of that at which the first joint slips whole."""
+    return f"{level:.4g} m/s² kg^1/2" if absolute else f"{level:.3g} of gross slip"
+
+
+def _slips_as_a_whole(
+    mode: _Mode, share: FloatArray, state: Sequence[str], absolute: bool
+) -> list[str]:
+    """Note of the levels at which a joint slips as a whole."""
+    gross = [value == "gross" for value in state]
+    if not any(gross):
+        return []
+    return [
+        f"Mode {mode.number}: from the level {_text(share[gross.index(True)], absolute)} on a "
+        "joint slips as a whole. The method keeps the inertia of the mode with stuck joints there, "
+        "whose shape free vibration leaves: frequency and damping at these levels may be wrong by "
+        "factors. Compare a ring-down, or response."
+    ]
+
+
+def _no_slip(mode: _Mode, share: FloatArray, state: Sequence[str], absolute: bool) -> list[str]:
+    """Note of a curve on which nothing slips, and how to go on."""
+    if any(value != "stick" for value in state):
+        return []
+    how = "higher levels" if absolute else "an up_to above it; above 1 a joint slips as a whole"
+    return [
+        f"Mode {mode.number}: nothing slips up to the highest level, "
+        f"{_text(share[-1], absolute)}, so that the curve has no damping by friction. A joint of a "
+        f"single slider, or of few, slips as a whole or not at all: ask for {how}."
+    ]
+
+
+def _impacts(mode: _Mode, opening: OpeningPath | None, found: Cycles) -> list[str]:
+    """Note that quasi-static cycles have no impacts, where contact opens."""
+    if opening is None or found.opened is None or not found.opened.any():
+        return []
+    return [
+        f"Mode {mode.number}: contact opens from the level number "
+        f"{int(np.argmax(found.opened > 0.0)) + 1} on. The cycles are slow: what impacts take as "
+        "faces meet again is not in the damping. A ring-down has it (impact_work)."
+    ]
 
 
 def _few_points(mode: _Mode, slipping: BoolArray) -> list[str]:

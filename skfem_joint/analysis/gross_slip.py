@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, IntArray, as_dense
+from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.slips import WHOLE_SHARE
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
 
@@ -17,8 +18,6 @@ class GrossSlipSettings:
 
     Attributes
     ----------
-    whole : float
-        A joint slips as a whole if points with this share of its friction limit slip.
     still : float
         Points whose slip is below this share of the largest slip count as sticking. In dense
         systems, which have fewer unknowns than points, points cannot stick exactly: there the share
@@ -36,7 +35,6 @@ class GrossSlipSettings:
         Share of the load of limit analysis up to which joints are looked at one by one.
     """
 
-    whole: float = 0.99
     still: float = 1e-9
     above: float = 0.01
     raised: float = 1.3
@@ -53,21 +51,18 @@ def still_share(path: QuasiStatic) -> float:
     return THRESHOLD if path.to.kind == "dense" else SETTINGS.still
 
 
-def sticking_share(
-    path: QuasiStatic, slip: FloatArray, points: IntArray, sliding: FloatArray | None = None
-) -> float:
-    """Share of a joint's friction limit whose points stick, by the slip (m,), m, of a state.
+def sticking_share(path: QuasiStatic, slip: FloatArray, sliding: FloatArray | None = None) -> float:
+    """Least share of a joint's friction limit whose points stick, by the slip (m,), m, of a state.
 
     ``sliding``, (m,), m, is that of the sliders, if some have springs in series.
     """
-    limits, own = path.to.system.w[points], slip if sliding is None else sliding
-    sticks = own[points] <= still_share(path) * slip.max()
-    return float(limits[sticks].sum() / limits.sum())
+    own = slip if sliding is None else sliding
+    return path.to.system.least_share(own <= still_share(path) * slip.max(initial=0.0))
 
 
 def is_gross(sticking: float) -> bool:
-    """Whether a joint slips as a whole, by the share of its limit that sticks."""
-    return sticking <= 1.0 - SETTINGS.whole
+    """Whether a joint slips as a whole, by the share of its limit that sticks exactly."""
+    return sticking <= 1.0 - WHOLE_SHARE
 
 
 def gross_slip_level(
@@ -114,30 +109,28 @@ def gross_slip_level(
     if system.has_springs:  # points may share an unknown, and each has the force of its spring
         stretched = system.spring_constants * system.slip_norm(np.asarray(system.B @ stuck))
         forces = np.where(system.sprung, stretched, forces)
-    loaded = [points for points in system.joint_points if forces[points].sum() > 0.0]
-    if not loaded:
+    by_joint, limits = system.J @ forces, system.J @ system.w
+    loaded = (by_joint > 0.0) & (limits > 0.0)
+    if not loaded.any():
         return limit
-    nominal = min(float(system.w[p].sum() / forces[p].sum()) for p in loaded)
-    search = _Search(path, force, loaded)
+    nominal = float((limits[loaded] / by_joint[loaded]).min())
+    search = _Search(path, force)
     return search.held(nominal) if np.isinf(limit) else search.free(nominal, limit, raised)
 
 
 @dataclass
 class _Search:
-    """Search for the multiple of a force at which one of some joints slips as a whole.
+    """Search for the multiple of a force at which the first joint slips as a whole.
 
     Attributes
     ----------
     path : QuasiStatic
     force : ndarray, shape (n,)
         N.
-    joints : list of ndarray of int
-        Points of each joint.
     """
 
     path: QuasiStatic
     force: FloatArray
-    joints: list[IntArray]
 
     def sticking(
         self, level: float, start: tuple[FloatArray, ...]
@@ -148,10 +141,7 @@ class _Search:
         u = self.path.follow(load[np.newaxis], limit_share=np.inf, start=start)[0]
         rows, sigma = system.B @ u, self.path.friction_of(0)
         both = [system.slip_norm(x) for x in (rows, system.slider_slip(rows, sigma))]
-        sticking = min(
-            sticking_share(self.path, both[0], points, both[1]) for points in self.joints
-        )
-        return sticking, (u, load, *([sigma] if system.has_springs else []))
+        return sticking_share(self.path, *both), (u, load, *([sigma] if system.has_springs else []))
 
     def held(self, nominal: float) -> float:
         """Level where supports carry a part of the load."""
@@ -163,7 +153,7 @@ class _Search:
             if is_gross(sticking):
                 if last == 1.0:  # at the first trial, or from all sticking to none
                     return nominal
-                beyond = (1.0 - SETTINGS.whole - sticking) / (last - sticking)
+                beyond = (1.0 - WHOLE_SHARE - sticking) / (last - sticking)
                 return float(level * SETTINGS.raised**-beyond)
             level *= SETTINGS.raised
         # The basis of a dense system may not let a joint slip so far.

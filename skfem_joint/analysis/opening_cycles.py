@@ -42,7 +42,7 @@ class OpeningCycleSettings:
         A cycle is closed if its mean friction limits do this share of its work on what is left of
         the slips at its end.
     most : int
-        Most cycles at a level.
+        Most cycles at a level, which end with the first that is closed.
     least : float
         Work of friction over alpha q that counts as none: a damping ratio of 1.6e-5.
     doubtful : float
@@ -52,7 +52,7 @@ class OpeningCycleSettings:
     increments: int = 8
     checked: int = 3
     closed: float = 5e-3
-    most: int = 4
+    most: int = 12
     least: float = 1e-4
     doubtful: float = 0.05
 

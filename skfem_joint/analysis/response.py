@@ -8,6 +8,7 @@ began, is a result of its own, the offset.
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
@@ -25,18 +26,19 @@ from skfem_joint.analysis.range_modes import check_whole
 from skfem_joint.analysis.range_response import larger_at, steady_in_range
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import ConvergenceError, GrossSlipError, InputError
 from skfem_joint.loads import common_period
 from skfem_joint.progress import Progress, Tally, silent
-from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at
 from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.steady import odd_loads
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
+
+_log = logging.getLogger(__name__)
 
 State = tuple[FloatArray, FloatArray]
 
@@ -61,6 +63,9 @@ class ResponseSettings:
     likely_added : int
         Most frequencies that progress expects to be added to the first curve: a third of those
         asked for up to this number. (Of a lapped solid with 30 frequencies 11, 8 and 8 were.)
+    gross : int
+        Periods in turn in which a joint slips as a whole after which a search is given up, see
+        `Plan.gross_periods`.
     alike : float
         Where the amplitude of a coarse model differs by more than this share, the error of the step
         is found on the larger model itself.
@@ -72,6 +77,7 @@ class ResponseSettings:
     narrow: float = 0.25
     close: float = 2e-4
     likely_added: int = 10
+    gross: int = 10
     alike: float = 0.1
 
 
@@ -135,8 +141,8 @@ class SteadyPoint:
     slip : ndarray, shape (m,)
         Largest slip of each contact point, m.
     share : float
-        Share of the friction limits, with contact that opens of those at rest, whose points slip by
-        more than a thousandth of the largest slip.
+        Share of the friction limits, with contact that opens of those at rest, whose points slip
+        in the period, see `System.slipping`; 0 where all stick, wherever they came to rest before.
     periods : int
         Periods that the search took.
     change : float
@@ -153,6 +159,8 @@ class SteadyPoint:
         range; nan for other models.
     failure : str, optional
         Why no steady vibration was found.
+    gross : bool
+        Whether a joint slips as a whole: in the vibration, or in the search that was given up.
     """
 
     frequency: float
@@ -171,6 +179,7 @@ class SteadyPoint:
     step_error: float = np.nan
     model_error: float = np.nan
     failure: str | None = None
+    gross: bool = False
 
 
 @dataclass(frozen=True)
@@ -193,9 +202,22 @@ class Curve:
         return np.array([getattr(point, name) for point in self.points])
 
     @property
+    def found(self) -> bool:
+        """Whether a steady vibration was found at any frequency."""
+        return any(point.failure is None for point in self.points)
+
+    @property
+    def gross(self) -> FloatArray:
+        """Frequencies, Hz, at which a joint slips as a whole.
+
+        Where the search was given up for that, at the last of them, higher ones were not tried.
+        """
+        return np.array([point.frequency for point in self.points if point.gross])
+
+    @property
     def largest(self) -> int:
         """Number of the named point that moves most."""
-        return int(np.nanmax(self.column("amplitude"), axis=0).argmax())
+        return int(np.nan_to_num(self.column("amplitude")).max(axis=0).argmax())
 
     @property
     def known(self) -> tuple[FloatArray, FloatArray]:
@@ -207,9 +229,12 @@ class Curve:
     def peak(self) -> tuple[float, float]:
         """Frequency (Hz) and amplitude (m) of the peak, by a parabola through the three highest.
 
-        The highest point itself where it is the first or the last.
+        The highest point itself where it is the first or the last. ConvergenceError where no
+        vibration was found.
         """
         f, A = self.known
+        if not f.size:
+            raise ConvergenceError(_nothing(self))
         k = int(A.argmax())
         if not 0 < k < f.size - 1:
             return float(f[k]), float(A[k])
@@ -222,6 +247,12 @@ class Curve:
         peak, _ = self.peak
         kept = ((abs(p.frequency - peak), p.state) for p in self.points if p.state is not None)
         return min(kept, key=itemgetter(0))[1]
+
+
+def _nothing(curve: Curve) -> str:
+    """Why a curve has no vibration."""
+    tried = "at every frequency" if len(curve.gross) == 0 else "no vibration was found"
+    return f"response: level {curve.level:g}, {tried}: {curve.points[-1].failure}"
 
 
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
@@ -255,6 +286,7 @@ def steady_plan(system: System, steps_per_cycle: int) -> Plan:
         n_steps=steps_per_cycle,
         cycle_steps=steps_per_cycle,
         until="steady",
+        gross_periods=SETTINGS.gross,
         exact_at=strongest.frequency,
     )
 
@@ -323,7 +355,10 @@ def response(
     Returns
     -------
     list of Curve
-        In the order of ``levels``.
+        In the order of ``levels``. Those at which a joint slips as a whole say so
+        (``curve.gross``), also to the log. There a search that is not steady after ten periods, or
+        fifty where it has Newton's method or contact opens, is given up with the frequencies that
+        follow, and the next level begins; ``curve.found`` is False where nothing was found.
 
     Raises
     ------
@@ -331,7 +366,7 @@ def response(
         If there is nothing to vibrate steadily, a frequency or level is not positive, or the system
         is a reduced model made for its own loads.
     ConvergenceError
-        If no frequency of a level has a steady vibration.
+        If no frequency of any level has a steady vibration.
     """
     return guided_response(
         system,
@@ -409,6 +444,8 @@ def guided_response(
         for number, level in enumerate(levels)
     ]
     curves = _curves(searches, system, coarse, beside or SideBySide(), tally, rows)
+    if not any(curve.found for curve in curves):
+        raise ConvergenceError("; ".join(_nothing(curve) for curve in curves))
     if not by_model:
         return curves
     return [_with_model_errors(c, system, steps_per_cycle, tally, rows) for c in curves]
@@ -576,13 +613,19 @@ def _search(
     level = first.level
     points: list[SteadyPoint] = []
     state: State | None = None
+    said = False
     for frequency in frequencies.tolist():
         points.append((yield replace(first, frequency=frequency, start=state)))
         state = points[-1].state
-    if all(point.failure is not None for point in points):
-        raise ConvergenceError(
-            f"response: level {level:g}, at every frequency: {points[0].failure}"
-        )
+        if points[-1].gross and not said:
+            said = True
+            _log.warning("response: level %g: a joint slips as a whole at %g Hz", level, frequency)
+        if points[-1].failure is not None and points[-1].periods > 0:
+            break  # a search given up, as those of the frequencies that follow would be
+    if not Curve(level, tuple(points)).found:
+        expect(complete=True, failed=frequencies.size)
+        return Curve(level, tuple(points))
+    refined = refined and len(points) >= frequencies.size
     for _ in range(SETTINGS.most_added if refined else 0):
         added = next(_frequencies_to_add(Curve(level, tuple(points))), None)
         if added is None:
@@ -592,6 +635,7 @@ def _search(
         points.append((yield replace(first, frequency=added, start=state)))
         points.sort(key=lambda point: point.frequency)
     failed = sum(point.failure is not None for point in points)
+    failed += max(0, frequencies.size - len(points))
     expect(complete=True, failed=failed)
     if finer is None:
         return Curve(level, tuple(points))
@@ -663,7 +707,8 @@ def _steady(
         run = integrate_plan(system, plan, initial=start, progress=progress, correction=correction)
         check_short_of_gross_slip(run)
     except ConvergenceError as error:
-        return _without_vibration(system, frequency, str(error))
+        return _without_vibration(system, frequency, error)
+    slip = system.slid(run.friction_work)
     vibration, harmonics = run.vibration, _harmonics(run.point_u[:-1])
     load = _harmonics(system.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
     return SteadyPoint(
@@ -675,7 +720,8 @@ def _steady(
         friction_energy=float(run.friction_work.sum()),
         input_energy=float(run.input_work.sum()),
         slip=run.slip_peak,
-        share=_slipping_share(system, run),
+        share=float(system.slipping_share(slip, plan.duration)),
+        gross=system.slips_as_a_whole(slip, plan.duration),
         periods=vibration.periods,
         change=vibration.change,
         state=run.final,
@@ -683,8 +729,9 @@ def _steady(
     )
 
 
-def _without_vibration(system: System, frequency: float, why: str) -> SteadyPoint:
+def _without_vibration(system: System, frequency: float, why: ConvergenceError) -> SteadyPoint:
     """Point of a frequency (Hz) without steady vibration."""
+    gross = isinstance(why, GrossSlipError)
     nothing = np.full(len(system.points), np.nan)
     return SteadyPoint(
         frequency=frequency,
@@ -696,18 +743,11 @@ def _without_vibration(system: System, frequency: float, why: str) -> SteadyPoin
         input_energy=np.nan,
         slip=np.full(system.w.size, np.nan),
         share=np.nan,
-        periods=0,
+        periods=why.periods if isinstance(why, GrossSlipError) else 0,
         change=np.nan,
-        failure=why,
+        failure=str(why),
+        gross=gross,
     )
-
-
-def _slipping_share(system: System, run: Run) -> float:
-    """Share of the friction limits whose points slip; zero without friction."""
-    slips, limit = run.slider_peak, float(system.w.sum())
-    if not limit:
-        return 0.0
-    return float(system.w[slips > THRESHOLD * slips.max(initial=0.0)].sum() / limit)
 
 
 def _harmonics(rows: FloatArray) -> FloatArray:

@@ -37,6 +37,10 @@ from skfem_joint.values import at_least, check
 LEFT_OUT = 2
 #: Spectral radius of the scheme. It adds 5e-6 to the damping ratio with 200 steps in a period.
 RHO_INFINITY = 0.9
+#: Differences of a ring-down from a curve, relative to the largest value, that do not count.
+DIFFERS = {"frequency": 2e-3, "damping_ratio": 0.02}
+#: Share of the energy lost that impacts may take before it is said.
+IMPACTS = 0.01
 #: The share of the cycles, but so many at least, that is followed again with half the step.
 AGAIN, FEWEST_AGAIN = 0.25, 3 * LEFT_OUT
 
@@ -78,6 +82,55 @@ class RingDown:
     step_error: dict[str, float]
     impact_work: float = 0.0
     estimated: dict[str, float] = field(default_factory=dict)
+
+    def beside(self, curve: Backbone) -> Backbone:
+        """The curve of the mode, which says where this ring-down differs from it.
+
+        Each cycle is compared with the curve at its amplitude, under the system's own law where the
+        curve has that. Both differ where they are further apart than the errors that both state and
+        `DIFFERS`, all relative to the largest value; the level next to the cycle is marked in
+        ``curve.differs``. Warnings name the largest difference, and what impacts took.
+        """
+        inside = (self.amplitude >= curve.amplitude[0]) & (self.amplitude <= curve.amplitude[-1])
+        at = np.log(self.amplitude[inside])
+        levels, differs, notes = np.log(curve.amplitude), np.zeros(curve.level.size, bool), []
+        own = np.where(
+            np.isnan(curve.own_law_damping), curve.friction_damping, curve.own_law_damping
+        )
+        masing = {"damping_ratio": curve.masing_error or 0.0} | dict(curve.estimated)
+        for name, values in (
+            ("frequency", curve.frequency),
+            ("damping_ratio", own + curve.viscous_damping),
+        ):
+            ours, theirs = np.interp(at, levels, values), getattr(self, name)[inside]
+            stated = masing.get(name, 0.0) + self.step_error.get(name, 0.0)
+            stated += self.estimated.get(name, 0.0) + DIFFERS[name]
+            apart = np.abs(theirs - ours)
+            far = apart > stated * np.abs(theirs).max(initial=0.0)
+            if not far.any():
+                continue
+            nearest = np.abs(at[far, np.newaxis] - levels).argmin(axis=1)
+            differs[nearest] = True
+            worst = int(apart.argmax())
+            notes.append(_compared(curve.mode, name, ours[worst], theirs[worst], stated))
+        lost = float(self.energy[0] - self.energy[-1])
+        if self.impact_work > IMPACTS * lost > 0.0:
+            notes.append(
+                f"Mode {curve.mode}: impacts took {100.0 * self.impact_work / lost:.2g} % of the "
+                "energy that the ring-down lost; the curve, of slow cycles, has none."
+            )
+        return replace(curve, differs=differs, warnings=(*curve.warnings, *notes))
+
+
+def _compared(mode: int, name: str, ours: float, theirs: float, stated: float) -> str:
+    """Sentence about a curve and a ring-down that differ most so, beyond their stated errors."""
+    unit, size = ("Hz", 1.0) if name == "frequency" else ("%", 100.0)
+    return (
+        f"Mode {mode}: the ring-down differs from the curve by more than the errors that both "
+        f"state ({100.0 * stated:.2g} %): at the same amplitude its {name.replace('_', ' ')} is "
+        f"{size * theirs:.4g} {unit} where the curve has {size * ours:.4g} {unit}. The curve takes "
+        "for granted that the mode keeps its shape and moves slowly; the ring-down does not."
+    )
 
 
 def ring_down(

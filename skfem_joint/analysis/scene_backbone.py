@@ -144,7 +144,12 @@ def scene_backbone(
             model.curves.append(own.curve)
             model.errors.append(_distances(own.curve, curve))
             if table.ring_down:
-                model.ring_downs.append(_ring_down(name, scene, own, progress, rows))
+                rung = _ring_down(name, scene, own, progress, rows)
+                model.ring_downs.append(rung)
+                model.curves[-1] = rung.beside(own.curve)
+                notes = model.curves[-1].warnings[len(own.curve.warnings) :]
+                mode = f"Mode {curve.mode}"
+                warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
                 warnings += _doubts(model, curve.mode)
         models.append(model)
     return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal)

@@ -194,7 +194,10 @@ def scene_response(
         errors = _PeakErrors(model, scene, executor, workers, rows)
         curves = _curves(model, scene, table, frequencies, errors, progress, rows)
         wall, compiled = watch.read()
+        of_levels = [note for curve in curves for note in _whole_slip(model.name, curve)]
+        curves = [curve for curve in curves if curve.found]
         estimates, notes = _checked(model, scene, curves, errors, progress)
+        notes = of_levels + notes
         times = offline, wall + rows.earlier_s - earlier, compilation + compiled
         models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
     of_models = [note for model in models for note in model.notes]
@@ -298,7 +301,7 @@ def _curves(
         beside=SideBySide(
             errors.executor,
             errors.workers,
-            lambda number, curve: errors.begin(levels[number], curve),
+            lambda number, curve: errors.begin(levels[number], curve) if curve.found else None,
         ),
         progress=partial(progress, f"{model.name} model"),
         rows=rows,
@@ -349,6 +352,20 @@ def _checked(
         estimates.append(Estimate(parts))
         notes += step_error_notes(model.name, curve, scene.time.steps_per_cycle)
     return estimates, notes
+
+
+def _whole_slip(name: str, curve: Curve) -> list[str]:
+    """Note of where on a curve a joint slips as a whole, and of what is left out for that."""
+    if not curve.gross.size:
+        return []
+    low, high = curve.gross.min(), curve.gross.max()
+    where = f"{low:.6g} Hz" if low == high else f"{low:.6g} to {high:.6g} Hz"
+    note = f"The {name} model at level {curve.level:g}: a joint slips as a whole at {where}"
+    given_up = [p.failure for p in curve.points if p.failure is not None and p.periods > 0]
+    if given_up:
+        what = "the curve ends there" if curve.found else "the level has no curve"
+        note += f"; {what}: {given_up[0]}"
+    return [f"{note}."]
 
 
 def _frequencies_without(name: str, curve: Curve) -> list[str]:

@@ -24,12 +24,13 @@ from skfem_joint.linalg.vectors import (
     combine,
     dot,
     largest_at,
-    mark_reached,
+    largest_product,
     point_norms,
     product,
     raise_to,
     raise_to_norms,
     weighted,
+    weighted_beyond,
 )
 
 
@@ -242,10 +243,22 @@ def _largest_at(places, x):
     return largest
 
 
-@compiled_as(mark_reached)
-def _mark_reached(x, limit):
-    for i in range(x.size):
-        x[i] = 1.0 if x[i] >= limit else 0.0
+@compiled_as(largest_product)
+def _largest_product(places, x, factors):
+    largest = 0.0
+    for i in range(places.size):
+        largest = max(largest, x[places[i]] * factors[i])
+    return largest
+
+
+@compiled_as(weighted_beyond)
+def _weighted_beyond(weights, places, x, least_x, y, factors, least_y, limits, times):
+    total = 0.0
+    for i in range(places.size):
+        k = places[i]
+        if x[k] >= least_x and y[k] * factors[i] > max(least_y, limits[i] * times):
+            total += weights[i]
+    return total
 
 
 # Small dense factors

@@ -65,6 +65,25 @@ def largest_at(places: IntArray, x: FloatArray) -> float:
     return float(x[places].max(initial=0.0))
 
 
-def mark_reached(x: FloatArray, limit: float) -> None:
-    """Replace entries of x by 1 where they reach a limit, by 0 elsewhere."""
-    x[:] = x >= limit
+def largest_product(places: IntArray, x: FloatArray, factors: FloatArray) -> float:
+    """Largest product of the entries of x at some places and ``factors``, not below 0."""
+    return float((x[places] * factors).max(initial=0.0))
+
+
+def weighted_beyond(
+    weights: FloatArray,
+    places: IntArray,
+    x: FloatArray,
+    least_x: float,
+    y: FloatArray,
+    factors: FloatArray,
+    least_y: float,
+    limits: FloatArray,
+    times: float,
+) -> float:
+    """Sum of weights of the places at which x, and y times its factor, are large.
+
+    There x reaches ``least_x``, and y exceeds ``least_y`` and its limit ``times`` a number.
+    """
+    large = y[places] * factors > np.maximum(least_y, limits * times)
+    return float(weights @ (large & (x[places] >= least_x)))

@@ -46,14 +46,14 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         "model", "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
         *(f"displacement_{name}_m" for name in safe_names(points)),
         "slipping_share", "friction_damping_ratio", "own_law_friction_damping_ratio",
-        "viscous_damping_ratio", "state", *(_OPENING if opens else ()),
+        "viscous_damping_ratio", "state", "doubt", *(_OPENING if opens else ()),
         *names,
     ]  # fmt: skip
     rows = [
         [
             model.name, c.mode, c.level[k] / c.slips_at, c.amplitude[k], c.frequency[k],
             c.damping_ratio[k], *c.displacement[k], c.share[k], c.friction_damping[k],
-            c.own_law_damping[k], c.viscous_damping[k], c.state[k],
+            c.own_law_damping[k], c.viscous_damping[k], c.state[k], c.doubts[k],
             *(() if c.offset is None or c.opened is None else (c.offset[k], c.opened[k])),
         ]
         for model in backbone.models
@@ -95,7 +95,7 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
             lines.append(
                 f"{model.name} model, mode {curve.mode}: {f[0]:.6g} to {f[-1]:.6g} Hz (stuck "
                 f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
-                f"{state[0]} to {state[-1]} slip.{_opened(curve)}"
+                f"{state[0]} to {state[-1]} slip.{_opened(curve)}{_doubtful(curve)}"
             )
         if model.name != "full":
             worst = {k: 100.0 * max(e[k] for e in model.errors) for k in model.errors[0]}
@@ -104,10 +104,22 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"{worst['damping_ratio']:.2g} % in damping at most."
             )
     lines += [
-        f"Mode {mode} at its highest level changes the normal force by {change.text}."
+        f"Mode {mode} at its highest level changes the normal force by {change.text}. "
+        f"{change.of_the_mesh}"
         for mode, change in _normal_changes(backbone).items()
     ]
     return lines
+
+
+def _doubtful(curve: Backbone) -> str:
+    """Sentence about the levels of a curve not to rely on, and why; empty if there are none."""
+    doubts = curve.doubts
+    parts = [
+        f"{sum(reason in doubt for doubt in doubts)} of {len(doubts)} levels: {reason}"
+        for reason in ("whole slip", "ring-down differs")
+        if any(reason in doubt for doubt in doubts)
+    ]
+    return f" Not to be relied on: {'; '.join(parts)}." if parts else ""
 
 
 def _opened(curve: Backbone) -> str:
@@ -169,6 +181,7 @@ def _mode(
         work = dict(zip(joints, d.friction_work[-1].tolist(), strict=True))
         content |= {"ring_down_energy_J": d.energy[0], "ring_down_friction_energy_J": work}
         content["ring_down_step_error"] = d.step_error
+        content["ring_down_impact_energy_J"] = d.impact_work
     return content
 
 
@@ -196,7 +209,12 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
                 y, how = factor * getattr(c, name), {"color": colour}
                 panel.semilogx(x, y, _LINES[model.name], label=f"{model.name} model", **how)
                 if gross.any():
-                    panel.plot(x[gross], y[gross], "s", label="gross slip", **how)
+                    label = "gross slip: not to be relied on"
+                    panel.plot(x[gross], y[gross], "s", label=label, **how)
+                if c.differs is not None and c.differs.any():
+                    ring = {"markerfacecolor": "none", "markersize": 9} | how
+                    label = "ring-down differs"
+                    panel.plot(x[c.differs], y[c.differs], "o", label=label, **ring)
                 for d in down:
                     drawn = d.amplitude >= c.amplitude[0]
                     at = d.amplitude[drawn] / scale
@@ -291,6 +309,7 @@ def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]
         "frequencies": len(curve.points),
         "periods": int(curve.column("periods").sum()),
         "largest_step_error": None if np.isnan(error).all() else float(np.nanmax(error)),
+        "slips_as_a_whole_Hz": curve.gross.tolist(),
         "failed_Hz": [p.frequency for p in curve.points if p.failure is not None],
         "estimated_error": estimate
         and {quantity: estimate.of("total", quantity) for quantity in QUANTITIES},

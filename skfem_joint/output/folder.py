@@ -25,7 +25,6 @@ from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.record import clear, writing
 from skfem_joint.output.tables import write_csv
 from skfem_joint.progress import Progress
-from skfem_joint.reduction.active_length import slips
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.recording import Run
 
@@ -212,7 +211,7 @@ def curves(study: Study) -> dict[str, Writer]:
     # The first model: if only a reduced model runs, this is what the run it was made from had.
     model = next(iter(study.models.values()))
     peak = model.slip_peak
-    active = slips(study.structure, system, model.slider_peak(system), study.period)
+    active = system.slipping(model.slider_peak(system), study.period)
     body = study.structure.body
     patches = study.structure.patches if body is not None else ()
     names = safe_names(patch.joint.name for patch in patches)

@@ -26,9 +26,10 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
     Arrays: ``time`` (s), ``load_<number>_<name>`` (N) and, for each model and point,
     ``<model>_<point>_displacement`` (m) and ``<model>_<point>_velocity`` (m/s), for each joint
     ``<model>_<joint>_friction_energy`` (J), dissipated since the start, ``<model>_<joint>_slip``
-    (m), the largest of its points, and ``<model>_<joint>_slipping``, the share of its friction that
-    is at its limit. Of quasi-static runs also the loop of each joint, ``<model>_<joint>_force`` (N)
-    over ``<model>_<joint>_mean_slip`` (m), see `Loops`. Rows are stored times.
+    (m), the largest of its points, and ``<model>_<joint>_slipping``, the share of its friction
+    limit whose points slip, see `Run`. Of quasi-static runs also the loop of each joint,
+    ``<model>_<joint>_force`` (N) over ``<model>_<joint>_mean_slip`` (m), see `Loops`. Rows are
+    stored times.
     """
     longest = max(runs.values(), key=lambda run: run.times.size)
     arrays: dict[str, Any] = {"time": longest.times}

@@ -205,40 +205,15 @@ def measured_lengths(structure: AnyStructure, slip_peak: FloatArray) -> dict[str
     return lengths
 
 
-def slips(
-    structure: AnyStructure, system: System, slip_peak: FloatArray, period: float
-) -> BoolArray:
-    """Contact points that slip rather than creep, shape (m,).
-
-    Their largest slip exceeds a thousandth of the largest in their joint, and the slip that they
-    creep at half of their friction limit in a period. Points that a support holds are none.
-
-    Parameters
-    ----------
-    structure : Structure
-    system : System
-    slip_peak : ndarray, shape (m,)
-        Largest slip of each contact point, m.
-    period : float
-        Period of the load, s.
-    """
-    active = np.zeros(system.w.size, dtype=np.bool_)
-    for patch in structure.patches:
-        points = patch.points[system.rubs[patch.points]]
-        least = THRESHOLD * slip_peak[points].max(initial=0.0)
-        creep = period / system.beta[points]
-        active[points] = slip_peak[points] > np.maximum(least, creep)
-    return active
-
-
 def active_fractions(
     structure: AnyStructure, system: System, slip_peak: FloatArray, period: float
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Share of each joint's contact area, and share of its nodes, that slips.
 
-    Nodes that a support holds do not slip. See `slips` for ``slip_peak`` (m) and ``period`` (s).
+    Nodes that a support holds do not slip. See `System.slipping`, by which a point does, for
+    ``slip_peak`` (m,), m, and ``period`` (s).
     """
-    active = slips(structure, system, slip_peak, period)
+    active = system.slipping(slip_peak, period)
     areas, nodes = {}, {}
     for patch in structure.patches:
         name, slipping = patch.joint.name, active[patch.points]

@@ -24,10 +24,11 @@ from skfem_joint.linalg.vectors import (
     combine,
     dot,
     largest_at,
-    mark_reached,
+    largest_product,
     product,
-    weighted,
+    weighted_beyond,
 )
+from skfem_joint.slips import SLIPPING_SHARE
 
 #: Share of its limit from which on friction counts as having reached it. The regularised law never
 #: reaches it.
@@ -113,19 +114,48 @@ def joint_slips(
     start: IntArray,
     point: IntArray,
     share: FloatArray,
+    sliding: FloatArray,
+    creep: FloatArray,
+    time: float,
+    work: FloatArray,
     slip_size: FloatArray,
     force_size: FloatArray,
     largest: FloatArray,
     slipping: FloatArray,
 ) -> None:
-    """Largest slip of each joint, m, and the share of its friction limit that is reached.
+    """Largest slip of each joint, m, and the share of its friction limit whose points slip now.
 
-    Joint k has the points ``point[start[k]:start[k + 1]]`` with these shares of its limit.
-    ``slip_size`` (m) and the normalised ``force_size``, (m,), are by point; the latter is
-    overwritten.
+    Friction has reached its limit there, and the points slip in the sense of `System.slipping`:
+    they have slid by more than a thousandth of the largest way, and than they creep at half of
+    their limit. Under a law of finite steepness points that creep back after a reversal reach their
+    limit, too, and do not slip.
+
+    Parameters
+    ----------
+    start, point : ndarray of int
+        Joint k has the points ``point[start[k]:start[k + 1]]``.
+    share, sliding, creep : ndarray, shape of ``point``
+        Of these points: share of their joint's limit, quarter of the way they slide by the work of
+        their friction (1/N), and slip velocity at half of their limit (m/s).
+    time : float
+        Time since the start, s.
+    work, slip_size, force_size : ndarray, shape (m,)
+        Work of friction since the start (J), slip (m) and friction over its limit, by point.
+    largest, slipping : ndarray, shape (joints,)
+        Results.
     """
-    mark_reached(force_size, AT_LIMIT)
+    least = SLIPPING_SHARE * largest_product(point, work, sliding)
     for k in range(start.size - 1):
         own = slice(start[k], start[k + 1])
         largest[k] = largest_at(point[own], slip_size)
-        slipping[k] = weighted(share[own], point[own], force_size)
+        slipping[k] = weighted_beyond(
+            share[own],
+            point[own],
+            force_size,
+            AT_LIMIT,
+            work,
+            sliding[own],
+            least,
+            creep[own],
+            time,
+        )

@@ -47,6 +47,10 @@ class Plan:
     quasi_static : bool
         Whether inertia and damping are left out: each step is then a level of the loads, see
         :mod:`skfem_joint.stepping.slow_run`.
+    gross_periods : int, optional
+        Periods in turn in which a joint slips as a whole after which the search for steady
+        vibration is given up; five times as many where it has Newton's method or contact opens. As
+        many as any other search takes if not given.
     """
 
     step: float
@@ -57,6 +61,7 @@ class Plan:
     until: Literal["end", "steady"] = "end"
     exact_at: float | None = None
     quasi_static: bool = False
+    gross_periods: int | None = None
 
     def __post_init__(self) -> None:
         check("step", self.step, POSITIVE)

@@ -206,7 +206,8 @@ class Run:
         Energy that friction has dissipated in each joint up to the row, J.
     joint_slip, joint_slipping : ndarray, shape (rows, joints)
         Largest slip (m) of the points of each joint that carry friction, and share of its friction
-        limit that is reached; no rows unless `Save.slips` was set.
+        limit whose points slip: their friction has reached its limit, and they have slid since the
+        start as `System.slipping` has it; no rows unless `Save.slips` was set.
     amplitudes : ndarray, shape (rows, loads)
         Amplitude of each load, N.
     field_times : ndarray, shape (frames,)
@@ -438,8 +439,10 @@ class Recorder:
     order : tuple of ndarray or slice
         Order of slip rows and of points in the bookkeeping, see `row_order`.
     joints : tuple of ndarray
-        ``start``, ``point``, ``value`` and ``share`` of the points with friction of each joint: its
-        parts in their works, and their shares of its friction limit.
+        ``start``, ``point``, ``value``, ``share``, ``sliding`` and ``creep`` of the points with
+        friction of each joint: its parts in their works, and what `energy.joint_slips` takes.
+    creeps : bool
+        Whether points that stick creep under their law, as time goes on.
     """
 
     system: System
@@ -450,6 +453,7 @@ class Recorder:
     field_rows: int = 0
     halved_steps: int = 0
     dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
+    creeps: bool = True
 
     def __post_init__(self) -> None:
         s, (every, fields_every) = self.system, self.save.strides
@@ -475,7 +479,10 @@ class Recorder:
         start, point, value = compressed_rows(carrying)
         weights = s.point_weights
         share = value * weights[point] / np.repeat(s.J @ weights, np.diff(start))
-        self.joints = start, point, value, share
+        # Points without a limit at rest are taken as if they had that of the others.
+        weights = np.where(weights > 0.0, weights, weights.mean() if weights.any() else 1.0)[point]
+        creep = self.creeps / s.beta[point]
+        self.joints = start, point, value, share, 0.25 / weights, creep
         self.input_work, self.impact_work = np.zeros(len(s.loads)), np.zeros(1)
         self.friction_work, self.slip_peak = np.zeros((2, m))
         self.peak, self.run_peak = np.zeros((2, p))
@@ -517,12 +524,15 @@ class Recorder:
             stored.point_u[k], stored.point_v[k] = system.P @ state.u, system.P @ state.v
             stored.joint_work[k] = system.J @ self.friction_work
             if self.save.slips:
-                start, point, _, share = self.joints
+                start, point, _, share, sliding, creep = self.joints
                 if limits is not None:
                     share = self._shares(limits)
+                time, work = step * self.h, self.friction_work
                 sizes = system.slip_norm(system.B @ state.u), system.slip_norm(state.sigma)
                 results = stored.joint_slip[k], stored.joint_slipping[k]
-                energy.joint_slips(start, point, share, *sizes, *results)
+                energy.joint_slips(
+                    start, point, share, sliding, creep, time, work, *sizes, *results
+                )
             self.rows += 1
         if self.save.fields and step % fields_every == 0:
             k = self.field_rows
@@ -534,7 +544,7 @@ class Recorder:
 
     def _shares(self, limits: FloatArray) -> FloatArray:
         """Shares of the points with friction in the present limit of their joints; 0 without."""
-        start, point, value, _ = self.joints
+        start, point, value = self.joints[:3]
         whole = np.repeat(self.system.J @ limits, np.diff(start))
         own: FloatArray = value * limits[point]
         shares: FloatArray = np.divide(own, whole, out=np.zeros_like(own), where=whole > 0.0)

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.linalg import lstsq, lu_factor, lu_solve
 
 from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import GrossSlipError
 from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import SETTINGS, Driver
 from skfem_joint.stepping.opening_steady import MAY_DEPEND, marched_state, opening_norm
@@ -63,6 +64,10 @@ class ShootingSettings:
 
 
 NEWTON = ShootingSettings()
+#: What is said while a joint slips as a whole.
+GROSS = "a joint slips as a whole"
+#: Factor of `Plan.gross_periods` where the search has Newton's method, or contact opens.
+PATIENT = 5
 
 
 class Start(NamedTuple):
@@ -121,6 +126,8 @@ class Shooting:
     ----------
     changes : list of float
         Change over each passage so far, relative.
+    gross : int
+        Passages in turn, up to the last one, in which a joint slipped as a whole.
     """
 
     def __init__(
@@ -147,7 +154,7 @@ class Shooting:
         self.patience: int | None = None
         if self.trapezoidal and equal and small:
             self.patience = NEWTON.chain if driver.to.kind == "chain" else 0
-        self.passed = 0
+        self.passed = self.gross = 0
 
     def coordinates(self, state: State) -> FloatArray:
         """State as a row of numbers."""
@@ -202,8 +209,30 @@ class Shooting:
         self.passed += 1
         recorder = self.driver.recorder
         work = float(np.abs(recorder.input_work).sum())
+        self._look_for_gross_slip()
         end = self.sign * self.coordinates(self.driver.stepper.now)
         return Passage(end, energy, work, float(recorder.friction_work.sum()))
+
+    def _look_for_gross_slip(self) -> None:
+        """Count the passages in turn in which a joint slips as a whole.
+
+        GrossSlipError where there have been as many as the plan allows.
+        """
+        plan, recorder = self.driver.plan, self.driver.recorder
+        system = self.driver.system
+        slip = self.parts * system.slid(recorder.friction_work)
+        self.gross = self.gross + 1 if system.slips_as_a_whole(slip, plan.duration) else 0
+        most = plan.gross_periods
+        if most is None:
+            return
+        patient = 1 if self.patience is None and not self.opens else PATIENT
+        if self.gross >= self.parts * most * patient:
+            raise GrossSlipError(
+                f"{GROSS} for {most * patient} periods in turn, and the vibration is not steady "
+                "yet; lower the level, or follow a single frequency: integrate with "
+                "until = 'steady' goes on searching, with cycles it gives the transient",
+                most * patient,
+            )
 
     def through(self, start: Start, save: Save, parts: int) -> float:
         """Go through a period, or one of two ``parts`` of it, from ``start``.
@@ -271,7 +300,8 @@ def steady_run(
     def show() -> None:
         if progress is not None:
             gone = len(changes) / shooting.parts + driver.done / driver.n_steps
-            progress(int(gone), 0, note_of(gone, changes))
+            whole = f"; {GROSS}" if shooting.gross else ""
+            progress(int(gone), 0, note_of(gone, changes) + whole)
 
     shooting, first = Shooting(driver, show, correction), stepper.now.u.copy()
     place, begun = Place.of(system), shooting.coordinates(stepper.now)

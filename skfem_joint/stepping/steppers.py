@@ -321,8 +321,8 @@ class CompiledStepper(Stepper):
         rows, m = own.limits.size, s.n if kind == "chain" else s.w.size
         self.workspace = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
         self.first_call = own.steps_per_second
-        start, point, value, share = self.recorder.joints
-        joints = start, own.places.point[point], value, share
+        start, point, value, share, sliding, creep = self.recorder.joints
+        joints = start, own.places.point[point], value, share, sliding, creep
         places = own.places.row, own.places.point
         stretch = self.placed(s.spring_stretch) if s.has_springs else np.zeros(0)
         self.loop_system = LoopSystem(M, C, K, loads, observed, joints, *places, stretch)

@@ -120,7 +120,7 @@ def time_loop(
     u, v, a, d, sigma = state
     load_start, load_column, load_value = loads
     input_work, dissipated, friction_work, peak, slip_peaks = sums
-    joint_start, joint_point, joint_value, joint_share = joints
+    joint_start, joint_point, joint_value, joint_share, joint_sliding, joint_creep = joints
     stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v = stored[:6]
     by_joint, joint_slip, joint_slipping = stored[6:]
     right, image, y, change, v_mean, v_change, slip_change, slip_now = loop[:8]
@@ -206,8 +206,9 @@ def time_loop(
                 point_norms(slip, slip_size)
                 point_norms(sigma, force_size)
                 _joint_slips(
-                    joint_start, joint_point, joint_share, slip_size, force_size,
-                    joint_slip[rows], joint_slipping[rows],
+                    joint_start, joint_point, joint_share, joint_sliding, joint_creep,
+                    (first_step + step) * c.h, work, slip_size, force_size, joint_slip[rows],
+                    joint_slipping[rows],
                 )  # fmt: skip
             rows += 1
         if stored_u.shape[0] > 0 and (first_step + step) % strides[1] == 0:

@@ -97,9 +97,58 @@ def test_a_joint_beyond_its_limit_slips_as_a_whole():
     assert found.state[-1] == "gross"
     assert found.share[-1] == pytest.approx(1.0)
     assert found.state[0] == "partial"
+    assert found.doubts == ("", "", "", "whole slip")
+    assert any("from the level 1.3 of gross slip on a joint slips" in w for w in found.warnings)
+    (below,) = backbone(bar(), levels=4, up_to=0.9)
+    assert not any(below.doubts)
+    assert not any("slips as a whole" in text for text in below.warnings)
     # Displacement of the end and modal amplitude belong together.
     modal = np.abs(found.amplitude[:1] * found.shape[-1])
     assert found.displacement[0] == pytest.approx(modal, rel=0.05)
+
+
+def test_a_curve_says_where_a_ring_down_differs_from_it():
+    """Higher modes of a uniform bar take part: its damping is larger; with little friction not."""
+    (found,) = backbone(bar(), levels=8, up_to=0.5)
+    rung = sj.ring_down(bar(), found, 20)
+    marked = rung.beside(found)
+    k = int(marked.differs.argmax())
+    assert found.doubts == ("",) * 8
+    assert marked.doubts[k] == "ring-down differs"
+    (said,) = set(marked.warnings) - set(found.warnings) - {w for w in marked.warnings if "Hz" in w}
+    near = int(np.abs(rung.amplitude - found.amplitude[k]).argmin())
+    assert rung.damping_ratio[near] > 1.2 * found.damping_ratio[k]
+    assert "damping ratio" in said
+    (stuck,) = backbone(bar(damping=1e-6), levels=4, up_to=1e-3)  # viscous damping alone
+    same = sj.ring_down(bar(damping=1e-6), stuck, 20).beside(stuck)
+    assert not same.differs.any()
+    assert same.warnings == stuck.warnings
+
+
+def slider(limit: float = 1.0) -> sj.System:
+    """Two masses of 1 kg on springs of 1 N/m, one of which drags a slider of ``limit`` N."""
+    K = sparse.csr_array([[2.0, -1.0], [-1.0, 1.0]])
+    one = sparse.csr_array([[1.0, 0.0]])
+    return sj.System(sparse.eye_array(2, format="csr"), None, K, one, np.array([limit]), np.inf)
+
+
+def test_a_joint_of_one_slider_says_that_the_default_range_saw_no_slip():
+    (found,) = backbone(slider(), levels=4)
+    assert not found.share.any()
+    assert any("nothing slips up to the highest level, 0.7 of gross slip" in w and "up_to above"
+               in w for w in found.warnings)  # fmt: skip
+    (beyond,) = backbone(slider(), levels=4, up_to=1.5)
+    assert beyond.state == ("stick", "stick", "stick", "gross")
+    assert beyond.friction_damping[-1] > 0.0
+    assert not any("nothing slips" in text for text in beyond.warnings)
+
+
+def test_levels_that_are_given_are_named_as_such():
+    """Not as shares of a level of 1 m/s² kg^1/2."""
+    (found,) = backbone(slider(), levels=[0.1, 0.2])
+    assert any("highest level, 0.2 m/s² kg^1/2" in text for text in found.warnings)
+    with pytest.raises(sj.InputError, match=r"first level already, 1000 m/s² kg\^1/2; give lower"):
+        backbone(slider(), levels=[1e3])
 
 
 @pytest.mark.parametrize("bolted", [False, True])

@@ -43,6 +43,7 @@ def test_a_mass_on_a_preloaded_spring_has_the_secant_of_two_stiffnesses():
     assert curve.frequency == pytest.approx(np.sqrt(2.0 * F / (up + down)) / (2 * np.pi))
     assert np.abs(curve.offset) == pytest.approx(0.5 * (down - up), abs=1e-12)
     assert np.array_equal(curve.opened, lifts < F)
+    assert any("what impacts take" in text for text in curve.warnings)
     assert np.all(curve.friction_damping == 0.0)
     assert max(curve.estimated.values()) < 1e-6
 

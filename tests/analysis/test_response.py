@@ -15,10 +15,11 @@ from stepping_systems import arm
 import skfem_joint as sj
 from skfem_joint.analysis import response as module
 from skfem_joint.analysis.linear_response import linear_response
-from skfem_joint.analysis.response import at_frequency
+from skfem_joint.analysis.response import at_frequency, steady_plan
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_response import scene_response
 from skfem_joint.mesh import build_bar
+from skfem_joint.stepping.integrate import integrate_plan
 
 
 def bar(tip: float = 0.0) -> sj.System:
@@ -120,6 +121,29 @@ def test_a_frequency_without_steady_vibration_is_no_point(monkeypatch):
     assert np.isnan(point.amplitude).all()
     with pytest.raises(sj.ConvergenceError, match="at every frequency"):
         sj.response(bar(), np.array([2000.0, 2100.0]))
+
+
+def test_a_search_is_given_up_where_a_joint_slips_as_a_whole_for_so_many_periods(caplog):
+    """At resonance with 0.2 % damping: 1.5 times the joint's limit moves all of it."""
+    system = at_frequency(bar(), 1900.0, 1.5 * float(bar().w.sum()))
+    plan = steady_plan(system, 100)
+    assert plan.gross_periods is not None
+    run = integrate_plan(system, plan)  # its Newton's method needs fewer periods
+    assert run.vibration.periods > 5
+    assert system.slips_as_a_whole(system.slid(run.friction_work), plan.duration)
+    notes = []
+    with pytest.raises(sj.ConvergenceError, match="slips as a whole for 5 periods in turn"):
+        integrate_plan(
+            system,
+            replace(plan, gross_periods=1),
+            progress=lambda *what: notes.append(what[-1]),
+        )
+    assert "a joint slips as a whole" in notes[-1]
+    levels = 0.1 * float(system.w.sum()), 1.5 * float(system.w.sum())
+    low, high = sj.response(bar(), np.array([1900.0]), levels, refined=False, estimated=False)
+    assert low.gross.size == 0
+    assert high.gross == pytest.approx([1900.0])
+    assert "a joint slips as a whole at 1900 Hz" in caplog.text
 
 
 @pytest.mark.parametrize(

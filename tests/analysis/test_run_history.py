@@ -18,6 +18,7 @@ from skfem_joint.analysis.history import (
     slip_state,
     steady_state,
 )
+from skfem_joint.analysis.response import steady_point
 from skfem_joint.stepping.recording import Run
 
 STEPS = 200
@@ -135,3 +136,64 @@ def test_steady_state_is_reached_in_the_third_cycle_not_in_the_second():
     state = steady_state(harmonic_run(linear(0.0), cycles=2))
     assert state.reached
     assert state.energy_change == state.peak_change == 0.0
+
+
+@pytest.mark.parametrize("beta", [np.inf, 1e6, 1e5])
+def test_what_slips_is_one_length_in_all_results_that_of_a_bar_under_even_pressure(beta):
+    """A slow load F slips over F / tau. Laws of finite steepness let points beyond it creep."""
+    tau, length, elements = 1.75e6, 0.2, 100  # N/m, m
+    joint = sj.Joint("joint", pressure=50e6, friction=0.7, beta=beta)
+    structure = sj.Structure(
+        sj.build_bar([("arm", 0.1, 10), ("joint", length, elements)], {"end": 0.0}),
+        sj.Material(E=200e9, density=8000.0),
+        width=0.05,
+        thickness=0.01,
+        joints=[joint],
+        stiffness_damping=1e-6,
+    )
+    force = 0.3 * tau * length
+    system = structure.system([sj.Load("end", sj.Harmonic(force, 100.0))], points=["end"])
+    run = sj.integrate(system, cycles=2, steps_per_cycle=200, save=sj.Save(slips=True))
+    (curve,) = sj.response(system, np.array([100.0]), refined=False, estimated=False)
+    slow = sj.quasi_static(system, cycles=1, steps_per_cycle=100, save=sj.Save(slips=True))
+    (mode,) = sj.backbone(system, levels=1, up_to=0.3)  # of the level at which all of it slips
+    within = 2.0 / elements  # two elements
+    assert sj.active_region(structure, run).point_fraction["joint"] == pytest.approx(
+        0.3, abs=within
+    )
+    assert curve.points[0].share == pytest.approx(0.3, abs=within)
+    assert run.joint_slipping.max() == pytest.approx(0.3, abs=within)
+    assert slow.joint_slipping.max() == pytest.approx(0.3, abs=within)
+    assert mode.share[0] == pytest.approx(0.3, abs=within)
+
+
+def test_a_point_that_came_to_rest_elsewhere_does_not_slip():
+    """A slider of 1 N holds its spring of 1 N/m at 0.5 m under 0.1 N; the share was 1."""
+    one = sparse.csr_array(np.eye(1))
+    parts = sj.Harmonic(0.1, 1.0), sj.Harmonic(0.05, 2.0)  # of odd loads vibrations are centred
+    load = sj.AppliedLoad(np.ones(1), sj.MultiHarmonic(parts))
+    system = sj.System(
+        one, 0.1 * one, one, one, np.ones(1), np.array([np.inf]), (load,), P=one, points=("mass",)
+    )
+    still = steady_point(system, 1.0, start=(np.array([0.5]), np.zeros(1)))
+    assert still.slip == pytest.approx([0.5])
+    assert still.friction_energy == 0.0
+    assert still.share == 0.0
+    slides = steady_point(system, 1.0, 100.0, start=(np.array([0.5]), np.zeros(1)))
+    assert slides.share == 1.0
+
+
+def test_a_point_that_slips_by_less_than_a_thousandth_of_another_does_not_count():
+    """Two masses on springs of 1 N/m, each on a slider of 1 N: slow loads slip by F - 1 N."""
+    force = 4.0
+    for other, share in ((1.0 + 0.5e-3 * (force - 1.0), 0.5), (1.0 + 2e-3 * (force - 1.0), 1.0)):
+        loads = tuple(
+            sj.AppliedLoad(np.eye(2)[k], sj.Harmonic(f, 1.0)) for k, f in enumerate((force, other))
+        )
+        one = sparse.csr_array(np.eye(2))
+        w = np.ones(2)
+        system = sj.System(one, None, one, one, w, np.full(2, np.inf), loads)
+        run = sj.quasi_static(system, cycles=1, steps_per_cycle=4000, save=sj.Save(slips=True))
+        assert run.slip_peak == pytest.approx([force - 1.0, other - 1.0], rel=1e-6)
+        assert run.joint_slipping.max() == pytest.approx(share)
+        np.testing.assert_array_equal(system.slipping(run.slip_peak), [True, share == 1.0])

@@ -175,6 +175,10 @@ def test_a_response_says_where_a_joint_slips_as_a_whole_and_what_is_outside(mode
     assert curve.points[0].failure is None
     with pytest.raises(sj.ConvergenceError, match="a joint slips as a whole"):
         sj.response(whole, np.array([1500.0]), [10.0], refined=False, steps_per_cycle=50)
+    both = sj.response(whole, np.array([1500.0]), [10.0, 1.0], refined=False, steps_per_cycle=50)
+    assert [curve.found for curve in both] == [False, True]  # the first costs no other level
+    assert both[0].gross == pytest.approx([1500.0])
+    assert both[1].peak == pytest.approx(curve.peak)
     with pytest.raises(sj.InputError, match="found frequency 2600 Hz, outside the range"):
         sj.response(whole, np.array([1500.0, 2600.0]))
     with pytest.raises(sj.InputError, match="found a point of a range"):

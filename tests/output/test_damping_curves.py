@@ -1,15 +1,18 @@
 """Pictures of damping curves."""
 
+import csv
+from typing import Any
+
 import numpy as np
 import pytest
 
 from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.mesh import build_plate
-from skfem_joint.output.damping import backbone_figure, write_backbone
+from skfem_joint.output.damping import backbone_figure, backbone_lines, write_backbone
 from skfem_joint.scene import Scene, scene_from
 
 
-def cantilever() -> Scene:
+def cantilever(**backbone: Any) -> Scene:
     """Plate on a base near its held end, pulled along it; its first mode bends it across."""
     mesh = build_plate([("joint", 0.1, 10), ("rest", 0.3, 10)], 0.05, 4)
     tables = {
@@ -22,7 +25,7 @@ def cantilever() -> Scene:
                   "direction": [1.0, 0.0]}],
         "time": {"cycles": 1},
         "models": {"run": ["full"]},
-        "backbone": {"modes": [1], "levels": 5, "up_to": 0.5},
+        "backbone": {"modes": [1], "levels": 5, "up_to": 0.5} | backbone,
     }  # fmt: skip
     return scene_from(tables, mesh)
 
@@ -50,3 +53,22 @@ def test_a_mode_across_the_load_is_drawn_over_where_it_moves_most(tmp_path):
     without = backbone_figure(found.models)
     assert without.axes[0].get_xlabel() == "modal amplitude, m·√kg"
     np.testing.assert_array_equal(without.axes[0].get_lines()[0].get_xdata(), curve.amplitude)
+
+
+def test_what_not_to_rely_on_is_said_in_table_print_and_picture(tmp_path):
+    """A ring-down beside a curve into gross slip, which has the shape of stuck joints."""
+    scene = cantilever(up_to=1.3, ring_down=12)
+    found = scene_backbone(scene)
+    (curve,) = found.models[0].curves
+    write_backbone(tmp_path, found)
+    with (tmp_path / "backbone.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["doubt"] for row in rows] == list(curve.doubts)
+    assert rows[-1]["doubt"].startswith("whole slip")
+    assert curve.differs.any()
+    line, *_ = backbone_lines(found)
+    assert "Not to be relied on: 1 of 5 levels: whole slip;" in line
+    assert any("slips as a whole" in text for text in found.warnings)
+    assert any("the ring-down differs" in text for text in found.warnings)
+    labels = backbone_figure(found.models).axes[0].get_legend_handles_labels()[1]
+    assert {"gross slip: not to be relied on", "ring-down differs"} <= set(labels)

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from benchmarks.ranges import bar
+from opening_blocks import opening_system
 
 import skfem_joint as sj
 from skfem_joint.analysis.history import compare
+from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.ranges.points import sticking
 from skfem_joint.reduction.ranges.stuck import StuckVibration
 from skfem_joint.reduction.ranges.training import spread
@@ -88,6 +90,57 @@ def test_a_saved_model_serves_and_states_errors_to_the_same_bits(small, tmp_path
 def test_a_point_outside_the_range_is_refused(small, where, words):
     with pytest.raises(sj.InputError, match=words):
         sj.at(small, **where)
+
+
+@pytest.fixture(scope="module")
+def sharing():
+    """Two joints beside each other, which share the nodes between them: 3,000 N each."""
+    mesh = sj.build_plate(
+        [("a", 0.05, 5), ("b", 0.05, 5), ("arm", 0.1, 5)], 0.04, 4,
+        boundaries={"end": "right", "held": "left"},
+    )  # fmt: skip
+    structure = sj.Structure(
+        mesh,
+        sj.Material(E=200e9, density=8000, poisson=0.3),
+        thickness=0.005,
+        fixed=["held"],
+        damping_ratio=0.01,
+        joints=[sj.Joint("a", 5e6, 0.3), sj.Joint("b", 5e6, 0.3)],
+    )
+    return structure.system([sj.Load("end", sj.Harmonic(3e3, 500.0), direction=(1, 0))])
+
+
+def test_the_design_point_of_joints_that_share_nodes_is_the_full_system(sharing):
+    """Held nodes carry 300 of 6,000 N; a point was multiplied once for each of its joints."""
+    there = sj.at(sharing, frequency=500.0, level=1.0)
+    assert sharing.w.sum() == pytest.approx(5700.0, rel=1e-12)
+    np.testing.assert_allclose(there.w, sharing.w, rtol=1e-14)
+    np.testing.assert_allclose(there.J.toarray(), sharing.J.toarray(), rtol=1e-14)
+    ours, theirs = (sj.integrate(s, cycles=2, steps_per_cycle=100) for s in (there, sharing))
+    assert ours.friction_energy == pytest.approx(theirs.friction_energy, rel=1e-9)
+
+
+def test_a_factor_on_a_joint_acts_on_its_share_of_points(sharing):
+    before = sharing.limits_by_joint
+    there = sj.at(sharing, frequency=500.0, level=1.0, limits={"b": 1.7})
+    after = there.limits_by_joint
+    np.testing.assert_allclose(after[0], before[0], rtol=1e-12)
+    np.testing.assert_allclose(after[1], 1.7 * before[1], rtol=1e-12)
+    np.testing.assert_allclose(there.w, after.sum(axis=0), rtol=1e-12)
+    assert np.intersect1d(*sharing.joint_points).size == 5
+    rng = np.random.default_rng(0)
+    reduced = sharing.project(rng.normal(size=(sharing.n, 6)))
+    merged = merged_points(reduced, rng.normal(size=(20, 6)), np.flatnonzero(sharing.w), 9)
+    own = merged.with_factors(np.array([1.0, 1.7])).limits_by_joint.sum(axis=1)
+    assert own == pytest.approx(before.sum(axis=1) * [1.0, 1.7], rel=1e-12)
+
+
+def test_a_factor_acts_on_what_normal_forces_give():
+    system = opening_system(friction=0.5)
+    same = opening_system(friction=0.2).w
+    there = sj.at(system, frequency=500.0, level=1.0, limits={"base": 0.4})
+    np.testing.assert_allclose(there.w, same, rtol=1e-12)
+    np.testing.assert_allclose(there.opening.limits_at_rest, same, rtol=1e-12)
 
 
 @pytest.mark.parametrize("times", [1.15, 1e3])

@@ -10,6 +10,7 @@ from scipy.integrate import quad
 import skfem_joint as sj
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.structure.iwan import sliders_of
 
 F_S, K_T = 4e3, 1.5e7
 CASES = [(0.0, 0.0), (-0.3, 0.1), (-0.5, 1.0), (-0.8, 0.0), (-0.95, 5.0)]
@@ -164,3 +165,26 @@ def test_wrong_numbers_are_refused_by_name(wrong, words):
     values = {"F_S": F_S, "K_T": K_T, "chi": -0.5, "beta": 0.1} | wrong
     with pytest.raises(InputError, match=words):
         sj.iwan([1.0], **values)
+
+
+@pytest.mark.parametrize(
+    ("chi", "near", "far", "first"),
+    [(0.0, 0.26, 1.10, 0.036), (-0.3, 0.09, 1.35, 0.015), (-0.5, 0.05, 1.68, 0.0055),
+     (-0.8, 0.02, 3.35, 0.0006)],
+)  # fmt: skip
+def test_below_the_least_amplitude_energies_err_as_the_docstring_states(chi, near, far, first):
+    """Figures of `iwan` with 100 sliders: near it, far below it, and below the first slider."""
+    closed, least = Closed(chi, 0.0), 0.25
+    stiffness, w = sliders_of(F_S, K_T, chi, 0.0, 100, least)
+
+    def errors(low: float, high: float) -> Any:
+        x = closed.phi_max * least * np.geomspace(low, high, 3000)
+        loss = 4.0 * np.maximum(x[:, np.newaxis] - w / stiffness, 0.0) @ w
+        return loss / closed.loss(x) - 1.0
+
+    assert 0.5 * near < np.abs(errors(0.1, 1.0)).max() <= near
+    assert 0.95 * far < errors(0.5 * first, 0.1).max() <= far
+    assert np.all(errors(0.1 * first, 0.9 * first) == -1.0)
+    slip = closed.phi_max * least * np.geomspace(1e-3, 1.0, 300)
+    force = np.minimum(slip[:, np.newaxis] * stiffness, w).sum(axis=1)
+    assert np.abs(force - closed.force(slip)).max() < 1e-4 * F_S  # the force is right

@@ -17,7 +17,6 @@ from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.reduction.pod import ProperModes
 from skfem_joint.reduction.ranges.points import (
-    least_share,
     placed,
     point_of,
     searched_level,
@@ -203,7 +202,7 @@ class _Maker:
         for place in places[: TRAINING.first]:
             levels.append(factor * pool.nominal(place))
             peak = pool.follow(replace(place, slip=1.0), levels[-1]).slip_peak
-            sticks = least_share(self.system, peak <= THRESHOLD * peak.max())
+            sticks = self.system.least_share(peak <= THRESHOLD * peak.max())
             if sticks > TRAINING.still:
                 factor *= TRAINING.raised
             elif sticks < 0.1 * TRAINING.still:

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skfem_joint.arrays import BoolArray, FloatArray, as_dense
-from skfem_joint.errors import ConvergenceError, InputError, first_of, refuse
+from skfem_joint.arrays import FloatArray
+from skfem_joint.errors import ConvergenceError, GrossSlipError, InputError, first_of, refuse
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
 from skfem_joint.served import Interval, Point, Served
+from skfem_joint.slips import WHOLE_SHARE
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
@@ -39,8 +40,6 @@ class PointSettings:
         Share of the largest slip of a run below which a point counts as sticking. In reduced models
         points that stick move a little: with a hundredth the level was 8 % low to 3 % high beside
         condensed models, where it was a thousandth; with a thousandth here it was half of it.
-    whole : float
-        A joint slips as a whole if points with this share of its friction limit slip.
     near : float
         The level is found to this, relative.
     raised : float
@@ -55,7 +54,6 @@ class PointSettings:
     cycles: int = 4
     steps: int = 50
     still: float = 1e-2
-    whole: float = 0.99
     near: float = 0.03
     raised: float = 1.3
     trials: int = 16
@@ -89,7 +87,8 @@ def at(
         Factor on the loads, in place of ``slip``. Nothing is run to find how much slips there: the
         point's own run shows it, and `estimate` refuses one in which a joint slips as a whole.
     limits : mapping of str to float, optional
-        Factor on the friction limits of joints by name; 1 where not given.
+        Factor on the friction limits of joints by name; 1 where not given. Where joints share
+        contact points it acts on the joint's share of them.
 
     Returns
     -------
@@ -156,9 +155,7 @@ def placed(
         period = common_period(load.amplitude for load in system.loads)
     if period is None or not all(load.amplitude.harmonics for load in system.loads):
         raise InputError("range: all loads must be harmonic, with a common period")
-    of_joints = (as_dense(system.J) > 0.0).astype(float)
-    w = system.w * (factors @ of_joints if factors.size else 1.0)
-    return replace(loaded_at(system, frequency, level, period), w=w)
+    return loaded_at(system, frequency, level, period).with_factors(factors)
 
 
 def loaded_at(system: System, frequency: float, level: float, period: float) -> System:
@@ -232,22 +229,16 @@ def sticking(run: Run) -> float:
     slip = run.slider_peak
     period = common_period(load.amplitude for load in system.loads) or 0.0
     still = slip <= np.maximum(SETTINGS.still * slip.max(initial=0.0), period / system.beta)
-    return least_share(system, still)
+    return system.least_share(still)
 
 
 def check_short_of_gross_slip(run: Run) -> None:
-    """ConvergenceError if a joint slips as a whole in a run of a model for a range."""
-    if run.system.serves is not None and sticking(run) <= 1.0 - SETTINGS.whole:
-        raise ConvergenceError(
+    """GrossSlipError if a joint slips as a whole in a run of a model for a range."""
+    if run.system.serves is not None and sticking(run) <= 1.0 - WHOLE_SHARE:
+        raise GrossSlipError(
             "a joint slips as a whole, which the reduced model for the range does not serve; lower "
             "the level, or give the full system"
         )
-
-
-def least_share(system: System, points: BoolArray) -> float:
-    """Least share of a joint's friction limit that some of the contact points (m,) have."""
-    w = system.w
-    return min(float(w[p][points[p]].sum() / w[p].sum()) for p in system.joint_points)
 
 
 def gross_slip_level(system: System, frequency: float, factors: FloatArray) -> float:
@@ -299,7 +290,7 @@ def found_level(there: Callable[[float], System], guess: float) -> float | None:
         period = common_period(load.amplitude for load in model.loads) or 1.0
         steps = max(settings.steps, int(np.ceil(period / longest_step(model, period) - 1e-9)))
         run = integrate(model, cycles=settings.cycles, steps_per_cycle=steps)
-        if sticking(run) <= 1.0 - settings.whole:
+        if sticking(run) <= 1.0 - WHOLE_SHARE:
             high = level
         else:
             low = level

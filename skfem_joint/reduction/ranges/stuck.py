@@ -82,6 +82,7 @@ class StuckVibration:
             load, M, C, K = self.rows
             row = load[:, number] - (K @ x - omega**2 * (M @ x) + 1j * omega * (C @ x))
             forces += abs(harmonic.amplitude) * system.slip_norm(np.abs(row))
-        shares = (forces[points].sum() / system.w[points].sum() for points in system.joint_points)
-        largest = max(shares, default=0.0)
-        return 1.0 / float(largest) if largest > 0.0 else np.inf
+        limits = system.J @ system.w
+        shares = (system.J @ forces)[limits > 0.0] / limits[limits > 0.0]
+        largest = float(shares.max(initial=0.0))
+        return 1.0 / largest if largest > 0.0 else np.inf
