@@ -27,7 +27,7 @@ from scipy import linalg, sparse
 from skfem_joint.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.errors import InputError
 from skfem_joint.minimise import law
-from skfem_joint.minimise.opening_loops import Limits, Rows, rows_of_tangent
+from skfem_joint.minimise.opening_loops import Gain, Hinges, Rows, rows_of_tangent
 from skfem_joint.minimise.opening_newton import OpeningMinimum, Renewal
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.minimise.touching import Touching
@@ -153,9 +153,10 @@ class OpeningDense:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         touching: Touching | None = None,
+        hinges: Hinges | None = None,
     ) -> OpeningMinimum:
-        """See `OpeningNewton.minimise`; ``touching`` is of no use to a model of few unknowns."""
-        del touching
+        """See `OpeningNewton.minimise`; the last two are of no use to few unknowns."""
+        del touching, hinges
         law_of = self.points.beta if beta is None else np.asarray(beta, dtype=float)
         factors = np.broadcast_to(np.asarray(gain, dtype=float), bound.shape)
         search = _Search(self, g, bound, given, factors, law_of)
@@ -190,8 +191,8 @@ class _Search:
             )
         self.beta = np.where(np.isfinite(beta), beta, 0.0)
         G = self.gain
-        self.limits = Limits(given, G.indptr, G.indices, G.data)
-        self.constant = Limits(given, np.zeros_like(G.indptr), G.indices, G.data)
+        self.change = Gain(G.indptr, G.indices, G.data)
+        self.no_change = Gain(np.zeros_like(G.indptr), G.indices, G.data)
         self.on_rows = problem.points.on_rows
         self.counts = {
             "newton_iterations": 0,
@@ -341,8 +342,8 @@ class _Search:
         own = across[problem.rows.point] + share * s.slip * predicted
         beside = 0.5 * share * (s.slip * predicted[other] + s.slip[other] * predicted)
         beside *= problem.paired
-        limits, left, right = self.limits if coupled else self.constant, problem.left, problem.right
-        count = rows_of_tangent(problem.rows, limits, own, beside, s.sigma, w, s.over, left, right)
+        gain, left, right = self.change if coupled else self.no_change, problem.left, problem.right
+        count = rows_of_tangent(problem.rows, gain, own, beside, s.sigma, w, s.over, left, right)
         return problem.H + left[:count].T @ right[:count], (own, beside)
 
     def _predict(

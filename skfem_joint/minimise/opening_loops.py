@@ -6,7 +6,9 @@ are not subtracted.
 
 A pressure point c may approach by up to ``bound[c]``; there it carries the force p >= 0. With a
 stiffness it carries ``stiffness[c] (z - bound[c])`` beyond the bound. The friction limit of point f
-is what is given plus ``gain`` times the forces of the pressure points around it, and never below 0.
+is what is given plus a function of ``gain`` times the forces of the pressure points around it, see
+`Hinges`, and never below 0. Its friction is that limit times sigma, which follows from its slip,
+and a part along a given bias.
 """
 
 # numba infers the types of compiled functions:
@@ -18,7 +20,7 @@ from math import hypot, inf
 from typing import Any, NamedTuple
 
 from skfem_joint.compiling import compiled, compiled_for, compiled_inside
-from skfem_joint.minimise.law import across, psi, resolvent, sigma, slope
+from skfem_joint.minimise.law import across, resolvent, sigma, slope
 from skfem_joint.minimise.line_search import friction_slope, line_search
 
 
@@ -30,13 +32,36 @@ class Pressing(NamedTuple):
     stiffness: Any
 
 
-class Limits(NamedTuple):
-    """Friction limits from normal forces: w = max(0, given + gain p), gain as compressed rows."""
+class Gain(NamedTuple):
+    """Friction limits by normal forces: a matrix of compressed rows."""
 
-    given: Any
     start: Any
     column: Any
+    value: Any
+
+
+class Hinges(NamedTuple):
+    """How the friction of each point follows x, the gain times the forces of rigid points.
+
+    Its limit is w = given + first x + max(0, x - lower) + beyond max(0, x - upper), all (m,), and
+    its friction w sigma + min(4 w, cap) bias, with the bias of each slip row, (rows,).
+    """
+
+    first: Any
+    lower: Any
+    upper: Any
+    beyond: Any
+    cap: Any
+    bias: Any
+
+
+class Limits(NamedTuple):
+    """Friction limits from normal forces: what is given, the gain, and hinges of rigid points."""
+
+    given: Any
     gain: Any
+    rigid: Any
+    hinges: Any
 
 
 class Rows(NamedTuple):
@@ -53,12 +78,17 @@ class Rows(NamedTuple):
 
 
 class Rubbing(NamedTuple):
-    """Friction points: unknowns (second -1 for one direction), eigenvalue of the block, law."""
+    """Friction points: unknowns (second -1 for one direction), eigenvalue of the block, law.
+
+    ``cap`` and ``bias``, by unknown, are those of `Hinges`.
+    """
 
     first: Any
     second: Any
     stiff: Any
     beta: Any
+    cap: Any
+    bias: Any
 
 
 @compiled_inside
@@ -96,12 +126,27 @@ def normal_forces(pressing, z, r, p):
 
 
 @compiled
-def friction_limits(limits, p, w):
-    """Friction limits under the normal forces ``p``, N."""
+def friction_limits(limits, p, w, slopes):
+    """Friction limits under the normal forces ``p``, N, and derivatives by x, see `Hinges`."""
+    gain = limits.gain
+    hinges = limits.hinges
     for f in range(w.size):
         total = limits.given[f]
-        for k in range(limits.start[f], limits.start[f + 1]):
-            total += limits.gain[k] * p[limits.column[k]]
+        x = 0.0
+        for k in range(gain.start[f], gain.start[f + 1]):
+            c = gain.column[k]
+            if limits.rigid[c]:
+                x += gain.value[k] * p[c]
+            else:
+                total += gain.value[k] * p[c]
+        slopes[f] = hinges.first[f]
+        total += slopes[f] * x
+        if x > hinges.lower[f]:
+            slopes[f] += 1.0
+            total += x - hinges.lower[f]
+        if x > hinges.upper[f]:
+            slopes[f] += hinges.beyond[f]
+            total += hinges.beyond[f] * (x - hinges.upper[f])
         w[f] = max(total, 0.0)
 
 
@@ -138,8 +183,9 @@ def relax_slips(A, rubbing, w, z, r, backward):
         stiff = rubbing.stiff[f]
         before = z[i]
         beside = z[j] if j >= 0 else 0.0
-        x = r[i] + stiff * before
-        y = r[j] + stiff * beside if j >= 0 else 0.0
+        given = min(4.0 * w[f], rubbing.cap[f])
+        x = r[i] - given * rubbing.bias[i] + stiff * before
+        y = r[j] - given * rubbing.bias[j] + stiff * beside if j >= 0 else 0.0
         size = hypot(x, y)
         speed = size / stiff
         if w[f] > 0.0:
@@ -166,8 +212,8 @@ def _speed(rubbing, f, z):
 def subtract_forces(rubbing, pressing, w, p, z, r, force, held):
     """Subtract the forces of contact from ``r``; returns its largest entry and where it is.
 
-    ``force`` takes the forces by unknown, N, and ``held`` marks the unknowns that cannot move now:
-    of points that stick, and of rigid pressure points that are closed.
+    ``force`` takes them by unknown, N, without friction by a bias, and ``held`` marks the unknowns
+    that cannot move now: of points that stick, and of rigid pressure points that are closed.
     """
     held[:] = False
     force[:] = 0.0
@@ -175,6 +221,10 @@ def subtract_forces(rubbing, pressing, w, p, z, r, force, held):
         speed = _speed(rubbing, f, z)
         i = rubbing.first[f]
         j = rubbing.second[f]
+        given = min(4.0 * w[f], rubbing.cap[f])
+        r[i] -= given * rubbing.bias[i]
+        if j >= 0:
+            r[j] -= given * rubbing.bias[j]
         rests = rubbing.beta[f] == inf and speed == 0.0 and w[f] > 0.0
         size = 0.0
         if rests:
@@ -269,31 +319,20 @@ def _slope_along(line, length):
 
 @compiled
 def length_along(line, linear, quadratic):
-    """Length along the line at which the objective for given limits is nearly least."""
+    """Length along the line at which the objective for given limits is nearly least.
+
+    ``linear`` is its slope at the start without sigma and elastic normal forces, W.
+    """
     slope_0 = linear + friction_slope(line, 0.0)
     return line_search(line, slope_0, linear, quadratic)[0]
 
 
 @compiled
-def contact_potential(rubbing, pressing, w, z):
-    """Potentials of friction with given limits, and of elastic normal contact, W."""
-    total = 0.0
-    for f in range(rubbing.first.size):
-        total += w[f] * psi(_speed(rubbing, f, z), rubbing.beta[f])
-    for c in range(pressing.place.size):
-        kappa = pressing.stiffness[c]
-        if kappa != inf:
-            over = max(z[pressing.place[c]] - pressing.bound[c], 0.0)
-            total += 0.5 * kappa * over * over
-    return total
-
-
-@compiled
-def rows_of_tangent(model, limits, own, beside, sigma, w, over, left, right):
+def rows_of_tangent(model, gain, own, beside, sigma, w, over, left, right):
     """Enter rows L and R of L^T R, which friction and normal contact add to a stiffness.
 
     Of each slip row with friction, ``own`` (rows,) times its slip, ``beside`` (rows,) times the
-    slip of the other row of its point, and where ``limits`` has gains the change of the point's
+    slip of the other row of its point, and where ``gain`` has entries the change of the point's
     limit in the direction ``sigma`` (rows,) of its friction; of each pressure point that is
     ``over`` its bound, its stiffness. Returns how many rows there are.
     """
@@ -307,10 +346,10 @@ def rows_of_tangent(model, limits, own, beside, sigma, w, over, left, right):
         for k in range(n):
             left[count, k] = B[r, k]
             right[count, k] = own[r] * B[r, k] + beside[r] * B[other, k]
-        for e in range(limits.start[f], limits.start[f + 1]):
-            c = limits.column[e]
+        for e in range(gain.start[f], gain.start[f + 1]):
+            c = gain.column[e]
             if over[c] > 0.0:
-                change = sigma[r] * limits.gain[e] * model.stiffness[c]
+                change = sigma[r] * gain.value[e] * model.stiffness[c]
                 for k in range(n):
                     right[count, k] += change * N[c, k]
         count += 1

@@ -3,8 +3,8 @@
     minimise over v:   1/2 v H v - g v + sum_f w_f psi(|B_f v|)   with   N v <= bound
 
 is one convex problem for given friction limits w; the multipliers p >= 0 of the bounds are normal
-forces, and w = given + gain p. That w depends on p is no part of the minimisation (friction is not
-associated): the solution is a fixed point of w -> p -> w.
+forces, and w = given + gain p, or a function of it (`Hinges`). That w depends on p is no part of
+the minimisation (friction is not associated): the solution is a fixed point of w -> p -> w.
 
 All is condensed to the slips t = B v and the mean approaches s = N v of the pressure points. Where
 s are weighted means of several unknowns, as under hats of nodes on elements of second order, the
@@ -40,10 +40,11 @@ from skfem_joint.arrays import BoolArray, FloatArray, as_dense
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.opening_loops import (
     ContactLine,
+    Gain,
+    Hinges,
     Limits,
     Pressing,
     Rubbing,
-    contact_potential,
     friction_limits,
     length_along,
     normal_forces,
@@ -221,6 +222,7 @@ class OpeningNewton:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         touching: Touching | None = None,
+        hinges: Hinges | None = None,
     ) -> OpeningMinimum:
         """Minimise for the right side ``g``, (n,), N.
 
@@ -240,6 +242,8 @@ class OpeningNewton:
             Values of beta in place of those of the points.
         touching : Touching, optional
             Pressure points that touch: others are eliminated. It follows what is found to touch.
+        hinges : Hinges, optional
+            How friction follows the forces of rigid points; as above if not given.
         """
         if not np.isfinite(g).all():
             v, sigma = np.full(g.size, np.nan), np.zeros(self.slips)
@@ -251,8 +255,12 @@ class OpeningNewton:
         scale = max(float(np.abs(right).max()), float(np.abs(g).max()))
         law = self.whole.beta if beta is None else np.asarray(beta, dtype=float)
         gain = np.broadcast_to(np.asarray(gain, dtype=float), bound.shape)
+        if hinges is None:
+            none = np.full(given.size, np.inf)
+            zero = np.zeros(given.size)
+            hinges = Hinges(np.ones(given.size), none, none, zero, none, np.zeros(self.slips))
         solved = self._solution(
-            right, z, _Right(bound, given, gain, law), tolerance, scale, touching
+            right, z, _Right(bound, given, gain, law, hinges), tolerance, scale, touching
         )
         v = self.extend(solved.v, beside)
         limits = self.points.on_rows(solved.w)
@@ -324,11 +332,15 @@ class _Right(NamedTuple):
     limits: FloatArray
     gain: FloatArray
     beta: FloatArray
+    hinges: Hinges
 
     def among(self, part: Part) -> _Right:
         """Of some of the points."""
         c, f = part.pressures, part.frictions
-        return _Right(self.bound[c], self.limits[f], self.gain[c], self.beta[f])
+        bias = self.hinges.bias[part.unknowns[: part.problem.slips]]
+        first, lower, upper, beyond, cap = (x[f] for x in self.hinges[:-1])
+        hinges = Hinges(first, lower, upper, beyond, cap, bias)
+        return _Right(self.bound[c], self.limits[f], self.gain[c], self.beta[f], hinges)
 
 
 def _solved(J: FloatArray, right: FloatArray) -> FloatArray:
@@ -391,16 +403,19 @@ class _Search:
         beta = np.array(given.beta, dtype=float)
         places = np.arange(t, n)
         self.pressing = Pressing(places, np.array(given.bound, dtype=float), problem.stiffness)
-        self.rubbing = Rubbing(problem.first, problem.second, problem.stiff, beta)
+        bias = np.concatenate([given.hinges.bias, np.zeros(places.size)])
+        self.rubbing = Rubbing(
+            problem.first, problem.second, problem.stiff, beta, given.hinges.cap, bias
+        )
         self.gain = G = sparse.csr_array(problem.gain @ sparse.diags_array(given.gain))
         self.limits = Limits(
             np.array(given.limits, dtype=float),
-            G.indptr.astype(np.int64),
-            G.indices.astype(np.int64),
-            G.data,
+            Gain(G.indptr.astype(np.int64), G.indices.astype(np.int64), G.data),
+            np.isinf(problem.stiffness),
+            given.hinges,
         )
         self._row_gain = G[problem.row_point]
-        self.p, self.w = np.zeros(places.size), np.zeros(beta.size)
+        self.p, self.w, self.slopes = np.zeros(places.size), *np.zeros((2, beta.size))
         self.force, self.held = np.zeros(n), np.zeros(n, dtype=np.bool_)
         self.counts = {
             "newton_iterations": 0,
@@ -484,7 +499,7 @@ class _Search:
 
     def _renew(self, z: FloatArray, r: FloatArray) -> None:
         normal_forces(self.pressing, z, r, self.p)
-        friction_limits(self.limits, self.p, self.w)
+        friction_limits(self.limits, self.p, self.w, self.slopes)
 
     def _round_off(self, z: FloatArray) -> float:
         size = float((self.problem.sizes @ np.abs(z)).max()) + float(np.abs(self.right).max())
@@ -536,7 +551,9 @@ class _Search:
         if not coupled:
             along = self.A @ d
             line = ContactLine(self.rubbing, self.pressing, self.w, z, d)
-            length = min(length_along(line, -float(d @ r), float(d @ along)), 1.0)
+            given = np.minimum(4.0 * self.w, self.rubbing.cap)[self.problem.row_point]
+            linear = float(d[:t] @ (given * self.rubbing.bias[:t])) - float(d @ r)
+            length = min(length_along(line, linear, float(d @ along)), 1.0)
         z += length * d
         ahead = np.isclose(z[t:], self.pressing.bound, rtol=1e-14, atol=0.0) & rigid
         z[t:][ahead] = self.pressing.bound[ahead]
@@ -573,12 +590,14 @@ class _Search:
             return right
         weights = sparse.csr_array(self._row_gain[moving])
         lengths = np.diff(weights.indptr)
-        weights.data *= np.repeat(self.force[moving] / limits[moving], lengths)
         weights.data *= closed[weights.indices]
+        sigma = self.force[moving] / limits[moving]
         rigid, rows = np.isinf(problem.stiffness), place[moving]
-        of_rigid = weights
-        if not rigid.all():
-            of_rigid = sparse.csr_array(weights @ sparse.diags_array(rigid.astype(float)))
+        change = sigma * self.slopes[problem.row_point[moving]]
+        below = 4.0 * limits[moving] < self.rubbing.cap[problem.row_point[moving]]
+        change += np.where(below, 4.0 * self.rubbing.bias[moving], 0.0)
+        of_rigid = weights.copy()
+        of_rigid.data = of_rigid.data * np.repeat(change, lengths) * rigid[weights.indices]
         pressing = np.unique(of_rigid.indices)
         of_rigid, of_pressing = of_rigid[:, pressing], self.A.take(t + pressing, axis=0)
         J[rows] -= of_rigid @ of_pressing.take(free, axis=1)
@@ -588,12 +607,8 @@ class _Search:
             right[rows] += of_rigid @ (of_pressing.take(moved, axis=1) @ target[moved])
         if not rigid.all():
             stiffness = np.where(rigid, 0.0, problem.stiffness)
+            weights.data *= np.repeat(sigma, lengths)
             of_soft = (weights @ sparse.diags_array(stiffness)).toarray()
             soft = np.flatnonzero(~rigid & (place[t:-1] >= 0))
             J[np.ix_(rows, place[t + soft])] += of_soft[:, soft]
         return right
-
-    def objective(self, z: FloatArray) -> float:
-        """Value of what is minimised for the present limits, W."""
-        potential = contact_potential(self.rubbing, self.pressing, self.w, z)
-        return float(z @ (0.5 * (self.A @ z) - self.right)) + float(potential)

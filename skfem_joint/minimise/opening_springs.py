@@ -23,6 +23,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.minimise.opening_loops import Hinges
 from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.minimise.touching import Touching
@@ -84,6 +85,7 @@ class OpeningOnSprings:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         touching: Touching | None = None,
+        hinges: Hinges | None = None,
         held: FloatArray | None = None,
     ) -> OpeningMinimum:
         """Minimise for the right side ``g``, see `OpeningNewton.minimise`.
@@ -94,7 +96,9 @@ class OpeningOnSprings:
         q = np.zeros(self.rows.size) if held is None else held[self.rows]
         right = np.concatenate([g - self.B.T @ q, q])
         begin = None if start is None else np.concatenate([start, np.zeros(q.size)])
-        solved = self.problem.minimise(right, bound, given, gain, begin, tolerance, beta, touching)
+        solved = self.problem.minimise(
+            right, bound, given, gain, begin, tolerance, beta, touching, hinges
+        )
         where = solved.where
         if where >= self.n:
             where = int(self.B[[where - self.n]].indices[0])

@@ -17,7 +17,7 @@ of any increment before; contact is elastic there, see :mod:`skfem_joint.minimis
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -199,7 +199,7 @@ class OpeningLevels:
         bound[soft] -= contact.force[soft] / contact.stiffness[soft]
         right = force + contact.N.T @ contact.force - self.K @ u
         steepness = 1.0 / self.creep if self.few else np.inf
-        held = {}
+        held: dict[str, Any] = {}
         if self.to.system.has_springs:
             held["held"] = np.where(self.springs > 0.0, self._friction, 0.0)
         found = self.problem.minimise(

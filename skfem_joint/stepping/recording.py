@@ -592,7 +592,8 @@ class Recorder:
         old: State,
         new: State,
         trapezoidal: bool = False,
-        limits: tuple[FloatArray, FloatArray] | None = None,
+        forces: tuple[FloatArray, FloatArray] | None = None,
+        limits: FloatArray | None = None,
     ) -> None:
         """Add the works and peaks of a step of ``h`` seconds that was done in Python.
 
@@ -604,8 +605,10 @@ class Recorder:
             At both ends; ``sigma`` by slip row of the system.
         trapezoidal : bool
             Whether the scheme itself dissipates nothing.
-        limits : tuple of ndarray, shape (m,), optional
-            Friction limits at both ends, N, where they change.
+        forces : tuple of ndarray, shape (rows,), optional
+            Friction whose mean does the work of the step, N, where limits change.
+        limits : ndarray, shape (m,), optional
+            Friction limits at the end, N, where they change.
         """
         system = self.system
         change, v_change = new.u - old.u, new.v - old.v
@@ -623,18 +626,15 @@ class Recorder:
             work = self.friction_work[points]
             size, before, after = self._limits, old.sigma, new.sigma
             soft = system.spring_stretch
-            if limits is not None:  # forces in place of shares of a constant limit
-                before, after = (
-                    sigma * system.on_rows(w)
-                    for sigma, w in zip((before, after), limits, strict=True)
-                )
+            if forces is not None:  # in place of shares of a constant limit
+                before, after = forces
                 size, soft = np.ones_like(size), system.spring_flexibility
             if system.has_springs:  # the slider slips by what its spring leaves
                 slip_change -= soft * (after - before)
             slip_change = slip_change[rows]
             energy.add_friction_work(size, before[rows], after[rows], slip_change, work)
             self.friction_work[points] = work
-        self.observe(new, None if limits is None else limits[1])
+        self.observe(new, limits)
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that is filled in so far, for a checkpoint."""

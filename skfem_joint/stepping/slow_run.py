@@ -220,10 +220,10 @@ class _SlowDriver:
         """Record the way to a level under amplitudes (loads,), N, which is the last one then."""
         both = self.amplitudes, amplitudes
         old, new = self._state(self.level), self._state(level)
-        limits = None
-        if level.limits is not None and self.level.limits is not None:
-            limits = self.level.limits, level.limits
-        self.recorder.add_step(h, both, old, new, trapezoidal=True, limits=limits)
+        forces = None if level.limits is None else (self.level.friction, level.friction)
+        self.recorder.add_step(
+            h, both, old, new, trapezoidal=True, forces=forces, limits=level.limits
+        )
         if level.normal is not None:
             self._add_normal_work(self.level, level)
         self.level, self.amplitudes = level, amplitudes

@@ -1,11 +1,13 @@
 """Impacts: energy that contact that opens leaves, the force at a wall, bodies thrown on a base."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 import skfem
 from benchmarks.contact import BAR, PASSAGE, WALL_FORCE, hit
+from scipy import optimize, sparse
 
 import skfem_joint as sj
 from skfem_joint.mesh import named
@@ -102,3 +104,105 @@ def test_normal_forces_of_random_impacts_never_do_work(seed):
     assert energy.max() < energy[0] * (1.0 + 1e-10)
     assert run.energy_residual < 1e-9
     assert -contact.gaps(run.u).min() < 1e-4
+
+
+def _point(friction, speed, *, gap=1e-4, pressed=0.0, loads=(), **law):
+    """Mass of 1 kg beside a rigid wall that it slides along: unknowns along, towards the wall."""
+    contact = sj.OpeningContact(
+        N=sparse.csr_array([[0.0, 1.0]]), gap=np.array([gap]), force=np.array([pressed]),
+        gain=sparse.csr_array([[friction]]), stiffness=np.array([np.inf]), area=np.ones(1),
+    )  # fmt: skip
+    one, zero = sparse.csr_array(np.eye(2)), sparse.csr_array((2, 2))
+    system = sj.System(
+        one, zero, zero, sparse.csr_array([[1.0, 0.0]]), contact.limits_at_rest,
+        law.get("beta", np.inf), P=one, points=("along", "across"), opening=contact, loads=loads,
+        stiffness=np.array([law.get("spring", np.inf)]),
+    )  # fmt: skip
+    return system, (np.zeros(2), np.array([speed, 1.0 if gap else 0.0]))
+
+
+def _after_impact(step, rho, *point, **law):
+    system, start = _point(*point, **law)
+    return sj.integrate(
+        system, step=step, n_steps=int(3e-4 / step), initial=start, scheme=generalized_alpha(rho)
+    )
+
+
+@pytest.mark.parametrize("rho", [1.0, 0.5])
+@pytest.mark.parametrize("step", [3.1e-5, 1e-5, 1e-6])
+@pytest.mark.parametrize(("friction", "speed"), [(0.3, 1.0), (0.3, 0.1), (2.0, 1.0)])
+def test_an_oblique_impact_takes_the_share_of_momentum_that_coulomb_says(
+    friction, speed, step, rho
+):
+    """Impulses 1 across, friction along: what is left is max(0, speed - friction)."""
+    run = _after_impact(step, rho, friction, speed)
+    left = max(0.0, speed - friction)
+    assert run.final[1] == pytest.approx([left, 0.0], abs=1e-12)
+    if rho == 1.0:  # schemes that dissipate take a part of the energy as their own
+        assert run.friction_work.sum() == pytest.approx(0.5 * (speed**2 - left**2), rel=1e-12)
+        assert run.impact_work == pytest.approx(0.5, rel=1e-12)
+    assert run.energy_residual < 1e-12
+
+
+@pytest.mark.parametrize("rho", [1.0, 0.5])
+def test_the_arctangent_law_acts_in_an_impact_at_the_velocity_after_it(rho):
+    for speed, beta in ((1.0, 2.0), (0.1, 20.0)):
+
+        def lost(v, speed=speed, beta=beta):
+            return v - speed + 0.3 * 2.0 / np.pi * np.arctan(beta * v)
+
+        for step in (3.1e-5, 3.7e-6):
+            run = _after_impact(step, rho, 0.3, speed, beta=beta)
+            assert run.final[1][0] == pytest.approx(optimize.brentq(lost, 0.0, speed), abs=1e-9)
+
+
+def test_a_spring_in_series_takes_up_no_impulse_unless_it_is_stiffer_than_steps_can_follow():
+    stiff = _after_impact(1e-5, 1.0, 0.3, 1.0, spring=1e12)
+    assert stiff.final[1][0] == pytest.approx(0.7, abs=1e-6)
+    lost = []
+    for step in (4e-6, 2e-6, 1e-6):
+        run = _after_impact(step, 1.0, 0.3, 1.0, spring=1e8)
+        lost.append(1.0 - run.final[1][0])
+        assert run.energy_residual < 1e-11
+    np.testing.assert_allclose(np.divide(lost[:-1], lost[1:]), 4.0, rtol=0.01)
+
+
+@pytest.mark.parametrize("rho", [1.0, 0.8])
+def test_a_plate_that_slides_through_its_impacts_loses_friction_times_what_it_gains(rho):
+    plate, _ = _thrown(np.random.default_rng(3), order=1)
+    friction = 0.4
+    plate = replace(plate, joints=(replace(plate.joints[0], friction=friction, beta=np.inf),))
+    system = plate.system([])
+    T = system.expand(np.eye(system.n)).reshape(system.n, -1).T
+    v = np.tile([5.0, -1.0], len(plate.nodes))
+    start = np.zeros(system.n), np.linalg.lstsq(T, v)[0]
+    along, across = (
+        np.linalg.lstsq(T, np.tile(d, len(plate.nodes)))[0] for d in ([1.0, 0.0], [0.0, 1.0])
+    )
+    errors = []
+    for step in (1e-5, 2e-6):  # an element's wave takes 3e-5 s
+        run = sj.integrate(
+            system, step=step, n_steps=int(4e-4 / step), initial=start,
+            scheme=generalized_alpha(rho),
+        )  # fmt: skip
+        change = system.M @ (run.final[1] - start[1])
+        assert across @ change > 0.5 * abs(across @ (system.M @ start[1]))
+        errors.append(abs(-(along @ change) / (across @ change) / friction - 1.0))
+    assert errors[0] < 0.015
+    assert errors[1] < 0.2 * errors[0]
+
+
+@pytest.mark.parametrize("rho", [1.0, 0.5])
+def test_friction_under_a_smooth_normal_force_is_of_second_order(rho):
+    """Mass that slides under 100 - 60 cos(w t) N: its velocity in closed form."""
+    friction, w, end = 0.3, 200.0, 0.02
+    press = sj.AppliedLoad(np.array([0.0, 1.0]), sj.Harmonic(-60.0, w / (2.0 * np.pi), 0.5 * np.pi))
+    system, start = _point(friction, 5.0, gap=0.0, pressed=100.0, loads=[press])
+    known = 5.0 - friction * (100.0 * end - 60.0 * np.sin(w * end) / w)
+    errors = []
+    for n in (200, 400, 800):
+        run = sj.integrate(
+            system, step=end / n, n_steps=n, initial=start, scheme=generalized_alpha(rho)
+        )
+        errors.append(abs(run.final[1][0] - known))
+    np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)

@@ -102,8 +102,8 @@ def _lifted(up=195e3, across=150e3):
 @pytest.mark.parametrize(
     ("model", "steps", "opens"),
     [
-        (_lifted, 40, True),
-        (lambda: sj.condense(_lifted(200e3, 200e3)), 40, True),
+        (_lifted, 80, True),
+        (lambda: sj.condense(_lifted()), 80, True),
         (lambda: sj.reduce(opening_system(), duration=3.0 / 2000.0), 60, False),
         (lambda: sj.condense(_lifted()).with_beta(100.0), 40, False),
     ],
