@@ -319,6 +319,7 @@ class CompiledStepper(Stepper):
         own = cast("CompiledStepProblem", step_problem(M, self.points, kind))
         self.own = own
         rows, m = own.limits.size, s.n if kind == "chain" else s.w.size
+        self.now = self.now._replace(sigma=self.placed(self.now.sigma))
         self.workspace = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
         self.first_call = own.steps_per_second
         start, point, value, share = self.recorder.joints
