@@ -10,7 +10,7 @@ between models takes a system and returns a system.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -30,7 +30,7 @@ from skfem_joint.arrays import (
 )
 from skfem_joint.errors import InputError, first_of, refuse
 from skfem_joint.linalg.factors import pivots
-from skfem_joint.linalg.shifts import mean_square_frequency, shifted
+from skfem_joint.linalg.shifts import mean_square_frequency
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import RayleighFit, ratio_problems, rayleigh, rayleigh_fit
 from skfem_joint.opening import OpeningContact, constant_contact_alone
@@ -812,16 +812,15 @@ def _unsymmetric(name: str, A: Matrix) -> list[str]:
 def _check_definite(system: System, damped: bool) -> None:
     """Refuse a mass that is not positive definite, and a stiffness or damping that is indefinite.
 
-    The stiffness is shifted a little by the mass, so that it may be singular. The damping is
-    checked only if it is ``damped`` by a matrix of its own.
+    Stiffness and damping may be singular or zero: friction or contact alone may hold a body. The
+    damping is checked only if it is ``damped`` by a matrix of its own.
     """
-    K = shifted(system.K, system.M)
-    checks: Sequence[tuple[str, Matrix, str]] = (
-        ("M", system.M, "is not positive definite: does every unknown have mass?"),
-        ("K", K, "is indefinite: is a sign wrong, or a prestress large?"),
-    )
-    problems = [f"{name}: {why}" for name, A, why in checks if not _is_definite(A)]
-    if damped and not _takes_energy(system.C):
+    problems = []
+    if not _is_definite(system.M):
+        problems.append("M: is not positive definite: does every unknown have mass?")
+    if not _is_semidefinite(system.K):
+        problems.append("K: is indefinite: is a sign wrong, or a prestress large?")
+    if damped and not _is_semidefinite(system.C):
         problems.append(
             "C: is negative somewhere, so that it would create energy: v^T C v must not be below 0 "
             "for any velocity v; is a sign wrong? Negative damping, such as that of flow, "
@@ -830,23 +829,23 @@ def _check_definite(system: System, damped: bool) -> None:
     refuse(problems)
 
 
-def _takes_energy(C: Matrix) -> bool:
+def _is_semidefinite(A: Matrix) -> bool:
     """Whether a symmetric matrix is positive semidefinite, but for round-off.
 
     It is divided by the roots of its diagonal on both sides, so that the units of the unknowns do
     not matter, and 1e-9 of the unit matrix is added before it is factorised. Diagonal entries below
     1e-12 of the largest are round-off.
     """
-    C = sparse.csr_array(C)
-    C.eliminate_zeros()
-    if not C.nnz:
+    A = sparse.csr_array(A)
+    A.eliminate_zeros()
+    if not A.nnz:
         return True
-    diagonal = C.diagonal()
+    diagonal = A.diagonal()
     least = 1e-12 * float(np.abs(diagonal).max())
     if least == 0.0 or diagonal.min() < -least:
         return False
     divided = sparse.diags_array(1.0 / np.sqrt(np.maximum(diagonal, 0.0) + least))
-    return _is_definite(divided @ C @ divided + 1e-9 * sparse.eye_array(C.shape[0]))
+    return _is_definite(divided @ A @ divided + 1e-9 * sparse.eye_array(A.shape[0]))
 
 
 def _is_definite(A: Matrix) -> bool:
