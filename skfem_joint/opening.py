@@ -11,7 +11,8 @@ where ``gap`` and ``force`` are those at rest, u = 0. The equations of motion ge
 
     w = given + gain p,
 
-in which ``given`` belongs to joints whose normal force is constant.
+in which ``given`` belongs to joints whose normal force is constant. A system has the limits at
+rest, given + gain force.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_real
 from skfem_joint.unknowns import selection
 
 
@@ -62,6 +63,10 @@ class OpeningContact:
     gain: Matrix
     stiffness: FloatArray
     area: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("N", "gap", "force", "gain", "stiffness", "area"):
+            object.__setattr__(self, name, as_real(getattr(self, name), f"opening: {name}"))
 
     def problems(self, m: int, n: int) -> list[str]:
         """What is wrong with shapes and values for ``m`` contact points and ``n`` unknowns."""

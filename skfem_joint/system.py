@@ -122,13 +122,15 @@ class System:
         none, at all points if not given.
     opening : OpeningContact, optional
         Contact that opens and closes; friction limits then follow the normal forces, and ``w`` has
-        those at rest. Normal forces are constant if not given.
+        those at rest: ``opening.limits_at_rest``, and what joints of constant normal force add.
+        Normal forces are constant if not given.
 
     Raises
     ------
     InputError
-        For shapes that do not fit, matrices that are complex, not symmetric or not finite,
-        negative limits, and a beta or a stiffness that is not positive.
+        For shapes that do not fit, matrices that are complex, not symmetric or not finite, entries
+        on their diagonals that are negative (or zero, of M), negative limits or ones below those of
+        the normal forces at rest, and a beta or a stiffness that is not positive.
     """
 
     M: Matrix
@@ -190,6 +192,7 @@ class System:
         ]
         if not problems:
             problems = [p for name in square for p in _unsymmetric(name, getattr(self, name))]
+            problems += _negative(self.M, self.C, self.K) if not problems else []
         if np.any(~np.isfinite(self.w)) or np.any(self.w < 0.0):
             problems.append("w: friction limits must be finite and not negative")
         if np.any(~(self.beta > 0.0)):
@@ -197,8 +200,22 @@ class System:
         if np.any(~(self.stiffness > 0.0)):
             problems.append("stiffness: must be positive (inf for no spring)")
         if self.opening is not None:
-            problems += self.opening.problems(m, n)
+            problems += self.opening.problems(m, n) or self._wrong_limits()
         refuse(problems)
+
+    def _wrong_limits(self) -> list[str]:
+        """What is wrong with friction limits beside contact that opens."""
+        at_rest = self.opening.limits_at_rest
+        lacking = at_rest - self.w
+        if not np.any(lacking > 1e-9 * at_rest):
+            return []
+        k = int(lacking.argmax())
+        return [
+            f"w: found {self.w[k]:.6g} N at contact point {k}, must be at least "
+            f"{at_rest[k]:.6g} N, which the normal forces at rest of contact that opens give it "
+            "(gain force): w has the limits at rest; give opening.limits_at_rest, with what joints "
+            "of constant normal force add"
+        ]
 
     def __repr__(self) -> str:
         """A few lines: what it is, its joints, loads and points."""
@@ -809,24 +826,41 @@ def _unsymmetric(name: str, A: Matrix) -> list[str]:
     ]
 
 
+#: What is wrong with matrices that are not definite, or semidefinite.
+_WRONG = {
+    "M": "is not positive definite: does every unknown have mass?",
+    "K": "is indefinite: is a sign wrong, or a prestress large?",
+    "C": "is negative somewhere, so that it would create energy: v^T C v must not be below 0 for "
+    "any velocity v; is a sign wrong? Negative damping, such as that of flow, cannot be computed",
+}
+
+
+def _negative(M: Matrix, C: Matrix, K: Matrix) -> list[str]:
+    """What is wrong with signs on the diagonals of mass, damping and stiffness.
+
+    Entries that are round-off of the largest count as zero.
+    """
+    problems = []
+    for name, A in (("M", M), ("K", K), ("C", C)):
+        diagonal = np.asarray(A.diagonal())
+        k = int(diagonal.argmin()) if diagonal.size else 0
+        if np.any(diagonal < -1e-9 * np.abs(diagonal).max(initial=0.0)):
+            problems.append(f"{name}: {_WRONG[name]}; found {diagonal[k]:.6g} for unknown {k}")
+    return problems
+
+
 def _check_definite(system: System, damped: bool) -> None:
     """Refuse a mass that is not positive definite, and a stiffness or damping that is indefinite.
 
     Stiffness and damping may be singular or zero: friction or contact alone may hold a body. The
     damping is checked only if it is ``damped`` by a matrix of its own.
     """
-    problems = []
-    if not _is_definite(system.M):
-        problems.append("M: is not positive definite: does every unknown have mass?")
-    if not _is_semidefinite(system.K):
-        problems.append("K: is indefinite: is a sign wrong, or a prestress large?")
-    if damped and not _is_semidefinite(system.C):
-        problems.append(
-            "C: is negative somewhere, so that it would create energy: v^T C v must not be below 0 "
-            "for any velocity v; is a sign wrong? Negative damping, such as that of flow, "
-            "cannot be computed"
-        )
-    refuse(problems)
+    wrong = {
+        "M": not _is_definite(system.M),
+        "K": not _is_semidefinite(system.K),
+        "C": damped and not _is_semidefinite(system.C),
+    }
+    refuse(f"{name}: {_WRONG[name]}" for name, is_wrong in wrong.items() if is_wrong)
 
 
 def _is_semidefinite(A: Matrix) -> bool:

@@ -210,3 +210,22 @@ def test_contact_of_which_all_nodes_are_held_across_stays_as_it_is_at_rest():
         joints=structure.joints,
     )  # fmt: skip
     assert structure.system().opening is None
+
+
+def test_limits_below_those_of_the_normal_forces_at_rest_are_refused():
+    """w has the sum of both; without the part of the normal forces it would be another system."""
+    system = block().system(loads())
+    at_rest = system.opening.limits_at_rest
+    assert np.array_equal(system.w, at_rest)
+    for w in (0.0 * at_rest, at_rest * (np.arange(at_rest.size) != 1)):
+        with pytest.raises(InputError, match=r"w: found 0 N at .* opening\.limits_at"):
+            replace(system, w=w)
+    more = replace(system, w=at_rest + 10.0)  # of joints of constant normal force
+    assert more.w.sum() > system.w.sum()
+
+
+@pytest.mark.parametrize("name", ["M", "C", "K"])
+def test_negative_matrices_are_refused(name):
+    system = block().system(loads())
+    with pytest.raises(InputError, match=rf"^{name}: .*; found -.* for unknown \d+$"):
+        replace(system, **{name: -getattr(system, name)})
