@@ -678,7 +678,7 @@ def _steady(
         share=_slipping_share(system, run),
         periods=vibration.periods,
         change=vibration.change,
-        state=run.final,
+        state=(*run.final,),
         course=run.u if system.is_dense else None,
     )
 

@@ -26,6 +26,7 @@ Springs in series with friction keep their force from step to step, which sigma 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, NamedTuple, cast
 
@@ -149,6 +150,8 @@ class OpeningStepper(PythonStepper):
         if not minimum.converged:
             self.failure = FailedStep(minimum.residual, minimum.where)
             return False
+        # Sliding points have the friction of their law, not that of an acceleration besides.
+        minimum = replace(minimum, sigma=np.where(s.on_rows(free), 0.0, minimum.sigma))
         p = np.where(self.rigid, minimum.p, contact.elastic_forces(u))
         self.normal = NormalState(p, p.copy(), p.copy())
         self.limits = np.where(free, self.limits, minimum.w)
