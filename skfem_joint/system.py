@@ -200,12 +200,12 @@ class System:
         if np.any(~(self.stiffness > 0.0)):
             problems.append("stiffness: must be positive (inf for no spring)")
         if self.opening is not None:
-            problems += self.opening.problems(m, n) or self._wrong_limits()
+            problems += self.opening.problems(m, n) or self._wrong_limits(self.opening)
         refuse(problems)
 
-    def _wrong_limits(self) -> list[str]:
+    def _wrong_limits(self, opening: OpeningContact) -> list[str]:
         """What is wrong with friction limits beside contact that opens."""
-        at_rest = self.opening.limits_at_rest
+        at_rest = opening.limits_at_rest
         lacking = at_rest - self.w
         if not np.any(lacking > 1e-9 * at_rest):
             return []

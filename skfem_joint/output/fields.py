@@ -281,7 +281,7 @@ def _open(
     for patch in structure.patches:
         if (face := patch.opening) is None:
             continue
-        part = slice(start, start + np.count_nonzero(face.moves))
+        part = slice(start, start + int(np.count_nonzero(face.moves)))
         start = part.stop
         force, apart = (np.tile(x, (len(gaps), 1)) for x in (face.force, face.gap))
         force[:, face.moves], apart[:, face.moves] = run.normal_force[:, part], gaps[:, part]
