@@ -107,7 +107,7 @@ class Driver:
             self.stepper.set_limits(start[3])
         watch = Stopwatch()
         if ending is not None and self._continues(ending):
-            self.stepper.restore(ending.state)
+            self.stepper.restore(dict(ending.state))
         else:
             self.restart(0.0)
         self.stepper.prepare(self.h)
@@ -116,7 +116,7 @@ class Driver:
 
     def _continues(self, ending: Ending) -> bool:
         """Whether the loads at the start are those at an end, beside the forces there."""
-        system, (u, _, _, d) = self.system, ending.state["state"]
+        system, (u, _, _, d) = self.system, dict(ending.state)["state"]
         force = self.recorder.vectors @ self.loads.at(0.0)[:, 0]
         forces = force, ending.force, system.K @ u, system.M @ d
         largest = max(float(np.abs(f).max(initial=0.0)) for f in forces)
@@ -126,7 +126,7 @@ class Driver:
         """State now, as a further run goes on from it."""
         last = max(self.done - 1, 0)
         amplitudes = self.loads.at(self.h * last, self.h * self.done)[:, -1]
-        return Ending(self.stepper.ending(), self.recorder.vectors @ amplitudes)
+        return Ending(tuple(self.stepper.ending().items()), self.recorder.vectors @ amplitudes)
 
     def begin(self, recorder: Recorder) -> None:
         """Record from the state now on, whose row is stored."""

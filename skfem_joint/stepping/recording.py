@@ -196,13 +196,13 @@ class Ending(NamedTuple):
 
     Attributes
     ----------
-    state : mapping of str to ndarray
-        As the stepper saves it.
+    state : tuple of (str, ndarray)
+        Arrays by name, as the stepper saves them.
     force : ndarray, shape (n,)
         Of the loads at the end, N.
     """
 
-    state: Mapping[str, NDArray[Any]]
+    state: tuple[tuple[str, NDArray[Any]], ...]
     force: FloatArray
 
 
@@ -265,8 +265,6 @@ class Run:
         Friction over its limit at the end.
     final_limits : ndarray, shape (m,)
         Friction limits at the end, N.
-    ending : Ending, optional
-        All that the next step would have started from; None of a quasi-static run.
     counters : Counters
         Work that it took.
     wall_s, preparation_s, compilation_s : float
@@ -293,6 +291,8 @@ class Run:
         Force over displacement of each load and over slip of each joint, of a quasi-static run.
         Its velocities are changes over the last step, its final velocity is zero, and no work is
         kinetic or viscous.
+    ending : Ending, optional
+        All that the next step would have started from; None of a quasi-static run.
     """
 
     system: System
