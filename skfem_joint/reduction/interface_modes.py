@@ -30,7 +30,7 @@ from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.modal_response import modal_response
-from skfem_joint.modes import eigenmodes, lowest_modes
+from skfem_joint.modes import eigenmodes, is_singular, lowest_modes
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
@@ -141,7 +141,9 @@ class RestrictedMotion:
     @cached_property
     def solver(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of K x = f; rigid motions are held a little."""
-        K = shifted(self.K, self.M, shifts.SETTINGS.least)
+        K = self.K
+        if is_singular(K):
+            K = shifted(K, self.M, shifts.SETTINGS.least)
         return cast("Callable[[FloatArray], FloatArray]", factorised(K))
 
     def lowest(
