@@ -16,8 +16,9 @@ import warnings
 import zipfile
 import zlib
 from array import array
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -183,6 +184,45 @@ def check_indices(A: Any) -> None:
         offsets = np.asarray(A.offsets, dtype=np.int64)
         if np.any((offsets <= -rows) | (offsets >= columns)) and offsets.size:
             raise ValueError(f"found a diagonal that a matrix of shape {A.shape} has not")
+
+
+def fingerprint(*parts: Any) -> str:
+    """Hexadecimal digest of numbers, texts, arrays, and dataclasses, mappings and lists of them.
+
+    Raises
+    ------
+    InputError
+        For anything else, such as plain functions of time, which cannot be distinguished.
+    """
+    digest = sha256()
+
+    def add(part: Any) -> None:
+        digest.update(type(part).__name__.encode() + b"\0")
+        if isinstance(part, np.ndarray):
+            digest.update(f"{part.dtype.str}{part.shape}".encode())
+            digest.update(np.ascontiguousarray(part).tobytes())
+        elif sparse.issparse(part):
+            rows = sparse.csr_array(part).sorted_indices()  # which others may sort in place
+            add([part.shape, rows.indptr.astype(np.int64), rows.indices.astype(np.int64)])
+            add(rows.data)
+        elif is_dataclass(part):
+            add({x.name: getattr(part, x.name) for x in fields(part) if x.compare})
+        elif isinstance(part, Mapping):
+            add([len(part), *part.items()])
+        elif isinstance(part, Sequence) and not isinstance(part, str):
+            digest.update(f"{len(part)}".encode())
+            for item in part:
+                add(item)
+        elif part is None or isinstance(part, str | bool | int | float | np.number):
+            digest.update(repr(part).encode() + b"\0")
+        else:
+            raise InputError(
+                f"checkpoint: a {type(part).__name__} cannot be told from another one; give loads "
+                "of skfem_joint.loads instead of plain functions of time, or go without checkpoints"
+            )
+
+    add(parts)
+    return digest.hexdigest()
 
 
 # .npz

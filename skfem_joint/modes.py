@@ -115,14 +115,16 @@ def is_singular(K: Matrix) -> bool:
     return bool(np.min(each) <= SETTINGS.singular * np.max(each))
 
 
-def lowest_modes(K: Matrix, M: Matrix, count: int) -> tuple[FloatArray, FloatArray]:
+def lowest_modes(
+    K: Matrix, M: Matrix, count: int, tolerance: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
     """Lowest natural frequencies (Hz), zero of rigid motions, and mass-orthonormal modes.
 
     The stiffness may be singular, unlike that of `eigenmodes`: a small multiple of the mass is
     added to it, and subtracted from the squares of the frequencies again.
     """
     shift = shifts.SETTINGS.least * mean_square_frequency(K, M)
-    frequency, modes = eigenmodes(K + shift * M, M, count)
+    frequency, modes = eigenmodes(K + shift * M, M, count, tolerance=tolerance)
     return unshifted(frequency, shift), modes
 
 

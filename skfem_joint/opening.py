@@ -11,7 +11,8 @@ where ``gap`` and ``force`` are those at rest, u = 0. The equations of motion ge
 
     w = given + gain p,
 
-in which ``given`` belongs to joints whose normal force is constant.
+in which ``given`` belongs to joints whose normal force is constant. A system has the limits at
+rest, given + gain force.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_real
 from skfem_joint.unknowns import selection
 
 
@@ -62,6 +63,10 @@ class OpeningContact:
     gain: Matrix
     stiffness: FloatArray
     area: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("N", "gap", "force", "gain", "stiffness", "area"):
+            object.__setattr__(self, name, as_real(getattr(self, name), f"opening: {name}"))
 
     def problems(self, m: int, n: int) -> list[str]:
         """What is wrong with shapes and values for ``m`` contact points and ``n`` unknowns."""
@@ -140,6 +145,16 @@ class OpeningContact:
         of_points = np.asarray((N * N) @ compliance)
         own = np.divide(1.0, of_points, out=np.zeros_like(of_points), where=of_points > 0.0)
         return np.asarray(own)
+
+    def among(self, moves: IntArray) -> OpeningContact:
+        """Contact of nodes each of which has its pressure point, without the nodes held.
+
+        ``moves`` are the numbers of the others. ``N`` has a column for each node. The part of the
+        friction limits that comes from the forces at held nodes becomes constant, see the module.
+        """
+        values = {x: getattr(self, x)[moves] for x in ("gap", "force", "stiffness", "area")}
+        N, gain = (sparse.csc_array(A)[:, moves] for A in (self.N, self.gain))
+        return OpeningContact(N=sparse.csr_array(N)[moves], gain=sparse.csr_array(gain), **values)
 
     def in_unknowns(self, T: Matrix) -> OpeningContact:
         """Same contact in the unknowns q of u = T q."""

@@ -34,25 +34,26 @@ class NormalRows:
     pivots : ndarray of int, shape (k,)
         Degree of freedom that each row determines.
     contact : OpeningContact
-        Pressure points; its ``N``, shape (q, k), takes the approaches of the nodes.
+        A pressure point for each node; its ``N``, shape (k, k), takes the approaches of the nodes.
     """
 
     D: Matrix
     pivots: IntArray
     contact: OpeningContact
 
-    def without(self, free: FloatArray, keep: NDArray[np.bool_]) -> NormalRows:
-        """Rows that are left where degrees of freedom (N,) are ``free`` (1) or held (0).
+    def without(self, free: FloatArray, keep: NDArray[np.bool_]) -> NormalRows | None:
+        """Rows that are left where degrees of freedom (N,) are ``free`` (1) or held (0), if any.
 
         ``keep`` (m,) are the contact points that can still slip. Faces approach each other only by
-        what is free; nodes that are held altogether do not.
+        what is free; at nodes that are held altogether normal forces stay as they are at rest.
         """
         D = sparse.csr_array(self.D @ sparse.diags_array(free))
         D.eliminate_zeros()
         moves = np.flatnonzero(np.diff(D.indptr) > 0)
-        N = sparse.csr_array(sparse.csc_array(self.contact.N)[:, moves])
-        gain = sparse.csr_array(sparse.csr_array(self.contact.gain)[np.flatnonzero(keep)])
-        contact = replace(self.contact, N=N, gain=gain)
+        if not moves.size:
+            return None
+        contact = self.contact.among(moves)
+        contact = replace(contact, gain=sparse.csr_array(contact.gain[np.flatnonzero(keep)]))
         return NormalRows(D[moves], self.pivots[moves], contact)
 
 

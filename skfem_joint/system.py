@@ -10,7 +10,7 @@ between models takes a system and returns a system.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -30,7 +30,7 @@ from skfem_joint.arrays import (
 )
 from skfem_joint.errors import InputError, first_of, refuse
 from skfem_joint.linalg.factors import pivots
-from skfem_joint.linalg.shifts import mean_square_frequency, shifted
+from skfem_joint.linalg.shifts import mean_square_frequency
 from skfem_joint.loads import Amplitude, as_amplitude
 from skfem_joint.modes import RayleighFit, ratio_problems, rayleigh, rayleigh_fit
 from skfem_joint.opening import OpeningContact, constant_contact_alone
@@ -122,13 +122,15 @@ class System:
         none, at all points if not given.
     opening : OpeningContact, optional
         Contact that opens and closes; friction limits then follow the normal forces, and ``w`` has
-        those at rest. Normal forces are constant if not given.
+        those at rest: ``opening.limits_at_rest``, and what joints of constant normal force add.
+        Normal forces are constant if not given.
 
     Raises
     ------
     InputError
-        For shapes that do not fit, matrices that are complex, not symmetric or not finite,
-        negative limits, and a beta or a stiffness that is not positive.
+        For shapes that do not fit, matrices that are complex, not symmetric or not finite, entries
+        on their diagonals that are negative (or zero, of M), negative limits or ones below those of
+        the normal forces at rest, and a beta or a stiffness that is not positive.
     """
 
     M: Matrix
@@ -190,6 +192,7 @@ class System:
         ]
         if not problems:
             problems = [p for name in square for p in _unsymmetric(name, getattr(self, name))]
+            problems += _negative(self.M, self.C, self.K) if not problems else []
         if np.any(~np.isfinite(self.w)) or np.any(self.w < 0.0):
             problems.append("w: friction limits must be finite and not negative")
         if np.any(~(self.beta > 0.0)):
@@ -197,8 +200,22 @@ class System:
         if np.any(~(self.stiffness > 0.0)):
             problems.append("stiffness: must be positive (inf for no spring)")
         if self.opening is not None:
-            problems += self.opening.problems(m, n)
+            problems += self.opening.problems(m, n) or self._wrong_limits(self.opening)
         refuse(problems)
+
+    def _wrong_limits(self, opening: OpeningContact) -> list[str]:
+        """What is wrong with friction limits beside contact that opens."""
+        at_rest = opening.limits_at_rest
+        lacking = at_rest - self.w
+        if not np.any(lacking > 1e-9 * at_rest):
+            return []
+        k = int(lacking.argmax())
+        return [
+            f"w: found {self.w[k]:.6g} N at contact point {k}, must be at least "
+            f"{at_rest[k]:.6g} N, which the normal forces at rest of contact that opens give it "
+            "(gain force): w has the limits at rest; give opening.limits_at_rest, with what joints "
+            "of constant normal force add"
+        ]
 
     def __repr__(self) -> str:
         """A few lines: what it is, its joints, loads and points."""
@@ -892,44 +909,60 @@ def _unsymmetric(name: str, A: Matrix) -> list[str]:
     ]
 
 
+#: What is wrong with matrices that are not definite, or semidefinite.
+_WRONG = {
+    "M": "is not positive definite: does every unknown have mass?",
+    "K": "is indefinite: is a sign wrong, or a prestress large?",
+    "C": "is negative somewhere, so that it would create energy: v^T C v must not be below 0 for "
+    "any velocity v; is a sign wrong? Negative damping, such as that of flow, cannot be computed",
+}
+
+
+def _negative(M: Matrix, C: Matrix, K: Matrix) -> list[str]:
+    """What is wrong with signs on the diagonals of mass, damping and stiffness.
+
+    Entries that are round-off of the largest count as zero.
+    """
+    problems = []
+    for name, A in (("M", M), ("K", K), ("C", C)):
+        diagonal = np.asarray(A.diagonal())
+        k = int(diagonal.argmin()) if diagonal.size else 0
+        if np.any(diagonal < -1e-9 * np.abs(diagonal).max(initial=0.0)):
+            problems.append(f"{name}: {_WRONG[name]}; found {diagonal[k]:.6g} for unknown {k}")
+    return problems
+
+
 def _check_definite(system: System, damped: bool) -> None:
     """Refuse a mass that is not positive definite, and a stiffness or damping that is indefinite.
 
-    The stiffness is shifted a little by the mass, so that it may be singular. The damping is
-    checked only if it is ``damped`` by a matrix of its own.
+    Stiffness and damping may be singular or zero: friction or contact alone may hold a body. The
+    damping is checked only if it is ``damped`` by a matrix of its own.
     """
-    K = shifted(system.K, system.M)
-    checks: Sequence[tuple[str, Matrix, str]] = (
-        ("M", system.M, "is not positive definite: does every unknown have mass?"),
-        ("K", K, "is indefinite: is a sign wrong, or a prestress large?"),
-    )
-    problems = [f"{name}: {why}" for name, A, why in checks if not _is_definite(A)]
-    if damped and not _takes_energy(system.C):
-        problems.append(
-            "C: is negative somewhere, so that it would create energy: v^T C v must not be below 0 "
-            "for any velocity v; is a sign wrong? Negative damping, such as that of flow, "
-            "cannot be computed"
-        )
-    refuse(problems)
+    wrong = {
+        "M": not _is_definite(system.M),
+        "K": not _is_semidefinite(system.K),
+        "C": damped and not _is_semidefinite(system.C),
+    }
+    refuse(f"{name}: {_WRONG[name]}" for name, is_wrong in wrong.items() if is_wrong)
 
 
-def _takes_energy(C: Matrix) -> bool:
+def _is_semidefinite(A: Matrix) -> bool:
     """Whether a symmetric matrix is positive semidefinite, but for round-off.
 
     It is divided by the roots of its diagonal on both sides, so that the units of the unknowns do
     not matter, and 1e-9 of the unit matrix is added before it is factorised. Diagonal entries below
     1e-12 of the largest are round-off.
     """
-    C = sparse.csr_array(C)
-    C.eliminate_zeros()
-    if not C.nnz:
+    A = sparse.csr_array(A)
+    A.eliminate_zeros()
+    if not A.nnz:
         return True
-    diagonal = C.diagonal()
+    diagonal = A.diagonal()
     least = 1e-12 * float(np.abs(diagonal).max())
     if least == 0.0 or diagonal.min() < -least:
         return False
     divided = sparse.diags_array(1.0 / np.sqrt(np.maximum(diagonal, 0.0) + least))
-    return _is_definite(divided @ C @ divided + 1e-9 * sparse.eye_array(C.shape[0]))
+    return _is_definite(divided @ A @ divided + 1e-9 * sparse.eye_array(A.shape[0]))
 
 
 def _is_definite(A: Matrix) -> bool:

@@ -2,7 +2,8 @@
 
 A dense array is a member such as ``M``. A sparse matrix is stored as by `scipy.sparse.save_npz`, in
 members ``M/data``, ``M/indices`` and so on. The member ``description`` is a text in JSON: the form
-of the file, names, notes, and the shape of each load over time.
+of the file, names, notes, the shape of each load over time, and a digest of all that is written: a
+file that was changed since is refused.
 """
 
 from __future__ import annotations
@@ -18,7 +19,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint import loads
-from skfem_joint.array_files import DAMAGE, npz_arrays, sparse_array, sparse_parts
+from skfem_joint.array_files import (
+    DAMAGE,
+    fingerprint,
+    npz_arrays,
+    sparse_array,
+    sparse_parts,
+)
 from skfem_joint.errors import InputError
 from skfem_joint.files import replacing
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, Scaled, Table
@@ -26,7 +33,7 @@ from skfem_joint.opening import OpeningContact
 from skfem_joint.served import Point, Range, Served
 from skfem_joint.system import AppliedLoad, System
 
-_KIND = {"kind": "skfem_joint system", "form": 1}  #: files of another form are refused
+_KIND = {"kind": "skfem_joint system", "form": 2}  #: files of another form are refused
 _ARRAYS = ("M", "C", "K", "B", "w", "beta", "stiffness", "P", "directions", "T", "J", "shares")
 #: Members of contact that opens, and the number of their dimensions.
 _OPENING = {"N": 2, "gap": 1, "force": 1, "gain": 2, "stiffness": 1, "area": 1}
@@ -76,6 +83,7 @@ def save(system: System, path: str | Path) -> Path:
     path = _checked(path)
     arrays: dict[str, Any] = {}
     content = _KIND | _content(system, "", arrays)
+    content["digest"] = fingerprint(arrays, json.dumps(content))
     arrays["description"] = np.array(json.dumps(content))
     with replacing(path) as temporary, temporary.open("wb") as file:
         np.savez(file, **arrays)
@@ -99,7 +107,7 @@ def load(path: str | Path) -> System:
     Raises
     ------
     InputError
-        If the file cannot be read, is damaged, or holds no saved system.
+        If the file cannot be read, is damaged or changed, or holds no saved system.
     """
     path = _checked(path)
     if not path.is_file():
@@ -111,12 +119,23 @@ def load(path: str | Path) -> System:
         if content["kind"] != _KIND["kind"]:
             raise ValueError("it holds something else")
         if content["form"] != _KIND["form"]:
-            raise ValueError(f"it has form {content['form']!r}, this version reads {_KIND['form']}")
+            raise ValueError(
+                f"it has form {content['form']!r}, this version reads {_KIND['form']}: make the "
+                "system and save it again"
+            )
+        digest = content.pop("digest")
+        same = digest == fingerprint(arrays, json.dumps(content))
         system = _system(content, arrays)
         if arrays:
             raise ValueError(f"it holds {min(arrays)!r:.100}, which no system has")
+        if not same:
+            raise ValueError(
+                "its content is not what was saved: change the system that load gives, as by "
+                "dataclasses.replace, not the file"
+            )
     except (InputError, *DAMAGE) as error:
         reason = str(error) or type(error).__name__
+        reason = f"it has no {reason}" if isinstance(error, KeyError) else reason
         raise InputError(f"{path}: cannot be read as a saved system: {reason}") from error
     return system
 

@@ -10,8 +10,8 @@ import pytest
 from scipy import sparse
 
 import skfem_joint as sj
+from skfem_joint.array_files import fingerprint
 from skfem_joint.loads import Scaled
-from skfem_joint.stepping.checkpoint import fingerprint
 
 TIMES = np.linspace(0.0, 2e-3, 7)
 SHAPES = [
@@ -120,6 +120,50 @@ DAMAGE = {
         "none of the package",
     ),
 }  # fmt: skip
+
+
+def _sprung():
+    """Joint whose friction has springs in series; without them it would be another system."""
+    system = bar(sj.Harmonic(40e3, 500.0), sj.Table(TIMES, np.sin(1e3 * TIMES)))
+    return replace(system, stiffness=np.full(system.w.size, 1e9))
+
+
+EDITS = {
+    "no springs": (lambda _: {"stiffness": None}, "not what was saved"),
+    "springs, one": (lambda _: {"stiffness": np.full(1, 1e9)}, "stiffness: found shape"),
+    "springs, small floats": (
+        lambda a: {"stiffness": a["stiffness"].astype(np.float32)},
+        "not what was saved",
+    ),
+    "no shape over time": (lambda _: {"load 1__forces": None}, "has no 'load 1/forces'"),
+    "no load": (lambda _: {"load 0": None}, "has no 'load 0'"),
+    "no names": (lambda _: {"description": None}, "has no 'description'"),
+    "no T": (lambda _: {f"T__{part}": None for part in PARTS}, "not what was saved"),
+    "no indices": (lambda _: {"B__indices": None}, "has no 'B/indices'"),
+    "negative mass": (lambda a: {"M__data": -a["M/data"]}, "M: is not positive definite"),
+    "negative stiffness": (lambda a: {"K__data": -a["K/data"]}, "K: is indefinite"),
+    "negative damping": (lambda a: {"C__data": -a["C/data"]}, "C: is negative somewhere"),
+    "another limit": (lambda a: {"w": 2.0 * a["w"]}, "not what was saved"),
+    "another mass": (lambda a: {"M__data": 1.5 * a["M/data"]}, "not what was saved"),
+    "another row": (lambda a: {"B__indices": a["B/indices"][::-1]}, "not what was saved"),
+    "times": (lambda a: {"load 1__times": a["load 1/times"][:-1]}, "Table|times"),
+    "truth values": (lambda a: {"w": a["w"] > 0.0}, "real numbers"),
+    "complex": (lambda a: {"K__data": 1j * a["K/data"]}, "real numbers"),
+    "nan": (lambda a: {"stiffness": np.nan * a["stiffness"]}, "stiffness: must be positive"),
+    "infinite mass": (lambda a: {"M__data": np.inf * a["M/data"]}, "M is not finite"),
+    "one number": (lambda a: {"w": a["w"][0]}, "w has 0 dimensions"),
+}
+
+
+@pytest.mark.parametrize("what", EDITS)
+def test_an_edited_file_is_one_sentence(tmp_path, what):
+    """Also where what is left would make a system, such as one without springs."""
+    path = sj.save(_sprung(), tmp_path / "system.npz")
+    edit, words = EDITS[what]
+    with np.load(path) as file:
+        changed(path, **edit(dict(file)))
+    with pytest.raises(sj.InputError, match=f"cannot be read as a saved system: .*({words})"):
+        sj.load(path)
 
 
 @pytest.mark.parametrize("what", DAMAGE)

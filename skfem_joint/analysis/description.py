@@ -24,6 +24,7 @@ from skfem_joint.analysis.normal_force import NormalChange
 from skfem_joint.analysis.scene_plan import TO_STEADY
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
+from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.modal_response import modal_response
@@ -385,7 +386,7 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
 def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
     """Static displacements, m, with some unknowns held, and sliders on springs.
 
-    Rigid motions are held a little.
+    Rigid motions are held a little: some may be left where joints stick.
 
     Of a force (n,), N, or of each column of them.
     """
@@ -393,7 +394,8 @@ def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
     u = np.zeros(force.shape)
     if free.size:
         K, M = (sparse.csr_array(A)[free][:, free] for A in (system.stuck_stiffness, system.M))
-        u[free] = factorised(K if held.size else shifted(K, M))(force[free])
+        share = shifts.SETTINGS.least if held.size else shifts.SETTINGS.safe
+        u[free] = factorised(shifted(K, M, share))(force[free])
     return u
 
 

@@ -302,7 +302,7 @@ class Verification:
 
     def __init__(self, progress: Callable[..., None] | None, run: Run | None = None) -> None:
         self.progress = progress
-        self.states = {} if run is None else {run.system.n: run.final}
+        self.states = {} if run is None else {run.system.n: (*run.final,)}
 
     def __call__(self, system: System, plan: Plan, *, fields_every: int = 0) -> Run:
         """Run a system as `verification_run`."""
@@ -322,7 +322,7 @@ class Verification:
         )
         if alike:
             self.states.pop(system.n, None)  # so that the last one stands last
-            self.states[system.n] = run.final
+            self.states[system.n] = (*run.final,)
         return run
 
 

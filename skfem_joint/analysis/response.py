@@ -724,7 +724,7 @@ def _steady(
         gross=system.slips_as_a_whole(slip, plan.duration),
         periods=vibration.periods,
         change=vibration.change,
-        state=run.final,
+        state=(*run.final,),
         course=run.u if system.is_dense else None,
     )
 

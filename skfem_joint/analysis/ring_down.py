@@ -139,7 +139,7 @@ def ring_down(
     cycles: int,
     steps_per_cycle: int = 200,
     scheme: Scheme | None = None,
-    start: tuple[FloatArray, ...] | None = None,
+    start: Run | tuple[FloatArray, ...] | None = None,
     progress: Callable[..., None] | None = None,
 ) -> RingDown:
     """Free vibration of a mode from the highest level of its curve, or from any other state.
@@ -163,10 +163,9 @@ def ring_down(
     scheme : Scheme, optional
         Generalised-alpha with a spectral radius of 0.9 if not given. With the trapezoidal rule the
         damping may depend on the step.
-    start : tuple of ndarray, shape (n,), optional
-        Displacement (m) and velocity (m/s) to begin with, such as ``run.final`` of a run whose
-        pulse has ended, and friction and its limits as `integrate` takes them; released at rest
-        from the curve's highest level, with the friction there, if not given.
+    start : Run or tuple of ndarray, shape (n,), optional
+        State to begin with as `integrate` takes it, such as a run whose pulse has ended; released
+        at rest from the curve's highest level, with the friction there, if not given.
     progress : callable, optional
         As `integrate` takes it.
 
@@ -224,7 +223,7 @@ def _in_range(
     serves: Served,
     curve: Backbone,
     steps: tuple[int, int, Scheme | None],
-    start: tuple[FloatArray, ...] | None,
+    start: Run | tuple[FloatArray, ...] | None,
     progress: Callable[..., None] | None,
 ) -> RingDown:
     """Free vibration of a model for a range, with its distance from that of its larger model.

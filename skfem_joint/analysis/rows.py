@@ -28,9 +28,9 @@ from typing import Any, TypeVar
 import numpy as np
 
 from skfem_joint import __version__
+from skfem_joint.array_files import fingerprint
 from skfem_joint.errors import InputError
 from skfem_joint.files import replacing
-from skfem_joint.stepping.checkpoint import fingerprint
 
 T = TypeVar("T")
 

@@ -337,7 +337,5 @@ def _loads_end(scene: Scene, system: System) -> State:
         )
     plan = Plan(step, int(steps[-1]) + 1, generalized_alpha(scene.time.rho_infinity))
     run = integrate_plan(system, plan).finished()
-    springs = [run.final_sigma] if system.has_springs else []
-    if springs and system.opening is not None:
-        springs.append(run.final_limits)
-    return *run.final, *springs
+    more = system.has_springs or system.opening is not None
+    return run.end if more else (*run.final,)

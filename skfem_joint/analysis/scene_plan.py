@@ -13,11 +13,11 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from skfem_joint.array_files import fingerprint
 from skfem_joint.reduction.basis import Basis, Options
 from skfem_joint.reduction.elastic_contact import check_reference
 from skfem_joint.reduction.sources import make_basis
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.checkpoint import fingerprint
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from skfem_joint import __version__, system_files
+from skfem_joint.array_files import fingerprint
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.progress import Progress, silent
@@ -30,7 +31,6 @@ from skfem_joint.scene.range_table import ServedRangeTable
 from skfem_joint.scene.scene import TABLES_OF_STRUCTURE
 from skfem_joint.scene.tables import AnyLoad, HarmonicLoad, MultiHarmonicLoad
 from skfem_joint.served import Range
-from skfem_joint.stepping.checkpoint import fingerprint
 from skfem_joint.structure import AnyStructure, doubts
 from skfem_joint.system import System
 

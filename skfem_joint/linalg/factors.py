@@ -40,6 +40,11 @@ class FactorSettings:
 
 
 SETTINGS = FactorSettings()
+NOT_DEFINITE = (
+    "a matrix is not positive definite: does an unknown have no mass, is the step tiny, a body "
+    "held by nothing, or do modes depend on each other? Use skfem_joint.reduction.pod.orthonormal "
+    "then"
+)
 
 
 def factorised(A: Any) -> Any:
@@ -58,16 +63,13 @@ def factorised(A: Any) -> Any:
     Raises
     ------
     InputError
-        If a dense A is not positive definite.
+        If a dense A is not positive definite, or a sparse one is singular.
     """
     if isinstance(A, np.ndarray):
         try:
             factor = linalg.cho_factor(A.T, check_finite=False)
         except linalg.LinAlgError as error:
-            raise InputError(
-                "a matrix is not positive definite: is the step tiny, a body held by nothing, or "
-                "do modes depend on each other? Use skfem_joint.reduction.pod.orthonormal then"
-            ) from error
+            raise InputError(NOT_DEFINITE) from error
         return lambda right: linalg.cho_solve(factor, right, check_finite=False)
     return Factoriser()(A)
 
@@ -115,7 +117,10 @@ def pardiso() -> Any:
 def _of_any_pattern(A: Any) -> Any:
     """Solver by PARDISO for large matrices if it is installed and succeeds, else by SuperLU."""
     solve = _if_pardiso(_by_pardiso, A)
-    return symmetric_lu(A).solve if solve is None else solve
+    try:
+        return symmetric_lu(A).solve if solve is None else solve
+    except RuntimeError as error:
+        raise InputError(NOT_DEFINITE) from error
 
 
 def complement(A: Any, kept: IntArray) -> FloatArray | None:

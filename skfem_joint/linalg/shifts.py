@@ -11,8 +11,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from skfem_joint.arrays import Matrix
 
 
@@ -38,14 +36,14 @@ SETTINGS = ShiftSettings()
 
 
 def mean_square_frequency(K: Matrix, M: Matrix) -> float:
-    """Trace of the stiffness over trace of the mass, 1/s2; 0 for a mass without a positive trace.
+    """Trace of the stiffness over trace of the mass, 1/s2.
 
-    Diagonal entries of K count by their magnitudes, because K may still prove to be indefinite.
+    It is 1 where one of them is zero, as of masses that friction alone holds: any shift serves.
     """
-    mass = float(M.diagonal().sum())
-    return float(np.abs(K.diagonal()).sum()) / mass if mass > 0.0 else 0.0
+    stiffness, mass = float(K.diagonal().sum()), float(M.diagonal().sum())
+    return stiffness / mass if stiffness > 0.0 and mass > 0.0 else 1.0
 
 
-def shifted(K: Matrix, M: Matrix) -> Matrix:
-    """Stiffness with the larger shift, for factors that only have to exist."""
-    return K + SETTINGS.safe * mean_square_frequency(K, M) * M
+def shifted(K: Matrix, M: Matrix, share: float = SETTINGS.safe) -> Matrix:
+    """Stiffness with a shift: the larger one, for factors that only have to exist, if not given."""
+    return K + share * mean_square_frequency(K, M) * M

@@ -37,6 +37,7 @@ import numpy as np
 from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, as_dense
+from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.opening_loops import (
     ContactLine,
@@ -79,6 +80,8 @@ class OpeningSettings(NamedTuple):
         The convex problem is solved to this share of the residual that its limits leave.
     stops : int
         Most times that a Newton step is made anew because points would reverse.
+    dependent : float
+        Share of the largest part of an approach that is not in others' below which it is none.
     round_off : float
         Accepted residual in units of the forces that are added up.
     """
@@ -91,6 +94,7 @@ class OpeningSettings(NamedTuple):
     damped: float = 0.5
     inner: float = 0.1
     stops: int = 3
+    dependent: float = 1e-10
     round_off: float = 64 * float(np.finfo(np.float64).eps)
 
 
@@ -140,6 +144,11 @@ class OpeningNewton:
         Friction limit of each friction point by the force of each pressure point.
     stiffness : ndarray, shape (q,)
         Of each pressure point, in N over the unit of v times that of N; ``inf`` is rigid.
+
+    Raises
+    ------
+    InputError
+        If rows of N depend on each other.
     """
 
     def __init__(
@@ -153,7 +162,7 @@ class OpeningNewton:
         self._t, self._d = np.searchsorted(kept, slips), np.searchsorted(kept, normals)
         self.slips = slips.size
         W = as_dense(self.N[:, normals])
-        self._picks = bool(np.array_equal(W, np.eye(len(W), normals.size)))
+        self._picks = bool(np.array_equal(W, np.eye(normals.size)))
         A = self._condensed(S, W)
         self.factorizations = 1
         self.whole = DenseContact.of(
@@ -172,7 +181,13 @@ class OpeningNewton:
             both = np.concatenate([t, d])
             return np.ascontiguousarray(S[np.ix_(both, both)])
         Q, R = linalg.qr(W.T)
-        q = len(W)
+        q, size = len(W), np.abs(np.diagonal(R))
+        if q > size.size or size.min() <= SETTINGS.dependent * size.max():
+            raise InputError(
+                "contact that opens: approaches of pressure points depend on each other, or no "
+                "unknown moves one; leave out those that follow from others or cannot move, with "
+                "what they give to friction limits in w alone"
+            )
         self._P = linalg.solve_triangular(R[:q], Q[:, :q].T).T
         self._Z = Q[:, q:]
         S_td, S_dd = S[np.ix_(t, d)], S[np.ix_(d, d)]

@@ -281,10 +281,11 @@ def _open(
     for patch in structure.patches:
         if (face := patch.opening) is None:
             continue
-        part = slice(start, start + face.gap.size)
+        part = slice(start, start + int(np.count_nonzero(face.moves)))
         start = part.stop
-        force = run.normal_force[:, part]
-        apart = np.where(force > 0.0, 0.0, gaps[:, part])
+        force, apart = (np.tile(x, (len(gaps), 1)) for x in (face.force, face.gap))
+        force[:, face.moves], apart[:, face.moves] = run.normal_force[:, part], gaps[:, part]
+        apart = np.where(force > 0.0, 0.0, apart)
         pressure[:, face.nodes] = (face.means @ force.T).T / face.area
         gap[:, face.nodes] = apart
         closed = force > 0.0

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -25,9 +26,11 @@ from scipy import sparse
 from scipy.linalg import null_space
 
 from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.linalg import shifts
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.shifts import shifted
 from skfem_joint.modal_response import modal_response
-from skfem_joint.modes import eigenmodes
-from skfem_joint.opening import OpeningContact
+from skfem_joint.modes import eigenmodes, is_singular, lowest_modes
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
@@ -135,6 +138,14 @@ class RestrictedMotion:
         K, M = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M))
         return RestrictedMotion(F, K, M)
 
+    @cached_property
+    def solver(self) -> Callable[[FloatArray], FloatArray]:
+        """Solver of K x = f; rigid motions are held a little."""
+        K = self.K
+        if is_singular(K):
+            K = shifted(K, self.M, shifts.SETTINGS.least)
+        return cast("Callable[[FloatArray], FloatArray]", factorised(K))
+
     def lowest(
         self,
         count: int,
@@ -143,9 +154,13 @@ class RestrictedMotion:
     ) -> tuple[FloatArray, FloatArray]:
         """Lowest natural frequencies (Hz), and modes (k, count) in the columns of F.
 
-        There are fewer if F has fewer columns. See `eigenmodes` for ``solve`` and ``tolerance``.
+        There are fewer if F has fewer columns, and frequencies are zero of rigid motions. See
+        `eigenmodes` for ``solve`` and ``tolerance``.
         """
-        return eigenmodes(self.K, self.M, min(count, self.K.shape[0]), solve, tolerance)
+        count = min(count, self.K.shape[0])
+        if solve is None:
+            return lowest_modes(self.K, self.M, count, tolerance)
+        return eigenmodes(self.K, self.M, count, solve, tolerance)
 
 
 def driven(
@@ -160,7 +175,7 @@ def driven(
     Each mode is an oscillator that the inertia of the static response drives. Its share is the
     square root of its largest strain energy over that of the static response. The candidates are
     the ``most`` / 2 lowest modes; they become two or four times as many while modes beyond them may
-    count.
+    count. Contact that opens stays closed where it is pressed at rest.
 
     Parameters
     ----------
@@ -178,6 +193,10 @@ def driven(
     shapes : ndarray, shape (n, k)
     share : ndarray, shape (k,)
     """
+    if system.opening is not None:
+        T = system.opening.closed_motions()
+        shapes, share = driven(system.closed(), T.T @ response, loads, most)
+        return np.asarray(T @ shapes), share
     F = motions_without_slip(system)
     if F.shape[1] == 0 or most == 0:
         return np.zeros((system.n, 0)), np.zeros(0)
@@ -203,15 +222,6 @@ def driven(
     share = omega * np.abs(acceleration).max(axis=1)
     order = np.argsort(-share, kind="stable")[:most]
     return F @ shapes[:, order], share[order] / strain if strain > 0.0 else 0.0 * share[order]
-
-
-def driven_closed(
-    system: System, response: FloatArray, loads: Excitation
-) -> tuple[FloatArray, FloatArray]:
-    """As `driven`, of a system with contact that opens: what is pressed at rest stays closed."""
-    T = cast("OpeningContact", system.opening).closed_motions()
-    shapes, share = driven(system.closed(), T.T @ response, loads)
-    return np.asarray(T @ shapes), share
 
 
 def beside(system: System, V: FloatArray, shapes: FloatArray, share: FloatArray) -> FloatArray:
@@ -253,9 +263,13 @@ def participating(
     frequency, shapes = restricted.lowest(most)
     size = np.sqrt(np.einsum("ij,ij->j", V, system.M @ V))
     inertia = shapes.T @ (restricted.F.T @ (system.M @ V)) / np.where(size > 0.0, size, 1.0)
-    static = (shapes.T @ forces / frequency[:, np.newaxis]) ** 2
-    share = (inertia**2).sum(axis=1) + (static / static.sum(axis=0)).sum(axis=1)
-    counting = np.flatnonzero(share > SETTINGS.least_participating * share.max())
+    moves_freely = frequency == 0.0
+    static = (shapes.T @ forces / np.where(moves_freely, np.inf, frequency)[:, np.newaxis]) ** 2
+    whole = static.sum(axis=0)
+    share = (inertia**2).sum(axis=1) + (static / np.where(whole > 0.0, whole, 1.0)).sum(axis=1)
+    counting = np.flatnonzero(
+        moves_freely | (share > SETTINGS.least_participating * share.max(initial=0.0))
+    )
     if isinstance(count, str):
         fastest = [f for load in system.loads if (f := load.amplitude.highest_frequency)]
         below = frequency[counting] <= SETTINGS.times_fastest * max(fastest, default=0.0)

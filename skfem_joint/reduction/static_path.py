@@ -254,9 +254,8 @@ def _beside(
     if loads.plan.quasi_static:
         still = np.zeros((system.n, 0)), np.zeros(0)
         return np.hstack([response, joint_slides(system)]), *still
-    if isinstance(path, OpeningPath):
-        return response, *interface_modes.driven_closed(system, response, loads)
-    return response, *interface_modes.driven(system, response, loads, path=path)
+    factors = None if isinstance(path, OpeningPath) else path
+    return response, *interface_modes.driven(system, response, loads, path=factors)
 
 
 def _first(

@@ -12,13 +12,15 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
+import numpy as np
+
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.stepping.arrangement import arranged, choose
 from skfem_joint.stepping.checkpoint import Arrays, Checkpoint
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Recorder, Run
+from skfem_joint.stepping.recording import Ending, Final, Recorder, Run
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.stepping.warp import warped
 from skfem_joint.system import System
@@ -50,6 +52,8 @@ class DriverSettings:
 
 
 SETTINGS = DriverSettings()
+#: Loads go on where they change by no more than this share of the largest force.
+CONTINUED = 1e-9
 
 
 class Driver:
@@ -66,6 +70,9 @@ class Driver:
         springs in series start, and with contact that opens these limits (m,), N.
     tolerance : float
         Largest force residual of a step relative to its largest force.
+    ending : Ending, optional
+        Of a run with the same matrices and scheme, which ended in ``start``. Where the loads are
+        those of its end the stepper goes on as if there had been no end; else they jump.
 
     Attributes
     ----------
@@ -81,6 +88,7 @@ class Driver:
         plan: Plan,
         start: tuple[FloatArray, ...],
         tolerance: float,
+        ending: Ending | None = None,
     ) -> None:
         self.given, self.plan = given, plan
         # Velocities in the equations that are stepped are the true ones over `warp`.
@@ -98,10 +106,27 @@ class Driver:
         if len(start) > 3:
             self.stepper.set_limits(start[3])
         watch = Stopwatch()
-        self.restart(0.0)
+        if ending is not None and self._continues(ending):
+            self.stepper.restore(dict(ending.state))
+        else:
+            self.restart(0.0)
         self.stepper.prepare(self.h)
         (self.preparation, self.compilation), self.elapsed = watch.read(), 0.0
         self.begin(self.recorder)
+
+    def _continues(self, ending: Ending) -> bool:
+        """Whether the loads at the start are those at an end, beside the forces there."""
+        system, (u, _, _, d) = self.system, dict(ending.state)["state"]
+        force = self.recorder.vectors @ self.loads.at(0.0)[:, 0]
+        forces = force, ending.force, system.K @ u, system.M @ d
+        largest = max(float(np.abs(f).max(initial=0.0)) for f in forces)
+        return float(np.abs(force - ending.force).max(initial=0.0)) <= CONTINUED * largest
+
+    def _ending(self) -> Ending:
+        """State now, as a further run goes on from it."""
+        last = max(self.done - 1, 0)
+        amplitudes = self.loads.at(self.h * last, self.h * self.done)[:, -1]
+        return Ending(tuple(self.stepper.ending().items()), self.recorder.vectors @ amplitudes)
 
     def begin(self, recorder: Recorder) -> None:
         """Record from the state now on, whose row is stored."""
@@ -195,8 +220,9 @@ class Driver:
             compilation_s=self.compilation,
             interrupted=interrupted,
             counts=self.stepper.counts,
+            ending=self._ending(),
         )
-        final = to.outer(run.final[0]), self.warp * to.outer(run.final[1])
+        final = Final(to.outer(run.final[0]), self.warp * to.outer(run.final[1]))
         v, point_v = self.warp * to.outer(run.v), self.warp * run.point_v
         u = to.outer(run.u)
         return replace(run, system=self.given, u=u, v=v, point_v=point_v, final=final)

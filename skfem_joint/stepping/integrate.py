@@ -16,14 +16,15 @@ from typing import Any, Literal
 
 import numpy as np
 
+from skfem_joint.array_files import fingerprint
 from skfem_joint.arrays import FloatArray, as_real
 from skfem_joint.errors import InputError
 from skfem_joint.loads import common_period
-from skfem_joint.stepping.checkpoint import Checkpoint, fingerprint
+from skfem_joint.stepping.checkpoint import Checkpoint
 from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.plan import Plan, check_until
-from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.recording import Ending, Final, Run, Save
 from skfem_joint.stepping.resolution import check_jumps, check_resolution
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.stepping.shooting import steady_run
@@ -49,7 +50,7 @@ def integrate(
     save: Save | None = None,
     cycle_steps: int | None = None,
     until: Literal["end", "steady"] = "end",
-    initial: tuple[FloatArray, ...] | None = None,
+    initial: Run | tuple[FloatArray, ...] | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[..., None] | None = None,
     checkpoint: Checkpoint | None = None,
@@ -73,11 +74,14 @@ def integrate(
         ``"steady"`` gives the one period at which vibration under loads that repeat has become
         steady, see :mod:`skfem_joint.stepping.steady` and, with contact that opens,
         :mod:`skfem_joint.stepping.opening_steady`; its amplitudes and offsets are in `Run.steady`.
-    initial : tuple of ndarray, shape (n,), optional
-        Displacement (m) and velocity (m/s) at the start; at rest if not given. A third array,
-        (rows of B,), is the friction over its limit: springs in series with friction start under
-        that force, and without any if it is not given. With contact that opens a fourth one, (m,),
-        N, are these limits, which follow the normal forces.
+    initial : Run or tuple of ndarray, shape (n,), optional
+        A run to go on from, or displacement (m) and velocity (m/s) at the start; at rest if not
+        given. A run goes on with its whole state: where matrices, scheme and loads are those of its
+        end, as if it had not ended; else as after a jump of the loads. Times, and so loads, count
+        from its end. From a displacement and a velocity alone springs in series with friction start
+        without force. A third array, (rows of B,), is the friction over its limit, which these
+        springs then have. With contact that opens a fourth one, (m,), N, are these limits, which
+        follow the normal forces.
     tolerance : float
         Largest force residual of a step relative to its largest force, at most 1e-3.
     progress : callable, optional
@@ -126,7 +130,7 @@ def integrate_plan(
     system: System,
     plan: Plan,
     *,
-    initial: tuple[FloatArray, ...] | None = None,
+    initial: Run | tuple[FloatArray, ...] | None = None,
     tolerance: float = TOLERANCE,
     progress: Callable[..., None] | None = None,
     checkpoint: Checkpoint | None = None,
@@ -142,16 +146,16 @@ def integrate_plan(
             f"integrate: found a reduced model for the whole range ({system.serves}), must be a "
             "point of it: sj.at(model, frequency=..., slip=...) or, in place of slip, level=..."
         )
-    start = _start(system, initial)
+    start, ending = _start(system, plan, initial)
     if plan.quasi_static:
         return _quasi_static(system, plan, initial, tolerance, progress, checkpoint)
     if plan.until == "steady":
         _check_steady(system, plan, checkpoint)
     check_resolution(system, plan)
     check_jumps(system, plan)
-    identity = fingerprint(system, plan, *start, tolerance) if checkpoint else ""
+    identity = fingerprint(system, plan, *start, ending, tolerance) if checkpoint else ""
     saved = checkpoint.load(identity) if checkpoint else None
-    driver = Driver(system, plan, start, float(tolerance))
+    driver = Driver(system, plan, start, float(tolerance), ending)
     if saved is not None and checkpoint is not None:
         driver.check(checkpoint, saved[0], saved[1])
         driver.take_up(*saved)
@@ -166,7 +170,7 @@ def integrate_plan(
 def _quasi_static(
     system: System,
     plan: Plan,
-    initial: tuple[FloatArray, ...] | None,
+    initial: Run | tuple[FloatArray, ...] | None,
     tolerance: float,
     progress: Callable[..., None] | None,
     checkpoint: Checkpoint | None,
@@ -309,7 +313,46 @@ def _check_repeats(system: System, plan: Plan) -> None:
             )
 
 
-def _start(system: System, initial: tuple[FloatArray, ...] | None) -> tuple[FloatArray, ...]:
+def _start(
+    system: System, plan: Plan, initial: Run | tuple[FloatArray, ...] | None
+) -> tuple[tuple[FloatArray, ...], Ending | None]:
+    """State at the start, and what goes on of the run that it is the end of, if it is one.
+
+    Displacement, velocity and, if given, friction and its limits, checked.
+    """
+    if not isinstance(initial, Run):
+        _check_whole(system, plan, initial)
+        return _given(system, initial), None
+    start = _given(system, initial.end)
+    before = initial.plan
+    alike = before is not None and (before.scheme, before.warp) == (plan.scheme, plan.warp)
+    same = alike and _same_matrices(initial.system, system)
+    return start, initial.ending if same else None
+
+
+def _same_matrices(one: System, other: System) -> bool:
+    """Whether two systems differ in loads, observed points and names at most."""
+    names = ("M", "C", "K", "B", "w", "beta", "directions", "stiffness", "opening")
+    pairs = [(getattr(one, name), getattr(other, name)) for name in names]
+    return all(a is b or fingerprint(a) == fingerprint(b) for a, b in pairs)
+
+
+def _check_whole(system: System, plan: Plan, initial: Any) -> None:
+    """Refuse displacement and velocity at the end of a run where more belongs to its state.
+
+    A search for steady vibration may start from anything.
+    """
+    opens = system.opening is not None
+    lacking = isinstance(initial, Final) and (opens or system.has_springs)
+    if lacking and plan.until != "steady":
+        of_what = "contact that opens" if opens else "springs in series with friction"
+        raise InputError(
+            "initial: found the displacement and velocity at the end of a run alone, run.final, "
+            f"where forces of {of_what} belong to the state; give the run itself, initial=run"
+        )
+
+
+def _given(system: System, initial: tuple[FloatArray, ...] | None) -> tuple[FloatArray, ...]:
     """Displacement, velocity and, if given, friction and its limits at the start, checked."""
     if initial is None:
         return np.zeros(system.n), np.zeros(system.n)
@@ -319,9 +362,9 @@ def _start(system: System, initial: tuple[FloatArray, ...] | None) -> tuple[Floa
             raise ValueError
     except (TypeError, ValueError) as error:
         raise InputError(
-            "initial: must be two arrays, the displacement and the velocity at the start, or three "
-            "with the friction over its limit of each slip row, or four with the limits where "
-            "contact opens"
+            "initial: must be a run, or two arrays, the displacement and the velocity at the "
+            "start, or three with the friction over its limit of each slip row, or four with the "
+            "limits where contact opens"
         ) from error
     start = tuple(np.array(as_real(x, "initial")) for x in (displacement, velocity, *friction))
     if not all(np.all(np.isfinite(x)) for x in start):
@@ -344,7 +387,7 @@ def _check_limits(system: System, start: tuple[FloatArray, ...]) -> None:
     if len(start) == 3 and opens and system.has_springs:
         raise InputError(
             "initial: found friction without its limits, which follow the normal forces where "
-            "contact opens; give them (m,), N, as a fourth array, such as run.final_limits"
+            "contact opens; give them (m,), N, as a fourth array, or the run itself, initial=run"
         )
     if len(start) < 4:
         return

@@ -215,7 +215,8 @@ class OpeningStepper(PythonStepper):
             if np.abs(limits - before)[free].max(initial=0.0) <= 1e-12 * limits.max(initial=0.0):
                 break
         self.normal, self.limits = NormalState(p, p.copy(), p.copy()), limits
-        sigma = (sigma + minimum.sigma) * s.on_rows(limits > 0.0)
+        # Sliding points have the friction of their law, not that of an acceleration besides.
+        sigma = np.where(s.on_rows(free), sigma, minimum.sigma) * s.on_rows(limits > 0.0)
         self.friction = FrictionState.at(s.on_rows(limits) * sigma)
         self.started(minimum.v, sigma)
         return True

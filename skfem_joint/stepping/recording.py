@@ -184,6 +184,28 @@ class Steady:
     notes: tuple[str, ...] = ()
 
 
+class Final(NamedTuple):
+    """Displacement and velocity at the end of a run, in the unknowns of its system."""
+
+    displacement: FloatArray
+    velocity: FloatArray
+
+
+class Ending(NamedTuple):
+    """State of a stepper at the end of a run, in the unknowns in which it steps.
+
+    Attributes
+    ----------
+    state : tuple of (str, ndarray)
+        Arrays by name, as the stepper saves them.
+    force : ndarray, shape (n,)
+        Of the loads at the end, N.
+    """
+
+    state: tuple[tuple[str, NDArray[Any]], ...]
+    force: FloatArray
+
+
 @dataclass(frozen=True, repr=False)
 class Run:
     """Result of a time integration.
@@ -237,12 +259,11 @@ class Run:
         Largest slip of each contact point over the run, m: of two directions the norm.
     slider_peak : ndarray, shape (m,)
         The same of its slider: what a spring in series leaves.
-    final : tuple of ndarray, shapes (n,) and (n,)
-        Unknowns and their rates at the end.
+    final : Final
+        Unknowns and their rates at the end. A further run goes on from the run itself,
+        ``initial=run``: forces of friction, springs and contact are part of the state too.
     final_sigma : ndarray, shape (rows of B,)
-        Friction over its limit at the end. Where friction has springs in series a further run goes
-        on from ``initial=(*run.final, run.final_sigma)``, and beside contact that opens from
-        ``initial=(*run.final, run.final_sigma, run.final_limits)``.
+        Friction over its limit at the end.
     final_limits : ndarray, shape (m,)
         Friction limits at the end, N.
     counters : Counters
@@ -271,6 +292,8 @@ class Run:
         Force over displacement of each load and over slip of each joint, of a quasi-static run.
         Its velocities are changes over the last step, its final velocity is zero, and no work is
         kinetic or viscous.
+    ending : Ending, optional
+        All that the next step would have started from; None of a quasi-static run.
     """
 
     system: System
@@ -295,7 +318,7 @@ class Run:
     peak: FloatArray
     slip_peak: FloatArray
     slider_peak: FloatArray
-    final: tuple[FloatArray, FloatArray]
+    final: Final
     final_sigma: FloatArray
     final_limits: FloatArray
     counters: Counters
@@ -312,6 +335,17 @@ class Run:
     normal_force_peak: FloatArray = field(default_factory=lambda: np.zeros(0))
     normal_force_least: FloatArray = field(default_factory=lambda: np.zeros(0))
     loops: Loops | None = None
+    ending: Ending | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def end(self) -> tuple[FloatArray, ...]:
+        """State at the end, from which a run goes on as after a jump of its loads.
+
+        Displacement, velocity and friction over its limit, and with contact that opens the limits,
+        see `integrate`.
+        """
+        limits = () if self.system.opening is None else (self.final_limits,)
+        return *self.final, self.final_sigma, *limits
 
     def __repr__(self) -> str:
         """A few lines: what was run, stored, reached and dissipated."""
@@ -750,7 +784,7 @@ class Recorder:
             peak=np.maximum(self.run_peak, self.peak),
             slip_peak=self.slip_peak,
             slider_peak=self._slid,
-            final=(u.copy(), v.copy()),
+            final=Final(u.copy(), v.copy()),
             final_sigma=sigma.copy(),
             final_limits=np.array(self.system.w if limits is None else limits),
             counters=Counters(steps=steps, halved_steps=self.halved_steps, **counts),

@@ -26,7 +26,7 @@ from skfem_joint.stepping.levels import CoulombLevels, Level, LevelSolver, NoLev
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.loops import LoopRecorder
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Recorder, Run
+from skfem_joint.stepping.recording import Final, Recorder, Run
 from skfem_joint.stepping.schemes import State
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.system import System
@@ -304,6 +304,6 @@ class _SlowDriver:
             loops=self.loops.finish(self.plan.step, self.plan.cycle_steps),
             plan=self.plan,
         )
-        final = to.outer(run.final[0]), to.outer(run.final[1])
+        final = Final(*map(to.outer, run.final))
         u, v = to.outer(run.u), to.outer(run.v)
         return replace(run, system=self.given, u=u, v=v, final=final)

@@ -230,13 +230,19 @@ class Stepper(ABC):
         parts = {f"{name}_{k}": x for k, p in problems for name, x in p.saved().items()}
         return self._own() | parts
 
+    def ending(self) -> dict[str, NDArray[Any]]:
+        """All that the next step depends on, for `restore` in another run, maybe of other steps."""
+        own = self._own()
+        return own | {"steps": own["steps"][:0], "counts": 0 * own["counts"]}
+
     def _own(self) -> dict[str, NDArray[Any]]:
         """What steps depend on beside their problems."""
+        width = len(Coefficients._fields)
         return {
             "state": np.array(self.now[:4]),
             "sigma": np.array(self.now.sigma),
             "frequency": np.array(self.frequency),
-            "steps": np.array(list(self.prepared), dtype=float),
+            "steps": np.reshape(np.array(list(self.prepared), dtype=float), (-1, width)),
             "counts": np.array(list(self.counts.values())),
         }
 
@@ -319,6 +325,7 @@ class CompiledStepper(Stepper):
         own = cast("CompiledStepProblem", step_problem(M, self.points, kind))
         self.own = own
         rows, m = own.limits.size, s.n if kind == "chain" else s.w.size
+        self.now = self.now._replace(sigma=self.placed(self.now.sigma))
         self.workspace = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
         self.first_call = own.steps_per_second
         start, point, value, share, sliding, creep = self.recorder.joints

@@ -175,7 +175,7 @@ def contact(
         table[grid.of_element[i // dim], i % dim] = row
     held = np.isin(table, dof_numbers(fixed, basis.N))
     widths, depths = (np.full(grid.mesh.n_elements, float(x)) for x in (width, thickness))
-    own = opening_face(grid, joint, widths, depths) if opens else (None, None)
+    own = opening_face(grid, joint, held, widths, depths) if opens else (None, None)
     patch = make_patch(grid, joint, held, widths, depths, np.full(grid.n_nodes, -1), *own)
     rows = contact_rows([patch], held)
     order = selection(table.ravel(), basis.N)

@@ -5,7 +5,8 @@ d_i = n_i (u_i - u_other) at each node i. The pressure points are the nodes of t
 with the mean approaches of their hats, N u = W d (:mod:`skfem_joint.structure.pressure_space`). The
 weights W are those of the pressed face; on the other body each node acts at the place opposite to
 it, so that forces are equal, opposite, and on one line, on meshes that do not match too. d become
-unknowns of the system, as slips do.
+unknowns of the system, as slips do. The force at a node that supports hold against approaching
+stays as it is at rest.
 """
 
 from __future__ import annotations
@@ -43,6 +44,9 @@ class OpeningFace:
         Means of forces over the hats of corners, by which pressures are shown.
     gap, force, area, stiffness : ndarray, shape (q,)
         As in :class:`skfem_joint.opening.OpeningContact`.
+    moves : ndarray of bool, shape (q,)
+        Whether supports let the node of each pressure point approach; the others are not among the
+        pressure points of a system.
     """
 
     nodes: IntArray
@@ -52,11 +56,13 @@ class OpeningFace:
     force: FloatArray
     area: FloatArray
     stiffness: FloatArray
+    moves: BoolArray
 
 
 def opening_face(
     body: Nodes,
     joint: Joint,
+    held: BoolArray,
     width: FloatArray,
     thickness: FloatArray,
     pressed: Pressed | None = None,
@@ -68,6 +74,8 @@ def opening_face(
     ----------
     body : Nodes
     joint : Joint
+    held : ndarray of bool, shape (nodes of the body, dim)
+        Displacements that supports hold.
     width, thickness : ndarray, shape (elements,)
         m.
     pressed : Pressed, optional
@@ -86,12 +94,13 @@ def opening_face(
     if space is None or normals is None:
         raise InputError(f"{joint.label}: contact = 'unilateral' needs a boundary")
     known = (None, None) if pressed is None else (pressed.contact_force, pressed.contact_gap)
-    return _pressed_and_face(body, joint, space, normals, *known, (cells, depth))
+    return _pressed_and_face(body, joint, held, space, normals, *known, (cells, depth))
 
 
 def _pressed_and_face(
     body: Nodes,
     joint: Joint,
+    held: BoolArray,
     space: PressureSpace,
     normals: FloatArray,
     known_force: FloatArray | None,
@@ -104,6 +113,7 @@ def _pressed_and_face(
     ----------
     body : Nodes
     joint : Joint
+    held : ndarray of bool, shape (nodes of the body, dim)
     space : PressureSpace
     normals : ndarray, shape (nodes of the body, dim)
         Outward unit normals of the face.
@@ -138,7 +148,9 @@ def _pressed_and_face(
     at = selection(space.nodes, body.n_nodes).T
     other = None if space.other is None else sparse.csr_array(at @ space.other)
     pressed = Pressed(at @ force, at @ space.area, at @ gap, other)
-    face = OpeningFace(space.nodes, W, space.means(force), gap, force, space.area, stiffness)
+    free = np.where(held[space.nodes], 0.0, normals[space.nodes])
+    moves = np.linalg.norm(free, axis=1) > SMALL
+    face = OpeningFace(space.nodes, W, space.means(force), gap, force, space.area, stiffness, moves)
     return pressed, face
 
 
@@ -184,30 +196,21 @@ def opening_rows(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRow
     count, dim = held.shape
     rows, pivots, contacts = [], [], []
     for patch in opening:
-        face, normal = patch.opening, np.asarray(patch.opening_normal)
-        n = np.where(held[face.nodes], 0.0, normal)
-        moves = np.linalg.norm(n, axis=1) > SMALL
+        face, moves = patch.opening, np.flatnonzero(patch.opening.moves)
         nodes = face.nodes[moves]
+        n = np.where(held[nodes], 0.0, np.asarray(patch.opening_normal)[moves])
         relative = selection(nodes, count)
         if patch.opening_other is not None:
             relative = relative - patch.opening_other[moves]
         relative = sparse.kron(relative, sparse.eye_array(dim))
-        rows.append(rows_along(np.arange(nodes.size), n[moves], nodes.size) @ relative)
+        rows.append(rows_along(np.arange(nodes.size), n, nodes.size) @ relative)
         slips = np.zeros(count, dtype=np.intp)
         slips[patch.nodes] = np.count_nonzero(np.any(patch.directions != 0.0, axis=2), axis=1)
         free_first = np.argsort(held[nodes], axis=1, kind="stable")
         pivots.append(dim * nodes + free_first[np.arange(nodes.size), slips[nodes]])
         gain = patch.joint.friction * friction_gain(patch, m, count)
-        contacts.append(
-            OpeningContact(
-                face.W[:, np.flatnonzero(moves)],
-                face.gap,
-                face.force,
-                gain,
-                face.stiffness,
-                face.area,
-            )
-        )
+        every = OpeningContact(face.W, face.gap, face.force, gain, face.stiffness, face.area)
+        contacts.append(every.among(moves))
     W = sparse.csr_array(sparse.block_diag([c.N for c in contacts]))
     joined = OpeningContact(
         W,
@@ -218,7 +221,7 @@ def opening_rows(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRow
         np.concatenate([c.area for c in contacts]),
     )
     D = sparse.csr_array(sparse.vstack(rows))
-    return NormalRows(D, np.concatenate(pivots), joined)
+    return NormalRows(D, np.concatenate(pivots), joined) if D.shape[0] else None
 
 
 def friction_gain(patch: Patch, m: int, count: int) -> sparse.csr_array:

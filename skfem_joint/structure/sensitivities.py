@@ -226,19 +226,23 @@ class _Model:
 
     def _joined(self, parts: Sequence[_JointRates]) -> OpeningSensitivity | None:
         """Derivatives of all contact that opens, from those of each joint that does."""
+        if self.system.opening is None:
+            return None
         m = self.system.w.size
-        sizes = [part.patch.opening.gap.size for part in parts]
+        moves = [np.flatnonzero(part.patch.opening.moves) for part in parts]
 
         def values(name: str) -> FloatArray | None:
             each = [getattr(part, name) for part in parts]
-            filled = [np.zeros(n) if x is None else x for n, x in zip(sizes, each, strict=True)]
+            filled = [
+                np.zeros(k.size) if x is None else x[k] for k, x in zip(moves, each, strict=True)
+            ]
             return np.concatenate(filled) if any(x is not None for x in each) else None
 
         gain: Matrix | None = None
         if any(part.gain is not None for part in parts):
             each = [
-                sparse.csr_array((m, n)) if part.gain is None else part.gain
-                for n, part in zip(sizes, parts, strict=True)
+                sparse.csr_array((m, k.size)) if part.gain is None else part.gain[:, k]
+                for k, part in zip(moves, parts, strict=True)
             ]
             gain = sparse.csr_array(sparse.hstack(each))
         joined = {name: values(name) for name in ("gap", "force", "stiffness")}

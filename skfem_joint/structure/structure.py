@@ -311,7 +311,9 @@ class Structure:
             try:
                 face, sizes = None, (p["width"], p["thickness"])
                 if joint.opens:
-                    by_bolts, face = opening_face(self.body, joint, *sizes, by_bolts, spaces.get(i))
+                    by_bolts, face = opening_face(
+                        self.body, joint, self.held, *sizes, by_bolts, spaces.get(i)
+                    )
                 patch = make_patch(self.body, joint, self.held, *sizes, numbering, by_bolts, face)
                 check_shared(self.body, patches, patch)
                 patches.append(patch)

@@ -25,8 +25,8 @@ from skfem_joint.analysis.backbone import backbone
 from skfem_joint.analysis.rows import HEADER, Rows
 from skfem_joint.analysis.scene_backbone import BACKBONE_ROWS, scene_backbone
 from skfem_joint.analysis.scene_response import RESPONSE_ROWS, scene_response
+from skfem_joint.array_files import fingerprint
 from skfem_joint.errors import InputError
-from skfem_joint.stepping.checkpoint import fingerprint
 
 ROOT = Path(__file__).parents[2]
 

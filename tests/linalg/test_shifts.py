@@ -8,6 +8,7 @@ from scipy import sparse
 from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
 from skfem_joint.modes import lowest_modes
+from skfem_joint.reduction.interface_modes import RestrictedMotion
 
 
 def free_chain(n: int) -> tuple[sparse.csr_array, sparse.csr_array]:
@@ -43,3 +44,20 @@ def test_pivots_have_the_signs_of_the_eigenvalues_however_full_a_matrix_is(size)
         each = pivots(sparse.csr_array(B))
         assert np.count_nonzero(each < 0.0) == np.count_nonzero(expected < 0.0)
         assert np.prod(each / np.abs(expected)) == pytest.approx(np.sign(expected).prod(), rel=1e-6)
+
+
+def test_motions_that_nothing_holds_have_modes_and_responses():
+    """The same chain, whose factor without a shift stops at a pivot of exactly zero."""
+    K, M = free_chain(50)
+    restricted = RestrictedMotion(sparse.eye_array(50, format="csc"), K, M)
+    frequencies, _ = restricted.lowest(4)
+    np.testing.assert_allclose(frequencies, lowest_modes(K, M, 4)[0], rtol=1e-9)
+    stretched = restricted.solver(np.eye(50)[0] - np.eye(50)[-1])
+    np.testing.assert_allclose(np.diff(stretched), -1.0 / 3e8, rtol=1e-6)
+
+
+def test_masses_without_stiffness_have_rigid_motions_alone():
+    M = sparse.diags_array(np.arange(1.0, 31.0))
+    frequencies, modes = lowest_modes(sparse.csr_array((30, 30)), sparse.csr_array(M), 4)
+    assert np.all(frequencies == 0.0)
+    np.testing.assert_allclose(modes.T @ M @ modes, np.eye(4), atol=1e-9)

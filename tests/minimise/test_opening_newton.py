@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+import skfem_joint as sj
+from skfem_joint.errors import InputError
 from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
 from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.opening import OpeningContact
 
 #: Largest entry of the loads; errors are relative to it.
 LOAD = 30.0
@@ -220,3 +223,17 @@ def test_loads_that_are_not_finite_do_not_converge():
     g = c.g.copy()
     g[3] = np.nan
     assert not c._replace(g=g).minimum().converged
+
+
+@pytest.mark.parametrize("N", [[[1.0, 0.0], [1.0, 0.0]], [[0.0, 0.0]], [[1.0, 2.0], [2.0, 4.0]]])
+def test_pressure_points_that_no_unknown_moves_by_itself_are_refused(N):
+    q = len(N)
+    opening = OpeningContact(
+        sparse.csr_array(np.array(N)), np.zeros(q), np.ones(q), sparse.csr_array((0, q)),
+        np.full(q, np.inf), np.ones(q),
+    )  # fmt: skip
+    one = sparse.csr_array(np.eye(2))
+    none = sparse.csr_array((0, 2)), np.zeros(0), np.zeros(0)
+    system = sj.System(one, None, one, *none, opening=opening)
+    with pytest.raises(InputError, match="depend on each other, or no unknown moves one"):
+        sj.integrate(system, step=0.1, n_steps=1)

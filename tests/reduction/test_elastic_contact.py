@@ -15,6 +15,9 @@ from skfem_joint.reduction.elastic_contact import (
     elastic,
     strain_norm,
 )
+from skfem_joint.reduction.excitation import Excitation
+from skfem_joint.reduction.interface_modes import driven
+from skfem_joint.stepping.plan import Plan
 
 TIMING = {"cycles": 1, "steps_per_cycle": 100}
 
@@ -142,3 +145,17 @@ def test_modes_of_a_run_are_refused():
     run = sj.integrate(system, **TIMING, save=sj.Save(fields=True))
     with pytest.raises(sj.InputError, match="must be 'static' with contact that opens"):
         sj.reduce(system, run=run)
+
+
+def test_fixed_interface_modes_are_those_of_contact_that_stays_closed():
+    system = elastic(_system(elements=4))
+    plan = Plan(1.0 / 2000.0 / 100, 100)
+    response = np.linalg.solve(system.K.toarray() + np.eye(system.n), system.load_vectors())
+    shapes, _ = driven(system, response, Excitation.of(system, plan), 6)
+    closed = system.K + system.opening.springs
+    found = np.einsum("ij,ij->j", shapes, closed @ shapes)
+    found /= np.einsum("ij,ij->j", shapes, system.M @ shapes)
+    known = sj.natural_modes(system, 15, joints="stuck").frequencies
+    off = np.abs(np.sqrt(found) / (2.0 * np.pi) - known[:, np.newaxis]).min(axis=0)
+    assert shapes.shape[1] >= 3
+    assert off.max() < 1e-6 * known[0]

@@ -95,7 +95,7 @@ def test_an_oscillator_is_steady_where_a_long_run_leads(rho):
     assert run.offset_of("mass") == pytest.approx(0.5 * (u.max() + u.min()), rel=1e-5)
 
 
-def _lifted(up=195e3, across=150e3):
+def _lifted(up=197e3, across=150e3):
     return block().system(loads(up=up, across=across))
 
 

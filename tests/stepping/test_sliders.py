@@ -1,6 +1,7 @@
 """Friction with springs in series: closed forms, other solvers, limits and conservation."""
 
 from dataclasses import replace
+from itertools import permutations
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -236,6 +237,63 @@ def test_steady_vibration_is_where_a_long_run_ends(stiffness):
     assert steady.energy_residual < 1e-12
     assert steady.steady.amplitude == pytest.approx(high, rel=1e-5)
     assert steady.friction_work.sum() == pytest.approx(long.cycles.friction[-1], rel=1e-4)
+
+
+@pytest.mark.parametrize("joints", [("j",), ("j", "k")])
+def test_joints_in_the_middle_of_a_bar_on_springs_are_those_of_the_mirrored_bar(joints):
+    """Slip rows of which the first are not the chain's first unknowns; a jump starts them anew."""
+    stiffness = {"j": 1e12, "k": inf}
+    parts = [("a", 0.1, 5), ("j", 0.1, 10), ("b", 0.05, 3), ("k", 0.06, 4), ("c", 0.09, 5)]
+
+    def energies(parts: Any, wall: float) -> Any:
+        structure = sj.Structure(
+            sj.build_bar(parts, {"wall": wall, "tip": 0.4 - wall}),
+            sj.Material(E=200e9, density=8000.0),
+            width=0.05,
+            thickness=0.01,
+            fixed=["wall"],
+            stiffness_damping=1e-6,
+            joints=[sj.Joint(on, 8e6, 0.7, tangential_stiffness=stiffness[on]) for on in joints],
+        )
+        loads = sj.Load("tip", sj.Harmonic(32e3, 500.0)), sj.Load("tip", sj.Rectangle(5e3, 1e-3))
+        run = sj.integrate(structure.system(loads), step=5e-6, n_steps=600)
+        assert run.energy_residual < 1e-12
+        return [*(run.system.J @ run.friction_work), *run.stored_energy, run.peak_of("tip")]
+
+    mirrored = energies(parts[::-1], 0.4)
+    assert min(mirrored[: len(joints)]) > 1e-2 * mirrored[-2]
+    np.testing.assert_allclose(energies(parts, 0.0), mirrored, rtol=1e-9)
+
+
+@pytest.mark.parametrize("between", [False, True])
+@pytest.mark.parametrize("stiffness", [(inf, 2e4, inf), (2e4, inf, 5e4), (2e4, 1e4, 3e4)])
+def test_sliders_along_a_chain_do_not_depend_on_their_order(between, stiffness):
+    """On masses and between them, sprung and rigid, for each order of joints and numbering."""
+    n, places = 9, (2, 4, 7)
+    k = 1e4 * (1.0 + np.arange(n) % 3)
+    K = np.diag(k + np.append(k[1:], 0.0)) - np.diag(k[1:], 1) - np.diag(k[1:], -1)
+    numberings = [np.arange(n), np.arange(n)[::-1], np.random.default_rng(0).permutation(n)]
+
+    def works(order: Any, numbering: Any) -> Any:
+        M, Q = np.diag(np.linspace(1.0, 2.0, n)), np.eye(n)[numbering]
+        contact = None
+        for joint in order:
+            row = np.eye(n)[places[joint]] - between * np.eye(n)[places[joint] + between]
+            limit, spring = 3.0 + joint, stiffness[joint]
+            one = sj.point_friction(Q @ row, limit, name=str(joint), stiffness=spring)
+            contact = one if contact is None else contact + one
+        system = sj.System.from_matrices(
+            Q @ M @ Q.T, Q @ K @ Q.T, stiffness_damping=1e-4, contact=contact,
+            loads={"end": (Q @ np.eye(n)[-1], sj.Harmonic(40.0, 11.0))},
+        )  # fmt: skip
+        run = sj.integrate(system, cycles=3, steps_per_cycle=80)
+        own = dict(zip(system.joints, system.J @ run.friction_work, strict=True))
+        return [*(own[str(joint)] for joint in range(3)), run.peak_of("end")]
+
+    first = works((0, 1, 2), numberings[0])
+    for order in permutations(range(3)):
+        for numbering in numberings:
+            np.testing.assert_allclose(works(order, numbering), first, rtol=1e-10)
 
 
 def test_condensed_and_reduced_models_keep_springs():

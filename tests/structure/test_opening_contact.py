@@ -1,9 +1,12 @@
 """Contact that opens on matrices of scikit-fem: the same system as that of a structure."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import skfem
 from opening_blocks import SIZE, STEEL, block, loads
+from scipy import sparse
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 import skfem_joint as sj
@@ -123,3 +126,106 @@ def test_wrong_values_are_refused(values, problem):
     basis = skfem.Basis(mesh.mesh, skfem.ElementVector(skfem.ElementQuad1()))
     with pytest.raises(InputError, match=problem):
         sj.contact(basis, "base", friction=0.5, **values)
+
+
+def held_block(element, named: bool, penalty: float = 0.0):
+    """Block pressed on a rigid base and held on one side, or there on springs of a penalty."""
+    solid = element in (skfem.ElementHex1, skfem.ElementHex2)
+    grid = np.linspace(0.0, SIZE, 4)
+    mesh = skfem.MeshHex.init_tensor(grid, grid[:3], grid) if solid else None
+    mesh = mesh or skfem.MeshQuad.init_tensor(grid, grid)
+    across, up = (0, mesh.dim() - 1)
+    mesh = mesh.with_boundaries(
+        {"base": lambda x: x[up] == 0, "top": lambda x: x[up] == SIZE, "left": lambda x: x[0] == 0,
+         "right": lambda x: x[0] == SIZE}
+    )  # fmt: skip
+    basis = skfem.Basis(mesh, skfem.ElementVector(element()), intorder=4)
+    K = linear_elasticity(*lame_parameters(200e9, 0.3)).assemble(basis)
+    M = skfem.BilinearForm(lambda u, v, _: 8e3 * sum(u[k] * v[k] for k in range(up + 1)))
+    M, held = M.assemble(basis), basis.get_dofs("right").all()
+    loads = {}
+    for name, k in (("top", up), ("left", across)):
+        facets = skfem.FacetBasis(mesh, basis.elem, facets=name, intorder=4)
+        vector = skfem.LinearForm(lambda v, _, k=k: v[k]).assemble(facets)
+        loads[name] = vector / facets.dx.sum(), Harmonic(30e6 * facets.dx.sum(), 2000.0)
+    springs = np.zeros(K.shape[0])
+    springs[held] = penalty * K.diagonal().max()
+    fixed = [] if penalty else held
+    contact = sj.contact(
+        basis, "base", friction=0.5, pressure=20e6, contact="unilateral",
+        fixed=fixed if named else (),
+    )  # fmt: skip
+    system = sj.System.from_matrices(
+        M, K + sparse.diags_array(springs), fixed=fixed, contact=contact, loads=loads,
+        C=2e-7 * K,
+    )  # fmt: skip
+    if not penalty or element in FIRST:
+        return system
+    # Means over hats of nodes that are held take in their neighbours: their force is constant.
+    opening, free = system.opening, np.flatnonzero(~np.isin(contact.normal.pivots, held))
+    values = {name: getattr(opening, name)[free] for name in ("gap", "force", "stiffness", "area")}
+    opening = replace(opening, N=opening.N[free], gain=opening.gain[:, free], **values)
+    return replace(system, opening=opening)
+
+
+FIRST = skfem.ElementQuad1, skfem.ElementHex1
+
+
+@pytest.mark.parametrize("named", [False, True])
+@pytest.mark.parametrize("element", [*FIRST, skfem.ElementQuad2, skfem.ElementHex2])
+def test_nodes_of_contact_that_supports_hold_are_those_on_stiff_springs(element, named):
+    system, springs = held_block(element, named), held_block(element, named, 1e6)
+    a, b = (sj.integrate(s, cycles=1, steps_per_cycle=60) for s in (system, springs))
+    assert a.opened.any()
+    assert a.friction_work.sum() > 0.0
+    np.testing.assert_allclose(a.point_u, b.point_u, atol=2e-4 * np.abs(b.point_u).max())
+
+
+def test_a_node_held_across_its_contact_keeps_its_normal_force_and_rubs():
+    """Of a plate and of matrices: what supports hold against approaching has a constant limit."""
+    structure = block()
+    structure = sj.Structure(
+        structure.mesh, STEEL, thickness=0.1, fixed_y=["right"], joints=structure.joints
+    )
+    mesh = structure.mesh.mesh
+    basis = skfem.Basis(mesh, skfem.ElementVector(skfem.ElementQuad1()))
+    right = basis.get_dofs(mesh.boundaries["right"]).all(["u^2"])
+    K = linear_elasticity(*lame_parameters(2e11, 0.3)).assemble(basis)
+    M = skfem.BilinearForm(lambda u, v, _: 8e3 * (u[0] * v[0] + u[1] * v[1])).assemble(basis)
+    joint = {"pressure": 50e6, "contact": "unilateral", "thickness": 0.1, "friction": 0.5}
+    contact = sj.contact(basis, "base", **joint)
+    for system in (structure.system(), sj.System.from_matrices(M, K, fixed=right, contact=contact)):
+        opening = system.opening
+        assert system.w.size == 4
+        assert opening.gap.size == 3
+        assert system.w.sum() == pytest.approx(0.5 * 50e6 * 0.1 * SIZE)
+        constant = system.w - opening.limits_at_rest
+        assert np.sort(constant) == pytest.approx([0.0, 0.0, 0.0, 0.5 * 50e6 * 0.1 * SIZE / 6])
+
+
+def test_contact_of_which_all_nodes_are_held_across_stays_as_it_is_at_rest():
+    structure = block()
+    structure = sj.Structure(
+        structure.mesh, STEEL, thickness=0.1, fixed_y=["base"], fixed_x=["right"],
+        joints=structure.joints,
+    )  # fmt: skip
+    assert structure.system().opening is None
+
+
+def test_limits_below_those_of_the_normal_forces_at_rest_are_refused():
+    """w has the sum of both; without the part of the normal forces it would be another system."""
+    system = block().system(loads())
+    at_rest = system.opening.limits_at_rest
+    assert np.array_equal(system.w, at_rest)
+    for w in (0.0 * at_rest, at_rest * (np.arange(at_rest.size) != 1)):
+        with pytest.raises(InputError, match=r"w: found 0 N at .* opening\.limits_at"):
+            replace(system, w=w)
+    more = replace(system, w=at_rest + 10.0)  # of joints of constant normal force
+    assert more.w.sum() > system.w.sum()
+
+
+@pytest.mark.parametrize("name", ["M", "C", "K"])
+def test_negative_matrices_are_refused(name):
+    system = block().system(loads())
+    with pytest.raises(InputError, match=rf"^{name}: .*; found -.* for unknown \d+$"):
+        replace(system, **{name: -getattr(system, name)})

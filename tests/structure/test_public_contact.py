@@ -11,6 +11,7 @@ from scipy import sparse
 from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
+from skfem_joint.analysis.natural_modes import natural_modes
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.slips import SlipRows
@@ -252,3 +253,25 @@ def test_contacts_are_named_as_the_part_of_the_mesh_unless_named_otherwise():
         contact(basis, "base", name=" ", **how)
     with pytest.raises(InputError, match="point_friction: found name 3"):
         point_friction([1.0], 1.0, name=3)
+
+
+def test_a_mass_without_stiffness_slides_until_friction_has_taken_its_energy():
+    """From a velocity v it comes to rest after m v^2 / (2 w)."""
+    mass, limit, speed, step = 2.0, 5.0, 3.0, 1e-3
+    system = System.from_matrices([[mass]], [[0.0]], contact=point_friction([1.0], limit))
+    assert natural_modes(system, 1).frequencies == [0.0]
+    run = integrate(system, step=step, n_steps=2000, initial=(np.zeros(1), np.array([speed])))
+    assert run.friction_work.sum() == pytest.approx(0.5 * mass * speed**2, rel=1e-12)
+    exact = mass * speed**2 / (2.0 * limit)
+    assert run.final[0][0] == pytest.approx(exact, abs=limit / mass * step**2)
+    assert run.final[1][0] == 0.0
+
+
+def test_a_light_stiff_body_that_floats_is_not_taken_for_an_indefinite_one():
+    """Round-off of its stiffness is far above a shift by the frequencies of a heavy soft one."""
+    k = np.random.default_rng(1).uniform(0.1, 1.0, 29)
+    light = np.diag(np.append(k, 0.0) + np.append(0.0, k)) - np.diag(k, 1) - np.diag(k, -1)
+    K = sparse.block_diag([1e9 * light, [[1.0]]])
+    M = sparse.diags_array([*np.full(30, 1e-6), 1e6])
+    contact = point_friction(np.eye(31)[3], 1.0)
+    assert System.from_matrices(M, K, contact=contact).n == 31

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.linalg.factors import factorised
-from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction.interface_modes import RestrictedMotion, motions_without_slip
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.quasi_static import QuasiStatic
@@ -48,7 +46,7 @@ class StuckVibration:
         F = motions_without_slip(system, carrying=system.has_springs)
         held = replace(system, K=system.stuck_stiffness)
         restricted = RestrictedMotion.of(held, F)
-        solve = path.stuck(F) or factorised(shifted(restricted.K, restricted.M))
+        solve = path.stuck(F) or restricted.solver
         frequency, shapes = restricted.lowest(most, solve, 1e-6)
         count = max(1, int(np.count_nonzero(frequency <= 3.0 * highest)))
         modes = np.asarray(F @ shapes[:, :count])

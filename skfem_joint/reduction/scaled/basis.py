@@ -19,7 +19,6 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray, slip_norms
-from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.active_length import THRESHOLD, ContactPart, axis_of
 from skfem_joint.reduction.basis import Basis, Options, basis_of
 from skfem_joint.reduction.interface_modes import (
@@ -245,7 +244,7 @@ def _following(system: System, restricted: RestrictedMotion, V: FloatArray) -> F
     """Prescribed motions V (n, k) with what the columns of F follow at the least strain energy."""
     if restricted.F.shape[1] == 0:
         return V
-    return np.asarray(V - restricted.F @ factorised(restricted.K)(restricted.F.T @ (system.K @ V)))
+    return np.asarray(V - restricted.F @ restricted.solver(restricted.F.T @ (system.K @ V)))
 
 
 def _beside(
@@ -255,5 +254,5 @@ def _beside(
     loads = system.load_vectors()
     forces = restricted.F.T @ loads
     forces = forces[:, np.abs(forces).max(axis=0) > 1e-9 * np.abs(loads).max(axis=0)]
-    responses = [restricted.F @ factorised(restricted.K)(forces)] if forces.size else []
+    responses = [restricted.F @ restricted.solver(forces)] if forces.size else []
     return [*responses, participating(system, restricted, V, forces, count)]

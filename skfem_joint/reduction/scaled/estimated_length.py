@@ -16,8 +16,10 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.arrays import IntArray
+from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.modes import eigenmodes
+from skfem_joint.linalg.shifts import shifted
+from skfem_joint.modes import lowest_modes
 from skfem_joint.reduction.active_length import ContactPart
 from skfem_joint.system import System
 
@@ -108,14 +110,15 @@ def estimate_active_length(system: System, zone: ContactPart) -> ActiveLengthEst
     linear = np.setdiff1d(np.arange(system.n), slipping)
     at_end = float(force[unknowns[0]])
     if linear.size:
-        u = factorised(K[linear][:, linear])(force[linear])
+        K_rest = shifted(K[linear][:, linear], M[linear][:, linear], shifts.SETTINGS.least)
+        u = factorised(K_rest)(force[linear])
         at_end += abs(float((K[unknowns[:1]][:, linear] @ u)[0]))
 
     @cache
     def frequency_up_to(node: int) -> float:
         """Natural frequency of what moves when the zone moves up to one of its nodes."""
         moving = np.union1d(unknowns[: max(node, 1)], linear)
-        return float(eigenmodes(K[moving][:, moving], M[moving][:, moving], 1)[0][0])
+        return float(lowest_modes(K[moving][:, moving], M[moving][:, moving], 1)[0][0])
 
     def frequency_of(length: float) -> float:
         """Natural frequency, interpolated between the nodes on both sides of the length."""
