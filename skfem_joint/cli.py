@@ -16,7 +16,7 @@ import subprocess
 import sys
 import threading
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
 from dataclasses import replace
@@ -339,32 +339,38 @@ def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
     from skfem_joint.analysis.against_opening import against_opening
     from skfem_joint.analysis.description import describe
-    from skfem_joint.analysis.scene_plan import plan_of
+    from skfem_joint.analysis.scene_plan import plan_of, with_friction
     from skfem_joint.scene.reading import load_with_sweep
     from skfem_joint.stepping.resolution import check_jumps, check_resolution
     from skfem_joint.structure import doubts
 
     # Everything is checked before the scene is called valid.
     scene, swept, sweep_notes = load_with_sweep(options.scene)
-    system = scene.system()
+    system, (scene, left_out) = scene.system(), with_friction(scene)
     if not scene.accuracy.is_given:  # the accuracy would choose the step
         check_resolution(system, plan_of(scene))
         check_jumps(system, plan_of(scene))
-    description = describe(scene)
-    suspected = doubts(scene.structure(), system, waves=not scene.time.quasi_static)
-    notes = *scene.left_out, *suspected, *description.doubts, *sweep_notes
-    if compared := against_opening(scene, description.values.get("normal_force_change")):
-        notes = *notes, compared
-    need = sum(memory.needed(scene).values())
+    told: dict[str, None] = {}
+
+    def tell(sentences: Iterable[str], form: str = "Note: {}") -> None:
+        """Print sentences as soon as they are known, each once."""
+        for sentence in [each for each in dict.fromkeys(sentences) if each not in told]:
+            told[sentence] = None
+            print(form.format(sentence), flush=True)
+
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
-        f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
+        f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}.",
+        flush=True,
     )
-    print("\n".join(description.facts))
-    for note in dict.fromkeys(notes):
-        print(f"Note: {note}")
+    description = describe(scene, told=lambda fact: tell([fact], "{}"))
+    tell((*scene.left_out, *left_out))
+    tell(doubts(scene.structure(), system, waves=not scene.time.quasi_static))
+    tell((*description.doubts, *sweep_notes))
+    tell(filter(None, [against_opening(scene, description.values.get("normal_force_change"))]))
     if swept is not None:
         print(f"The sweep has {len(swept.scenes)} scenes, each valid.")
+    need = sum(memory.needed(scene).values())
     print(f"A run needs about {memory.size(need)} beside the program.")
     return 0
 

@@ -246,3 +246,18 @@ def test_what_is_implausible_is_said_and_runs(changes, sentence):
     notes = said(scene)
     assert any(re.search(sentence, note) for note in notes)
     assert set(notes) <= set(run_scene(scene).warnings)
+
+
+def test_facts_are_told_as_soon_as_they_are_found():
+    scene, heard = bar_scene("full", bar="coarse", time={"cycles": 1}), []
+
+    def told(fact: str) -> None:
+        heard.append(fact)
+        if fact.startswith("Mass"):  # before natural frequencies are searched for
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        describe(scene, told=told)
+    facts = describe(scene).facts
+    assert heard == [*facts[: len(heard)]]
+    assert len(heard) < len(facts)
