@@ -21,7 +21,7 @@ from skfem_joint.analysis.contact_mesh import coarse_contact, judged
 from skfem_joint.analysis.gross_slip import gross_slip_level
 from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
 from skfem_joint.analysis.normal_force import NormalChange
-from skfem_joint.analysis.scene_plan import TO_STEADY
+from skfem_joint.analysis.scene_plan import TO_STEADY, plan_of
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
 from skfem_joint.linalg.factors import factorised
@@ -30,6 +30,7 @@ from skfem_joint.modal_response import modal_response
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import Arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.resolution import unfit_times
 from skfem_joint.structure import AnyStructure, PressureTable
 from skfem_joint.structure.doubts import per_wavelength
 from skfem_joint.system import System
@@ -129,6 +130,7 @@ def describe(
             f"Contact that opens ({', '.join(opens)}): frequencies and responses below are those "
             "with the contact closed where it is pressed at rest, and with the normal forces there."
         )
+    draft.doubts += unfit_times(system, plan_of(scene))
     try:
         _moves(scene, structure, system, path, draft)
     except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
