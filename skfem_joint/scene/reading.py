@@ -24,6 +24,7 @@ from skfem_joint.scene.scene import (
 )
 from skfem_joint.scene.sweep_table import SweepTable
 from skfem_joint.scene.tables import MeshTable
+from skfem_joint.scene.values import BACKSLASHES
 
 
 def load_scene(path: str | Path, models: Sequence[str] | None = None) -> Scene:
@@ -70,7 +71,9 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         at = re.search(r"line (\d+)", str(error))
         line = int(at[1]) if at else text.count("\n") + 1
-        raise InputError(f"{path}: line {line}: not valid TOML: {error}") from error
+        escapes = re.search("hex value|Unescaped|scalar", str(error))  # what tomllib says of them
+        cure = f"; {BACKSLASHES}" if escapes else ""
+        raise InputError(f"{path}: line {line}: not valid TOML: {error}{cure}") from error
 
 
 def _read_mesh(tables: Mapping[str, Any], folder: Path) -> tuple[NamedMesh | None, list[str]]:

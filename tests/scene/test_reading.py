@@ -153,6 +153,9 @@ def test_mistakes_of_tables_mesh_and_structure_are_reported_together(scene_file)
         (b"title = 'a'\n\n# \xff\n", "line 3: not UTF-8"),
         (b"a = " + b"[" * 100_000, "not valid TOML"),
         (b"a = " + b"1" * 10_000, "not valid TOML"),
+        (b'[mesh]\nfile = "C:\\Users\\me\\lap.msh"\n', "line 2: .* forward slashes"),
+        (b'[mesh]\nfile = "meshes\\lap.msh"\n', "line 2: .* forward slashes"),
+        (b'title = "\\U00110000"\n', "line 1: .* forward slashes"),
         (b"\n\nx" + b".x" * 20_000 + b" = 1", "line 3: not valid TOML: a key of more than"),
     ],
 )
@@ -160,8 +163,22 @@ def test_file_that_is_not_toml_is_refused_with_its_line(tmp_path, content, expec
     path = tmp_path / "scene.toml"
     path.write_bytes(content)
     (problem,) = problems_of_file(path)
-    assert expected in problem
+    assert re.search(expected, problem)
+    assert ("forward slashes" in problem) == (b"\\" in content)
     assert re.match(r"line \d+: ", problem)
+
+
+@pytest.mark.parametrize("name", ["C:\\temp\\new.msh", "meshes\\new.msh", "a\\b"])
+def test_escapes_in_a_path_are_no_missing_file(scene_file, name):
+    """\\t, \\n and \\b are valid in double quotes; in single quotes the path is as it is written."""
+    path = scene_file(('file = "', f'file = "{name}" #'))
+    said = [p for p in problems_of_file(path) if p.startswith("mesh.file: ")]
+    assert len(said) == 1
+    assert "must be the name of a file; a backslash in double quotes" in said[0]
+    path = scene_file(('file = "', f"file = '{name}' #"))
+    said = [p for p in problems_of_file(path) if p.startswith("mesh.file: ")]
+    assert name in said[0]
+    assert "no such mesh file" in said[0]
 
 
 def test_missing_file_folder_large_and_empty_file_are_refused(tmp_path):
