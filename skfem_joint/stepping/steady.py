@@ -66,10 +66,10 @@ class SteadySettings:
     energy : float
         Largest change of the energy over a period, over the work put in: it bounds how far a slowly
         decaying part still is from its end.
-    lossless : float
-        Work put in, over the largest energy, below which nothing decays and the energy tells nothing.
     exact : float
         Change, relative like ``change``, that is round-off: no state changes less.
+    lossless : float
+        Work put in over a period, over the largest energy, below which nothing is seen to decay.
     distance : float
         Largest distance from the fixed point, as Newton's method sees it, relative like ``change``.
     periods : int
@@ -138,7 +138,6 @@ def settles(left: float, gained: float, energy: float, work: float) -> bool:
     """
     decays = work > SETTINGS.lossless * energy
     return left <= SETTINGS.change and not (decays and abs(gained) > SETTINGS.energy * work)
-
 
 
 @dataclass(frozen=True)
