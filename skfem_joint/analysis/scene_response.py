@@ -121,18 +121,23 @@ class SceneResponse:
     warnings: tuple[str, ...]
 
 
+def asked_table(scene: Scene) -> ResponseTable:
+    """Table ``[response]`` of a scene; InputError if there is none."""
+    if scene.response is None:
+        raise InputError(
+            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
+            "in a table [response]"
+        )
+    return scene.response
+
+
 def response_table(scene: Scene) -> ResponseTable:
     """Table ``[response]`` of a scene.
 
     InputError if there is none, a load of the scene has no frequency that could be changed, or no
     joint carries friction and the full model is not asked for.
     """
-    table = scene.response
-    if table is None:
-        raise InputError(
-            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
-            "in a table [response]"
-        )
+    table = asked_table(scene)
     at_frequency(scene.system(), table.frequencies.to)
     with_friction(scene)
     return table

@@ -15,8 +15,8 @@ LARGEST_COUNT = 10**9
 
 #: What is to be said where a backslash may stand for itself, as in a path of Windows.
 BACKSLASHES = (
-    "a backslash in double quotes begins an escape in TOML, such as \\t for a tab: write paths with "
-    "forward slashes, 'C:/folder/a.msh', or in single quotes"
+    "a backslash in double quotes begins an escape in TOML, such as \\t for a tab: write paths "
+    "with forward slashes, 'C:/folder/a.msh', or in single quotes"
 )
 
 T = TypeVar("T")
