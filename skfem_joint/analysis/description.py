@@ -130,6 +130,8 @@ def describe(
             f"Contact that opens ({', '.join(opens)}): frequencies and responses below are those "
             "with the contact closed where it is pressed at rest, and with the normal forces there."
         )
+    still = [load.on for load in system.loads if load.amplitude.peak_value == 0.0]
+    draft.doubts += [f"The load on {on!r} is zero at all times." for on in still]
     draft.doubts += unfit_times(system, plan_of(scene))
     try:
         _moves(scene, structure, system, path, draft)

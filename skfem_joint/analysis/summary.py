@@ -197,7 +197,7 @@ def _by_bolt(nodes: FloatArray, bolts: Bolts, work: FloatArray) -> FloatArray:
     """Work (J) of contact points at nodes (k, dim), summed for the bolt that each is nearest to."""
     at = np.array([bolt.at[: nodes.shape[1]] for bolt in bolts.bolts])
     nearest = np.linalg.norm(nodes[:, np.newaxis] - at, axis=2).argmin(axis=1)
-    return np.bincount(nearest, work, len(at))
+    return np.asarray(np.bincount(nearest, work, len(at)), dtype=float)
 
 
 def _by_point(run: Run, values: Any) -> dict[str, float]:

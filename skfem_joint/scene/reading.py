@@ -84,8 +84,11 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         at = re.search(r"line (\d+)", str(error))
         line = int(at[1]) if at else text.count("\n") + 1
-        escapes = re.search("hex value|Unescaped|scalar", str(error))  # what tomllib says of them
-        cure = f"; {BACKSLASHES}" if escapes else ""
+        cure = ""
+        if re.search("hex value|Unescaped|scalar", str(error)):  # what tomllib says of escapes
+            cure = f"; {BACKSLASHES}"
+        elif re.search(r"=\s*[+-]?\d+,\d", "".join(text.splitlines()[line - 1 : line])):
+            cure = "; numbers have a decimal point, not a comma"
         raise InputError(f"{path}: line {line}: not valid TOML: {error}{cure}") from error
 
 

@@ -254,6 +254,12 @@ def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(
     assert any(one.startswith("There is no reduced model: ") for one in results.warnings)
 
 
+def test_a_joint_without_friction_does_not_slip_as_a_whole():
+    study = run_bar("full", bar="coarse", joint=[joint(friction=0.0)], time={"cycles": 1})
+    assert any("carries no friction" in note for note in study.warnings)
+    assert not any(GROSS in note for note in study.warnings)
+
+
 LOOSE_BOLTS = {"bolts": [{"at": [0.1, 0.025], "force": 0.0, "head_radius": 0.01}]}
 
 

@@ -157,6 +157,7 @@ def test_mistakes_of_tables_mesh_and_structure_are_reported_together(scene_file)
         (b'[mesh]\nfile = "C:\\Users\\me\\lap.msh"\n', "line 2: .* forward slashes"),
         (b'[mesh]\nfile = "meshes\\lap.msh"\n', "line 2: .* forward slashes"),
         (b'title = "\\U00110000"\n', "line 1: .* forward slashes"),
+        (b"a = 1\nfriction = 0,7\n", "line 2: .* a decimal point, not a comma"),
         (b"\n\nx" + b".x" * 20_000 + b" = 1", "line 3: not valid TOML: a key of more than"),
     ],
 )
