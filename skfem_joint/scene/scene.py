@@ -156,7 +156,7 @@ class Scene(SceneTable):
         for table in (material, self.section):
             for region, override in table.regions.items():
                 regions.setdefault(region, {}).update(override.model_dump(exclude_none=True))
-        return parts.Structure(
+        made = parts.Structure(
             self.named_mesh,
             parts.Material(material.E, material.density, material.poisson),
             **self.section.model_dump(exclude={"regions"}),
@@ -167,6 +167,8 @@ class Scene(SceneTable):
             regions=regions,
             progress=progress,
         )
+        made.tighten(progress)
+        return made
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -78,8 +78,8 @@ class Structure:
         Whose body, matrices and preload are taken over as far as the same values make them; see
         `with_values`.
     progress : callable, optional
-        Called while bolts are tightened, with the number of sets of touching nodes that were
-        tried, 0, and a note.
+        Called while bolts are tightened, as by `tighten`; not of structures that are ``free``,
+        whose bolts are tightened when that is asked for.
     body : Body
         The elastic bodies alone, made from the values above.
     fitted : KnownFit
@@ -137,9 +137,8 @@ class Structure:
         refuse(wrong or clamp_problems(self.mesh, self.joints, self.bolts))
         if like is not None:
             like._hand_over(self)
-        if self.bolts and "preload" not in vars(self):
-            vars(self)["preload"] = self._tightened(progress)
         if not self.free:
+            self.tighten(progress)
             refuse(
                 f"{label} is left unsupported: it can move or turn freely; hold it by a support, "
                 "or by a joint with friction on a body that is held"
@@ -303,6 +302,15 @@ class Structure:
     def preload(self) -> Preload | None:
         """Static solution under the clamp forces; None without clamping bolts."""
         return self._tightened() if self.bolts else None
+
+    def tighten(self, progress: Progress = silent) -> None:
+        """Find the preload now, and not when it is first asked for.
+
+        ``progress`` is called with the number of sets of touching nodes that were tried, 0, and a
+        note. Errors as for the structure.
+        """
+        if self.bolts and "preload" not in vars(self):
+            vars(self)["preload"] = self._tightened(progress)
 
     def _tightened(self, progress: Progress = silent) -> Preload:
         """Static solution under the clamp forces; what is wrong without it is refused before."""

@@ -233,9 +233,10 @@ def test_what_is_known_to_be_wrong_is_refused_before_bolts_are_tightened():
         ({"joints": [unilateral], "fixed": ["u_top", "u_left"]}, "of its nodes are supported"),
     ):
         with pytest.raises(InputError, match=says):
-            clamped(halves(MESH), progress=lambda *news: told.append(news), **wrong)
+            clamped(halves(MESH), **wrong).tighten(lambda *news: told.append(news))
         assert told == []
-    made = clamped(halves(MESH), progress=lambda *news: told.append(news), joints=[unilateral])
+    held = {"free": False, "fixed": ["l_base"], "joints": [unilateral]}
+    made = clamped(halves(MESH), progress=lambda *news: told.append(news), **held)
     assert made.preload is not None
     # Each set of touching nodes was told of, and nothing changes in the last one.
     assert [count for count, _, _ in told] == [*range(1, made.preload.active_sets + 1)]
