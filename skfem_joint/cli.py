@@ -16,10 +16,11 @@ import subprocess
 import sys
 import threading
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -250,12 +251,14 @@ def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Run the models of a scene, estimate their errors, write the results and print a summary."""
     from skfem_joint import output
+    from skfem_joint.analysis import memory
     from skfem_joint.analysis.study import run_scene
     from skfem_joint.output import report
     from skfem_joint.stepping.checkpoint import Checkpoints
 
-    scene, out = _scene_of_models(options), options.out
-    _check_run_options(options, scene)
+    limit, out = options.memory_limit, options.out
+    scene = _scene_of_models(options)
+    memory.check(scene, memory.default_limit() if limit is None else limit * memory.GIB)
     checkpoints = None
     if options.checkpoint_every is not None or options.resume:
         checkpoints = Checkpoints(out, options.checkpoint_every, options.resume)
@@ -287,21 +290,37 @@ def _run(options: argparse.Namespace) -> int:
 
 def _scene_of_models(options: argparse.Namespace) -> Scene:
     """Scene with the models of ``--models``, if it is there; InputError names it where it errs."""
-    from skfem_joint.scene import load_scene
-
+    ready = partial(_check_run_options, options)
     if options.models is None:
-        return load_scene(options.scene)
+        return _loaded(options, ready)
     try:
-        return load_scene(options.scene, options.models.split(","))
+        return _loaded(options, ready, options.models.split(","))
     except InputError as error:
         place = f"{options.scene}: models.run"
         problems = [text.replace(place, "--models: models.run") for text in error.problems]
         raise InputError(problems) from error
 
 
+def _loaded(
+    options: argparse.Namespace,
+    ready: Callable[[Scene], object] | None = None,
+    models: Sequence[str] | None = None,
+) -> Scene:
+    """Scene of a command; ``ready`` refuses what it cannot take, before bolts are tightened."""
+    from skfem_joint.scene import load_scene
+
+    with _progress(options) as progress:
+        return load_scene(options.scene, models, progress, ready)
+
+
+def _vibrating(options: argparse.Namespace) -> Scene:
+    """Scene of a command about vibration."""
+    return _loaded(options, lambda scene: scene.check_vibrates(options.name))
+
+
 def _check_run_options(options: argparse.Namespace, scene: Scene) -> None:
-    """InputError for options that do not fit each other, or a scene that needs too much memory."""
-    from skfem_joint.analysis import memory
+    """InputError for options that do not fit each other or the scene, and missing libraries."""
+    from skfem_joint.output.folder import check_libraries
 
     chosen = options.executor, options.workers, options.address
     if chosen != ("processes", None, None) and not options.certify:
@@ -311,8 +330,7 @@ def _check_run_options(options: argparse.Namespace, scene: Scene) -> None:
             "--checkpoint-every, --resume: a run with time.quasi_static = true has no checkpoints; "
             "leave them out"
         )
-    limit = options.memory_limit
-    memory.check(scene, memory.default_limit() if limit is None else limit * memory.GIB)
+    check_libraries(scene)
 
 
 def _certify(study: Study, progress: Progress, executor: Executor | None) -> Study:
@@ -339,32 +357,39 @@ def _check(options: argparse.Namespace) -> int:
     from skfem_joint.analysis import memory
     from skfem_joint.analysis.against_opening import against_opening
     from skfem_joint.analysis.description import describe
-    from skfem_joint.analysis.scene_plan import plan_of
+    from skfem_joint.analysis.scene_plan import plan_of, with_friction
     from skfem_joint.scene.reading import load_with_sweep
     from skfem_joint.stepping.resolution import check_jumps, check_resolution
     from skfem_joint.structure import doubts
 
     # Everything is checked before the scene is called valid.
-    scene, swept, sweep_notes = load_with_sweep(options.scene)
-    system = scene.system()
+    with _progress(options) as progress:
+        scene, swept, sweep_notes = load_with_sweep(options.scene, progress)
+    system, (scene, left_out) = scene.system(), with_friction(scene)
     if not scene.accuracy.is_given:  # the accuracy would choose the step
         check_resolution(system, plan_of(scene))
         check_jumps(system, plan_of(scene))
-    description = describe(scene)
-    suspected = doubts(scene.structure(), system, waves=not scene.time.quasi_static)
-    notes = *scene.left_out, *suspected, *description.doubts, *sweep_notes
-    if compared := against_opening(scene, description.values.get("normal_force_change")):
-        notes = *notes, compared
-    need = sum(memory.needed(scene).values())
+    told: dict[str, None] = {}
+
+    def tell(sentences: Iterable[str], form: str = "Note: {}") -> None:
+        """Print sentences as soon as they are known, each once."""
+        for sentence in [each for each in dict.fromkeys(sentences) if each not in told]:
+            told[sentence] = None
+            print(form.format(sentence), flush=True)
+
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
-        f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}."
+        f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}.",
+        flush=True,
     )
-    print("\n".join(description.facts))
-    for note in dict.fromkeys(notes):
-        print(f"Note: {note}")
+    description = describe(scene, told=lambda fact: tell([fact], "{}"))
+    tell((*scene.left_out, *left_out))
+    tell(doubts(scene.structure(), system, waves=not scene.time.quasi_static))
+    tell((*description.doubts, *sweep_notes))
+    tell(filter(None, [against_opening(scene, description.values.get("normal_force_change"))]))
     if swept is not None:
         print(f"The sweep has {len(swept.scenes)} scenes, each valid.")
+    need = sum(memory.needed(scene).values())
     print(f"A run needs about {memory.size(need)} beside the program.")
     return 0
 
@@ -392,11 +417,10 @@ def _example(options: argparse.Namespace) -> int:
 def _preview(options: argparse.Namespace) -> int:
     """Draw mesh, names, supports, loads, joints and bolts of a scene, and say what was drawn."""
     from skfem_joint.output.preview import check_target, preview_of, write_preview
-    from skfem_joint.scene import load_scene
 
     out = options.out or Path(f"{options.scene.stem}.png")
     check_target(out, overwrite=options.overwrite)  # before bolts are tightened
-    preview = preview_of(load_scene(options.scene))
+    preview = preview_of(_loaded(options))
     write_preview(out, preview, overwrite=options.overwrite)
     for kind in ("joint", "support", "load", "bolt"):
         if names := dict.fromkeys(mark.name for mark in preview.of_kind(kind)):
@@ -426,10 +450,8 @@ def _backbone(options: argparse.Namespace) -> int:
     from skfem_joint.analysis.scene_backbone import BACKBONE_ROWS, scene_backbone
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
-    from skfem_joint.scene import load_scene
 
-    scene = load_scene(options.scene)
-    scene.check_vibrates(options.name)
+    scene = _vibrating(options)
     with kept(options.out) as notes, _rows(options, BACKBONE_ROWS) as rows:
         with _progress(options) as progress:
             backbone = scene_backbone(scene, progress, rows)
@@ -444,15 +466,18 @@ def _response(options: argparse.Namespace) -> int:
     from skfem_joint.analysis.scene_backbone import given_backbones
     from skfem_joint.analysis.scene_response import (
         RESPONSE_ROWS,
+        asked_table,
         response_table,
         scene_response,
     )
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
-    from skfem_joint.scene import load_scene
 
-    scene = load_scene(options.scene)
-    scene.check_vibrates(options.name)
+    def ready(scene: Scene) -> None:
+        scene.check_vibrates(options.name)
+        asked_table(scene)
+
+    scene = _loaded(options, ready)
     with _progress(options) as progress, announced(progress, "making the structure"):
         response_table(scene)  # before earlier results are removed
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
@@ -473,17 +498,15 @@ def _fit(options: argparse.Namespace) -> int:
     from skfem_joint.analysis.fit_curves import fine_curves
     from skfem_joint.output import fits
     from skfem_joint.output.folder import kept
-    from skfem_joint.scene import load_scene
 
-    scene, text, free = load_scene(options.scene), read_text(options.scene), _free(options.free)
-    scene.check_vibrates(options.name)
+    fits.check_apart(options.out, [options.scene, *options.data])
+    free, data = _free(options.free), _measured(options)
+    scene, text = _vibrating(options), read_text(options.scene)
     if scene.matrices is not None:
         raise InputError(
             f"{options.scene}: matrices: found a structure that is given by matrices, must be one "
             "with a mesh, whose values a fit can vary"
         )
-    fits.check_apart(options.out, [options.scene, *options.data])
-    data = _measured(options)
     with _progress(options) as progress, announced(progress, "making the structure"):
         problem = FitProblem(scene, data, free)  # before earlier results are removed
     with kept(options.out, used=fits.NAMES) as notes:
@@ -548,10 +571,8 @@ def _error_time(options: argparse.Namespace) -> int:
     """Measure error against run time of many models, write it and print which to take."""
     from skfem_joint.analysis import error_time as comparison
     from skfem_joint.output import folder
-    from skfem_joint.scene import load_scene
 
-    scene = load_scene(options.scene)
-    scene.check_vibrates(options.name)
+    scene = _vibrating(options)
     if not comparison.threads_pinned(os.environ):
         # numpy reads the number of threads when it starts: another process is needed.
         again = [sys.executable, SAFE_PATH, "-m", "skfem_joint", *options.given]
@@ -578,7 +599,9 @@ def _sweep(options: argparse.Namespace) -> int:
     from skfem_joint.output import folder, sweeps
     from skfem_joint.scene import load_sweep
 
-    swept, out, rows, interrupted = load_sweep(options.scene), options.out, [], False
+    with _progress(options) as progress:
+        swept = load_sweep(options.scene, progress)
+    out, rows, interrupted = options.out, [], False
     journal = out / sweeps.JOURNAL
     with folder.kept(out, swept.scenes[0].output.plots) as notes:
         earlier = Rows(journal)  # `sweep` and `write` lock the folder themselves

@@ -29,6 +29,8 @@ _recorder: ContextVar[Callable[[Path, Path], None]] = ContextVar(
 LARGEST = 2**29
 #: Largest table of text, bytes: some hundred thousand rows, which are read in seconds.
 LARGEST_TABLE = 2**25
+#: Characters of a name of a mesh group in the names of files.
+LONGEST_NAME = 50
 #: Note about a text file that may be cut inside its last number.
 UNFINISHED_LINE = (
     "the last line does not end, so that the file may be cut; add a line end if it is whole"
@@ -36,8 +38,8 @@ UNFINISHED_LINE = (
 
 
 def safe_name(name: str) -> str:
-    """Name of a mesh group as part of a file name."""
-    return re.sub(r"[^\w.-]", "_", name)
+    """Name of a mesh group as part of a file name, which file systems end at 255 bytes."""
+    return re.sub(r"[^\w.-]", "_", name)[:LONGEST_NAME]
 
 
 def safe_names(names: Iterable[str]) -> list[str]:

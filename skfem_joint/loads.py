@@ -64,6 +64,16 @@ class Amplitude(ABC):
         return tuple(t[np.ptp(force, axis=0) > least].tolist())
 
     @property
+    def shape(self) -> Amplitude:
+        """The amplitude itself, without factors."""
+        return self
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time (s) between which the force acts, as far as that is known."""
+        return -np.inf, np.inf
+
+    @property
     def peak_value(self) -> float | None:
         """Largest absolute force, N; None if it is not known."""
         return None
@@ -195,13 +205,14 @@ class _Pulse(Amplitude):
     """Base of the shapes that rise to a peak; they are zero before their start.
 
     ``_LENGTH`` is the name of the duration, which must be positive and gives the highest frequency.
-    ``_CORNERS`` are times since the start, in units of that duration.
+    ``_CORNERS`` are times since the start, and ``_END`` that of the end, in units of that duration.
     """
 
     peak: float
     start: float
     _LENGTH: ClassVar[str]
     _CORNERS: ClassVar[tuple[int, ...]] = ()
+    _END: ClassVar[float] = 2.0
 
     def __post_init__(self) -> None:
         _check(self, positive=self._LENGTH)
@@ -210,6 +221,11 @@ class _Pulse(Amplitude):
     def corners(self) -> tuple[float, ...]:
         """Times (s) at which the value or the slope jumps."""
         return tuple(self.start + x * getattr(self, self._LENGTH) for x in self._CORNERS)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Start and end, s."""
+        return self.start, self.start + self._END * float(getattr(self, self._LENGTH))
 
     @property
     def peak_value(self) -> float:
@@ -323,7 +339,7 @@ class RampAndHold(_Impulse):
         Time at which the force sets in, s, not below 0.
     """
 
-    _CORNERS = (0, 1)
+    _CORNERS, _END = (0, 1), np.inf
     _shape = staticmethod(lambda x: np.clip(x, 0.0, 1.0))
 
 
@@ -345,7 +361,7 @@ class Rectangle(_Pulse):
     duration: float
     start: float = 0.0
 
-    _LENGTH, _CORNERS = "duration", (0, 1)
+    _LENGTH, _CORNERS, _END = "duration", (0, 1), 1.0
 
     def _force(self, t: FloatArray) -> Any:
         return np.where((t >= self.start) & (t < self.start + self.duration), self.peak, 0.0)
@@ -400,6 +416,11 @@ class Table(Amplitude):
         is_corner = np.abs(np.diff(slope)) > 1e-9 * scale
         is_corner[[0, -1]] |= self.forces[[0, -1]] != 0
         return tuple(float(time) for time in self.times[is_corner])
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last time of the table, s."""
+        return float(self.times[0]), float(self.times[-1])
 
     @property
     def peak_value(self) -> float:
@@ -496,6 +517,16 @@ class Scaled(Amplitude):
     def corners(self) -> tuple[float, ...]:
         """Corners of the other amplitude, s."""
         return self.of.corners
+
+    @property
+    def shape(self) -> Amplitude:
+        """The other amplitude, without factors."""
+        return self.of.shape
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Span of the other amplitude, s."""
+        return self.of.span
 
     @property
     def peak_value(self) -> float | None:

@@ -117,9 +117,7 @@ def _opening(structure: Structure) -> Structure:
         else joint
         for joint, patch in zip(structure.joints, structure.patches, strict=True)
     ]
-    other = replace(structure, joints=joints)
-    other.__dict__["preload"] = structure.preload
-    return other
+    return replace(structure, joints=joints, like=structure)
 
 
 def _cycle(scene: Scene, system: System) -> Run:

@@ -296,6 +296,11 @@ def _backbone(
     """As `backbone`, with factors that are kept."""
     system.check_any_load("backbone")
     check_whole(system, "backbone")
+    if not system.contact_points:
+        raise InputError(
+            "backbone: needs friction, no contact point carries any: frequency and damping do not "
+            "depend on amplitude"
+        )
     check_each("backbone: modes", modes, COUNT)
     check_parameters(parameters, system)
     shares, slips_at = _shares(levels, up_to, slips_at)

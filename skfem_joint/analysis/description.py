@@ -9,7 +9,7 @@ first joint slips as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -21,7 +21,7 @@ from skfem_joint.analysis.contact_mesh import coarse_contact, judged
 from skfem_joint.analysis.gross_slip import gross_slip_level
 from skfem_joint.analysis.natural_modes import NaturalModes, natural_modes
 from skfem_joint.analysis.normal_force import NormalChange
-from skfem_joint.analysis.scene_plan import TO_STEADY
+from skfem_joint.analysis.scene_plan import TO_STEADY, plan_of
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import JointError
 from skfem_joint.linalg import shifts
@@ -31,6 +31,7 @@ from skfem_joint.modal_response import modal_response
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.arrangement import Arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.resolution import unfit_times
 from skfem_joint.structure import AnyStructure, PressureTable
 from skfem_joint.structure.doubts import per_wavelength
 from skfem_joint.system import System
@@ -95,12 +96,22 @@ class Description:
 class _Draft:
     """A description as it is written."""
 
+    told: Callable[[str], None] | None = None
     facts: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
     values: dict[str, Any] = field(default_factory=dict)
 
+    def add(self, *facts: str) -> None:
+        """Add facts, and tell them."""
+        for fact in facts:
+            self.facts.append(fact)
+            if self.told is not None:
+                self.told(fact)
 
-def describe(scene: Scene, path: QuasiStatic | None = None) -> Description:
+
+def describe(
+    scene: Scene, path: QuasiStatic | None = None, told: Callable[[str], None] | None = None
+) -> Description:
     """Describe a scene's structure, and its response to the peaks of its loads.
 
     It takes quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What
@@ -112,20 +123,26 @@ def describe(scene: Scene, path: QuasiStatic | None = None) -> Description:
     path : QuasiStatic, optional
         Quasi-static path of the scene's system, whose factors are used; created here if it is
         needed and not given. Not for contact that opens, which is described as it is closed.
+    told : callable, optional
+        Called with each fact as soon as it is known.
     """
     structure, system = scene.structure(), scene.system().closed()
-    draft = _Draft(list(_parts(structure)))
+    draft = _Draft(told)
+    draft.add(*_parts(structure))
     if structure.body is not None:
         size, mass = np.ptp(structure.body.positions, axis=0), structure.body.total_mass
         draft.values |= {"mass_kg": mass, "length_m": float(size.max())}
         extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
-        draft.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
+        draft.add(f"Mass {mass:.4g} kg, extent {extent} m.")
     opens = [patch.joint.name for patch in structure.patches if patch.joint.opens]
     if opens:
-        draft.facts.append(
+        draft.add(
             f"Contact that opens ({', '.join(opens)}): frequencies and responses below are those "
             "with the contact closed where it is pressed at rest, and with the normal forces there."
         )
+    still = [load.on for load in system.loads if load.amplitude.peak_value == 0.0]
+    draft.doubts += [f"The load on {on!r} is zero at all times." for on in still]
+    draft.doubts += unfit_times(system, plan_of(scene))
     try:
         _moves(scene, structure, system, path, draft)
     except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
@@ -169,7 +186,7 @@ def _moves(
     draft: _Draft,
 ) -> None:
     """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
-    facts, values, no_unknowns = draft.facts, draft.values, np.zeros(0, np.intp)
+    values, no_unknowns = draft.values, np.zeros(0, np.intp)
     acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
     rigid_friction = np.flatnonzero(system.on_rows((system.w > 0.0) & ~system.sprung))
     held = sparse.csr_array(system.B).indices[rigid_friction]
@@ -179,12 +196,12 @@ def _moves(
     if frequency > 0.0 and structure.body is not None and not slow:
         speed, count = per_wavelength(structure.body, frequency)
         values |= {"wave_speed_m_per_s": speed, "elements_per_wavelength": count}
-        facts.append(
+        draft.add(
             f"The slowest wave travels at {speed:.4g} m/s: {count:.3g} elements in its length at "
             f"{frequency:.5g} Hz, the highest frequency of the loads."
         )
     if floats and scene.support.free:
-        facts.append(
+        draft.add(
             "The structure floats, so that loads at rest are not compared with what makes a joint "
             "slip: they would move all of it away."
         )
@@ -214,7 +231,7 @@ def _moves(
         "load_over_limit": share,
     }
     inertia = "" if amplified is None else f", amplified by {amplified:.4g} as the joints stick"
-    facts.append(
+    draft.add(
         f"The loads at their peak{inertia} come to {100.0 * share:.3g} % of what makes the first "
         f"joint slip as a whole; the friction limits add up to {system.w.sum():.6g} N."
         + (OF_THE_MESH if structure.body is not None else "")
@@ -234,7 +251,7 @@ def _frequencies(
 
     The modes are those with the joints stuck; ``rubs`` is whether a joint carries friction.
     """
-    facts, values = draft.facts, draft.values
+    values = draft.values
     both = [
         natural_modes(system, modes.SETTINGS.searched, joints=joints)
         for joints in ("loose", "stuck")
@@ -249,10 +266,10 @@ def _frequencies(
         values["stuck_modes_like_loose_share"] = likeness.tolist()
         text += f" with the joints loose, {_listed(stuck.frequencies)} with the joints stuck"
         text += _compared(number, likeness)
-    facts.append(f"{text}.")
+    draft.add(f"{text}.")
     values |= {"rigid_motions_loose": rigid[0], "rigid_motions_stuck": rigid[1]}
     if structure.body is None:
-        facts.append(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
+        draft.add(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
     if rigid[1]:
         opens = any(patch.joint.opens for patch in structure.patches)
         cure = "Is something to be fixed, or do joints lack pressure or pairs?"
@@ -284,7 +301,7 @@ def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft:
     if scene.time.quasi_static:
         what, changes = "The loads on the stuck structure", "change"
     draft.values["normal_force_change_mean"] = found.mean
-    draft.facts.append(f"{what} {changes} the normal force by {found.text}. {found.of_the_mesh}")
+    draft.add(f"{what} {changes} the normal force by {found.text}. {found.of_the_mesh}")
     draft.doubts.extend(found.doubts(what=what))
 
 
@@ -297,7 +314,7 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: _D
     body = structure.body
     if body is None:
         shown = ", ".join(f"{name} {x:.4g} m" for name, x in by_load.items())
-        draft.facts.append(f"Under the peak of the loads at rest: {shown}.")
+        draft.add(f"Under the peak of the loads at rest: {shown}.")
         return
     length, full = draft.values["length_m"], body.unpacked(system.expand(u))
     largest, slope = float(np.linalg.norm(full, axis=1).max()), body.gradient(full)
@@ -305,7 +322,7 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: _D
     strain = float(np.linalg.norm(strains, axis=(1, 2)).max())
     draft.values["static_strain"] = strain
     shown = ", ".join(f"{name} {x:.4g} m ({x / length:.2g} of it)" for name, x in by_load.items())
-    draft.facts.append(
+    draft.add(
         f"Under the peak of the loads at rest, over the length of {length:.4g} m: {shown}; largest "
         f"strain {strain:.2g}."
     )

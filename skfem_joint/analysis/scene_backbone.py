@@ -158,11 +158,11 @@ def scene_backbone(
 def given_backbones(
     scene: Scene, progress: Progress = silent, rows: Rows | None = None
 ) -> list[Backbone]:
-    """Full model's curves of a scene with a table ``[backbone]``; of one without it, none.
+    """Full model's curves of a scene with a table ``[backbone]`` and friction; of others, none.
 
     InputError and ConvergenceError as :func:`backbone`.
     """
-    if "backbone" not in scene.model_fields_set:
+    if "backbone" not in scene.model_fields_set or not scene.system().contact_points:
         return []
     table, report, rows = scene.backbone, partial(progress, "backbone"), rows or Rows()
     rows.total += len(table.modes) * (1 + levels_of_a_curve(table.levels, scene.opens))

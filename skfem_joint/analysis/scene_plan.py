@@ -14,8 +14,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from skfem_joint.array_files import fingerprint
+from skfem_joint.errors import InputError
 from skfem_joint.reduction.basis import Basis, Options
 from skfem_joint.reduction.elastic_contact import check_reference
+from skfem_joint.reduction.friction_points import NO_FRICTION, NOWHERE
 from skfem_joint.reduction.sources import make_basis
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.plan import Plan
@@ -29,6 +31,21 @@ if TYPE_CHECKING:
 
 #: Cycles for which modes are made where the run goes on until the vibration is steady.
 TO_STEADY = 100
+
+
+def with_friction(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
+    """Scene without condensed and reduced models where no joint carries friction, and a note.
+
+    InputError where no model is left.
+    """
+    left_out = [name for name in scene.models.run if name != "full"]
+    if scene.system().contact_points or not left_out:
+        return scene, ()
+    names = " and ".join(repr(name) for name in left_out)
+    why = f"models.run: {names} left out: they reduce slip, and {NOWHERE}"
+    if "full" not in scene.models.run:
+        raise InputError(f"{scene.path}: {NO_FRICTION.replace('reduced', left_out[0])}")
+    return scene.changed(models={"run": ["full"]}), (f"{why}.",)
 
 
 def save_of(scene: Scene) -> Save:

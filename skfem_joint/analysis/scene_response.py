@@ -24,7 +24,13 @@ from skfem_joint.analysis.response import (
     suited_steps,
 )
 from skfem_joint.analysis.rows import Rows
-from skfem_joint.analysis.scene_plan import TO_STEADY, make_reduced, options_of, origin_of
+from skfem_joint.analysis.scene_plan import (
+    TO_STEADY,
+    make_reduced,
+    options_of,
+    origin_of,
+    with_friction,
+)
 from skfem_joint.analysis.scene_range import of_scene, range_model, served_scene
 from skfem_joint.analysis.step_errors import step_error_notes
 from skfem_joint.arrays import FloatArray
@@ -32,6 +38,7 @@ from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, announced, silent
 from skfem_joint.reduction.basis import Basis, notes_of_reduction, reduced_system
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.reduction.friction_points import NOWHERE
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.stepping.integrate import integrate_plan
@@ -114,18 +121,25 @@ class SceneResponse:
     warnings: tuple[str, ...]
 
 
-def response_table(scene: Scene) -> ResponseTable:
-    """Table ``[response]`` of a scene.
-
-    InputError if there is none, or a load of the scene has no frequency that could be changed.
-    """
-    table = scene.response
-    if table is None:
+def asked_table(scene: Scene) -> ResponseTable:
+    """Table ``[response]`` of a scene; InputError if there is none."""
+    if scene.response is None:
         raise InputError(
             f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
             "in a table [response]"
         )
+    return scene.response
+
+
+def response_table(scene: Scene) -> ResponseTable:
+    """Table ``[response]`` of a scene.
+
+    InputError if there is none, a load of the scene has no frequency that could be changed, or no
+    joint carries friction and the full model is not asked for.
+    """
+    table = asked_table(scene)
     at_frequency(scene.system(), table.frequencies.to)
+    with_friction(scene)
     return table
 
 
@@ -161,6 +175,7 @@ def scene_response(
         As `skfem_joint.response`.
     """
     table = response_table(scene)
+    scene, left_out = with_friction(scene)
     system, between = scene.system(), table.frequencies
     frequencies = np.linspace(between.from_, between.to, between.points)
     fine = np.union1d(frequencies, np.linspace(between.from_, between.to, 400))
@@ -201,7 +216,9 @@ def scene_response(
         times = offline, wall + rows.earlier_s - earlier, compilation + compiled
         models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
     of_models = [note for model in models for note in model.notes]
-    warnings = (*doubts(scene.structure(), system), *of_models)
+    warnings = (*left_out, *doubts(scene.structure(), system), *of_models)
+    if not system.contact_points and "backbone" in scene.model_fields_set:
+        warnings += (f"backbone: there is no curve beside the response, for {NOWHERE}.",)
     if scene.opens:
         warnings += (MAY_DEPEND,)
     if scene.time.rho_infinity < 1.0:
@@ -264,7 +281,7 @@ def _with_coarse(
     model: _Prepared, scene: Scene, table: ResponseTable, resonance: float
 ) -> _Prepared:
     """A full or condensed model with a reduced one beside it, where that helps."""
-    if model.name == "reduced":
+    if model.name == "reduced" or not scene.system().contact_points:
         return model
     V = None if model.basis is None else model.basis.V
     level, loaded = max(table.levels), scene.system()

@@ -27,7 +27,13 @@ from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import compare, difference, joint_differences, results
 from skfem_joint.analysis.models import Failure, Model, Study
 from skfem_joint.analysis.range_choice import choose_in_range
-from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, origin_of, plan_of
+from skfem_joint.analysis.scene_plan import (
+    basis_of_scene,
+    options_of,
+    origin_of,
+    plan_of,
+    with_friction,
+)
 from skfem_joint.analysis.scene_range import served_scene, structure_of
 from skfem_joint.analysis.summary import violated
 from skfem_joint.arrays import FloatArray
@@ -115,6 +121,7 @@ def _described_and_run(
     scene: Scene, in_range: Choice | None, progress: Progress, checkpoints: Checkpoints | None
 ) -> Study:
     """Study of a scene; ``in_range`` says whether the model for its range serves it."""
+    scene, left_out = with_friction(scene)
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
     path = None if system.opening is not None else factors_at_rest(system)
@@ -127,7 +134,7 @@ def _described_and_run(
     if "reduced" not in scene.models.run or choice.accurate or choice.in_range:
         path = None  # its factors are large, and no basis needs them
     suspected = doubts(structure, system, waves=not scene.time.quasi_static)
-    notes = (*scene.left_out, *suspected, *description.doubts, *choice.notes)
+    notes = (*scene.left_out, *left_out, *suspected, *description.doubts, *choice.notes)
     study = Study(choice.scene, structure, system, description, warnings=notes)
     return _with_models(study, choice, path, progress, checkpoints, origin)
 

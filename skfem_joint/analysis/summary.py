@@ -10,7 +10,13 @@ import numpy as np
 
 from skfem_joint.analysis.accuracy import excess
 from skfem_joint.analysis.estimate import SOURCES, Estimate
-from skfem_joint.analysis.history import QUANTITIES, peaks, steady_state
+from skfem_joint.analysis.history import (
+    QUANTITIES,
+    beyond_round_off,
+    energies,
+    peaks,
+    steady_state,
+)
 from skfem_joint.analysis.models import Model, Study
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.active_length import gross_slip
@@ -84,12 +90,12 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "amplitude_m": run.steady and _by_point(run, run.steady.amplitude),
         "offset_m": run.steady and _by_point(run, run.steady.offset),
         "drift_per_period_m": run.steady and _by_point(run, run.steady.drift),
-        "friction_energy_per_cycle_J": float(cycles.friction[-1]) if has_cycles else None,
-        "loop_energy_per_cycle_J": float(cycles.input[-1].sum()) if has_cycles else None,
-        "friction_energy_J": run.friction_energy,
-        "input_work_J": float(run.input_work.sum()),
-        "viscous_work_J": run.viscous_work,
-        "scheme_work_J": run.scheme_work,
+        "friction_energy_per_cycle_J": energies(run)[0] if has_cycles else None,
+        "loop_energy_per_cycle_J": energies(run)[1] if has_cycles else None,
+        "friction_energy_J": _friction_energy(run),
+        "input_work_J": float(beyond_round_off(run, run.input_work.sum())),
+        "viscous_work_J": float(beyond_round_off(run, run.viscous_work)),
+        "scheme_work_J": float(beyond_round_off(run, run.scheme_work)),
         "impact_energy_J": run.impact_work,
         "largest_normal_force_N": float(run.normal_force_peak.max()) if opens else None,
         "opened_fraction": float(np.mean(run.opened)) if opens else None,
@@ -122,7 +128,8 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
 def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
     """Results of each joint. The slip of a reduced model is that of its friction points."""
     run = model.run
-    per_cycle: list[Any] = run.cycles.by_joint[-1:].ravel().tolist()
+    per_cycle: list[Any] = beyond_round_off(run, run.cycles.by_joint[-1:]).ravel().tolist()
+    energy = _friction_energy(run)
     per_cycle = per_cycle or [None] * len(run.system.joints)
     by_name: dict[str, dict[str, Any]] = {}
     shares = run.system.shares
@@ -132,7 +139,7 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
         known = {} if model.estimate is None else model.estimate.by_joint
         of_all, of_own = known.get(name, (None, None))
         by_name[name] = {
-            "friction_energy_J": run.friction_energy[name],
+            "friction_energy_J": energy[name],
             "friction_energy_per_cycle_J": per_cycle[k],
             "largest_slip_m": float(run.slip_peak[own].max(initial=0.0)),
             "slipping_fraction": model.slipping_fraction.get(name),
@@ -151,8 +158,14 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             part = study.system.J[[k]].toarray()[0] * work
             nodes = body.nodes[patch.nodes]
             by_bolt = _by_bolt(nodes, patch.joint.pressure, part[patch.points])
-            by_name[name]["friction_energy_by_bolt_J"] = by_bolt
+            by_name[name]["friction_energy_by_bolt_J"] = beyond_round_off(run, by_bolt).tolist()
     return by_name
+
+
+def _friction_energy(run: Run) -> dict[str, float]:
+    """Energy that friction dissipates in each joint over the run, J, but for round-off."""
+    lost = beyond_round_off(run, [*run.friction_energy.values()]).tolist()
+    return dict(zip(run.friction_energy, lost, strict=True))
 
 
 def _joint_loop(loops: Loops, joint: int) -> dict[str, float | None]:
@@ -181,11 +194,11 @@ def _loads(run: Run) -> dict[str, dict[str, float | None]] | None:
     }
 
 
-def _by_bolt(nodes: FloatArray, bolts: Bolts, work: FloatArray) -> list[float]:
+def _by_bolt(nodes: FloatArray, bolts: Bolts, work: FloatArray) -> FloatArray:
     """Work (J) of contact points at nodes (k, dim), summed for the bolt that each is nearest to."""
     at = np.array([bolt.at[: nodes.shape[1]] for bolt in bolts.bolts])
     nearest = np.linalg.norm(nodes[:, np.newaxis] - at, axis=2).argmin(axis=1)
-    return list(np.bincount(nearest, work, len(at)))
+    return np.asarray(np.bincount(nearest, work, len(at)), dtype=float)
 
 
 def _by_point(run: Run, values: Any) -> dict[str, float]:
@@ -374,6 +387,11 @@ def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
         # A distance from the full model has a sentence of its own, and no sources.
         if e is not None and e != errors.of("full_run", name)
     }
+    state = steady_state(model.run)
+    if state is not None and not (state.reached or accuracy.is_given):
+        # The work of such a cycle is also what is stored in it: it may have any sign, and be next
+        # to nothing beside its own error.
+        total.pop("loop_energy", None)
     worst = max(total, key=lambda name: total[name], default="")
     own = replace(errors, parts={**errors.parts, "total": dict(total)})
     if not worst or not (total[worst] > LIMITS.doubtful or excess(accuracy, own) > 1.0):

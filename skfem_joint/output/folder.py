@@ -52,16 +52,23 @@ _PASSED = re.compile(
 )
 
 
+def check_libraries(scene: Scene) -> None:
+    """See that the libraries of a scene's output are there; InputError names what is missing."""
+    if scene.output.plots or scene.output.vtk:
+        needed("pyvista", "vtk")
+    if scene.output.plots:
+        needed("imageio", "gif")
+        needed("matplotlib", "plot")
+
+
 @contextmanager
 def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
     """Check before a run that a scene's output can be written, and reserve its folder.
 
     InputError if a library is missing or nothing can be drawn, and for the reasons of `kept`.
     """
-    if scene.output.plots or scene.output.vtk:
-        needed("pyvista", "vtk")
+    check_libraries(scene)
     if scene.output.plots:
-        needed("imageio", "gif")
         with offscreen():  # reports what is missing before the run
             pass
     with kept(folder, scene.output.plots) as notes:

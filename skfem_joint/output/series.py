@@ -20,7 +20,7 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.files import needed, replacing, safe_name
+from skfem_joint.files import needed, replacing, safe_names
 from skfem_joint.output.fields import (
     CELL_ARRAYS,
     OPENING_ARRAYS,
@@ -300,15 +300,12 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     ``NAME.pvd`` is the index of ``NAME/frame_0000.vtm`` and so on, which name the blocks in
     ``NAME/BLOCK_0000.vtu``: ParaView and pyvista show the names. Folders are made. Every file takes
     its place only when it is whole, the index last: whatever ends the writing leaves an index of
-    the frames that are done. InputError for a path of another ending, which is left as it is, equal
-    file names, a path that cannot be written, and without pyvista.
+    the frames that are done. InputError for a path of another ending, which is left as it is, a
+    path that cannot be written, and without pyvista.
     """
     index, names = Path(path), _names(frames)
     if index.suffix.lower() != ".pvd":
         raise InputError(f"{index}: found ending {index.suffix!r}, must be '.pvd'")
-    if len({safe_name(name).casefold() for name in names}) < len(names):
-        listed = ", ".join(repr(name) for name in names)
-        raise InputError(f"fields: the names {listed} lead to files of the same name")
     blocks = [*blocks_of(frames.structure), *faces_of(frames.structure)]
     files = series_files(index, frames)
     try:
@@ -345,7 +342,7 @@ def _names(frames: Frames) -> list[str]:
 
 def series_files(index: Path, frames: Frames) -> list[list[Path]]:
     """Files of a series without its index: for each frame a list of blocks, then the blocks."""
-    names, count = [f"{safe_name(name)}_{{}}.vtu" for name in _names(frames)], len(frames.times)
+    names, count = [f"{name}_{{}}.vtu" for name in safe_names(_names(frames))], len(frames.times)
     digits, folder = max(4, len(str(count - 1))), index.with_suffix("")
     numbers = [f"{k:0{digits}d}" for k in range(count)]
     return [[folder / name.format(k) for name in ("frame_{}.vtm", *names)] for k in numbers]

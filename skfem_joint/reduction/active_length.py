@@ -236,7 +236,8 @@ def gross_slip(structure: AnyStructure, slip_peak: FloatArray, period: float) ->
     sentences = []
     for patch in structure.patches:
         peak = slip_peak[patch.points]
-        if patch.joint.opens:  # points that are apart move on each other without friction
+        # Points that are apart, or rub nowhere, move on each other without friction.
+        if patch.joint.opens or patch.joint.friction == 0.0:
             continue
         if peak.size == 0 or peak.max() <= 10.0 * period / patch.joint.beta:
             continue

@@ -24,10 +24,9 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.reduction.pod import thinned
 from skfem_joint.system import System
 
-NO_FRICTION = (
-    "models.run: 'reduced' needs friction in a joint; every joint has zero pressure or zero "
-    "friction. Run 'full' alone."
-)
+#: Why nothing slips.
+NOWHERE = "every joint has zero pressure or zero friction"
+NO_FRICTION = f"models.run: 'reduced' needs friction in a joint; {NOWHERE}. Run 'full' alone."
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from skfem_joint.errors import InputError
 from skfem_joint.files import read_text
 from skfem_joint.mesh import NamedMesh, load_meshes
+from skfem_joint.progress import Progress, silent
 from skfem_joint.scene.changes import replaced, with_changes
 from skfem_joint.scene.messages import sentences, value_text
 from skfem_joint.scene.scene import (
@@ -24,9 +25,16 @@ from skfem_joint.scene.scene import (
 )
 from skfem_joint.scene.sweep_table import SweepTable
 from skfem_joint.scene.tables import MeshTable
+from skfem_joint.scene.values import BACKSLASHES
+from skfem_joint.structure.load import load_problems
 
 
-def load_scene(path: str | Path, models: Sequence[str] | None = None) -> Scene:
+def load_scene(
+    path: str | Path,
+    models: Sequence[str] | None = None,
+    progress: Progress = silent,
+    ready: Callable[[Scene], object] | None = None,
+) -> Scene:
     """Read a scene (TOML) and its mesh, and check them against each other.
 
     File names in the scene are relative to its folder and may lead anywhere. The files are read as
@@ -38,6 +46,11 @@ def load_scene(path: str | Path, models: Sequence[str] | None = None) -> Scene:
         File of the scene.
     models : sequence of str, optional
         Models in place of those of the file's ``models.run``, checked like them.
+    progress : callable, optional
+        Called with (what is done, how much, of how much, a note) while bolts are tightened.
+    ready : callable, optional
+        Called with the scene when its tables are right, before its structure is built: whatever it
+        raises costs no preload.
 
     Returns
     -------
@@ -47,14 +60,15 @@ def load_scene(path: str | Path, models: Sequence[str] | None = None) -> Scene:
     ------
     InputError
         The file cannot be read or is not TOML, or anything in it is wrong; every mistake is one of
-        its ``problems`` and starts with the file and the key.
+        its ``problems`` and starts with the file and the key. With bolts that clamp, mistakes in
+        names of supports and joints follow when the tables are right: they are tightened for them.
     """
     path = Path(path)
     tables = _read_toml(path)
     if models is not None:
         tables = replaced(tables, ("models", "run"), [*models], f"{path}: models.run")
     mesh, problems = _read_mesh(tables, path.parent)
-    return scene_from(tables, mesh, path, problems)
+    return scene_from(tables, mesh, path, problems, progress, ready)
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
@@ -70,7 +84,12 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         at = re.search(r"line (\d+)", str(error))
         line = int(at[1]) if at else text.count("\n") + 1
-        raise InputError(f"{path}: line {line}: not valid TOML: {error}") from error
+        cure = ""
+        if re.search("hex value|Unescaped|scalar", str(error)):  # what tomllib says of escapes
+            cure = f"; {BACKSLASHES}"
+        elif re.search(r"=\s*[+-]?\d+,\d", "".join(text.splitlines()[line - 1 : line])):
+            cure = "; numbers have a decimal point, not a comma"
+        raise InputError(f"{path}: line {line}: not valid TOML: {error}{cure}") from error
 
 
 def _read_mesh(tables: Mapping[str, Any], folder: Path) -> tuple[NamedMesh | None, list[str]]:
@@ -97,6 +116,8 @@ def scene_from(
     mesh: NamedMesh | None,
     path: str | Path = "scene",
     problems: Sequence[str] = (),
+    progress: Progress = silent,
+    ready: Callable[[Scene], object] | None = None,
 ) -> Scene:
     """Scene from its tables and its mesh, as `load_scene` makes it from files.
 
@@ -110,6 +131,8 @@ def scene_from(
         Name of the scene in messages; files that loads name are relative to its folder.
     problems : sequence of str
         Problems known before, which are raised with those of the tables.
+    progress, ready
+        As for `load_scene`.
 
     Raises
     ------
@@ -122,10 +145,16 @@ def scene_from(
     scene, valid, mistakes = _validated(tables, path)
     scene._path, scene._named_mesh = path, mesh
     lines = [*problems, *mistakes, *problems_between_tables(scene, valid)]
+    if mesh is not None and valid >= TABLES_OF_SYSTEM and scene.matrices is None:
+        lines += load_problems(mesh, scene.loads(), scene.output.points)
     lines = [f"{path}: {line}" for line in lines]
-    if valid >= TABLES_OF_STRUCTURE and (mesh is not None or scene.matrices is not None):
+    if ready is not None and not lines:
+        ready(scene)
+    costly = "bolt" in valid and bool(scene.bolt) and bool(lines)  # mistakes come before a preload
+    given = mesh is not None or scene.matrices is not None
+    if valid >= TABLES_OF_STRUCTURE and given and not costly:
         try:
-            scene.structure()
+            scene.structure(progress)
             if valid >= TABLES_OF_SYSTEM:
                 scene.system()
         except InputError as error:  # does not fit its mesh or matrices
@@ -181,7 +210,7 @@ class Swept:
         return _label(self.values[number])
 
 
-def load_sweep(path: str | Path) -> Swept:
+def load_sweep(path: str | Path, progress: Progress = silent) -> Swept:
     """Read a scene file with a ``[sweep]`` and make its scenes, each checked as by `load_scene`.
 
     A key that the sweep gives need not stand in the file's own tables.
@@ -221,7 +250,8 @@ def load_sweep(path: str | Path) -> Swept:
             if mesh_table not in meshes:
                 meshes[mesh_table] = _read_mesh(changed, path.parent)
             mesh, mesh_problems = meshes[mesh_table]
-            scenes.append(scene_from(changed, mesh, path, mesh_problems).unassembled())
+            made = scene_from(changed, mesh, path, mesh_problems, progress)
+            scenes.append(made.unassembled())
         except InputError as error:
             for problem in error.problems:
                 labels.setdefault(problem, []).append(_label(row))
@@ -230,7 +260,9 @@ def load_sweep(path: str | Path) -> Swept:
     return Swept(sweep, tuple(values), tuple(scenes))
 
 
-def load_with_sweep(path: str | Path) -> tuple[Scene, Swept | None, list[str]]:
+def load_with_sweep(
+    path: str | Path, progress: Progress = silent
+) -> tuple[Scene, Swept | None, list[str]]:
     """Read a scene file and the scenes of its sweep, if it has one.
 
     A key that the sweep gives need not stand in the file's own tables. The file is then no valid
@@ -250,9 +282,9 @@ def load_with_sweep(path: str | Path) -> tuple[Scene, Swept | None, list[str]]:
     InputError
         As `load_sweep` if there is a ``[sweep]``, otherwise as `load_scene`.
     """
-    swept = load_sweep(path) if "sweep" in _read_toml(Path(path)) else None
+    swept = load_sweep(path, progress) if "sweep" in _read_toml(Path(path)) else None
     try:
-        return load_scene(path), swept, []
+        return load_scene(path, progress=progress), swept, []
     except InputError as error:
         if swept is None:
             raise

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator, Mapping, Set
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,6 +26,7 @@ from skfem_joint.key_paths import key_parts, key_path
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.opening import constant_contact_alone
+from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.changes import with_changes
 from skfem_joint.scene.matrices import MatricesTable
@@ -118,11 +120,14 @@ class Scene(SceneTable):
             )
         return self._named_mesh
 
-    def structure(self) -> parts.AnyStructure:
-        """Structure that the scene describes, built once; `InputError` if it cannot be built."""
+    def structure(self, progress: Progress = silent) -> parts.AnyStructure:
+        """Structure that the scene describes, built once; `InputError` if it cannot be built.
+
+        ``progress`` is told of a preload, as by `Structure`.
+        """
         if self._structure is None:
             with self._naming_file():
-                self._structure = self._built_structure()
+                self._structure = self._built_structure(partial(progress, "preload"))
         return self._structure
 
     @property
@@ -130,7 +135,7 @@ class Scene(SceneTable):
         """Whether the run leaves inertia out; not if its table is wrong, and so is not there."""
         return bool(getattr(getattr(self, "time", None), "quasi_static", False))
 
-    def _built_structure(self) -> parts.AnyStructure:
+    def _built_structure(self, progress: Progress) -> parts.AnyStructure:
         common: dict[str, Any] = {
             "joints": [joint.to_joint() for joint in self.joint],
             "stiffness_damping": self.damping.stiffness,
@@ -151,7 +156,7 @@ class Scene(SceneTable):
         for table in (material, self.section):
             for region, override in table.regions.items():
                 regions.setdefault(region, {}).update(override.model_dump(exclude_none=True))
-        return parts.Structure(
+        made = parts.Structure(
             self.named_mesh,
             parts.Material(material.E, material.density, material.poisson),
             **self.section.model_dump(exclude={"regions"}),
@@ -160,7 +165,10 @@ class Scene(SceneTable):
             bolts=[parts.Clamp(**bolt.model_dump()) for bolt in self.bolt],
             mass=material.mass_matrix,
             regions=regions,
+            progress=progress,
         )
+        made.tighten(progress)
+        return made
 
     @property
     def left_out(self) -> tuple[str, ...]:

@@ -13,6 +13,12 @@ from skfem_joint.scene.messages import Form, mistake, value_text
 #: Largest whole number that a key takes (steps, modes, frames). A larger one is a typing error.
 LARGEST_COUNT = 10**9
 
+#: What is to be said where a backslash may stand for itself, as in a path of Windows.
+BACKSLASHES = (
+    "a backslash in double quotes begins an escape in TOML, such as \\t for a tab: write paths "
+    "with forward slashes, 'C:/folder/a.msh', or in single quotes"
+)
+
 T = TypeVar("T")
 
 
@@ -89,8 +95,10 @@ def _from(smallest: float) -> AfterValidator:
 
 
 def _is_file_name(name: str) -> str:
-    if not name or "\0" in name:
-        raise mistake(f"found {name!r}, must be the name of a file")
+    if not name:
+        raise mistake("found '', must be the name of a file")
+    if any(letter < " " for letter in name):  # as "C:\temp" gives a tab
+        raise mistake(f"found {name!r}, must be the name of a file; {BACKSLASHES}")
     return name
 
 

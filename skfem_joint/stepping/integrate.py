@@ -9,6 +9,7 @@ halves, and raises :class:`ConvergenceError` when that does not help either.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import replace
@@ -25,12 +26,14 @@ from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.plan import Plan, check_until
 from skfem_joint.stepping.recording import Ending, Final, Run, Save
-from skfem_joint.stepping.resolution import check_jumps, check_resolution
+from skfem_joint.stepping.resolution import check_jumps, check_resolution, unfit_times
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.stepping.shooting import steady_run
 from skfem_joint.stepping.slow_run import slow_run
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, between, check, check_some
+
+_log = logging.getLogger(__name__)
 
 #: Largest force residual of a step, relative to its largest force.
 TOLERANCE = 1e-11
@@ -116,6 +119,7 @@ def integrate(
         cycle_steps = steps_per_cycle
     step, n_steps = _steps(step, n_steps, duration)
     plan = Plan(step, n_steps, scheme or generalized_alpha(), save or Save(), cycle_steps, until)
+    _warn_of_times(system, plan)
     return integrate_plan(
         system,
         plan,
@@ -241,7 +245,14 @@ def quasi_static(
         step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
     step, n_steps = _steps(step, n_steps, duration)
     plan = Plan(step, n_steps, save=save or Save(), cycle_steps=steps_per_cycle, quasi_static=True)
+    _warn_of_times(system, plan)
     return integrate_plan(system, plan, tolerance=tolerance, progress=progress)
+
+
+def _warn_of_times(system: System, plan: Plan) -> None:
+    """Log sentences about loads whose times do not fit those of the run."""
+    for sentence in unfit_times(system, plan):
+        _log.warning(sentence)
 
 
 def _by_cycles(

@@ -39,7 +39,7 @@ from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.steady import SETTINGS as STEADY
-from skfem_joint.stepping.steady import Anderson, EnergyNorm, Newton, PeriodMap, Place
+from skfem_joint.stepping.steady import Anderson, EnergyNorm, Newton, PeriodMap, Place, settles
 from skfem_joint.system import System
 
 
@@ -166,10 +166,9 @@ class _Search:
         size, scale = self.mixing.add(after, after - x), float(np.sqrt(2.0 * energy))
         self.changes.append(size / scale if scale > 0.0 else 0.0)
         gained = 0.5 * (norm.squared(after) - norm.squared(x))
-        settled = (
-            self.changes[-1] <= STEADY.change
-            and abs(gained) <= STEADY.energy * work
-            and norm(self._fixed(after) - x) <= STEADY.distance * scale
+        left = self.changes[-1]
+        settled = settles(left, gained, energy, work) and (
+            left <= STEADY.exact or norm(self._fixed(after) - x) <= STEADY.distance * scale
         )
         return end, size, scale, settled
 

@@ -21,7 +21,7 @@ from scipy.sparse.linalg import splu
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError, refuse
-from skfem_joint.loads import Amplitude
+from skfem_joint.loads import Amplitude, Table
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.system import AppliedLoad, System
 
@@ -52,6 +52,8 @@ class ResolutionSettings:
         Jumps that such a function may have.
     inside : int
         Times in a step at which jumps are searched for.
+    brief : float
+        Share of the run below which the times of a table are said to be few.
     """
 
     per_rise: int = 2
@@ -62,6 +64,7 @@ class ResolutionSettings:
     halvings: int = 12
     most_jumps: int = 4
     inside: int = 257
+    brief: float = 2e-3
 
 
 SETTINGS = ResolutionSettings()
@@ -121,6 +124,39 @@ def check_jumps(system: System, plan: Plan) -> None:
     """
     if plan.until != "steady" and not plan.quasi_static:
         refuse(_too_long(plan.step, _jump_bounds(system, plan.duration)))
+
+
+def unfit_times(system: System, plan: Plan) -> Iterator[str]:
+    """Sentences about loads, such as tables, whose times do not fit those of the run.
+
+    They say what is left out, both spans, and the likely cause: times in another unit than s.
+    """
+    end = plan.duration
+    for load in system.loads:
+        amplitude = load.amplitude
+        first, last = amplitude.span
+        ends = amplitude((first, last)) if isinstance(amplitude.shape, Table) else (0.0, 0.0)
+        early, late = first < 0.0, last > end * (1.0 + 1e-9)
+        brief = last < SETTINGS.brief * end
+        if first >= end or last <= 0.0:
+            what = "nothing of it acts in this run"
+        elif np.isfinite(last - first) and (early or late):
+            used = (min(last, end) - max(first, 0.0)) / (last - first)
+            where = " and ".join(
+                ["starts after its first"] * early + ["ends before its last"] * late
+            )
+            what = f"the run {where} time, and only {100.0 * used:.3g} % of its time counts"
+        elif ends[0] != 0.0 and first > 0.0:
+            what = "its force jumps from zero at its first time, which is not that of the run"
+        elif isinstance(amplitude.shape, Table) and (brief or (ends[1] != 0.0 and last < end)):
+            how, rest = "at once " * bool(ends[1]), 100.0 * (1.0 - last / end)
+            what = f"it is {how}zero after its last time, in {rest:.3g} % of the run"
+        else:
+            continue
+        yield (
+            f"The {_name(load)} has times from {first:.6g} to {last:.6g} s, the run from 0 to "
+            f"{end:.6g} s: {what}. Both are taken to be in s: is either in another unit, as ms?"
+        )
 
 
 def longest_step(system: System, duration: float, vibrates: bool = True) -> float:

@@ -66,6 +66,10 @@ class SteadySettings:
     energy : float
         Largest change of the energy over a period, over the work put in: it bounds how far a slowly
         decaying part still is from its end.
+    exact : float
+        Change, relative like ``change``, that is round-off: no state changes less.
+    lossless : float
+        Work put in over a period, over the largest energy, below which nothing is seen to decay.
     distance : float
         Largest distance from the fixed point, as Newton's method sees it, relative like ``change``.
     periods : int
@@ -90,8 +94,9 @@ class SteadySettings:
         the change grows up to fivefold on the way: of 90 frequencies of a lapped solid all
         converged so, in at most 10 steps, and one did not in 100 with steps that were shortened
         until the change fell.
-    held, freer, tighter : float
-        How far Newton steps are held back at first where full ones fail, and the factors of that.
+    held, freer, tighter, tightest : float
+        How far Newton steps are held back at first where full ones fail, the factors of that, and
+        the most: steps that are held so no longer move a state.
     good : float
         What is left of the change, over what was, after a step that is as good as predicted.
     approach : float
@@ -103,6 +108,8 @@ class SteadySettings:
 
     change: float = 1e-6
     energy: float = 2e-4
+    lossless: float = 1e-9
+    exact: float = 1e-13
     distance: float = 1e-5
     periods: int = 2000
     memory: int = 12
@@ -115,12 +122,22 @@ class SteadySettings:
     held: float = 0.1
     freer: float = 0.2
     tighter: float = 4.0
+    tightest: float = 1e12
     good: float = 0.3
     approach: float = 1e-6
     odd: float = 1e-10
 
 
 SETTINGS = SteadySettings()
+
+
+def settles(left: float, gained: float, energy: float, work: float) -> bool:
+    """Whether a change over a period, relative, is small, and the energy that it gains, J.
+
+    ``energy`` is the largest energy in the period and ``work`` what was put in, J.
+    """
+    decays = work > SETTINGS.lossless * energy
+    return left <= SETTINGS.change and not (decays and abs(gained) > SETTINGS.energy * work)
 
 
 @dataclass(frozen=True)
@@ -390,7 +407,7 @@ class Newton:
         size, base = self.norm(change), self.base
         left = self.norm(self.held * (x - base.x) - change) if self.held and base else 0.0
         if base is not None and self.held and not left <= base.size:
-            self.held *= SETTINGS.tighter
+            self.held = min(self.held * SETTINGS.tighter, SETTINGS.tightest)
             return base.x + base.derivative.step(base.change, self.held)
         new = derivative()
         if new is None:
@@ -455,7 +472,7 @@ def periodic_state(
         left = size / scale if scale > 0.0 else 0.0
         changes.append(left)
         gained = 0.5 * (norm.squared(after) - norm.squared(x))
-        settled = left <= SETTINGS.change and abs(gained) <= SETTINGS.energy * work
+        settled = settles(left, gained, energy, work)
         following = through.patience is not None and count >= through.patience
         if not (settled or (newton.held == 0.0 and size <= SETTINGS.reuse * before)):
             known = None
@@ -464,7 +481,7 @@ def periodic_state(
             last = mixing.mixed() - x
             if following and (factor := derivative()) is not None:
                 last = factor.step(after - x, 0.0)
-            if norm(last) <= SETTINGS.distance * scale:
+            if left <= SETTINGS.exact or norm(last) <= SETTINGS.distance * scale:
                 return np.asarray(end[:n] - after[:n])
         if following and (step := newton.next(x, after - x, derivative)) is not None:
             x = place.without(step)

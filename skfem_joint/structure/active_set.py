@@ -23,6 +23,7 @@ from skfem_joint.arrays import BoolArray, FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import Uncondensed, condensed
+from skfem_joint.progress import Progress, silent
 
 
 @dataclass(frozen=True)
@@ -129,11 +130,12 @@ class UnilateralContact:
         return sparse.csr_array(G.T @ sparse.diags_array(self.penalty[active]) @ G)
 
     def solve(
-        self, first: BoolArray | None = None
+        self, first: BoolArray | None = None, progress: Progress = silent
     ) -> tuple[FloatArray, FloatArray, BoolArray, int]:
         """Displacement (m), pressure (Pa), what is closed, and the number of sets tried.
 
-        ``first`` (m,) is what is tried as closed first, everything if not given.
+        ``first`` (m,) is what is tried as closed first, everything if not given. ``progress`` is
+        called with the number of sets tried, 0, and a note, after each of them.
         """
         active = np.ones(self.area.size, dtype=bool) if first is None else first | self.tied
         u, p = np.zeros(self.force.size), np.zeros(self.area.size)
@@ -145,6 +147,7 @@ class UnilateralContact:
             pulls = active & ~self.tied & (p < -SETTINGS.round_off * np.abs(p).max())
             enters = ~active & (opening < -SETTINGS.round_off * moved)
             wrong = np.flatnonzero(pulls | enters)
+            progress(count, 0, f"{wrong.size} of {self.area.size} pressure points still change")
             if not wrong.size and left < SETTINGS.tolerance:
                 return u, np.maximum(p, 0.0), active, count
             if not wrong.size:

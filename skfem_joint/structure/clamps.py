@@ -137,6 +137,15 @@ def clamp_forces(body: Body, bolt: Clamp, where: str) -> FloatArray:
     return np.asarray(bolt.force * np.outer(signed, e))
 
 
+def unit_clamps(body: Body, bolts: Sequence[Clamp]) -> sparse.csr_array:
+    """Forces of each bolt on the nodes for a clamp force of 1 N, (dim N, bolts)."""
+    units = (
+        clamp_forces(body, replace(bolt, force=1.0), f"bolt[{i}]").ravel()
+        for i, bolt in enumerate(bolts)
+    )
+    return sparse.csr_array(np.stack([*units], axis=1))
+
+
 def cuts(body: Body, held: BoolArray, bolts: Sequence[Clamp]) -> SlipRows:
     """Rows that join the two faces of each cut shank, for the vibration after tightening.
 

@@ -120,6 +120,9 @@ def _bolt_doubts(body: Body, patch: Patch, bolts: Bolts) -> Iterator[str]:
     """Sentences about bolts whose ring leaves the joint or is poorly resolved by the mesh."""
     for bolt, share in zip(bolts.bolts, patch.bolt_shares, strict=True):
         where = f"The bolt at {spot(np.array(bolt.at))} in joint '{patch.joint.name}'"
+        if bolt.force == 0.0:
+            yield f"{where} has a force of 0 N: it presses nothing."
+            continue
         if share < 0.99:
             yield f"{where} has {100 * share:.3g} % of its ring on the joint, and its whole force."
         centre = np.asarray(bolt.at[: body.dim])

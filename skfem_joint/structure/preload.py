@@ -15,21 +15,22 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import linalg, sparse
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
+from skfem_joint.progress import Progress, silent
 from skfem_joint.structure import active_set
 from skfem_joint.structure.active_set import UnilateralContact
 from skfem_joint.structure.body import Body
 from skfem_joint.structure.checks import body_label
-from skfem_joint.structure.clamps import Clamp, clamp_forces
+from skfem_joint.structure.clamps import Clamp
 from skfem_joint.structure.joints import PRELOAD, Joint
 from skfem_joint.structure.patch import Pressed
-from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
+from skfem_joint.structure.pressure_space import PressureSpace
 from skfem_joint.structure.rigid import body_motions, combinations_left_free
 from skfem_joint.unknowns import selection, stacked
 
@@ -118,7 +119,10 @@ def preload(
     held: BoolArray,
     joints: Sequence[Joint],
     bolts: Sequence[Clamp],
+    clamps: Matrix,
+    spaces: Mapping[int, PressureSpace],
     like: TouchingFaces | None = None,
+    progress: Progress = silent,
 ) -> Preload:
     """Pressures of the joints that clamping bolts press, by a static frictionless contact problem.
 
@@ -134,8 +138,14 @@ def preload(
         Displacements that supports hold.
     joints : sequence of Joint
     bolts : sequence of Clamp
+    clamps : sparse array, shape (dim N, bolts)
+        Forces of each bolt for a clamp force of 1 N.
+    spaces : mapping of int to PressureSpace
+        Pressures of the joints, by their numbers.
     like : TouchingFaces, optional
         The same faces and bolts, of other forces or moduli: what touched then is tried first.
+    progress : callable, optional
+        Called with the number of sets of touching nodes that were tried, 0, and a note.
 
     Raises
     ------
@@ -145,17 +155,7 @@ def preload(
         If the search for the touching nodes does not end.
     """
     begin, (_, K) = time.perf_counter(), body.matrices()
-    sizes = body.properties["width"], body.properties["thickness"]
-    if like is None:
-        units = (
-            clamp_forces(body, replace(bolt, force=1.0), f"bolt[{i}]").ravel()
-            for i, bolt in enumerate(bolts)
-        )
-        clamps: Matrix = sparse.csr_array(np.stack([*units], axis=1))
-        every = ((i, pressure_space(body, joint, *sizes)) for i, joint in enumerate(joints))
-        faces = {i: face for i, face in every if face is not None}
-    else:
-        clamps, faces = like.clamps, dict(like.spaces)
+    faces = dict(spaces)
     force = np.reshape(clamps @ [bolt.force for bolt in bolts], (body.n_nodes, body.dim))
     N, area = _all_rows(faces, force.size)
     gap = np.concatenate([face.gap for face in faces.values()])
@@ -170,7 +170,7 @@ def preload(
     contact = UnilateralContact(
         K[free][:, free], G[:, free], area, area * gap, tied, force.ravel()[free]
     )
-    u[free], p, closed, count = contact.solve(None if like is None else like.closed)
+    u[free], p, closed, count = contact.solve(None if like is None else like.closed, progress)
     u -= left_out @ linalg.lstsq(left_out, u)[0]
     borne = np.where(p > active_set.SETTINGS.round_off * p.max(initial=0.0), area * p, 0.0)
     touching = TouchingFaces(faces, free, closed, clamps)

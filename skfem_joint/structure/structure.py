@@ -17,17 +17,19 @@ from skfem_joint.errors import InputError, refuse
 from skfem_joint.loads import Scaled
 from skfem_joint.mesh import NamedMesh, load_meshes, named
 from skfem_joint.modes import KnownFit, ratio_problems
+from skfem_joint.progress import Progress, silent
 from skfem_joint.slips import SlipRows
 from skfem_joint.structure import doubts
 from skfem_joint.structure.body import Body, Material
 from skfem_joint.structure.checks import KINDS, wrong_name
-from skfem_joint.structure.clamps import Clamp, clamp_problems, cuts
+from skfem_joint.structure.clamps import Clamp, clamp_problems, cuts, unit_clamps
 from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
 from skfem_joint.structure.opening import opening_face
-from skfem_joint.structure.patch import Patch, check_shared, make_patch
+from skfem_joint.structure.patch import Patch, Pressed, check_shared, make_patch
 from skfem_joint.structure.preload import Preload, TouchingFaces, preload
+from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.structure.rigid import loose_bodies
 from skfem_joint.system import AppliedLoad, System
@@ -75,6 +77,9 @@ class Structure:
     like : Structure, optional
         Whose body, matrices and preload are taken over as far as the same values make them; see
         `with_values`.
+    progress : callable, optional
+        Called while bolts are tightened, as by `tighten`; not of structures that are ``free``,
+        whose bolts are tightened when that is asked for.
     body : Body
         The elastic bodies alone, made from the values above.
     fitted : KnownFit
@@ -105,12 +110,13 @@ class Structure:
     regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     free: bool = False
     like: InitVar[Structure | None] = None
+    progress: InitVar[Progress] = silent
     body: Body = field(init=False, repr=False, compare=False)
     fitted: KnownFit = field(init=False, repr=False, compare=False, default_factory=KnownFit)
     _faces: TouchingFaces | None = field(init=False, repr=False, compare=False, default=None)
     _known: Any = field(init=False, repr=False, compare=False, default=None)
 
-    def __post_init__(self, like: Structure | None) -> None:
+    def __post_init__(self, like: Structure | None, progress: Progress) -> None:
         given: object = self.mesh
         if isinstance(given, str | Path):
             object.__setattr__(self, "mesh", load_meshes(given))
@@ -132,6 +138,7 @@ class Structure:
         if like is not None:
             like._hand_over(self)
         if not self.free:
+            self.tighten(progress)
             refuse(
                 f"{label} is left unsupported: it can move or turn freely; hold it by a support, "
                 "or by a joint with friction on a body that is held"
@@ -294,22 +301,63 @@ class Structure:
     @cached_property
     def preload(self) -> Preload | None:
         """Static solution under the clamp forces; None without clamping bolts."""
-        if not self.bolts:
-            return None
-        return preload(self.body, self.held, self.joints, self.bolts, self._faces)
+        return self._tightened() if self.bolts else None
+
+    def tighten(self, progress: Progress = silent) -> None:
+        """Find the preload now, and not when it is first asked for.
+
+        ``progress`` is called with the number of sets of touching nodes that were tried, 0, and a
+        note. Errors as for the structure.
+        """
+        if self.bolts and "preload" not in vars(self):
+            vars(self)["preload"] = self._tightened(progress)
+
+    def _tightened(self, progress: Progress = silent) -> Preload:
+        """Static solution under the clamp forces; what is wrong without it is refused before."""
+        like = self._faces
+        clamps = like.clamps if like else unit_clamps(self.body, self.bolts)
+        spaces = like.spaces if like else self._pressure_spaces()
+        _ = self.cuts, self._patches(None, spaces)  # which refuse what is wrong
+        solved = self.body, self.held, self.joints, self.bolts, clamps, spaces
+        return preload(*solved, like, progress)
+
+    def _pressure_spaces(self) -> dict[int, PressureSpace]:
+        """Pressures of the joints, by their numbers."""
+        every = (
+            (i, pressure_space(self.body, joint, *self._sizes))
+            for i, joint in enumerate(self.joints)
+        )
+        return {i: space for i, space in every if space is not None}
+
+    @property
+    def _sizes(self) -> tuple[FloatArray, FloatArray]:
+        """Width and thickness of each element, m."""
+        return self.body.properties["width"], self.body.properties["thickness"]
 
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
         """Contact points of each joint."""
+        if self.preload is None:
+            return self._patches([None] * len(self.joints), {})
+        return self._patches(self.preload.joints, self.preload.faces.spaces)
+
+    def _patches(
+        self, pressed: Sequence[Pressed | None] | None, spaces: Mapping[int, PressureSpace]
+    ) -> tuple[Patch, ...]:
+        """Contact points of joints that are pressed so.
+
+        Before a preload, without ``pressed``, those whose contact points do not depend on it: all
+        nodes of faces that open, and joints with a pressure of their own.
+        """
         wrong: list[str] = []
         patches: list[Patch] = []
         numbering = np.full(self.n_nodes, -1, dtype=np.intp)
-        p = self.body.properties
-        pressed = [None] * len(self.joints) if self.preload is None else self.preload.joints
-        spaces = {} if self.preload is None else self.preload.faces.spaces
-        for i, (joint, by_bolts) in enumerate(zip(self.joints, pressed, strict=True)):
+        sizes = self._sizes
+        for i, joint in enumerate(self.joints):
+            if pressed is None and joint.pressed_by_bolts and not joint.opens:
+                continue
             try:
-                face, sizes = None, (p["width"], p["thickness"])
+                face, by_bolts = None, pressed[i] if pressed else None
                 if joint.opens:
                     by_bolts, face = opening_face(
                         self.body, joint, self.held, *sizes, by_bolts, spaces.get(i)

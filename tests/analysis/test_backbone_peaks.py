@@ -77,6 +77,25 @@ def test_a_scene_without_the_table_has_no_backbone():
     assert given_backbones(bar_scene("full")) == []
 
 
+def test_a_response_without_friction_is_not_refused_for_a_backbone_beside_it():
+    tables = {
+        "joint": [joint(pressure=0.0)],
+        "backbone": {"levels": 4},
+        "response": {"frequencies": {"from": 500.0, "to": 600.0, "points": 3}, "levels": [1.0]},
+    }
+    scene = bar_scene("full", "reduced", bar="coarse", **tables)
+    assert given_backbones(scene) == []
+    response = scene_response(scene)
+    (model,) = response.models
+    assert any(note.startswith("backbone: there is no curve") for note in response.warnings)
+    assert any("'reduced' left out" in note for note in response.warnings)
+    # It is linear: amplitudes are those of the limit with loose joints.
+    (curve,) = model.curves
+    amplitude = np.array([point.amplitude for point in curve.points])
+    loose = response.loose[np.isin(response.linear_frequencies, response.frequencies)]
+    np.testing.assert_allclose(amplitude, loose, rtol=5e-3)
+
+
 def test_an_end_of_the_frequencies_is_no_peak(tmp_path):
     scene = bar(True, 900.0, 1000.0)
     curves, response = given_backbones(scene), scene_response(scene)

@@ -240,6 +240,7 @@ def test_an_even_traction_changes_the_normal_force_by_its_share_of_the_pressure(
         ({"load": [harmonic(amplitude=2e5)]}, r"1\.\d* times what makes the first joint slip"),
         ({"load": [harmonic(frequency=200e3)]}, "elements in the length of the slowest wave"),
         ({"joint": [joint(pressure=0.0)]}, "carries no friction"),
+        ({"load": [harmonic(amplitude=0.0)]}, "load on 'free_end' is zero at all times"),
         ({"joint": []}, "There is no joint"),
     ],
 )  # fmt: skip

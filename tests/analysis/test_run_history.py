@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_scenes import harmonic, joint, lap_joint
+from joint_scenes import bar_scene, harmonic, joint, lap_joint
 from scipy import sparse
 from scipy.integrate import trapezoid
 
 import skfem_joint as sj
 from skfem_joint.analysis.history import (
     compare,
+    energies,
     hysteresis_loop,
     peaks,
     relative,
@@ -19,6 +20,7 @@ from skfem_joint.analysis.history import (
     steady_state,
 )
 from skfem_joint.analysis.response import steady_point
+from skfem_joint.output.report import summary
 from skfem_joint.stepping.recording import Run
 
 STEPS = 200
@@ -197,3 +199,32 @@ def test_a_point_that_slips_by_less_than_a_thousandth_of_another_does_not_count(
         assert run.slip_peak == pytest.approx([force - 1.0, other - 1.0], rel=1e-6)
         assert run.joint_slipping.max() == pytest.approx(share)
         np.testing.assert_array_equal(system.slipping(run.slip_peak), [True, share == 1.0])
+
+
+SPRUNG = joint(law="coulomb", tangential_stiffness=1e12)
+
+
+@pytest.mark.parametrize("time", [{"until": "steady"}, {"cycles": 4}])
+def test_energies_of_round_off_size_are_zero_and_get_no_advice(time):
+    """Springs hold all sliders, and nothing is damped: some 1e-24 J of friction beside 2.8e-9 J."""
+    values = {"joint": [SPRUNG], "damping": {}, "load": [harmonic(amplitude=1.0)]}
+    time |= {"steps_per_cycle": 100}
+    study = sj.run_scene(bar_scene("full", bar="coarse", time=time, **values))
+    (model,) = summary(study)["models"].values()
+    assert 0.0 < study.runs["full"].friction_energy["joint"] < 1e-14 * 2.8e-9
+    assert model["friction_energy_J"] == {"joint": 0.0}
+    assert model["joints"]["joint"]["friction_energy_J"] == 0.0
+    assert model["viscous_work_J"] == model["scheme_work_J"] == 0.0
+    assert study.models["full"].estimate.of("total", "friction_energy") is None
+    if "until" in time:  # else what is stored in a cycle is none of its losses
+        assert model["loop_energy_per_cycle_J"] == 0.0
+        assert steady_state(study.runs["full"]) is None
+    assert not any("energy of the full model errs" in note for note in study.warnings)
+
+
+def test_small_losses_are_no_round_off():
+    """Under the arctan law all points creep, however little."""
+    system = bar_scene("full", bar="coarse", load=[harmonic(amplitude=0.1)], damping={}).system()
+    run = sj.integrate(system, cycles=4, steps_per_cycle=100)
+    assert energies(run)[0] == pytest.approx(run.cycles.friction[-1], rel=1e-15)
+    assert energies(run)[0] > 0.0

@@ -1,5 +1,6 @@
 """Scenes to results: full and reduced models of every dimension, active parts, warnings."""
 
+import json
 import re
 from dataclasses import replace
 from typing import Any
@@ -241,7 +242,6 @@ def test_steady_vibration_is_separated_from_an_offset_that_depends_on_its_past()
     [
         ({"load": [harmonic(amplitude=0.0)]}, r"nothing moves|no force|loads are zero"),
         ({"load": [harmonic(amplitude=0.0)], "reduction": {"reference": "self"}}, "nothing moves"),
-        ({"joint": [joint(pressure=0.0)]}, r"needs friction in a joint|no force enters any joint"),
         ({"reduction": paper(modes=10**6)}, r"reduction\.modes: found 1000000, must be"),
     ],
 )
@@ -252,6 +252,34 @@ def test_reductions_that_have_nothing_to_go_by_are_refused_after_the_full_model(
     with pytest.raises(sj.InputError, match=words):
         results.finished()
     assert any(one.startswith("There is no reduced model: ") for one in results.warnings)
+
+
+def test_a_joint_without_friction_does_not_slip_as_a_whole():
+    study = run_bar("full", bar="coarse", joint=[joint(friction=0.0)], time={"cycles": 1})
+    assert any("carries no friction" in note for note in study.warnings)
+    assert not any(GROSS in note for note in study.warnings)
+
+
+LOOSE_BOLTS = {"bolts": [{"at": [0.1, 0.025], "force": 0.0, "head_radius": 0.01}]}
+
+
+@pytest.mark.parametrize("pressure", [0.0, LOOSE_BOLTS])
+def test_without_pressure_the_full_model_alone_is_computed(pressure):
+    free = {"on": "joint", "friction": MU, "pressure": pressure}
+    tables = {"joint": [free], "time": {"cycles": 1}}
+    scene = plate_scene("full", "condensed", "reduced", **tables)
+    study = sj.run_scene(scene)
+    (model,) = json.loads(json.dumps(summary(study)))["models"].values()
+    assert study.failure is None
+    notes = "\n".join(study.warnings)
+    assert "models.run: 'condensed' and 'reduced' left out" in notes
+    assert ("has a force of 0 N: it presses nothing" in notes) == (pressure == LOOSE_BOLTS)
+    assert "refine" not in notes
+    bare = sj.run_scene(plate_scene("full", joint=[], time={"cycles": 1})).runs["full"]
+    assert np.array_equal(study.runs["full"].point_u, bare.point_u)
+    assert model["joints"]["joint"].get("friction_energy_by_bolt_J", [0.0]) == [0.0]
+    with pytest.raises(sj.InputError, match="needs friction in a joint"):
+        sj.run_scene(plate_scene("reduced", **tables))
 
 
 @pytest.mark.parametrize("what", ["structure_study", "plates_study"])

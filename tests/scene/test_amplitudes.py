@@ -38,6 +38,17 @@ def test_no_force_exceeds_the_peak_value_and_some_force_reaches_it(load):
     assert force.max() == pytest.approx(load.peak_value, rel=1e-4)
 
 
+@every_load
+def test_no_force_acts_outside_the_span(load):
+    first, last = load.span
+    t = np.linspace(-1e-4, 6e-4, 7001)
+    outside = (t < first) | (t > last)
+    assert not load(t[outside]).any()
+    if load in IMPULSES:
+        assert first == START
+        assert load(np.nextafter(min(last, 1.0), 0.0) - 1e-9) != 0.0
+
+
 @pytest.mark.parametrize(
     ("frequencies", "period"),
     [

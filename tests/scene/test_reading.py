@@ -5,13 +5,14 @@ import re
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scene_texts import GOOD, Change, problems_of_file, scene_of, with_changes
 
 from skfem_joint.errors import InputError
-from skfem_joint.mesh import build_bar, build_plate, refined, write_mesh
+from skfem_joint.mesh import build_bar, build_plate, merged, refined, write_mesh
 from skfem_joint.scene import load_scene, scene_from
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -153,6 +154,10 @@ def test_mistakes_of_tables_mesh_and_structure_are_reported_together(scene_file)
         (b"title = 'a'\n\n# \xff\n", "line 3: not UTF-8"),
         (b"a = " + b"[" * 100_000, "not valid TOML"),
         (b"a = " + b"1" * 10_000, "not valid TOML"),
+        (b'[mesh]\nfile = "C:\\Users\\me\\lap.msh"\n', "line 2: .* forward slashes"),
+        (b'[mesh]\nfile = "meshes\\lap.msh"\n', "line 2: .* forward slashes"),
+        (b'title = "\\U00110000"\n', "line 1: .* forward slashes"),
+        (b"a = 1\nfriction = 0,7\n", "line 2: .* a decimal point, not a comma"),
         (b"\n\nx" + b".x" * 20_000 + b" = 1", "line 3: not valid TOML: a key of more than"),
     ],
 )
@@ -160,8 +165,22 @@ def test_file_that_is_not_toml_is_refused_with_its_line(tmp_path, content, expec
     path = tmp_path / "scene.toml"
     path.write_bytes(content)
     (problem,) = problems_of_file(path)
-    assert expected in problem
+    assert re.search(expected, problem)
+    assert ("forward slashes" in problem) == (b"\\" in content)
     assert re.match(r"line \d+: ", problem)
+
+
+@pytest.mark.parametrize("name", ["C:\\temp\\new.msh", "meshes\\new.msh", "a\\b"])
+def test_escapes_in_a_path_are_no_missing_file(scene_file, name):
+    """\\t, \\n and \\b are valid in double quotes; in single quotes a path is as it is written."""
+    path = scene_file(('file = "', f'file = "{name}" #'))
+    said = [p for p in problems_of_file(path) if p.startswith("mesh.file: ")]
+    assert len(said) == 1
+    assert "must be the name of a file; a backslash in double quotes" in said[0]
+    path = scene_file(('file = "', f"file = '{name}' #"))
+    said = [p for p in problems_of_file(path) if p.startswith("mesh.file: ")]
+    assert name in said[0]
+    assert "no such mesh file" in said[0]
 
 
 def test_missing_file_folder_large_and_empty_file_are_refused(tmp_path):
@@ -298,3 +317,49 @@ def test_examples_are_the_systems_of_the_paper(name, share, step, n_steps, lengt
     assert (joint.beta, joint.normal_force, scene.damping.stiffness) == (1e5, "equal", 1e-5)
     if name == "lap_joint_case_I":
         assert (scene.reduction.reference, scene.reduction.modes) == ("paper", 5)
+
+
+BOLTED = with_changes(
+    GOOD,
+    ('"bar.msh"', '"bolted.msh"'),
+    ("density = 8000", "density = 8000\npoisson = 0.3"),
+    ("width = 0.05\n", ""),
+    ('["fixed"]', '["lower_left"]'),
+    ('on = "joint"', 'on = "face"\nagainst = "lower_face"'),
+    ('on = "free_end"', 'on = "right"\ndirection = [1, 0]'),
+    ("[reduction]\nmodes = 5\n[output]\nevery = 1\n", ""),
+)
+
+
+def test_mistakes_of_tables_and_loads_cost_no_preload(tmp_path):
+    """So does what a command refuses; each is known from the tables and the mesh alone."""
+    sides = {"face": "bottom", "head": "top", "right": "right"}
+    upper = build_plate([("u", 0.1, 4)], 0.01, 2, origin=(0.0, 0.01), boundaries=sides)
+    sides = {"lower_face": "top", "nut": "bottom", "lower_left": "left"}
+    mesh = merged([upper, build_plate([("l", 0.1, 4)], 0.01, 2, boundaries=sides)])
+    write_mesh(mesh, tmp_path / "bolted.msh")
+    bolt = '[[bolt]]\nhead = "head"\nnut = "nut"\nforce = 1e4\n'
+    text = BOLTED.replace("pressure = 50e6", 'pressure = "preload"')
+    text = text.replace("[[load]]", f"{bolt}[[load]]")
+    told: list[Any] = []
+
+    def loaded(*changes, **options):
+        path = tmp_path / "scene.toml"
+        path.write_text(with_changes(text, *changes))
+        return load_scene(path, progress=lambda *news: told.append(news), **options)
+
+    for change, says in (
+        (('on = "right"', 'on = "rihgt"'), "load on 'rihgt'"),
+        (("cycles = 3", "cycles = 0"), r"time\.cycles"),
+    ):
+        with pytest.raises(InputError, match=says):
+            loaded(change)
+
+    def refuse(scene):
+        raise InputError(f"this command takes no {scene.bolt[0].head}")
+
+    with pytest.raises(InputError, match="takes no head"):
+        loaded(ready=refuse)
+    assert told == []
+    loaded()
+    assert {label for label, *_ in told} == {"preload"}

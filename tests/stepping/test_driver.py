@@ -26,7 +26,7 @@ from stepping_systems import (
 )
 
 import skfem_joint as sj
-from skfem_joint.loads import Amplitude
+from skfem_joint.loads import Amplitude, Scaled
 from skfem_joint.stepping import driver
 from skfem_joint.stepping.checkpoint import Checkpoint
 from skfem_joint.stepping.plan import Plan
@@ -460,3 +460,46 @@ def test_a_function_of_time_that_the_step_does_not_follow_is_refused(load, follo
         check_resolution(system, plan)
     shorter = float(re.search("a step of at most (.*) s", str(caught.value))[1])
     check_resolution(system, Plan(shorter, math.ceil(5e-3 / shorter)))
+
+
+@pytest.mark.parametrize(
+    ("load", "says"),
+    [
+        # The run goes from 0 to 5 ms.
+        (
+            sj.Table([10.0, 10.001, 10.002], [0.0, 1.0, 0.0]),
+            "10 to 10.002 s, .* nothing of it acts",
+        ),
+        (sj.Table([-2.0, -1.0], [1.0, 1.0]), "-2 to -1 s, .* nothing of it acts"),
+        (sj.Table([0.0, 2.5, 5.0], [0.0, 1.0, 0.0]), r"ends before its last time, and only 0\.1 %"),
+        (
+            sj.Table([-5e-3, 0.0, 5e-3], [0.0, 1.0, 0.0]),
+            "starts after its first time, and only 50 %",
+        ),
+        (sj.Table([1e-3, 2e-3], [1.0, 0.0]), "jumps from zero at its first time"),
+        (
+            sj.Table([0.0, 2.5e-3], [0.0, 1.0]),
+            "at once zero after its last time, in 50 % of the run",
+        ),
+        (sj.Table([0.0, 5e-6, 9e-6], [0.0, 1.0, 0.0]), r"is zero after its last time, in 99\.8 %"),
+        (Scaled(sj.Table([10.0, 11.0], [0.0, 1.0]), -3.0), "nothing of it acts"),
+        (sj.HalfSine(1.0, 1e-4, start=6e-3), "0.006 to 0.0062 s, .* nothing of it acts"),
+        (sj.Table([0.0, 2.5e-3, 5e-3], [0.0, 1.0, 0.0]), None),
+        (sj.Table([1e-3, 2e-3, 3e-3], [0.0, 1.0, 0.0]), None),
+        (sj.HalfSine(1.0, 1e-4), None),
+        (sj.RampAndHold(1.0, 1e-3), None),
+        (sj.Harmonic(1.0, 100.0), None),
+    ],
+)
+def test_times_of_a_load_that_do_not_fit_the_run_are_said(load, says, caplog):
+    system = LapJoint(elements=5).system
+    system = replace(system, loads=(AppliedLoad(np.eye(system.n)[-1], load, "tip"),))
+    for run in (sj.integrate, sj.quasi_static):
+        caplog.clear()
+        with caplog.at_level("WARNING"):
+            run(system, duration=5e-3, step=2e-6)
+        notes = [r.getMessage() for r in caplog.records]
+        assert len(notes) == (says is not None)
+        if says is not None:
+            assert notes[0].startswith("The load on 'tip' has times from ")
+            assert re.search(f"{says}.* in another unit", notes[0])

@@ -309,3 +309,37 @@ def test_warped_steps_have_true_velocities_and_energies():
     omega = 2.0 * np.pi * 2490.0
     assert np.ptp(run.point_v) == pytest.approx(omega * np.ptp(run.point_u), rel=1e-6)
     assert run.energy_residual < 1e-9
+
+
+@pytest.mark.parametrize(("elements", "share"), [(4, 1e-9), (4, 1e-6), (50, 1e-6)])
+def test_without_damping_a_change_at_round_off_is_steady(elements, share):
+    """All points stick: nothing is lost, and the work of a period is round-off, too."""
+    system = bar(500.0, share, elements)
+    force = share * float(system.w.sum())
+    load = replace(system.loads[0], amplitude=sj.Harmonic(force, 500.0))
+    system = replace(system, C=0.0 * system.C, loads=(load,))
+    run = sj.integrate(system, until="steady", steps_per_cycle=100)
+    assert run.steady is not None
+    assert run.steady.periods < 50
+    # The trapezoidal rule has the amplitude of this frequency, exactly.
+    omega = 2.0 * 500.0 * 100 * np.tan(np.pi / 100)
+    free = np.setdiff1d(np.arange(system.n), system.B.indices)
+    stiffness = (system.K - omega**2 * system.M).toarray()[np.ix_(free, free)]
+    u = np.linalg.solve(stiffness, force * system.load_vectors()[free, 0])
+    exact = np.abs(system.P.toarray()[:, free] @ u)
+    largest = int(exact.argmax())
+    assert run.peak[largest] == pytest.approx(exact[largest], rel=1e-5)
+
+
+def test_steps_that_are_held_ever_more_stay_finite():
+    """Their derivative is of no help: the change that they start from is the least there is."""
+
+    class Useless:
+        def step(self, change, held):
+            return change / (1.0 + held)
+
+    newton, x = steady.Newton(np.linalg.norm), np.ones(3)
+    for count in range(3000):
+        with np.errstate(all="raise"):
+            x = newton.next(x, np.ones(3) * (10.0 if count else 1.0), Useless)
+    assert np.isfinite(x).all()

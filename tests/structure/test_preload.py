@@ -238,3 +238,31 @@ def test_coordinates_that_a_file_rounds_change_nothing(order):
         assert some.at_rest()[-1].startswith("Friction alone holds the body with the regions 'u1'")
         frequencies.append(natural_modes(some.system(), 4).frequencies)
     np.testing.assert_allclose(*frequencies, rtol=1e-4, atol=1e-3)
+
+
+def halves(mesh: NamedMesh) -> NamedMesh:
+    """The same mesh with the pressed face as two, which share the node between them."""
+    face = mesh.boundaries["u_base"]
+    x = mesh.mesh.p[0, mesh.mesh.facets[:, face]].mean(axis=0)
+    left = x < 0.5 * (x.min() + x.max())
+    parts = {"u_base_1": face[left], "u_base_2": face[~left]}
+    return named(mesh.mesh.with_boundaries(parts), order=mesh.order)
+
+
+def test_what_is_known_to_be_wrong_is_refused_before_bolts_are_tightened():
+    told: list[tuple[int, int, str]] = []
+    unilateral = replace(JOINT, contact="unilateral")
+    joints = [replace(unilateral, on=f"u_base_{k}") for k in (1, 2)]
+    for wrong, says in (
+        ({"joints": joints}, "unilateral' needs nodes of its own"),
+        ({"joints": [unilateral], "fixed": ["u_top", "u_left"]}, "of its nodes are supported"),
+    ):
+        with pytest.raises(InputError, match=says):
+            clamped(halves(MESH), **wrong).tighten(lambda *news: told.append(news))
+        assert told == []
+    held = {"free": False, "fixed": ["l_base"], "joints": [unilateral]}
+    made = clamped(halves(MESH), progress=lambda *news: told.append(news), **held)
+    assert made.preload is not None
+    # Each set of touching nodes was told of, and nothing changes in the last one.
+    assert [count for count, _, _ in told] == [*range(1, made.preload.active_sets + 1)]
+    assert told[-1][2].startswith("0 of ")
