@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from skfem_joint.analysis.backbone import Backbone, backbone
 from skfem_joint.analysis.mode_rates import mode_rates
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
+from skfem_joint.mesh import merged
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
 from skfem_joint.structure.parameters import value_of, with_values
 from skfem_joint.structure.sensitivities import sensitivities
@@ -138,6 +139,67 @@ def test_derivatives_are_central_differences_at_fixed_levels(name, key):
         atol = 5e-6 * np.abs(known).max() + noise
         np.testing.assert_allclose(rate, known, rtol=0.0, atol=atol, err_msg=kind)
     assert found.sensitivity.parameters[column] == key
+
+
+def lapped(**joint: Any) -> sj.Structure:
+    """Two boxes that lap, with a bolt at each end of the lap, bent."""
+    parts, lap = [], [("1", 0.01, 1), ("middle", 0.02, 2), ("2", 0.01, 1)]
+    for x, y, name, strips, sides in (
+        (0.0, 0.0, "lower ", [("arm", 0.04, 4), *lap], {"fixed": "left", "face": "top"}),
+        (0.04, 0.01, "upper ", [*lap, ("arm", 0.04, 4)], {"end": "right", "contact": "bottom"}),
+    ):
+        side, bolt = ("bottom", "nut") if y == 0.0 else ("top", "head")
+        bolts = {f"{bolt}_{k}": (side, f"{name}{k}") for k in "12"}
+        named = [(name + strip, length, count) for strip, length, count in strips]
+        sizes = (0.01, 0.02), (1, 2)
+        parts.append(sj.build_box(named, *sizes, origin=(x, y, 0.0), boundaries=sides | bolts))
+    bolts = [sj.Clamp(3e3, "head_1", "nut_1"), sj.Clamp(4e3, "head_2", "nut_2")]
+    joints = [sj.Joint("contact", "preload", 0.5, against="face", **joint)]
+    steel = sj.Material(200e9, 7800.0, 0.3)
+    return sj.Structure(
+        merged(parts), steel, fixed=["fixed"], joints=joints, bolts=bolts, damping_ratio=2e-3
+    )
+
+
+TANGENTIAL, NORMAL = {"tangential_stiffness": 3e11}, {"normal_stiffness": 2e12}
+OPENS = {"contact": "unilateral"}
+LAPPED = {
+    "constant": {},
+    "constant, tangential springs": TANGENTIAL,
+    "opens": OPENS,
+    "opens, tangential springs": OPENS | TANGENTIAL,
+    "opens, normal springs": OPENS | NORMAL,
+    "opens, springs both ways": OPENS | TANGENTIAL | NORMAL,
+}
+
+
+@pytest.mark.parametrize("joint", LAPPED)
+def test_derivatives_from_a_thousandth_of_slip_on(joint):
+    """At each level by itself: where nothing slips, and where very little does, too."""
+    given, loads = lapped(**LAPPED[joint]), along("end", 0.0, 1.0, 0.0)
+    system = given.system(loads)
+    (whole,) = backbone(system, levels=1, up_to=0.1)
+    level = np.append(np.geomspace(1e-3, 0.3, 16), np.linspace(0.35, 0.7, 11)) * whole.slips_at
+    parameters = sensitivities(given, [FRICTION], system)
+    (found,) = backbone(system, levels=level, parameters=parameters)
+    ends = []
+    for step in (STEP, -STEP):
+        changed = with_values(given, {FRICTION: 0.5 * (1.0 + step)}).system(loads)
+        ends += backbone(changed, levels=found.level)
+    assert (found.friction_damping < 1e-9).sum() > 8
+    assert (found.friction_damping > 1e-7).sum() > 3
+    noise = {"frequency": 2e-6 * found.frequency, "friction_damping": 1e-9}
+    for kind, own in noise.items():
+        rate = 0.5 * getattr(found.sensitivity, kind)[:, 0]
+        above, below = (
+            (getattr(end, kind) - getattr(found, kind)) / step
+            for end, step in zip(ends, (STEP, -STEP), strict=True)
+        )
+        # At a kink the derivative is that to one side.
+        known, apart = 0.5 * (above + below), np.abs(above - below)
+        np.testing.assert_array_less(np.abs(rate - known), 1e-5 * np.abs(known) + own + 0.6 * apart)
+        smooth = apart < 1e-2 * np.abs(known) + own
+        assert smooth.mean() > 0.8, kind
 
 
 @pytest.mark.parametrize("name", ["bar on springs", "in plan", "plates", "open", "solid"])
