@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from bodies import DENSITY, EA, LAP, MU, THICKNESS, WIDTH, lap, pressed, structure
-from clamped_plates import STIFF, bar, bolted
+from clamped_plates import STIFF, bar, bolted, lapped
 from scipy import sparse
 from stepping_systems import arm
 
@@ -18,7 +18,6 @@ from skfem_joint.analysis.backbone import Backbone, backbone
 from skfem_joint.analysis.mode_rates import mode_rates
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
-from skfem_joint.mesh import merged
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
 from skfem_joint.structure.parameters import value_of, with_values
 from skfem_joint.structure.sensitivities import sensitivities
@@ -139,26 +138,6 @@ def test_derivatives_are_central_differences_at_fixed_levels(name, key):
         atol = 5e-6 * np.abs(known).max() + noise
         np.testing.assert_allclose(rate, known, rtol=0.0, atol=atol, err_msg=kind)
     assert found.sensitivity.parameters[column] == key
-
-
-def lapped(**joint: Any) -> sj.Structure:
-    """Two boxes that lap, with a bolt at each end of the lap, bent."""
-    parts, lap = [], [("1", 0.01, 1), ("middle", 0.02, 2), ("2", 0.01, 1)]
-    for x, y, name, strips, sides in (
-        (0.0, 0.0, "lower ", [("arm", 0.04, 4), *lap], {"fixed": "left", "face": "top"}),
-        (0.04, 0.01, "upper ", [*lap, ("arm", 0.04, 4)], {"end": "right", "contact": "bottom"}),
-    ):
-        side, bolt = ("bottom", "nut") if y == 0.0 else ("top", "head")
-        bolts = {f"{bolt}_{k}": (side, f"{name}{k}") for k in "12"}
-        named = [(name + strip, length, count) for strip, length, count in strips]
-        sizes = (0.01, 0.02), (1, 2)
-        parts.append(sj.build_box(named, *sizes, origin=(x, y, 0.0), boundaries=sides | bolts))
-    bolts = [sj.Clamp(3e3, "head_1", "nut_1"), sj.Clamp(4e3, "head_2", "nut_2")]
-    joints = [sj.Joint("contact", "preload", 0.5, against="face", **joint)]
-    steel = sj.Material(200e9, 7800.0, 0.3)
-    return sj.Structure(
-        merged(parts), steel, fixed=["fixed"], joints=joints, bolts=bolts, damping_ratio=2e-3
-    )
 
 
 TANGENTIAL, NORMAL = {"tangential_stiffness": 3e11}, {"normal_stiffness": 2e12}
