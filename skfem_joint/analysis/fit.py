@@ -11,8 +11,7 @@ not determined by the data: they are named, and their uncertainty is that of the
 named alone only if the sum of squares itself, followed to its bounds, says so.
 
 A search ends in the minimum nearest to its start. Where that leaves a doubt (it misses the data, or
-leaves a value at a bound or undetermined, or derivatives promise more) it begins anew from the best
-of some values spread over the bounds (a Latin hypercube), and while data are missed from the minima
+leaves a value at a bound, or derivatives promise more) it begins anew from the best of some values spread over the bounds (a Latin hypercube), and while data are missed from the minima
 of the nested models, each with one of the keys as in the scene. The least minimum counts, so that
 none that misses the data is worse than that of such a nested model.
 
@@ -361,11 +360,9 @@ class FitProblem:
         return _widened(float(r @ r), r.size - vector.size)[0] > 1.0
 
     def doubtful(self, vector: FloatArray) -> bool:
-        """Whether a minimum may not be the least, or leaves a value open."""
-        if self.misses(vector) or self.on_bound(vector).any():
-            return True
-        J = self.residuals(vector)[1]
-        return bool(self.decrease(vector) > SETTINGS.left or _Axes.of(self, vector, J).open.size)
+        """Whether a minimum may not be the least."""
+        stalls = self.decrease(vector) > SETTINGS.left
+        return bool(stalls or self.misses(vector) or self.on_bound(vector).any())
 
     def spread(self) -> FloatArray:
         """Vectors of a Latin hypercube within the bounds, without offsets, (starts, k)."""
