@@ -84,6 +84,10 @@ class DampingCurveSettings:
     iterations: int = 30
     settled: float = 1e-2
     inside: float = 0.04
+    passes: int = 2
+    others: tuple[float, float] = (0.2, 5.0)
+    most_others: int = 4
+    stands_out: float = 30.0
 
 
 SETTINGS = DampingCurveSettings()
@@ -166,10 +170,62 @@ def damping_curve(
             f"damping_curve: found {1.0 / (f * step):.3g} samples in a period of {f:.4g} Hz, must "
             f"be at least {SETTINGS.fewest_samples:g}"
         )
+    fits = _alone(x, step, f)
+    return _curve(float(t[0]), *fits, DERIVATIVES[quantity])
+
+
+def _alone(x: FloatArray, step: float, f: float) -> tuple[_Fit, _Fit]:
+    """Fits of the vibration near a frequency, Hz, with other modes and harmonics taken away.
+
+    They are fitted in the same way to what the fit before left. InputError as `damping_curve`.
+    """
+    others, fits = dict[float, FloatArray](), _fits(x, step, f)
+    for _ in range(SETTINGS.passes):
+        main = _wave(fits[0], x.size, step)
+        for g in _other_frequencies(x - main, step, f):
+            rest = x - main - sum(wave for h, wave in others.items() if h != g)
+            try:
+                own = _fits(rest, step, g)[0]
+            except (InputError, ConvergenceError):
+                continue  # too short or too small to be a mode
+            others[g] = _wave(own, x.size, step)
+        if not others:
+            break
+        fits = _fits(x - sum(others.values()), step, f)
+    return fits
+
+
+def _fits(x: FloatArray, step: float, f: float) -> tuple[_Fit, _Fit]:
     windows = _windows(x, step, f)
     size = 1 + round(windows.time[-1] / step)
-    fits = _best(x[:size] - x[:size].mean(), step, windows)
-    return _curve(float(t[0]), *fits, DERIVATIVES[quantity])
+    return _best(x[:size] - x[:size].mean(), step, windows)
+
+
+def _wave(fit: _Fit, size: int, step: float) -> FloatArray:
+    """Vibration of a fit at each sample, zero where it is over, (size,)."""
+    t = np.minimum(step * np.arange(size), fit.knots[-1])
+    count = int(np.floor(fit.knots[-1] / step + 0.5)) + 1
+    wave = np.zeros(size)
+    B = BSpline.design_matrix(t[:count], fit.knots, 3)
+    wave[:count] = np.exp(B @ fit.coefficients[0]) * np.cos(B @ fit.coefficients[1])
+    return wave
+
+
+def _other_frequencies(left: FloatArray, step: float, f: float) -> list[float]:
+    """Frequencies of modes that stand out of what a fit of the one at ``f`` leaves, Hz."""
+    frequencies, density = periodogram(left, 1.0 / step, "hann")
+    noise = np.median(density[(frequencies > 0.0) & (frequencies < SETTINGS.others[1] * f)])
+    away = np.abs(frequencies - f) > SETTINGS.near * f
+    away &= (frequencies > SETTINGS.others[0] * f) & (frequencies < SETTINGS.others[1] * f)
+    found = list[float]()
+    density = np.where(away, density, 0.0)
+    for _ in range(SETTINGS.most_others):
+        place = int(density.argmax())
+        if density[place] <= SETTINGS.stands_out * noise:
+            break
+        found.append(float(frequencies[place]))
+        density[np.abs(frequencies - found[-1]) < SETTINGS.near * found[-1]] = 0.0
+    return found
 
 
 def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatArray, FloatArray]:
