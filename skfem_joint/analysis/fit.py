@@ -11,9 +11,10 @@ not determined by the data: they are named, and their uncertainty is that of the
 named alone only if the sum of squares itself, followed to its bounds, says so.
 
 A search ends in the minimum nearest to its start. Where that leaves a doubt (it misses the data, or
-leaves a value at a bound, or derivatives promise more) it begins anew from the best of some values spread over the bounds (a Latin hypercube), and while data are missed from the minima
-of the nested models, each with one of the keys as in the scene. The least minimum counts, so that
-none that misses the data is worse than that of such a nested model.
+leaves a value at a bound, or derivatives promise more) it begins anew: from the best of some values
+spread over the bounds (a Latin hypercube), and while data are missed from the minima of the nested
+models, each with one of the keys as in the scene. The least minimum counts, so that none that
+misses the data is worse than that of such a nested model.
 
 Where the sum of squares is larger than deviations explain, the model misses the data. Covariances
 are then multiplied by that sum over the degrees of freedom, and a note says so.
