@@ -190,7 +190,7 @@ class CycleRates:
     def _masing(self, found: Cycles) -> tuple[FloatArray, FloatArray]:
         """Of constant limits, see `skfem_joint.analysis.masing_cycles`."""
         rest = Level(*np.zeros((1, self.system.n)), *np.zeros((2, self.system.B.shape[0])))
-        levels = self._levels(rest, found.states, found.friction)
+        levels = self._levels(found.states, found.friction)
         rates = self.rates.follow(
             self.rates.rest(), rest, [*zip(found.level.tolist(), levels, strict=True)]
         )
@@ -218,28 +218,18 @@ class CycleRates:
         """Work of friction in the half cycle from a level, J, and its derivatives, (k + 1,)."""
         turns = np.linspace(1.0, -1.0, MASING.increments + 1)[1:]
         u = before.u + np.cumsum(found.loops[half], axis=0)
-        friction = np.broadcast_to(found.friction[k], (half.size, found.friction[k].size))
-        if found.turned is not None:
-            friction = friction + np.cumsum(found.turned[half], axis=0)
-        levels, alpha = self._levels(before, u, friction), turns * float(found.level[k])
+        friction = found.friction[k] + np.cumsum(found.turned[half], axis=0)
+        levels, alpha = self._levels(u, friction), turns * float(found.level[k])
         rates = self.rates.follow(last, before, [*zip(alpha.tolist(), levels, strict=True)])
         self.turning[k] = max(self.turning[k], *self.rates.turning)
         slips, of_slips = self.rates.sliders([before, *levels], [last, *rates])
         work, of_work = self._work(np.diff(slips, axis=0), np.diff(of_slips, axis=0))
         return float(work.sum()), np.asarray(of_work.sum(axis=0))
 
-    def _levels(self, before: Level, u: FloatArray, sigma: FloatArray) -> list[Level]:
-        """Levels (levels, n) that follow each other, with the friction of their slips.
-
-        That of points on springs is ``sigma``, (levels, rows), over their limits.
-        """
+    def _levels(self, u: FloatArray, sigma: FloatArray) -> list[Level]:
+        """Levels (levels, n) with the friction ``sigma``, (levels, rows), over its limits."""
         system = self.system
-        slip = np.asarray((system.B @ u.T).T)
-        step, limits = np.diff(slip, axis=0, prepend=before.slip[np.newaxis]), system.w
-        size = system.slip_norm(step)[:, self.rates.row_point]
-        along = np.divide(step, size, out=np.zeros_like(step), where=size > 0.0)
-        sprung = system.on_rows(system.sprung)
-        friction = system.on_rows(limits) * np.where(sprung, sigma, along)
+        slip, friction = np.asarray((system.B @ u.T).T), system.on_rows(system.w) * sigma
         return [Level(*parts) for parts in zip(u, friction, slip, strict=True)]
 
     def _work(

@@ -13,9 +13,12 @@ ratio z obey
    equal shares of the decay. Their number is that of the least sum of squares, over the variance of
    the noise, plus a penalty for each coefficient: a mode of constant damping is fitted with one
    piece and a joint's with several.
-3. Standard deviations come from the normal equations, with the level of the noise near the
-   frequency in what the fit leaves. What another number of pieces would change, beyond what noise
-   can, counts as an error too.
+3. Other modes and harmonics that stand out of what is left are fitted in the same way and
+   subtracted, the largest first, and the fit is made anew: near the ends of a record no weight
+   keeps them apart.
+4. Standard deviations come from the normal equations, with the level of the noise near the
+   frequency in what the fit leaves. What another number of pieces would change counts as an error
+   too.
 """
 
 from __future__ import annotations
@@ -27,7 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg, sparse
 from scipy.interpolate import BSpline
-from scipy.signal import periodogram
+from scipy.signal import find_peaks, periodogram
 from scipy.signal.windows import hann, tukey
 
 from skfem_joint.arrays import BoolArray, FloatArray, as_real
@@ -53,6 +56,8 @@ class DampingCurveSettings:
     out_of_noise : float
         The vibration ends where its amplitude in a window is less than this many standard
         deviations.
+    vibrates : float
+        Share of the power of a window near its highest peak from which on it is no noise.
     pieces : tuple of int
         Numbers of pieces of the splines that are tried.
     shortest : float
@@ -70,12 +75,21 @@ class DampingCurveSettings:
         Change of the exponents, over their standard deviations, at which a fit has converged.
     inside : float
         Share of the decay at each end that the curve leaves out, where splines are loose.
+    passes : int
+        How often other modes are fitted anew to what is left.
+    others : tuple of float
+        Multiples of the frequency between which other modes are looked for.
+    most_others : int
+        Most of them.
+    stands_out : float
+        Height of their peaks in the spectrum over its median.
     """
 
     fewest_samples: float = 6.0
     window: float = 6.0
     fewest_windows: int = 4
     out_of_noise: float = 6.0
+    vibrates: float = 0.6
     pieces: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20)
     shortest: float = 3.0
     penalty: float = 3.0
@@ -84,6 +98,10 @@ class DampingCurveSettings:
     iterations: int = 30
     settled: float = 1e-2
     inside: float = 0.04
+    passes: int = 2
+    others: tuple[float, float] = (0.2, 5.0)
+    most_others: int = 4
+    stands_out: float = 30.0
 
 
 SETTINGS = DampingCurveSettings()
@@ -139,8 +157,8 @@ def damping_curve(
         Displacement, velocity, acceleration, or what is in proportion to one of them.
     frequency : float, optional
         About that of the mode, Hz; the one with the highest peak of the spectrum if not given.
-        Other modes of about the same size do no harm where their frequencies differ by a half or
-        more; filter out those that are nearer or much larger.
+        Other modes do no harm where their frequencies differ by a half or more, also if they are 50
+        times larger; filter out those that are nearer.
     quantity : {"displacement", "velocity", "acceleration"}
         What the signal is. Where the frequency depends on the amplitude, a velocity does not decay
         as the displacement does; frequency and damping are those of the displacement.
@@ -153,7 +171,8 @@ def damping_curve(
     ------
     InputError
         If times are not even, values are missing or not finite, a period has too few samples, or
-        the vibration is too short, grows, or does not stand out of the noise.
+        the vibration is too short, grows, does not stand out of the noise, or changes too fast, as
+        in gross slip.
     ConvergenceError
         If no fit converges.
     """
@@ -166,10 +185,70 @@ def damping_curve(
             f"damping_curve: found {1.0 / (f * step):.3g} samples in a period of {f:.4g} Hz, must "
             f"be at least {SETTINGS.fewest_samples:g}"
         )
+    fits = _alone(x, step, f)
+    return _curve(float(t[0]), *fits, DERIVATIVES[quantity])
+
+
+def _alone(x: FloatArray, step: float, f: float) -> tuple[_Fit, _Fit]:
+    """Fits of the vibration near a frequency, Hz, with other modes and harmonics taken away.
+
+    They are fitted in the same way to what the others leave, the largest first. InputError as
+    `damping_curve`.
+    """
+    others, main = dict[float, FloatArray](), np.zeros(x.size)
+    frequencies = _other_frequencies(x, step, f, larger=True)
+    for _ in range(1 + SETTINGS.passes):
+        for g in frequencies:
+            rest = x - main - sum(wave for h, wave in others.items() if h != g)
+            try:
+                others[g] = _wave(_fits(rest, step, g)[0], x.size, step)
+            except (InputError, ConvergenceError):
+                others.pop(g, None)  # too short or too small to be a mode
+        fits = _fits(x - sum(others.values()), step, f)
+        main = _wave(fits[0], x.size, step)
+        frequencies = _other_frequencies(x - main, step, f)
+        if not frequencies:
+            break
+    return fits
+
+
+def _fits(x: FloatArray, step: float, f: float) -> tuple[_Fit, _Fit]:
+    """Fits of the vibration near a frequency, Hz, whatever else there is; errors as `_alone`."""
     windows = _windows(x, step, f)
     size = 1 + round(windows.time[-1] / step)
-    fits = _best(x[:size] - x[:size].mean(), step, windows)
-    return _curve(float(t[0]), *fits, DERIVATIVES[quantity])
+    return _best(x[:size] - x[:size].mean(), step, windows)
+
+
+def _wave(fit: _Fit, size: int, step: float) -> FloatArray:
+    """Vibration of a fit at each sample, zero where it is over, (size,)."""
+    count, wave = 1 + round(fit.knots[-1] / step), np.zeros(size)
+    t = np.minimum(step * np.arange(count), fit.knots[-1])
+    B = BSpline.design_matrix(t, fit.knots, 3)
+    wave[:count] = np.exp(B @ fit.coefficients[0]) * np.cos(B @ fit.coefficients[1])
+    return wave
+
+
+def _other_frequencies(
+    left: FloatArray, step: float, f: float, larger: bool = False
+) -> list[float]:
+    """Frequencies of modes that stand out beside the one at ``f``, Hz, the largest first.
+
+    Or of those alone that are ``larger`` than that one.
+    """
+    frequencies, density = periodogram(left, 1.0 / step, "hann")
+    low, high = (share * f for share in SETTINGS.others)
+    among = (frequencies > low) & (frequencies < high)
+    own, away = _near(frequencies, f), among & ~_near(frequencies, f)
+    if not away.any():
+        return []
+    least = density[own].max() if larger else SETTINGS.stands_out * np.median(density[among])
+    peaks, _ = find_peaks(density, height=least, prominence=0.9 * least)
+    peaks = peaks[away[peaks]]
+    found = list[float]()
+    for g in frequencies[peaks[np.argsort(-density[peaks])]].tolist():
+        if all(abs(g - h) > SETTINGS.near * h for h in found):
+            found.append(g)
+    return found[: SETTINGS.most_others]
 
 
 def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatArray, FloatArray]:
@@ -231,7 +310,7 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
     size = round(SETTINGS.window / (f * step))
     weight, s = hann(size, sym=True), step * (np.arange(size) - 0.5 * (size - 1))
     omega = 2.0 * np.pi * f
-    rows: list[tuple[float, ...]] = []
+    rows, stands, levels = list[tuple[float, ...]](), list[bool](), list[float]()
     for begin in range(0, x.size - size + 1, size // 2):
         part = x[begin : begin + size]
         columns = np.exp(1j * omega * s)[:, np.newaxis] * (s[:, np.newaxis] / s[-1]) ** [0, 1]
@@ -240,8 +319,10 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
         z, change = found[:2] + 1j * found[2:4]
         noise = _noise(part - columns @ found, step, f)
         of_amplitude = 2.0 * noise * (weight**2).sum() / weight.sum() ** 2
-        if abs(z) ** 2 <= SETTINGS.out_of_noise**2 * of_amplitude:
-            break
+        levels.append(noise)
+        stands.append(abs(z) ** 2 > SETTINGS.out_of_noise**2 * of_amplitude)
+        if not all(stands):
+            continue
         at = step * (begin + 0.5 * (size - 1))
         rate = omega + (change / z).imag / s[-1]
         before = rows[-1] if rows else (at, 0.0, np.angle(z), rate)
@@ -249,13 +330,8 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
         phase = ahead + np.angle(z * np.exp(-1j * ahead))
         rows.append((at, np.log(abs(z)), float(phase), rate, 0.5 * np.log(noise + 1e-32)))
     if len(rows) < SETTINGS.fewest_windows:
-        periods = len(rows) * SETTINGS.window / 2.0
-        raise InputError(
-            f"damping_curve: found {periods:.3g} periods of {f:.4g} Hz that stand out of the "
-            f"noise from the start on, must be at least "
-            f"{SETTINGS.fewest_windows * SETTINGS.window / 2.0:g}; give the part after the blow or "
-            "the release, and the frequency of the mode"
-        )
+        begin = len(rows) * (size // 2)
+        _refuse_windows(stands, levels, x[begin : begin + size], step, f)
     at, log_amplitude, phase, _, noises = np.array(rows).T
     if log_amplitude[0] <= log_amplitude[-1]:
         raise InputError(
@@ -264,6 +340,39 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
         )
     levels = np.polynomial.Polynomial.fit(at, noises, 2)(at)
     return _Windows(at, log_amplitude, phase, np.exp(levels))
+
+
+def _refuse_windows(
+    stands: list[bool], noise: list[float], part: FloatArray, step: float, f: float
+) -> None:
+    """InputError for too few windows from the start on, with the cause.
+
+    What is in the first window that does not stand out, ``part``, is no noise if it lies near some
+    frequency, or if there is by far less later: then it is a vibration that is not a wave of slowly
+    changing amplitude and frequency.
+    """
+    most, count = SETTINGS.fewest_windows, stands.index(False) if False in stands else len(stands)
+    periods, needed = count * SETTINGS.window / 2.0, most * SETTINGS.window / 2.0
+    apart = 0.5 * SETTINGS.window / f
+    if count < len(stands):
+        frequencies, power = periodogram(part, 1.0 / step, "hann")
+        g = float(frequencies[power.argmax()])
+        vibrates = power[_near(frequencies, g)].sum() > SETTINGS.vibrates * power.sum()
+        if vibrates or noise[count] > SETTINGS.out_of_noise**2 * min(noise[count:]):
+            runs = range(count + 1, len(stands) - most + 1)
+            later = [k for k in runs if all(stands[k : k + most])]
+            other = f"the part from {later[0] * apart:.4g} s on" if later else "another part"
+            raise InputError(
+                f"damping_curve: {count * apart:.4g} s after the first sample the signal is no "
+                f"vibration at {f:.4g} Hz that slowly decays, but lies near {g:.4g} Hz: its "
+                "frequency or amplitude changes too fast, as in gross slip or during a blow, or "
+                f"another mode is larger; give {other}, or another frequency"
+            )
+    raise InputError(
+        f"damping_curve: found {periods:.3g} periods of {f:.4g} Hz that stand out of the noise "
+        f"from the start on, must be at least {needed:g}; give the part after the blow or the "
+        "release, and the frequency of the mode"
+    )
 
 
 def _noise(left: FloatArray, step: float, f: float) -> float:
@@ -429,10 +538,13 @@ def _curve(begin: float, fit: _Fit, next_fit: _Fit, derivatives: int) -> Damping
     omega = np.hypot(ours.rate, ours.decay)
 
     def error(name: str) -> FloatArray:
-        """Standard deviation of a value, with what the next fit changes beyond noise."""
-        own, other = getattr(ours, f"of_{name}"), getattr(richer, f"of_{name}")
+        """Standard deviation of a value, with all that the next fit changes.
+
+        Of that a part is noise. Without that part 73 % of the intervals held at the first level,
+        where splines with too few pieces err most.
+        """
         change = getattr(richer, name) - getattr(ours, name)
-        return np.asarray(np.sqrt(own + np.maximum(change**2 - np.maximum(other - own, 0.0), 0.0)))
+        return np.asarray(np.sqrt(getattr(ours, f"of_{name}") + change**2))
 
     amplitude = np.exp(ours.amplitude)
     return DampingCurve(

@@ -7,7 +7,14 @@ The free values p minimise the sum of squared residuals
 of all fitted samples, by a trust-region method within bounds (`scipy.optimize.least_squares`) with
 exact derivatives. Positive values are fitted by their logarithms. With J the derivatives of r at
 the best values the covariance is (J^T J)^-1. Directions in which that reaches beyond the bounds are
-not determined by the data: they are named, and their uncertainty is that of the bounds.
+not determined by the data: they are named, and their uncertainty is that of the bounds. A value is
+named alone only if the sum of squares itself, followed to its bounds, says so.
+
+A search ends in the minimum nearest to its start. Where that leaves a doubt (it misses the data, or
+leaves a value at a bound, or derivatives promise more) it begins anew: from the best of some values
+spread over the bounds (a Latin hypercube), and while data are missed from the minima of the nested
+models, each with one of the keys as in the scene. The least minimum counts, so that none that
+misses the data is worse than that of such a nested model.
 
 Where the sum of squares is larger than deviations explain, the model misses the data. Covariances
 are then multiplied by that sum over the degrees of freedom, and a note says so.
@@ -16,7 +23,7 @@ are then multiplied by that sum over the degrees of freedom, and a note says so.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -24,11 +31,11 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.stats import chi2, norm
+from scipy.stats import chi2, norm, qmc
 
 from skfem_joint.analysis.fit_model import FitModel, PredictedCurve
 from skfem_joint.analysis.measured import MeasuredCurve, measured_curve
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import ConvergenceError, InputError, closest, first_of, refuse
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene, load_scene
@@ -59,6 +66,13 @@ class FitSettings:
         A sum of squares that is larger with this probability says that the model misses the data.
     shown : float
         Share of the largest component from which on a value belongs to an undetermined direction.
+    spread : tuple of int
+        Values of a Latin hypercube of which the best is a start: so many, and more for each key.
+    left : float
+        Decrease of the sum of squares that derivatives may promise at a minimum, over the mean
+        square of the residuals, but at least over 1.
+    halvings : int
+        Halvings of the range up to a bound, to find how far a value fits as well.
     """
 
     tolerance: float = 1e-6
@@ -67,6 +81,9 @@ class FitSettings:
     level: float = 0.95
     unlikely: float = 0.01
     shown: float = 0.1
+    spread: tuple[int, int] = (4, 2)
+    left: float = 0.1
+    halvings: int = 4
 
 
 SETTINGS = FitSettings()
@@ -127,6 +144,12 @@ class FitProblem:
         )
         if not any(curve.fitted.any() for curve in self.curves):
             raise InputError("fit: no sample of the data is fitted; widen lowest and highest")
+        # A point with a direction needs all its components, beside the one along a load.
+        mesh = structure.mesh
+        places = {*mesh.points, *mesh.boundaries, *mesh.regions}
+        more = [c.point for c in self.curves if c.direction is not None and c.point in places]
+        if more:
+            points = [*(structure.free_points if points is None else points), *more]
         self.model = FitModel(structure, tuple(free), loads, points)
         for curve in self.curves:
             curve.weights(self.model.points)
@@ -302,6 +325,103 @@ class FitProblem:
             )
         return whole(found.x), count
 
+    def squares(self, vector: FloatArray) -> float:
+        """Sum of squares of the residuals; ``inf`` where the structure has no curve."""
+        try:
+            r = self.residuals(vector)[0]
+        except (InputError, ConvergenceError):
+            return np.inf
+        return float(r @ r)
+
+    def on_bound(self, vector: FloatArray) -> BoolArray:
+        """Whether each entry lies on one of its bounds, (k,)."""
+        x, low, high = (self.inner(v) for v in (vector, self.lowest, self.highest))
+        near = np.where(np.isfinite(high - low), 2.0 * SETTINGS.inside * (high - low), -1.0)
+        return np.asarray(np.minimum(x - low, high - x) <= near)
+
+    def decrease(self, vector: FloatArray) -> float:
+        """How much less the sum of squares should get from here, by its derivatives.
+
+        Entries on a bound beyond which it would get less stay there.
+        """
+        r, J = self.residuals(vector)
+        J = J * self.rates(vector)
+        below = self.inner(vector) - self.inner(self.lowest) < self.inner(self.highest) - (
+            self.inner(vector)
+        )
+        outward = np.where(below, J.T @ r > 0.0, J.T @ r < 0.0)
+        J = J[:, ~(self.on_bound(vector) & outward)]
+        U, size, _ = np.linalg.svd(J, full_matrices=False)
+        U = U[:, size > 1e-8 * size.max(initial=0.0)]
+        return float(np.sum((U.T @ r) ** 2))
+
+    def misses(self, vector: FloatArray) -> bool:
+        """Whether the sum of squares is larger than deviations explain."""
+        r = self.residuals(vector)[0]
+        return _widened(float(r @ r), r.size - vector.size)[0] > 1.0
+
+    def doubtful(self, vector: FloatArray) -> bool:
+        """Whether a minimum may not be the least."""
+        stalls = self.decrease(vector) > SETTINGS.left
+        return bool(stalls or self.misses(vector) or self.on_bound(vector).any())
+
+    def spread(self) -> FloatArray:
+        """Vectors of a Latin hypercube within the bounds, without offsets, (starts, k)."""
+        keys = len(self.model.keys)
+        count = SETTINGS.spread[0] + SETTINGS.spread[1] * keys
+        low, high = (self.inner(x)[:keys] for x in (self.lowest, self.highest))
+        shares = qmc.LatinHypercube(keys, rng=np.random.default_rng(0)).random(count)
+        inner = np.tile(self.inner(self.start), (count, 1))
+        inner[:, :keys] = low + shares * (high - low)
+        return np.array([self.outer(x) for x in inner])
+
+    def best(self, progress: Progress = silent) -> tuple[FloatArray, int, int]:
+        """The vector of the least minimum, evaluations, and searches that were made for it.
+
+        ConvergenceError if no search ends.
+        """
+        count, keys = 0, len(self.model.keys)
+        ends, errors = list[FloatArray](), list[ConvergenceError]()
+
+        def told(what: str, done: int, total: int, note: str = "") -> None:
+            progress(what, count + done, total, f"evaluation {count + done}")
+
+        def search(begin: FloatArray, held: int | None = None) -> FloatArray | None:
+            nonlocal count
+            try:
+                vector, taken = self.minimise(begin, held, told)
+            except ConvergenceError as error:
+                errors.append(error)
+                return None
+            count += taken
+            return vector
+
+        def begins() -> Iterator[FloatArray]:
+            """Starts, as long as there is a doubt."""
+            nonlocal count
+            yield self.start
+            if ends and not self.doubtful(ends[-1]):
+                return
+            several = self.spread()
+            squares = np.array([self.squares(vector) for vector in several])
+            count += squares.size
+            if np.isfinite(squares).any():
+                yield several[squares.argmin()]
+            for held in range(keys) if keys > 1 else ():  # nested models, each without one key
+                if ends and not self.misses(min(ends, key=self.squares)):
+                    return
+                if (vector := search(self.start, held)) is not None:
+                    yield vector
+
+        searches = 0
+        for begin in begins():
+            searches += 1
+            if (vector := search(begin)) is not None:
+                ends.append(vector)
+        if not ends:
+            raise errors[0]
+        return min(ends, key=self.squares), count, searches
+
 
 @dataclass(frozen=True)
 class Profile:
@@ -350,6 +470,8 @@ class Fit:
         At all measured amplitudes, offsets not included.
     evaluations, computed : int
         Evaluations of the model, and backbones that were computed for them.
+    searches : int
+        Starts from which a minimum was searched.
     seconds : float
         Duration, s.
     notes : tuple of str
@@ -366,6 +488,7 @@ class Fit:
     predicted: tuple[PredictedCurve, ...]
     evaluations: int
     computed: int
+    searches: int
     seconds: float
     notes: tuple[str, ...]
 
@@ -401,6 +524,11 @@ class Fit:
         k = self.problem.place(name)
         best = self.problem.inner(self.vector)[k]
         own = np.sqrt(self._inner_covariance[k, k]) * norm.ppf(0.5 + 0.5 * level)
+        width = (
+            self.problem.inner(self.problem.highest)[k] - self.problem.inner(self.problem.lowest)[k]
+        )
+        if own >= 0.499 * width:  # not determined
+            return float(self.problem.lowest[k]), float(self.problem.highest[k])
         variables = self.problem.inner(self.vector)
         low, high = (self._with(variables, k, end) for end in (best - own, best + own))
         return max(low, float(self.problem.lowest[k])), min(high, float(self.problem.highest[k]))
@@ -536,11 +664,17 @@ def solved(problem: FitProblem, progress: Progress = silent) -> Fit:
     InputError and ConvergenceError as `fit`.
     """
     began = time.perf_counter()
-    vector, evaluations = problem.minimise(problem.start, progress=progress)
+    vector, evaluations, searches = problem.best(progress)
     r, J = problem.residuals(vector)
     squares, degrees = float(r @ r), r.size - vector.size
     widened, notes = _widened(squares, degrees)
-    inner, undetermined = _covariance(problem, vector, J / widened)
+    left = problem.decrease(vector)
+    if stalls := left > SETTINGS.left * widened**2:
+        notes.append(
+            f"The search ended where its derivatives promise a sum of squares less by {left:.3g}: "
+            "the curves have a kink there, or these are not the best values. Start it from others."
+        )
+    inner, undetermined = _covariance(problem, vector, J / widened, widened, stalls)
     rates = problem.rates(vector)
     count = len(problem.model.keys)
     predicted = problem.model.predict(vector[:count].tolist(), problem.curves)
@@ -558,6 +692,7 @@ def solved(problem: FitProblem, progress: Progress = silent) -> Fit:
         predicted=tuple(predicted),
         evaluations=evaluations,
         computed=problem.model.computed,
+        searches=searches,
         seconds=time.perf_counter() - began,
         notes=tuple(notes),
     )
@@ -579,32 +714,105 @@ def _widened(squares: float, degrees: int) -> tuple[float, list[str]]:
     ]
 
 
+@dataclass(frozen=True)
+class _Axes:
+    """Principal directions of the covariance of the variables, and those that are left open.
+
+    Attributes
+    ----------
+    axes : ndarray, shape (k, k)
+        A column for each; a length of 1 reaches from the middle of the bounds to their ends.
+    size : ndarray, shape (k,)
+        Inverse of their standard deviation.
+    open : ndarray of int
+        Those whose interval is wider than the bounds.
+    """
+
+    axes: FloatArray
+    size: FloatArray
+    open: IntArray
+
+    @staticmethod
+    def of(problem: FitProblem, vector: FloatArray, J: FloatArray) -> _Axes:
+        """Of the derivatives ``J``, (r, k), of residuals over their (widened) deviations."""
+        variables = J * problem.rates(vector)
+        width = 0.5 * (problem.inner(problem.highest) - problem.inner(problem.lowest))
+        scale = np.where(np.isfinite(width), width, problem.sizes())
+        _, size, right = np.linalg.svd(variables * scale, full_matrices=True)
+        size = np.append(size, np.zeros(right.shape[0] - size.size))
+        beyond = np.flatnonzero(size <= norm.ppf(0.5 + 0.5 * SETTINGS.level))
+        return _Axes(right.T * scale[:, np.newaxis], size, beyond)
+
+
 def _covariance(
-    problem: FitProblem, vector: FloatArray, J: FloatArray
+    problem: FitProblem, vector: FloatArray, J: FloatArray, widened: float, stalls: bool
 ) -> tuple[FloatArray, list[str]]:
-    """Covariance of the variables of the fit, and sentences about undetermined directions."""
-    variables = J * problem.rates(vector)
-    width = 0.5 * (problem.inner(problem.highest) - problem.inner(problem.lowest))
-    scale = np.where(np.isfinite(width), width, problem.sizes())
-    _, size, right = np.linalg.svd(variables * scale, full_matrices=True)
-    size = np.append(size, np.zeros(right.shape[0] - size.size))
+    """Covariance of the variables of the fit, and sentences about undetermined directions.
+
+    There are none where the search ``stalls``, or where a value lies on its bound though another
+    does not fit as well.
+    """
+    found, sentences = _Axes.of(problem, vector, J), list[str]()
     factor = float(norm.ppf(0.5 + 0.5 * SETTINGS.level))
-    beyond = size <= factor  # the interval is wider than the bounds
-    spread = np.where(beyond, 1.0 / factor, 1.0 / np.where(beyond, 1.0, size))
-    axes = right.T * scale[:, np.newaxis]
-    sentences = [_undetermined(problem, axes[:, k]) for k in np.flatnonzero(beyond)]
-    return (axes * spread**2) @ axes.T, sentences
+    spread = 1.0 / np.maximum(found.size, factor)
+    bound = problem.on_bound(vector)
+    for k in [] if stalls else found.open.tolist():
+        names = _names(problem, found.axes[:, k])
+        if len(names) > 1:
+            if not bound[names].any():
+                sentences.append(_undetermined(problem, found.axes[:, k], names))
+            continue
+        low, high = (_as_well(problem, vector, names[0], end, widened) for end in (0, 1))
+        inner = problem.inner(vector)[names[0]]
+        ends = [problem.inner(x)[names[0]] for x in (problem.lowest, problem.highest)]
+        name = problem.names[names[0]]
+        if [low, high] == ends:
+            sentences.append(f"The data do not determine {name}: any value within its bounds fits "
+                             "as well.")  # fmt: skip
+            continue
+        spread[k] = max(high - inner, inner - low) / (0.5 * (ends[1] - ends[0]) * factor)
+        if low == ends[0] or high == ends[1]:
+            reach = (float(problem.outer(np.full(vector.size, x))[names[0]]) for x in (low, high))
+            sentences.append(
+                "The data do not determine {}: any value from {:.3g} to {:.3g} fits as "
+                "well.".format(name, *reach)
+            )
+    return (found.axes * spread**2) @ found.axes.T, sentences
 
 
-def _undetermined(problem: FitProblem, direction: FloatArray) -> str:
-    """Sentence about a direction, (k,), of the variables that the data do not determine."""
+def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened: float) -> float:
+    """How far the variable k reaches to its lower or upper bound while the data are fitted as well.
+
+    That is while the sum of squares rises by less than the level of an interval allows.
+    """
+    best = problem.inner(vector)
+    most = problem.squares(vector) + widened**2 * chi2.ppf(SETTINGS.level, 1)
+
+    def fits(x: float) -> bool:
+        changed = best.copy()
+        changed[k] = x
+        return problem.squares(problem.outer(changed)) <= most
+
+    near, far = float(best[k]), float(problem.inner((problem.lowest, problem.highest)[side])[k])
+    if fits(far):
+        return far
+    for _ in range(SETTINGS.halvings):
+        middle = 0.5 * (near + far)
+        near, far = (middle, far) if fits(middle) else (near, middle)
+    return near
+
+
+def _names(problem: FitProblem, direction: FloatArray) -> IntArray:
+    """Entries of the vector that belong to a direction of the variables, (k,), largest first."""
     size = np.round(np.abs(direction) / np.abs(direction).max(), 3)  # equal shares in given order
-    share = direction / direction[size.argmax()]
     some = np.flatnonzero(size >= SETTINGS.shown)
-    some = some[np.argsort(-size[some], kind="stable")]
+    return np.asarray(some[np.argsort(-size[some], kind="stable")])
+
+
+def _undetermined(problem: FitProblem, direction: FloatArray, some: IntArray) -> str:
+    """Sentence about a direction, (k,), of some values that the data do not determine."""
     names = [problem.names[k] for k in some]
-    if len(names) == 1:
-        return f"The data do not determine {names[0]}: any value within its bounds fits as well."
+    share = direction / direction[some[0]]
     powers = ", ".join(f"{problem.names[k]} by its power {share[k]:.2f}" for k in some[1:].tolist())
     return (
         f"The data do not determine {' and '.join(names)} each by itself: they fit as well if "
@@ -614,10 +822,8 @@ def _undetermined(problem: FitProblem, direction: FloatArray) -> str:
 
 def _at_bounds(problem: FitProblem, vector: FloatArray) -> list[str]:
     """Notes about best values that lie on a bound."""
-    x, low, high = (problem.inner(v) for v in (vector, problem.lowest, problem.highest))
-    rows = zip(problem.names, vector, x - low, high - x, high - low, strict=True)
     return [
-        f"{name} ends at its bound, {value:.6g}: the data ask for a value beyond it."
-        for name, value, a, b, w in rows
-        if np.isfinite(w) and min(a, b) <= 2.0 * SETTINGS.inside * w
+        f"{problem.names[k]} ends at its bound, {vector[k]:.6g}: the data ask for a value beyond "
+        "it."
+        for k in np.flatnonzero(problem.on_bound(vector)).tolist()
     ]

@@ -321,13 +321,20 @@ def _interpolated(
     """A curve at given amplitudes, (k,), m."""
     rates = cast("BackboneSensitivity", curve.sensitivity)
     X, of_x = _logarithm(curve, system, weights)
+    rises = np.append(True, X[1:] > np.maximum.accumulate(X)[:-1])  # but for errors of levels
+    if np.count_nonzero(rises) < 2:
+        raise ConvergenceError("fit: the amplitude of the point does not rise with the level")
     wanted = np.log(displacement)
     at = np.clip(wanted, X[0] - SETTINGS.apart, X[-1] + SETTINGS.apart)
     within = np.clip(wanted, X[0], X[-1])
-    zeta = curve.damping_ratio
-    of_zeta = rates.damping_ratio / zeta[:, np.newaxis]
+    X, of_x, zeta = X[rises], of_x[rises], curve.damping_ratio[rises]
+    of_zeta = rates.damping_ratio[rises] / zeta[:, np.newaxis]
+    of_frequency = rates.frequency[rises]
     columns = []
-    for values, of_values in ((curve.frequency, rates.frequency), (np.log(zeta), of_zeta)):
+    for values, of_values in (
+        (curve.frequency[rises], of_frequency),
+        (np.log(zeta), of_zeta),
+    ):
         spline = CubicHermiteSpline(X, values, of_values[:, -1] / of_x[:, -1])
         held = rates.at_amplitude(of_values, of_x)
         columns += [spline(at), PchipInterpolator(X, held, axis=0)(within)]

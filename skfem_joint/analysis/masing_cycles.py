@@ -124,7 +124,7 @@ def _half_cycle(
     Also returns those of the friction over its limit, (increments, rows).
     """
     turn = np.linspace(1.0, -1.0, SETTINGS.increments + 1)[1:]
-    start = state, force, *([friction] if path.to.system.has_springs else [])
+    start = state, force, friction
     states = path.follow(np.outer(turn, force), limit_share=np.inf, start=start)
     frictions = np.vstack([friction, path.frictions])
     return np.diff(np.vstack([state, states]), axis=0), np.diff(frictions, axis=0)

@@ -90,7 +90,7 @@ def own_law_damping(
     try:
         for row, k in enumerate(chosen):
             origin = path.origin, "own law", level[k], force, states[k], omega[k]
-            peak = states[k], *([friction[k]] if system.has_springs else [])
+            peak = states[k], friction[k]
             compute = partial(_damping_at, path, level[k], force, peak, omega[k])
             own[row] = path.rows.row(path.rows.mark(*origin), compute)
     except ConvergenceError as error:
@@ -110,8 +110,8 @@ def _damping_at(
 ) -> float:
     """Damping ratio of friction at one level, by a cycle that begins at the state of its peak.
 
-    ``peak`` is its displacement and, where there are springs, its friction over the limit. Only the
-    second half of the cycle counts, because the first one forgets where it began.
+    ``peak`` is its displacement and its friction over the limit. Only the second half of the cycle
+    counts, because the first one forgets where it began.
     """
     system, n = path.to.system, SETTINGS.increments
     turn = np.pi * np.arange(1, 2 * n + 1) / n

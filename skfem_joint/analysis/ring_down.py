@@ -41,6 +41,8 @@ RHO_INFINITY = 0.9
 DIFFERS = {"frequency": 2e-3, "damping_ratio": 0.02}
 #: Share of the energy lost that impacts may take before it is said.
 IMPACTS = 0.01
+#: Share of the energy below which what a mode exchanges with others may be all that is seen of it.
+LEAST_SHARE = 0.1
 #: The share of the cycles, but so many at least, that is followed again with half the step.
 AGAIN, FEWEST_AGAIN = 0.25, 3 * LEFT_OUT
 
@@ -71,6 +73,8 @@ class RingDown:
     estimated : dict of str to float
         Estimated errors of the same two by the modes of a reduced model for a range that was
         released in its mode; empty for others.
+    warnings : tuple of str
+        What to beware of: cycles in which other modes have nearly all the energy, or give some.
     """
 
     time: FloatArray
@@ -82,6 +86,7 @@ class RingDown:
     step_error: dict[str, float]
     impact_work: float = 0.0
     estimated: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
     def beside(self, curve: Backbone) -> Backbone:
         """The curve of the mode, which says where this ring-down differs from it.
@@ -203,12 +208,31 @@ def ring_down(
     again = replace(some.finer(2), save=Save())
     finer = integrate_plan(unloaded, again, initial=initial, progress=progress).finished()
     ours = _decay(run.point("modal")[: some.n_steps + 1], some)
+    energy = _energies(system, run)
     return RingDown(
         *decay,
-        energy=_energies(system, run),
+        energy=energy,
         friction_work=run.joint_work[::steps_per_cycle],
         step_error=_apart(ours, _decay(finer.point("modal"), again)),
         impact_work=run.impact_work,
+        warnings=_doubts(curve.mode, decay, energy, steps_per_cycle * plan.step),
+    )
+
+
+def _doubts(mode: int, decay: _Decay, energy: FloatArray, period: float) -> tuple[str, ...]:
+    """Sentences about cycles in which a mode has little of the energy (J), or does not decay."""
+    own = 0.5 * (2.0 * np.pi * decay.frequency * decay.amplitude) ** 2
+    whole = np.interp(decay.time, period * np.arange(energy.size), energy)
+    share = np.divide(own, whole, out=np.ones_like(own), where=whole > 0.0)
+    weak, grows = share < LEAST_SHARE, decay.damping_ratio <= 0.0
+    if not (weak | grows).any():
+        return ()
+    least = f"{100.0 * share.min():.2g} % of the energy in some of them"
+    return (
+        f"mode {mode} is weak beside others, or takes energy from them, in "
+        f"{np.count_nonzero(weak | grows)} of {share.size} cycles (it has {least}, and its damping "
+        f"ratio is {decay.damping_ratio.min():.3g} to {decay.damping_ratio.max():.3g}): what it "
+        "may exchange with them is not its own damping. Release the mode itself.",
     )
 
 

@@ -82,13 +82,13 @@ class SavedPath(QuasiStatic):
             return states
         levels, frictions = [], []
         start = tuple(np.zeros((2, forces.shape[1]))) if start is None else start
-        if self.to.system.has_springs and len(start) == 2:
+        if len(start) == 2:
             start = *start, np.zeros_like(self.sigma)
         for force in forces:
             u = self._level(force, limit_share, start)
             levels.append(u)
             frictions.append(self.sigma)
-            start = (u, force, *([self.sigma] if len(start) > 2 else []))
+            start = u, force, self.sigma
         self.frictions = np.array(frictions)
         return np.array(levels)
 
@@ -103,10 +103,9 @@ class SavedPath(QuasiStatic):
             self.forget(self.last)
             follow = super(SavedPath, self).follow
             levels = follow(force[np.newaxis], limit_share=limit_share, start=start)
-            return (levels[0], self.last, *([self.sigma] if len(start) > 2 else []))
+            return levels[0], self.last, self.sigma
 
-        state, self.last, *friction = self.rows.row(mark, compute)
-        self.sigma = friction[0] if friction else self.sigma
+        state, self.last, self.sigma = self.rows.row(mark, compute)
         if self.tally.done == counted:  # taken up, so that nobody has counted it
             self.tally.add()
         return state

@@ -286,14 +286,17 @@ def _ring_down(name: str, scene: Scene, model: _OfMode, progress: Progress, rows
 
 
 def _doubts(model: ModelBackbone, mode: int) -> list[str]:
-    """Sentence about the last ring-down of a model, where its step is too long."""
-    error = model.ring_downs[-1].step_error["damping_ratio"]
+    """Sentences about the last ring-down of a model, and where its step is too long."""
+    last = model.ring_downs[-1]
+    notes = [f"Ring-down of the {model.name} model: {note}" for note in last.warnings]
+    error = last.step_error["damping_ratio"]
     if error <= DOUBTFUL_STEP:
-        return []
+        return notes
     return [
+        *notes,
         f"Mode {mode}: the damping of the {model.name} model's ring-down errs by an estimated "
         f"{100.0 * error:.2g} % from its time step: give more time.steps_per_cycle, and leave "
-        "out time.rho_infinity or set it below 1."
+        "out time.rho_infinity or set it below 1.",
     ]
 
 

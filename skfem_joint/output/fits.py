@@ -143,7 +143,8 @@ def fit_lines(fit: Fit) -> list[str]:
         f"Sum of squares {fit.sum_of_squares:.4g} of {samples} residuals over their deviations, "
         f"{fit.degrees} degrees of freedom.",
         *fit.undetermined,
-        f"{fit.computed} curves were computed in {fit.seconds:.2g} s.",
+        f"{fit.computed} curves were computed in {fit.seconds:.2g} s"
+        f"{f', in searches from {fit.searches} starts' * (fit.searches > 1)}.",
     ]
 
 

@@ -43,10 +43,11 @@ from skfem_joint.system import System
 
 #: Slips below this share of those before and after an increment are round-off.
 ROUND_OFF = 1e-13
-#: A point slips in an increment if it slips by more than this share of the largest slip, and one on
-#: a spring if its force is less than this share below its limit.
+#: A point on a spring slips in an increment if its force is less than this share below its limit.
 STILL = 1e-9
-#: Points that slip by less than this share of the largest slip of an increment may be turning.
+#: Points that slip by less than this share of the largest slip of an increment may be turning, and
+#: others whose friction is less than this share below its limit. (Where friction holds a body, what
+#: has slipped is left as far below it as the added mass carries.)
 TURNING = 1e-4
 
 
@@ -512,11 +513,13 @@ class LevelRates:
         size, force, trial = (
             system.slip_norm(x)[:, rows] for x in (step, forces[1:], forces[:-1] + springs * step)
         )
-        if self.contact is not None:  # sliders that stick differ by round-off
-            whole = system.slip_norm(np.array([level.slip for level in path]))[:, rows]
-            size = np.where(size > ROUND_OFF * (whole[1:] + whole[:-1]), size, 0.0)
-        largest = size.max(axis=1, initial=0.0, keepdims=True)
-        moves = acts & np.where(sprung, force >= (1.0 - STILL) * w, size > STILL * largest)
+        # Slips of points that stick differ by round-off, and of sliders by what forces err by, so
+        # that it takes their friction too to say which they are.
+        whole = system.slip_norm(np.array([level.slip for level in path]))[:, rows]
+        size = np.where(size > ROUND_OFF * (whole[1:] + whole[:-1]), size, 0.0)
+        largest = np.where(acts, size, 0.0).max(axis=1, initial=0.0, keepdims=True)
+        at_limit = force >= (1.0 - np.where(sprung, STILL, TURNING)) * w
+        moves = acts & at_limit & (sprung | (size > 0.0))
         # Points that hardly slip, or whose force hardly differs from the limit.
         hardly = moves & (size < TURNING * largest)
         near = acts & ~moves & (np.where(sprung, trial, force) > (1.0 - TURNING) * w)

@@ -162,7 +162,7 @@ class QuasiStatic:
         # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.beta
-        # Friction over its limit at the last level, by slip row; springs in series keep it.
+        # Friction over its limit at the last level, by slip row.
         self.sigma = np.zeros(inner.B.shape[0])
         self.acting: Any = slice(None)  # slip rows of the problem
         self.problem: StepProblem = step_problem(self.A, ContactPoints.of(inner), self.to.kind)
@@ -396,7 +396,7 @@ class QuasiStatic:
     def friction_of(self, level: int) -> FloatArray:
         """Friction over its limit at a level of the last path, (rows,), for a path from there.
 
-        It is kept only where friction has springs in series; zeros where it has none.
+        Springs in series keep it; elsewhere the next level does not depend on it.
         """
         return np.array(self.frictions[level])
 
@@ -445,9 +445,8 @@ class QuasiStatic:
                 f"{increment.residual:.3g} N is left at unknown {where}"
             )
         self.last = increment.v
-        if self.to.system.has_springs:
-            self.sigma = np.zeros_like(start)
-            self.sigma[self.acting] = increment.sigma
+        self.sigma = np.zeros_like(start)
+        self.sigma[self.acting] = increment.sigma
         return u + increment.v
 
     def _minimise(

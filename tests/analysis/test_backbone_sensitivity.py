@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from bodies import DENSITY, EA, LAP, MU, THICKNESS, WIDTH, lap, pressed, structure
-from clamped_plates import STIFF, bar, bolted
+from clamped_plates import STIFF, bar, bolted, lapped
 from scipy import sparse
 from stepping_systems import arm
 
@@ -138,6 +138,47 @@ def test_derivatives_are_central_differences_at_fixed_levels(name, key):
         atol = 5e-6 * np.abs(known).max() + noise
         np.testing.assert_allclose(rate, known, rtol=0.0, atol=atol, err_msg=kind)
     assert found.sensitivity.parameters[column] == key
+
+
+TANGENTIAL, NORMAL = {"tangential_stiffness": 3e11}, {"normal_stiffness": 2e12}
+OPENS = {"contact": "unilateral"}
+LAPPED = {
+    "constant": {},
+    "constant, tangential springs": TANGENTIAL,
+    "opens": OPENS,
+    "opens, tangential springs": OPENS | TANGENTIAL,
+    "opens, normal springs": OPENS | NORMAL,
+    "opens, springs both ways": OPENS | TANGENTIAL | NORMAL,
+}
+
+
+@pytest.mark.parametrize("joint", LAPPED)
+def test_derivatives_from_a_thousandth_of_slip_on(joint):
+    """At each level by itself: where nothing slips, and where very little does, too."""
+    given, loads = lapped(**LAPPED[joint]), along("end", 0.0, 1.0, 0.0)
+    system = given.system(loads)
+    (whole,) = backbone(system, levels=1, up_to=0.1)
+    level = np.append(np.geomspace(1e-3, 0.3, 16), np.linspace(0.35, 0.7, 11)) * whole.slips_at
+    parameters = sensitivities(given, [FRICTION], system)
+    (found,) = backbone(system, levels=level, parameters=parameters)
+    ends = []
+    for step in (STEP, -STEP):
+        changed = with_values(given, {FRICTION: 0.5 * (1.0 + step)}).system(loads)
+        ends += backbone(changed, levels=found.level)
+    assert (found.friction_damping < 1e-9).sum() > 8
+    assert (found.friction_damping > 1e-7).sum() > 3
+    noise = {"frequency": 2e-6 * found.frequency, "friction_damping": 1e-9}
+    for kind, own in noise.items():
+        rate = 0.5 * getattr(found.sensitivity, kind)[:, 0]
+        above, below = (
+            (getattr(end, kind) - getattr(found, kind)) / step
+            for end, step in zip(ends, (STEP, -STEP), strict=True)
+        )
+        # At a kink the derivative is that to one side.
+        known, apart = 0.5 * (above + below), np.abs(above - below)
+        np.testing.assert_array_less(np.abs(rate - known), 1e-5 * np.abs(known) + own + 0.6 * apart)
+        smooth = apart < 1e-2 * np.abs(known) + own
+        assert smooth.mean() > 0.8, kind
 
 
 @pytest.mark.parametrize("name", ["bar on springs", "in plan", "plates", "open", "solid"])

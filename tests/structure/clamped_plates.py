@@ -48,3 +48,23 @@ BAR = {"stiffness_damping": 2e-6, "mass_damping": 3.0, "regions": {"upper_arm": 
 def bar(joint: Any = None, **changes: Any) -> sj.Structure:
     given = two_bars(4, 4, arm=5, **BAR | changes)
     return replace(given, joints=[replace(given.joints[0], **(joint or {}))])
+
+
+def lapped(**joint: Any) -> sj.Structure:
+    """Two boxes that lap, with a bolt at each end of the lap, bent."""
+    parts, lap = [], [("1", 0.01, 1), ("middle", 0.02, 2), ("2", 0.01, 1)]
+    for x, y, name, strips, sides in (
+        (0.0, 0.0, "lower ", [("arm", 0.04, 4), *lap], {"fixed": "left", "face": "top"}),
+        (0.04, 0.01, "upper ", [*lap, ("arm", 0.04, 4)], {"end": "right", "contact": "bottom"}),
+    ):
+        side, bolt = ("bottom", "nut") if y == 0.0 else ("top", "head")
+        bolts = {f"{bolt}_{k}": (side, f"{name}{k}") for k in "12"}
+        named = [(name + strip, length, count) for strip, length, count in strips]
+        sizes = (0.01, 0.02), (1, 2)
+        parts.append(build_box(named, *sizes, origin=(x, y, 0.0), boundaries=sides | bolts))
+    bolts = [sj.Clamp(3e3, "head_1", "nut_1"), sj.Clamp(4e3, "head_2", "nut_2")]
+    joints = [sj.Joint("contact", "preload", 0.5, against="face", **joint)]
+    steel = sj.Material(200e9, 7800.0, 0.3)
+    return sj.Structure(
+        merged(parts), steel, fixed=["fixed"], joints=joints, bolts=bolts, damping_ratio=2e-3
+    )
