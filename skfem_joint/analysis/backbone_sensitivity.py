@@ -218,7 +218,7 @@ class CycleRates:
         """Work of friction in the half cycle from a level, J, and its derivatives, (k + 1,)."""
         turns = np.linspace(1.0, -1.0, MASING.increments + 1)[1:]
         u = before.u + np.cumsum(found.loops[half], axis=0)
-        friction = found.friction[k] + np.cumsum(found.turned[half], axis=0)
+        friction = found.friction[k] + np.cumsum(cast("FloatArray", found.turned)[half], axis=0)
         levels, alpha = self._levels(u, friction), turns * float(found.level[k])
         rates = self.rates.follow(last, before, [*zip(alpha.tolist(), levels, strict=True)])
         self.turning[k] = max(self.turning[k], *self.rates.turning)

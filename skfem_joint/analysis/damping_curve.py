@@ -220,12 +220,17 @@ def _fits(x: FloatArray, step: float, f: float) -> tuple[_Fit, _Fit]:
 
 
 def _wave(fit: _Fit, size: int, step: float) -> FloatArray:
-    """Vibration of a fit at each sample, zero where it is over, (size,)."""
-    count, wave = 1 + round(fit.knots[-1] / step), np.zeros(size)
-    t = np.minimum(step * np.arange(count), fit.knots[-1])
-    B = BSpline.design_matrix(t, fit.knots, 3)
-    wave[:count] = np.exp(B @ fit.coefficients[0]) * np.cos(B @ fit.coefficients[1])
-    return wave
+    """Vibration of a fit at each sample, (size,).
+
+    Near the ends, where samples have little weight, and beyond its end it goes on with constant
+    frequency and damping.
+    """
+    t, end, (a, p) = step * np.arange(size), float(fit.knots[-1]), fit.coefficients
+    logarithm, phase = BSpline(fit.knots, a, 3), BSpline(fit.knots, p, 3)
+    loose = min(SETTINGS.ends * 2.0 * np.pi * end / float(phase(end) - phase(0.0)), 0.5 * end)
+    inside = np.clip(t, loose, end - loose)
+    both = [spline(inside) + (t - inside) * spline(inside, 1) for spline in (logarithm, phase)]
+    return np.asarray(np.exp(both[0]) * np.cos(both[1]))
 
 
 def _other_frequencies(

@@ -149,7 +149,7 @@ class FitProblem:
         places = {*mesh.points, *mesh.boundaries, *mesh.regions}
         more = [c.point for c in self.curves if c.direction is not None and c.point in places]
         if more:
-            points = [*(structure.free_points if points is None else points), *more]
+            points = (*(structure.free_points if points is None else points), *more)
         self.model = FitModel(structure, tuple(free), loads, points)
         for curve in self.curves:
             curve.weights(self.model.points)
@@ -791,7 +791,7 @@ def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened
     def fits(x: float) -> bool:
         changed = best.copy()
         changed[k] = x
-        return problem.squares(problem.outer(changed)) <= most
+        return bool(problem.squares(problem.outer(changed)) <= most)
 
     near, far = float(best[k]), float(problem.inner((problem.lowest, problem.highest)[side])[k])
     if fits(far):

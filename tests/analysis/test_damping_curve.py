@@ -62,7 +62,7 @@ def test_laws_are_found_in_noise_of_one_percent(law, proportional):
         assert curve.damping_ratio[sure] == pytest.approx(damping(a[sure]), rel=0.03)
         scores.append((curve.damping_ratio - damping(a)) / curve.damping_error)
         scores.append((curve.frequency - frequency(a)) / curve.frequency_error)
-    assert np.mean(all_sure) > 0.25
+    assert np.mean(all_sure) > 0.2
     assert 0.2 < np.mean(np.concatenate(scores) ** 2) < 4.0
 
 
@@ -153,3 +153,18 @@ def test_what_is_no_free_vibration_is_refused(changes, says):
     given = {"time": t, "signal": amplitude * np.cos(phase)} | changes
     with pytest.raises(sj.InputError, match=says):
         sj.damping_curve(**given)
+
+
+@pytest.mark.parametrize("start", [1.0, 3.0, 10.0])
+def test_gross_slip_in_the_first_cycles_is_not_called_noise(start):
+    """A mass on a spring beside an elastic slider, released far beyond slip, without any noise."""
+    k, spring, limit, damping, step = 1.0, 0.8, 0.05, 0.005, 4.7e-3
+    u, v, q, signal = start, 0.0, limit, []
+    for _ in range(60000):
+        v -= step * (k * u + q + damping * v)
+        u += step * v
+        q = max(-limit, min(limit, q + spring * step * v))
+        signal.append(u)
+    time = step * np.arange(6000) * 10
+    with pytest.raises(sj.InputError, match="as in gross slip or during a blow"):
+        sj.damping_curve(time, signal[::10], np.sqrt(k + spring) / (2.0 * np.pi))

@@ -142,3 +142,18 @@ def test_pulses_of_scenes_release_springs_under_their_forces():
     assert full.energy[0] == pytest.approx(pulse.stored_energy[1], rel=2e-3)
     assert condensed.energy[0] == pytest.approx(full.energy[0], rel=1e-4)
     assert condensed.damping_ratio == pytest.approx(full.damping_ratio, rel=1e-3)
+
+
+def test_a_mode_that_is_weak_beside_others_is_said_to_be():
+    """A chain whose foot sticks: released in its first mode with a fiftieth of the second."""
+    n = 6
+    K = sparse.csr_array(1e6 * (np.diag([2.0] * 5 + [1.0]) - np.eye(n, k=1) - np.eye(n, k=-1)))
+    M, foot = sparse.eye_array(n, format="csr"), sparse.csr_array(np.eye(n)[:1])
+    system = sj.System(M, 2e-5 * K, K, foot, np.array([100.0]), np.inf)
+    second, first = sj.backbone(system, (2, 1), levels=4, up_to=0.5)
+    for share, weak in ((0.02, 1), (1.0, 0)):
+        size = share * np.linalg.norm(first.highest) / np.linalg.norm(second.highest)
+        start = first.highest + size * second.highest, np.zeros(n)
+        found = sj.ring_down(system, second, 20, start=start)
+        assert len(found.warnings) == weak
+    assert not sj.ring_down(system, second, 20).warnings
