@@ -15,7 +15,13 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.opening import OpeningContact
-from skfem_joint.unknowns import ChangeOfUnknowns, change_of_unknowns, selection, stacked
+from skfem_joint.unknowns import (
+    ChangeOfUnknowns,
+    change_of_unknowns,
+    distinct_rows,
+    selection,
+    stacked,
+)
 
 #: A point whose slip is below this share of the largest does not count as slipping.
 SLIPPING_SHARE = 1e-3
@@ -131,17 +137,20 @@ class SlipRows:
     def change_of_unknowns(self, fixed: IntArray) -> ChangeOfUnknowns:
         """Unknowns in which slips, and approaches of contact that opens, are unknowns.
 
-        Its ``slips`` are of the rows of ``B`` alone, those of approaches follow in
-        :meth:`opening_in`.
+        Its ``slips`` are of the rows of ``B``, then those of approaches, see :meth:`opening_in`.
+        Points with springs and the same row share an unknown.
         """
-        n = self.B.shape[1]
-        if self.normal is None:
-            return change_of_unknowns(n, fixed, self.closed, self.B, self.pivots)
-        both = stacked([self.B, self.normal.D], n)
-        pivots = None
-        if self.pivots is not None:
-            pivots = np.concatenate([self.pivots, self.normal.pivots])
-        return change_of_unknowns(n, fixed, self.closed, both, pivots)
+        n, h = self.B.shape[1], self.closed.shape[0]
+        on_springs = np.repeat(np.isfinite(self.springs), self.directions)
+        kept, place = distinct_rows(self.B, on_springs)
+        rows, pivots = [sparse.csr_array(self.B)[kept]], self.pivots
+        if pivots is not None:
+            pivots = np.concatenate([pivots[:h], pivots[h:][kept]])
+        if self.normal is not None:
+            rows.append(self.normal.D)
+            pivots = None if pivots is None else np.concatenate([pivots, self.normal.pivots])
+        new = change_of_unknowns(n, fixed, self.closed, stacked(rows, n), pivots)
+        return replace(new, slips=np.concatenate([new.slips[place], new.slips[kept.size :]]))
 
     def opening_in(self, new: ChangeOfUnknowns) -> OpeningContact | None:
         """Contact that opens in the unknowns of :meth:`change_of_unknowns`."""

@@ -38,9 +38,7 @@ from skfem_joint.served import Served
 from skfem_joint.slips import SLIPPING_SHARE, WHOLE_SHARE, SlipRows
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
-    change_of_unknowns,
     congruent,
-    distinct_rows,
     dof_numbers,
     expanded,
     selection,
@@ -517,21 +515,11 @@ class System:
         InputError
             If slip rows depend on each other.
         """
-        new = self._slips_as_unknowns(np.zeros(0, dtype=np.intp), sparse.csr_array((0, self.n)))
+        none = sparse.csr_array((0, self.n))
+        given = self.B, self.w, self.beta, self.directions, none
+        rows = SlipRows(*given, stiffness=self.stiffness)
+        new = rows.change_of_unknowns(np.zeros(0, dtype=np.intp))
         return self.in_unknowns(new), new
-
-    def _slips_as_unknowns(
-        self, fixed: IntArray, closed: Matrix, pivots: IntArray | None = None
-    ) -> ChangeOfUnknowns:
-        """Change of unknowns to slips; points with springs and the same row share an unknown."""
-        if not self.has_springs:
-            return change_of_unknowns(self.n, fixed, closed, self.B, pivots)
-        kept, place = distinct_rows(self.B, self.on_rows(np.isfinite(self.stiffness)))
-        if pivots is not None:
-            h = closed.shape[0]
-            pivots = np.concatenate([pivots[:h], pivots[h:][kept]])
-        new = change_of_unknowns(self.n, fixed, closed, sparse.csr_array(self.B)[kept], pivots)
-        return replace(new, slips=new.slips[place])
 
     def _with(self, T: Matrix, B: Matrix) -> System:
         """System in the unknowns q, u = T q, with the slip operator ``B`` in these."""
@@ -625,13 +613,9 @@ class System:
             stiffness=joined.springs,
             notes=joined.notes,
         )
-        if joined.normal is None:
-            new = outer._slips_as_unknowns(fixed, joined.closed, joined.pivots)
-            system = outer.in_unknowns(new)
-        else:
-            new = joined.change_of_unknowns(fixed)
-            slips = replace(new, slips=new.slips[: joined.B.shape[0]])
-            system = replace(outer.in_unknowns(slips), opening=joined.opening_in(new))
+        new = joined.change_of_unknowns(fixed)
+        slips = replace(new, slips=new.slips[: joined.B.shape[0]])
+        system = replace(outer.in_unknowns(slips), opening=joined.opening_in(new))
         _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 

@@ -96,6 +96,9 @@ def distinct_rows(B: Matrix, may_repeat: BoolArray) -> tuple[IntArray, IntArray]
 
     Returns their numbers, and for each row of ``B`` the place of its equal among them.
     """
+    if not may_repeat.any():
+        every = np.arange(B.shape[0])
+        return every, every
     rows = sparse.csr_array(B)
     rows.sort_indices()
     place, kept, seen = np.zeros(rows.shape[0], dtype=np.intp), list[int](), dict[bytes, int]()

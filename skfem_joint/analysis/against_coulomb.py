@@ -188,7 +188,7 @@ def _laws(system: System, steepest: float = 0.0) -> tuple[System, System]:
     A dense system takes no set-valued law: where its own is Coulomb's, the steep one stands for it
     in both. ``steepest`` is the steepness, s/m, that the velocities of such joints ask for.
     """
-    carries = system.w > 0.0
+    carries = system.rubs
     finite = np.isfinite(system.beta) & carries
     least = 0.0 if finite.any() and finite[carries].all() else steepest
     steep = SETTINGS.steeper * max(float(system.beta[finite].max(initial=0.0)), least)
@@ -212,10 +212,13 @@ def _of_full(
     """Both of a full model: by itself where it is small, else by a reduced one."""
     own = _until(run, plan)
     cost = plan.n_steps * (system.n + SETTINGS.overhead)
-    if system.is_dense:
+    kind = arranged(system).kind
+    if (
+        system.is_dense or kind == "dense"
+    ):  # as of points that share an unknown: it takes no set-valued law
         return verify(_laws(system)[0], plan), own
     large = cost > SETTINGS.small and system.opening is None  # no reduced model has that
-    if large and arranged(system).kind != "chain":
+    if large and kind != "chain":
         both = _by_reduced(system, own, plan, verify)
         if both is not None:
             return both

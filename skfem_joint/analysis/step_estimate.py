@@ -12,6 +12,11 @@ where r is the ratio of the second change to the first one, but no less than 1/4
 no more than 1/2 (first order, as kinks of friction may leave it). Where the changes differ in sign
 so may the rest, and the error is the root of the sum of both squares.
 
+A step is too long for such a series where a change is larger than the one before: then an eighth of
+the step is run too, in place of which the two last changes count. (A mass that bounces on a spring
+of contact for eight steps at a time: the work of the loads errs by 3.7 %, with half and a quarter
+of the step by 3.6 and 2.9 %, of which the series makes 1.6 %, with an eighth 3.1 %.)
+
 Small models are run themselves, which takes four to six times as long as the run. Large ones have a
 reduced model beside them that takes the three steps: modes of its static slip path, the lowest
 natural modes with the contact held and with it loose, and all contact points (merged ones, where
@@ -26,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
@@ -79,6 +85,8 @@ class StepSettings:
         stated wrongly; of the others 1.5 %.)
     negligible : float
         Such a difference that does not count.
+    grown : float
+        Change by a quarter of the step that counts, where it is more than that by half of it.
     """
 
     small: float = 5e5
@@ -90,6 +98,7 @@ class StepSettings:
     periods: int = 100
     trusted: float = 1.0
     negligible: float = 1e-2
+    grown: float = 5e-3
 
 
 SETTINGS = StepSettings()
@@ -119,7 +128,10 @@ def of_full(
     """
     verify = Verification(progress, run)
     if is_small(system, plan):
-        return by_finer_steps(run, *(verify(system, plan.finer(k)) for k in (2, 4)))
+        finer = [verify(system, plan.finer(k)) for k in (2, 4)]
+        if _grow(run, *finer):
+            finer.append(verify(system, plan.finer(8)))
+        return by_finer_steps(run, *finer)
     errors = None
     # Levels cost about as much as those of a reduced model; contact that opens has none.
     if not plan.quasi_static and system.opening is None:
@@ -127,9 +139,21 @@ def of_full(
     return errors or by_finer_steps(run, verify(system, plan.finer(2)))
 
 
-def by_finer_steps(run: Run, half: Run, quarter: Run | None = None) -> Estimate:
-    """Errors of a run from runs of the same model with half and maybe a quarter of its step."""
-    steps, base = Steps(run, half, quarter), results(run)
+def _grow(run: Run, half: Run, quarter: Run) -> bool:
+    """Whether half of a step changes a result by more than the step before it did."""
+    first, second = apart(half, run), apart(quarter, half)
+    return any((second[name] or 0.0) > max(SETTINGS.grown, first[name] or 0.0) for name in second)
+
+
+def by_finer_steps(
+    run: Run, half: Run, quarter: Run | None = None, eighth: Run | None = None
+) -> Estimate:
+    """Errors of a run from runs of the same model with half, maybe a quarter and an eighth of it.
+
+    Distances are those from the finest run, the rest follows from the last two changes.
+    """
+    base = results(run)
+    steps = Steps(run, half, quarter) if eighth is None else Steps(half, cast(Run, quarter), eighth)
     # The distance itself is no guess, and has no lower bound: with one, 13 % of errors between 0.1
     # and 0.3 % were stated at more than three times the truth, without it 5 %.
     errors, rest = steps.with_rest(steps.finest, base), steps.left["friction_energy"] or 0.0

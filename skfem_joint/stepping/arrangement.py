@@ -81,7 +81,8 @@ def arranged(system: System) -> Arranged:
     Raises
     ------
     InputError
-        If slip rows of a large system depend on each other.
+        If slip rows of a large system depend on each other, or approaches of contact that opens
+        on slips.
     """
     if system.opening is not None:
         return _arranged_opening(system)
@@ -114,6 +115,11 @@ def _arranged_opening(system: System) -> Arranged:
     """
     maps: tuple[ChangeOfUnknowns, ...] = ()
     if isinstance(cast("OpeningContact", system.opening).N, np.ndarray):
+        if system.has_springs:
+            raise InputError(
+                "contact that opens: found springs in series with friction in a reduced or dense "
+                "system, must be a full or condensed one, whose slips and approaches are unknowns"
+            )
         return Arranged(system, "opening")
     if not picks_unknowns(system.B):
         system, slips = system.with_slips_as_unknowns()

@@ -232,7 +232,9 @@ class QuasiStatic:
         rigid = self.rigid[kept]
         if rigid.size:
             still = SETTINGS.still * np.abs(self.rigid).max()
-            if not contact.dense or np.linalg.svd(rigid, compute_uv=False).min() <= still:
+            more = rigid.shape[1] > rigid.shape[0]  # than contact unknowns
+            slips = not more and np.linalg.svd(rigid, compute_uv=False).min() > still
+            if not contact.dense or not slips:
                 return
         self.condensed, self.problem, self.A = whole.schur, contact, contact.H
         acting = self.to.system.w > 0.0

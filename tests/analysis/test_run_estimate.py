@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
 import skfem_joint as sj
 from skfem_joint.analysis.against_coulomb import SETTINGS, against_coulomb
@@ -79,3 +80,37 @@ def test_a_model_whose_matrices_were_changed_is_refused(make, changed):
     run = sj.integrate(other, **STEPS)
     with pytest.raises(sj.InputError, match="matrices"):
         sj.estimate(run)
+
+
+def test_points_that_share_an_unknown_are_compared_with_a_steep_law():
+    # No set-valued law can be followed there, so that a steep one stands for it.
+    pull = sj.AppliedLoad(np.ones(1), sj.Harmonic(3.0, 0.5), "mass")
+
+    def stated(w, of):
+        one, rows = of(np.ones((1, 1))), of(np.ones((len(w), 1)))
+        given = one, 0.1 * one, 40.0 * one, rows, np.array(w), 20.0, (pull,), one, ("mass",)
+        run = sj.integrate(sj.System(*given), cycles=3, steps_per_cycle=100)
+        return sj.estimate(run).of("coulomb", "friction_energy")
+
+    two = stated([0.5, 1.0], csr_array)
+    assert two == pytest.approx(stated([0.5, 1.0], np.array), rel=1e-6)
+    assert two == pytest.approx(stated([1.5], csr_array), rel=0.05)
+
+
+def test_a_dense_model_of_contact_apart_at_rest_is_compared_with_a_steep_law():
+    # Nothing is pressed before it is closed: no friction limit at rest says what carries friction.
+    eye = np.eye(2)
+    contact = sj.OpeningContact(
+        eye[1:], np.array([0.01]), np.zeros(1), csr_array([[0.3]]), np.array([1e3]), np.ones(1)
+    )
+    push = sj.AppliedLoad(np.array([1.0, 2.0]), sj.Harmonic(2.0, 0.5), "mass")
+    system = sj.System(
+        eye, 0.1 * eye, 20.0 * eye, eye[:1], np.zeros(1), 20.0, (push,), eye, ("x", "y"),
+        opening=contact,
+    )  # fmt: skip
+    run = sj.integrate(system, cycles=3, steps_per_cycle=100)
+    assert run.friction_work[0] > 0.0
+    apart = sj.estimate(run).of("coulomb", "friction_energy")
+    steep = sj.integrate(system.with_beta(2e4), cycles=3, steps_per_cycle=100)
+    true = sj.compare(steep, run).friction_energy_per_cycle
+    assert apart == pytest.approx(abs(true), rel=1e-6)

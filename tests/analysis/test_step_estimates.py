@@ -6,9 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, plate, plate_scene, steps_taken
+from random_contact import random_contact
 from scipy import sparse
 from stepping_systems import oscillator
 
+import skfem_joint as sj
 from skfem_joint.analysis import estimate, step_estimate
 from skfem_joint.analysis.estimate import verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
@@ -107,6 +109,26 @@ def test_a_rest_of_no_common_sign_is_added_by_squares():
     for name in QUANTITIES:
         assert turning[name] == pytest.approx(np.hypot(1e-4, 2e-4), rel=1e-3)
         assert rising[name] == pytest.approx(3e-4 + 2e-4, rel=1e-3)
+
+
+def test_where_changes_grow_an_eighth_of_the_step_counts():
+    # A mass bounces on a stop, eight steps in each touch: half of the step changes little at first.
+    scene = random_contact(34)
+    system, scheme = scene.system(), sj.generalized_alpha(scene.rho)
+
+    def run(parts):
+        plan = {"step": scene.step / parts, "n_steps": scene.n_steps * parts}
+        return sj.integrate(system, **plan, scheme=scheme, save=sj.Save(every=parts))
+
+    first, truth = run(1), results(run(64))
+    true = difference(truth, results(first))["loop_energy"]
+    finer = [run(2), run(4), run(8)]
+    three, four = (
+        by_finer_steps(first, *finer[:count]).of("total", "loop_energy") for count in (2, 3)
+    )
+    assert three < 0.5 * true
+    assert four > 0.5 * true
+    assert sj.estimate(first).of("total", "loop_energy") == pytest.approx(four, rel=1e-6)
 
 
 def test_a_small_model_is_run_with_half_and_quarter_steps(monkeypatch):

@@ -20,6 +20,7 @@ from stepping_systems import (
 )
 
 import skfem_joint as sj
+from skfem_joint.slips import NormalRows
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
@@ -191,3 +192,80 @@ def test_contact_steps_of_a_chain_agree_with_the_chain_s_own(beta, normal_force)
     assert contact.counters.linear_solves > 0
     assert_same(contact, chain, rtol=1e-8)
     np.testing.assert_allclose(contact.u, chain.u, atol=1e-8 * np.abs(chain.u).max())
+
+
+def _stops(N: Any, gap: Any, stiffness: float = inf, **values: Any) -> sj.System:
+    """Masses of 1 kg on springs of 1 N/m beside stops, pushed to these."""
+    N = np.array(N, dtype=float)
+    (q, n), m = N.shape, len(values.get("w", ()))
+    one = sparse.eye_array(n, format="csr")
+    stops = sj.OpeningContact(
+        sparse.csr_array(N), np.array(gap), np.zeros(q), sparse.csr_array((m, q)),
+        np.full(q, stiffness), np.ones(q),
+    )  # fmt: skip
+    given = {
+        "M": one, "C": None, "K": one, "B": sparse.csr_array((0, n)), "w": np.zeros(0),
+        "beta": np.zeros(0), "loads": (sj.AppliedLoad(np.ones(n), sj.Harmonic(1.0, 0.1), "all"),),
+        "P": one, "points": tuple("abcd"[:n]), "opening": stops,
+    }  # fmt: skip
+    return sj.System(**given | values)
+
+
+@pytest.mark.parametrize(
+    ("N", "stiffness"),
+    [
+        ([[1.0], [-1.0]], inf),
+        ([[1.0], [1.0]], 10.0),
+        ([[0.5, 0.5], [0.5, 0.5]], inf),
+        ([[0.5, 0.5], [0.0, 0.0]], inf),
+    ],
+)
+def test_stops_of_the_same_displacement_are_refused(N, stiffness):
+    with pytest.raises(sj.InputError, match="approaches of pressure points depend on each other"):
+        sj.integrate(_stops(N, [0.1, 0.2], stiffness), step=0.1, n_steps=1)
+
+
+def test_stops_of_independent_means_are_not_refused():
+    run = sj.integrate(_stops([[0.5, 0.5], [0.5, -0.5]], [0.1, 0.2]), step=0.01, n_steps=600)
+    assert run.peak == pytest.approx([0.1, 0.1], abs=2e-3)  # half of a step
+
+
+def test_springs_beside_contact_that_opens_are_refused_in_a_dense_system():
+    system = _stops(
+        [[0.0, 1.0]], [0.1], 10.0, B=sparse.csr_array([[1.0, 0.0]]), w=np.ones(1), beta=inf
+    )  # fmt: skip
+    system = replace(system, stiffness=np.array([2.0])).project(np.eye(2))
+    with pytest.raises(sj.InputError, match="must be a full or condensed one"):
+        sj.integrate(system, step=0.1, n_steps=1)
+
+
+@pytest.mark.parametrize("directions", [1, 2])
+def test_springs_share_a_node_beside_a_stop_and_a_support(directions):
+    # Degree of freedom 3 is held: the system is that without it.
+    K, rows = np.diag([1.0, 2.0, 3.0, 4.0]) + 1.0, np.eye(4)[:directions]
+    load = {"push": (np.array([1.0, 0.5, 1.0, 0.0]), sj.Harmonic(2.0, 0.1))}
+
+    def run_with(n: int, fixed: Any) -> Run:
+        one = sparse.eye_array(1, format="csr")
+        stop = sj.OpeningContact(
+            one, np.array([0.05]), np.zeros(1), sparse.csr_array((2, 1)), np.array([inf]),
+            np.ones(1),
+        )  # fmt: skip
+        sliders = [
+            sj.point_friction(rows[:, :n], limit, stiffness=spring)
+            for limit, spring in ((0.2, 3.0), (0.4, 1.0))
+        ]
+        contact = replace(
+            sliders[0] + sliders[1],
+            normal=NormalRows(sparse.csr_array(np.eye(4)[2:3, :n]), np.array([2]), stop),
+        )
+        system = sj.System.from_matrices(
+            np.eye(n), K[:n, :n], fixed=fixed, contact=contact, points={"a": 0},
+            loads={name: (f[:n], a) for name, (f, a) in load.items()},
+        )  # fmt: skip
+        return sj.integrate(system, step=0.05, n_steps=200)
+
+    held, without = run_with(4, [3]), run_with(3, [])
+    assert held.impact_work > 0.0
+    assert held.friction_work.min() > 0.0
+    assert_same(held, without)

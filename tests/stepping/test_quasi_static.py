@@ -171,3 +171,18 @@ def test_the_limit_of_rigid_motions_is_that_of_the_iteration(pull, monkeypatch):
     other = QuasiStatic(system, 1e-10)
     assert limit == pytest.approx(other.limit(force), rel=1e-5)
     assert other.solves > 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_more_rigid_motions_than_slips(seed):
+    # Two masses on a spring in three directions; friction holds one of them in two.
+    rng, one = np.random.default_rng(seed), sparse.eye_array(6, format="csr")
+    link, mass = np.diag(rng.uniform(50.0, 200.0, 3)), np.repeat(rng.uniform(0.5, 2.0, 2), 3)
+    system = sj.System(
+        sparse.diags_array(mass).tocsr(), None,
+        sparse.csr_array(np.block([[link, -link], [-link, link]])), one[3:5], np.ones(1), np.inf,
+        directions=np.array([2], dtype=np.int64),
+    )  # fmt: skip
+    u = QuasiStatic(system).follow(np.array([[0.6, 0.3, 0.0, 0.0, 0.0, 0.0]]))[0]
+    assert u[:2] == pytest.approx([0.6 / link[0, 0], 0.3 / link[1, 1]], rel=1e-6)
+    assert u[3:5] == pytest.approx([0.0, 0.0], abs=1e-12)
