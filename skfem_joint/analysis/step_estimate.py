@@ -15,7 +15,9 @@ so may the rest, and the error is the root of the sum of both squares.
 A step is too long for such a series where a change is larger than the one before: then an eighth of
 the step is run too, in place of which the two last changes count. (A mass that bounces on a spring
 of contact for eight steps at a time: the work of the loads errs by 3.7 %, with half and a quarter
-of the step by 3.6 and 2.9 %, of which the series makes 1.6 %, with an eighth 3.1 %.)
+of the step by 3.6 and 2.9 %, of which the series makes 1.6 %, with an eighth 3.1 %.) It is run
+as well where impacts take energy, for their times leave errors of first order with any ratio. (A
+peak errs by 1.1, 0.7, 0.8 and 0.5 %, as steps are halved: three of them make it 0.3 %.)
 
 Small models are run themselves, which takes four to six times as long as the run. Large ones have a
 reduced model beside them that takes the three steps: modes of its static slip path, the lowest
@@ -87,6 +89,8 @@ class StepSettings:
         Such a difference that does not count.
     grown : float
         Change by a quarter of the step that counts, where it is more than that by half of it.
+    struck : float
+        Energy lost by impacts that counts, over the work of the loads.
     """
 
     small: float = 5e5
@@ -99,6 +103,7 @@ class StepSettings:
     trusted: float = 1.0
     negligible: float = 1e-2
     grown: float = 5e-3
+    struck: float = 1e-3
 
 
 SETTINGS = StepSettings()
@@ -129,7 +134,8 @@ def of_full(
     verify = Verification(progress, run)
     if is_small(system, plan):
         finer = [verify(system, plan.finer(k)) for k in (2, 4)]
-        if _grow(run, *finer):
+        struck = run.impact_work > SETTINGS.struck * np.abs(run.input_work).sum()
+        if struck or _grow(run, *finer):
             finer.append(verify(system, plan.finer(8)))
         return by_finer_steps(run, *finer)
     errors = None
