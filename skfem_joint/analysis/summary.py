@@ -256,6 +256,7 @@ def violated(study: Study, model: Model) -> list[str]:
             f"The energy balance of the {model.name} model is open by {run.energy_residual:.2g} of "
             "the energy in play."
         )
+    warnings += [f"{model.name} model: {doubt}" for doubt in run.doubts]
     if model.estimate is not None:
         warnings += _differs(study, model, model.estimate)
         warnings += _errs(study, model, model.estimate)

@@ -127,8 +127,9 @@ class OpeningDense:
     ) -> None:
         if np.isinf(stiffness).any():
             raise InputError(
-                "contact that opens: a model with more pressure points than unknowns needs a "
-                "finite normal_stiffness at each of them; sj.reduce gives it one"
+                "contact that opens: found a rigid pressure point in a reduced or dense model, "
+                "whose unknowns are no slips and approaches, must have a finite stiffness at each "
+                "of them; sj.reduce gives it one"
             )
         self.H, self.points = as_dense(H), points
         self.B, self.N = np.ascontiguousarray(as_dense(points.B)), np.ascontiguousarray(as_dense(N))

@@ -120,7 +120,7 @@ def integrate(
     step, n_steps = _steps(step, n_steps, duration)
     plan = Plan(step, n_steps, scheme or generalized_alpha(), save or Save(), cycle_steps, until)
     _warn_of_times(system, plan)
-    return integrate_plan(
+    run = integrate_plan(
         system,
         plan,
         initial=initial,
@@ -128,6 +128,9 @@ def integrate(
         progress=progress,
         checkpoint=checkpoint,
     )
+    for sentence in run.doubts:
+        _log.warning(sentence)
+    return run
 
 
 def integrate_plan(

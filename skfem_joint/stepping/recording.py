@@ -27,6 +27,8 @@ _SUMS = (
     *("impact_work", "normal_force_peak", "normal_force_least"),
 )
 _NUMBERS = ("rows", "field_rows", "halved_steps")
+#: Share of the energy in play that the scheme may add to a run before that is said.
+GAINED = 1e-3
 #: Slip of a slider, over that of its point, that the round-off of its spring's force may be.
 STILL = 1e-9
 
@@ -377,15 +379,40 @@ class Run:
     def energy_residual(self) -> float:
         """Error of the energy balance relative to the largest energy in it."""
         start, end = self.stored_energy
-        friction = float(self.friction_work.sum())
-        dissipated = self.viscous_work + friction + self.scheme_work + self.impact_work
-        balance = float(self.input_work.sum()) - dissipated - (end - start)
-        in_play = max(float(np.abs(self.input_work).sum()), abs(start), abs(end), abs(dissipated))
+        balance = float(self.input_work.sum()) - self._dissipated - (end - start)
+        in_play = self._in_play
+        return abs(balance) / in_play if in_play > 0.0 else 0.0
+
+    @property
+    def _dissipated(self) -> float:
+        """Energy lost over the run, J."""
+        works = self.viscous_work, float(self.friction_work.sum()), self.scheme_work
+        return sum(works) + self.impact_work
+
+    @property
+    def _in_play(self) -> float:
+        """Largest energy in the balance, J."""
+        energies = *self.stored_energy, self._dissipated
+        in_play = max(float(np.abs(self.input_work).sum()), *map(abs, energies))
         if self.loops is not None and self.system.has_springs:
             # A whole cycle in which all sliders stick takes nothing: what it stored on the way.
             works = self.loops.load_force * self.loops.load_displacement
             in_play = max(in_play, 0.5 * float(np.abs(works).sum(axis=1).max()))
-        return abs(balance) / in_play if in_play > 0.0 else 0.0
+        return in_play
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences on what the run shows to be wrong with its step."""
+        opening = self.system.opening
+        elastic = opening is not None and not np.all(opening.rigid)
+        if not elastic or -self.scheme_work <= GAINED * self._in_play:
+            return ()
+        return (
+            f"The time steps added {-self.scheme_work:.3g} J, "
+            f"{-100.0 * self.scheme_work / self._in_play:.2g} % of the energy in play: elastic "
+            "contact (normal_stiffness) that opens or closes is faster than they follow. Take a "
+            "shorter step, or rigid contact, whose impacts cannot add energy.",
+        )
 
     @property
     def opened(self) -> NDArray[np.bool_]:

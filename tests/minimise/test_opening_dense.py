@@ -76,7 +76,7 @@ def test_forces_balance_with_more_points_than_unknowns(beta):
 def test_rigid_points_and_set_valued_friction_are_refused():
     rng = np.random.default_rng(1)
     (H, points, N, gain), k, g, given = _random(rng, 1, 0.5, np.inf)
-    with pytest.raises(InputError, match="finite normal_stiffness"):
+    with pytest.raises(InputError, match="must have a finite stiffness"):
         OpeningDense(H, points, N, gain, np.full(Q, np.inf))
     with pytest.raises(InputError, match="set-valued Coulomb friction"):
         OpeningDense(H, points, N, gain, k).minimise(g, np.zeros(Q), given)

@@ -90,7 +90,10 @@ def test_all_ways_to_give_the_steps_are_one():
         ({"step": 1e-5, "n_steps": 10, "cycle_steps": 0}, "cycle_steps: found 0"),
         ({"step": 1e-5, "n_steps": 10, "initial": (np.zeros(3), np.zeros(5))}, "initial"),
         ({"step": 1e-5, "n_steps": 10, "initial": (np.full(5, np.nan), np.zeros(5))}, "initial"),
-        ({"step": 1e-5, "n_steps": 10, "initial": np.zeros(5)}, "initial: must be a run, or two arrays"),
+        (
+            {"step": 1e-5, "n_steps": 10, "initial": np.zeros(5)},
+            "initial: must be a run, or two arrays",
+        ),
         ({"step": 1e-5, "n_steps": 10, "initial": 0.0}, "initial: must be a run, or two arrays"),
         ({"step": 1e-5, "duration": 1e300}, r"n_steps: found 1e\+18, must be at most 2\^53"),
         ({"step": 1e-5, "n_steps": 2**53}, "save: 9007199254740993 rows of points"),

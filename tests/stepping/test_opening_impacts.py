@@ -206,3 +206,21 @@ def test_friction_under_a_smooth_normal_force_is_of_second_order(rho):
         )
         errors.append(abs(run.final[1][0] - known))
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)
+
+
+def test_energy_that_steps_add_where_they_cannot_follow_elastic_contact_is_said(caplog):
+    """A mass of 1 kg meets a spring of 1e10 N/m: they touch for 31 us."""
+    said = {}
+    for step in (1e-5, 2.5e-7):
+        system, start = _point(0.3, 1.0)
+        elastic = replace(system.opening, stiffness=np.array([1e10]))
+        caplog.clear()
+        run = sj.integrate(
+            replace(system, opening=elastic), step=step, n_steps=int(3e-4 / step), initial=start
+        )
+        said[step] = run.doubts
+        warned = [record.message for record in caplog.records if record.levelname == "WARNING"]
+        assert tuple(warned) == run.doubts
+    assert "time steps added" in said[1e-5][0]
+    assert said[2.5e-7] == ()
+    assert run.final[1] == pytest.approx([0.4, -1.0], abs=2e-3)
