@@ -36,17 +36,15 @@ from skfem_joint.analysis.backbone_sensitivity import (
     in_unknowns,
     of_closed_system,
 )
-from skfem_joint.analysis.cycles import Cycles, spread
+from skfem_joint.analysis.cycles import Cycles
 from skfem_joint.analysis.gross_slip import (
     gross_slip_level,
     is_gross,
     sticking_share,
 )
-from skfem_joint.analysis.masing_cycles import SETTINGS as MASING
 from skfem_joint.analysis.masing_cycles import levels_to_follow, masing_cycles
 from skfem_joint.analysis.mode_rates import mode_rates
 from skfem_joint.analysis.opening_cycles import OpeningPath, cycles_to_follow
-from skfem_joint.analysis.own_law_damping import own_law_damping
 from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.saved_path import SavedPath
@@ -122,9 +120,6 @@ class Backbone:
         Hz.
     friction_damping : ndarray, shape (levels,)
         Damping ratio by friction, under Coulomb's law.
-    own_law_damping : ndarray, shape (levels,)
-        The same under the system's own law, which differs where its steepness is finite; nan where
-        that is not known.
     viscous_damping : ndarray, shape (levels,)
         Damping ratio by C.
     displacement : ndarray, shape (levels, points)
@@ -145,7 +140,8 @@ class Backbone:
         Largest relative error of the work by Masing's rule, before its correction; None where a
         cycle was followed at each level.
     warnings : tuple of str
-        What to beware of: of levels beyond slip as a whole, of curves without slip, of impacts.
+        What to beware of: of levels beyond slip as a whole, of curves without slip, of impacts, of
+        a law that is not Coulomb's.
     estimated : dict of str to float
         Estimated largest relative errors of ``frequency`` and ``damping_ratio``: of a reduced model
         for a range, or of the increments and of what is left open of the cycles with contact that
@@ -177,7 +173,6 @@ class Backbone:
     amplitude: FloatArray
     frequency: FloatArray
     friction_damping: FloatArray
-    own_law_damping: FloatArray
     viscous_damping: FloatArray
     displacement: FloatArray
     states: FloatArray
@@ -242,9 +237,9 @@ def backbone(
     Parameters
     ----------
     system : System
-        Full or condensed. Its friction acts as Coulomb's, its loads do not act. The damping under
-        a law of finite steepness is in ``own_law_damping``. With contact that opens a cycle is
-        followed at each level, and a curve ends where the structure lifts off, which a note says.
+        Full or condensed. Its friction acts as Coulomb's, which a note says where its own law is
+        another one; its loads do not act. With contact that opens a cycle is followed at each
+        level, and a curve ends where the structure lifts off, which a note says.
     modes : sequence of int
         Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
         basis has fixed-interface modes.
@@ -464,8 +459,8 @@ def _curve(
     friction_damping = found.work / (2.0 * np.pi * carried * q)
     slipping = path.to.system.slipping(found.sliding)
     state = _stick_or_slip(path, mode, shares, found, slipping, absolute)
-    own_damping, own_notes = _own_law(path, mode, found, friction_damping)
     notes = [f"Mode {mode.number}: {note}" for note in found.notes]
+    notes += _own_law(mode, system)
     notes += _slips_as_a_whole(mode, shares, state, absolute)
     notes += _no_slip(mode, shares, state, absolute) + _impacts(mode, opening, found)
     notes += _few_points(mode, slipping) + _excited_modes(mode, frequency, opening is not None)
@@ -479,7 +474,6 @@ def _curve(
         amplitude=q,
         frequency=frequency,
         friction_damping=friction_damping,
-        own_law_damping=own_damping,
         viscous_damping=float(shape @ (system.C @ shape)) / (2.0 * omega),
         displacement=np.abs((system.P @ states.T).T),
         states=to.outer(states),
@@ -488,7 +482,7 @@ def _curve(
         share=path.to.system.slipping_share(found.sliding),
         state=state,
         masing_error=found.masing_error,
-        warnings=(*notes, *own_notes),
+        warnings=tuple(notes),
         estimated=found.errors,
         friction=found.friction if springs else None,
         limits=found.limits if springs else None,
@@ -528,21 +522,17 @@ def _inside(parameters: Sequence[SystemSensitivity], to: Arranged) -> list[Syste
     return list(parameters)
 
 
-def _own_law(
-    path: SavedPath, mode: _Mode, found: Cycles, coulomb: FloatArray
-) -> tuple[FloatArray, list[str]]:
-    """Damping ratios (levels,) under the system's own law, and notes; nan if it is not known."""
-    if found.limits is None:
-        peaks = found.level, found.states, found.friction, coulomb
-        chosen = spread(found.level.size, MASING.checked)
-        return own_law_damping(path, mode.number, mode.force, *peaks, chosen)
-    if np.isinf(path.to.system.beta[path.to.system.rubs]).all():
-        return coulomb, []
-    note = (
-        f"Mode {mode.number}: the curve is of Coulomb's law; what the joints' own law with a "
-        "finite beta damps is not known with contact that opens."
-    )
-    return np.full_like(coulomb, np.nan), [note]
+def _own_law(mode: _Mode, system: System) -> list[str]:
+    """Note that the curve is of Coulomb's law, where the system has another one."""
+    beta = system.beta[system.rubs & np.isfinite(system.beta)]
+    if not beta.size:
+        return []
+    return [
+        f"Mode {mode.number}: the curve is of Coulomb's law. The joints' own, with beta = "
+        f"{beta.min():.3g} s/m, lets them creep where they would stick, which damps vibration more "
+        f"whose slip is slower than about {1.0 / beta.min():.2g} m/s. A ring-down and response have "
+        "the joints' own law."
+    ]
 
 
 def _check_levels(

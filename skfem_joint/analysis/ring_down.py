@@ -91,23 +91,18 @@ class RingDown:
     def beside(self, curve: Backbone) -> Backbone:
         """The curve of the mode, which says where this ring-down differs from it.
 
-        Each cycle is compared with the curve at its amplitude, under the system's own law where the
-        curve has that. Both differ where they are further apart than the errors that both state and
-        `DIFFERS`, all relative to the largest value; the level next to the cycle is marked in
-        ``curve.differs``. Warnings name the largest difference, and what impacts took.
+        Each cycle is compared with the curve at its amplitude. Both differ where they are further
+        apart than the errors that both state and `DIFFERS`, all relative to the largest value; the
+        level next to the cycle is marked in ``curve.differs``. Warnings name the largest
+        difference, and what impacts took.
         """
         inside = (self.amplitude >= curve.amplitude[0]) & (self.amplitude <= curve.amplitude[-1])
         at = np.log(self.amplitude[inside])
         levels, differs, notes = np.log(curve.amplitude), np.zeros(curve.level.size, bool), []
-        own = np.where(
-            np.isnan(curve.own_law_damping), curve.friction_damping, curve.own_law_damping
-        )
         masing = {"damping_ratio": curve.masing_error or 0.0} | dict(curve.estimated)
-        for name, values in (
-            ("frequency", curve.frequency),
-            ("damping_ratio", own + curve.viscous_damping),
-        ):
-            ours, theirs = np.interp(at, levels, values), getattr(self, name)[inside]
+        for name in ("frequency", "damping_ratio"):
+            ours = np.interp(at, levels, getattr(curve, name))
+            theirs = getattr(self, name)[inside]
             stated = masing.get(name, 0.0) + self.step_error.get(name, 0.0)
             stated += self.estimated.get(name, 0.0) + DIFFERS[name]
             apart = np.abs(theirs - ours)
@@ -134,7 +129,8 @@ def _compared(mode: int, name: str, ours: float, theirs: float, stated: float) -
         f"Mode {mode}: the ring-down differs from the curve by more than the errors that both "
         f"state ({100.0 * stated:.2g} %): at the same amplitude its {name.replace('_', ' ')} is "
         f"{size * theirs:.4g} {unit} where the curve has {size * ours:.4g} {unit}. The curve takes "
-        "for granted that the mode keeps its shape and moves slowly; the ring-down does not."
+        "for granted Coulomb's law, and that the mode keeps its shape and moves slowly; the "
+        "ring-down does not."
     )
 
 

@@ -45,15 +45,14 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     header = [
         "model", "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
         *(f"displacement_{name}_m" for name in safe_names(points)),
-        "slipping_share", "friction_damping_ratio", "own_law_friction_damping_ratio",
-        "viscous_damping_ratio", "state", "doubt", *(_OPENING if opens else ()),
-        *names,
+        "slipping_share", "friction_damping_ratio", "viscous_damping_ratio", "state", "doubt",
+        *(_OPENING if opens else ()), *names,
     ]  # fmt: skip
     rows = [
         [
             model.name, c.mode, c.level[k] / c.slips_at, c.amplitude[k], c.frequency[k],
             c.damping_ratio[k], *c.displacement[k], c.share[k], c.friction_damping[k],
-            c.own_law_damping[k], c.viscous_damping[k], c.state[k], c.doubts[k],
+            c.viscous_damping[k], c.state[k], c.doubts[k],
             *(() if c.offset is None or c.opened is None else (c.offset[k], c.opened[k])),
         ]
         for model in backbone.models
