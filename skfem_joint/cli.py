@@ -447,14 +447,14 @@ def _keys(options: argparse.Namespace) -> int:
 
 def _backbone(options: argparse.Namespace) -> int:
     """Compute frequency and damping of modes over their amplitude, write and print them."""
-    from skfem_joint.analysis.scene_backbone import BACKBONE_ROWS, scene_backbone
+    from skfem_joint.analysis.scene_backbone import scene_backbone
     from skfem_joint.output import damping
     from skfem_joint.output.folder import kept
 
     scene = _vibrating(options)
-    with kept(options.out) as notes, _rows(options, BACKBONE_ROWS) as rows:
+    with kept(options.out) as notes:
         with _progress(options) as progress:
-            backbone = scene_backbone(scene, progress, rows)
+            backbone = scene_backbone(scene, progress, options.out)
         backbone = replace(backbone, warnings=(*backbone.warnings, *notes))
         files = damping.write_backbone(options.out, backbone)
     print("\n".join(damping.backbone_lines(backbone)))
@@ -483,7 +483,7 @@ def _response(options: argparse.Namespace) -> int:
     with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             # The backbones first: they take seconds, and a wrong mode ends the command at once.
-            curves = given_backbones(scene, progress, rows)
+            curves = given_backbones(scene, progress)
             response = scene_response(scene, executor, progress, rows, options.workers)
         notes = [*notes, *(note for curve in curves for note in curve.warnings)]
         response = replace(response, warnings=(*response.warnings, *notes))

@@ -7,7 +7,7 @@ while they write their results, and resumed, they must leave every file as an un
 does, bit for bit but for times. Of two runs of the first kind into one folder that start at about
 the same moment one is refused in a sentence, or they follow each other.
 
-The commands response, backbone and error-time are killed, terminated and interrupted in turn, each
+The commands response and error-time are killed, terminated and interrupted in turn, each
 so many times as ``--rows`` says, and started again with the same words. What was terminated or
 interrupted must end with status 130, a sentence that says how many rows are kept, and no lock; no
 row may be computed twice, and tables and summary must be those of an uninterrupted command, but for
@@ -42,11 +42,10 @@ KINDS = {
     "hyper-reduced": ("structure_harmonic", "cycles = 200", '"reduced"', "friction_points = 20"),
 }
 #: Commands that go on from rows, with their arguments beside scene and folder.
-COMMANDS = {"response": [], "backbone": [], "error-time": ["--quick"]}
+COMMANDS = {"response": [], "error-time": ["--quick"]}
 STEADY = """
 [backbone]
 levels = 10
-ring_down = 12
 
 [response]
 frequencies = { from = 2200.0, to = 2500.0, points = 3 }

@@ -12,7 +12,7 @@ Its errors: `estimate` (of every result), `certificate` (mesh and law as well), 
 against run time).
 
 A system: `natural_modes`; `backbone` (damping over amplitude) with `cycles`, `masing_cycles`,
-`opening_cycles`, `gross_slip` and `saved_path`; `ring_down`; `response` (steady
+`opening_cycles` and `gross_slip`; `ring_down`; `response` (steady
 vibration over frequency) with `linear_response` and `step_errors`. `scene_backbone` and
 `scene_response` do this for a scene's models; `sweep` runs many scenes; `rows` keeps finished work.
 

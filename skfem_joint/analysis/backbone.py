@@ -24,9 +24,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy import sparse
 
 from skfem_joint.analysis.backbone_sensitivity import (
     BackboneSensitivity,
@@ -46,14 +48,13 @@ from skfem_joint.analysis.masing_cycles import levels_to_follow, masing_cycles
 from skfem_joint.analysis.mode_rates import mode_rates
 from skfem_joint.analysis.opening_cycles import OpeningPath, cycles_to_follow
 from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
-from skfem_joint.analysis.rows import Rows
-from skfem_joint.analysis.saved_path import SavedPath
 from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.sensitivity import SystemSensitivity
 from skfem_joint.stepping.arrangement import Arranged, arranged
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check, check_each
 
@@ -229,7 +230,6 @@ def backbone(
     up_to: float = 0.7,
     slips_at: float | None = None,
     progress: Progress = silent,
-    rows: Rows | None = None,
     parameters: Sequence[SystemSensitivity] = (),
 ) -> list[Backbone]:
     """Natural frequency and damping ratio of some modes over their amplitude.
@@ -254,8 +254,6 @@ def backbone(
     progress : callable, optional
         Called with (levels done, levels in all as far as they are known), increments of cycles
         included; with contact that opens, with cycles.
-    rows : Rows, optional
-        Where levels are kept as they finish, and taken up again; not beside ``parameters``.
     parameters : sequence of SystemSensitivity
         By which the curves are differentiated, from :func:`skfem_joint.sensitivities`.
 
@@ -273,8 +271,7 @@ def backbone(
     ConvergenceError
         If a level does not converge, or with contact that opens the first one has no state.
     """
-    given = modes, levels, up_to, slips_at, progress, rows, parameters
-    return _backbone(Kept(), system, *given)
+    return _backbone(Kept(), system, modes, levels, up_to, slips_at, progress, parameters)
 
 
 def _backbone(
@@ -285,7 +282,6 @@ def _backbone(
     up_to: float,
     slips_at: float | None,
     progress: Progress,
-    rows: Rows | None,
     parameters: Sequence[SystemSensitivity],
 ) -> list[Backbone]:
     """As `backbone`, with factors that are kept."""
@@ -300,12 +296,12 @@ def _backbone(
     check_parameters(parameters, system)
     shares, slips_at = _shares(levels, up_to, slips_at)
     numbers, opens = np.asarray(modes, dtype=int), system.opening is not None
-    rows = rows if rows and not parameters else Rows()
     tally = Tally(progress, len(modes) * levels_of_a_curve(shares.size, opens))
     to = arranged(system.closed())
-    path = kept.path_of(to, tally, rows)
-    paths = SETTINGS.tolerance, tally, rows, bool(parameters)
-    opening = OpeningPath(system, *paths) if opens else None
+    path = kept.path_of(to, tally)
+    opening = None
+    if opens:
+        opening = OpeningPath(system, SETTINGS.tolerance, tally, bool(parameters))
     count = int(numbers.max()) + SETTINGS.higher_modes
     stuck = Stuck(to.system, path)
     frequencies, shapes = stuck.modes(count)
@@ -327,7 +323,7 @@ def _backbone(
         return curves
     larger = alone(system)
     for k, curve in enumerate(curves):
-        (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at, rows=rows)
+        (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
         curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
     return curves
 
@@ -367,15 +363,20 @@ class Kept:
     """Factors of the stiffness that curves of other limits, springs and damping use again."""
 
     def __init__(self) -> None:
-        self._path: SavedPath | None = None
+        self._path: QuasiStatic | None = None
 
-    def path_of(self, to: Arranged, tally: Tally, rows: Rows) -> SavedPath:
-        """Quasi-static path of a system, with the factors kept where they are its own."""
-        before, self._path = self._path, None
-        path = None if before is None else before.again(to, tally, rows)
-        del before  # two factors at once may be too large
-        self._path = path or SavedPath(to.system, SETTINGS.tolerance, tally, rows)
-        return self._path
+    def path_of(self, to: Arranged, tally: Tally) -> QuasiStatic:
+        """Quasi-static path of a system at rest, with the factors kept where they are its own."""
+        path, self._path = self._path, None
+        if path is not None and path.whole is not None and _differ_in_law(path.to, to):
+            path = path.limited(to)
+            path.tally = tally
+        else:
+            del path  # two factors at once may be too large
+            path = QuasiStatic(to.system, SETTINGS.tolerance, tally)
+            path.spare_rigid()
+        self._path = path
+        return path
 
     def backbone(
         self,
@@ -385,7 +386,23 @@ class Kept:
         parameters: Sequence[SystemSensitivity] = (),
     ) -> list[Backbone]:
         """Curves at given levels, as the function `backbone` returns them."""
-        return _backbone(self, system, modes, levels, 1.0, None, silent, None, parameters)
+        return _backbone(self, system, modes, levels, 1.0, None, silent, parameters)
+
+
+def _differ_in_law(one: Arranged, other: Arranged) -> bool:
+    """Whether two systems differ in limits, springs and damping alone."""
+    old, new = one.system, other.system
+    names = "K", "M", "B", "beta"
+    alike = all(_same(getattr(old, name), getattr(new, name)) for name in names)
+    return one.kind == other.kind and alike and np.array_equal(old.w > 0.0, new.w > 0.0)
+
+
+def _same(A: Any, B: Any) -> bool:
+    """Whether two arrays or sparse arrays are the same, entry by entry."""
+    if not (sparse.issparse(A) and sparse.issparse(B)):
+        return type(A) is type(B) and np.array_equal(A, B)
+    parts = ((x.indptr, x.indices, x.data) for x in (A, B))
+    return A.format == B.format and all(map(np.array_equal, *parts))
 
 
 @dataclass(frozen=True)
@@ -426,7 +443,7 @@ class _Mode:
 
 def _curve(
     to: Arranged,
-    path: SavedPath,
+    path: QuasiStatic,
     opening: OpeningPath | None,
     mode: _Mode,
     shares: FloatArray,
@@ -495,7 +512,7 @@ def _curve(
 
 def _sensitivity(
     to: Arranged,
-    path: SavedPath | OpeningPath,
+    path: QuasiStatic | OpeningPath,
     mode: _Mode,
     shape: FloatArray,
     found: Cycles,
@@ -530,13 +547,13 @@ def _own_law(mode: _Mode, system: System) -> list[str]:
     return [
         f"Mode {mode.number}: the curve is of Coulomb's law. The joints' own, with beta = "
         f"{beta.min():.3g} s/m, lets them creep where they would stick, which damps vibration more "
-        f"whose slip is slower than about {1.0 / beta.min():.2g} m/s. A ring-down and response have "
-        "the joints' own law."
+        f"whose slip is slower than about {1.0 / beta.min():.2g} m/s. A ring-down and response "
+        "have it."
     ]
 
 
 def _check_levels(
-    path: SavedPath, mode: _Mode, shares: FloatArray, slips_at: float | None, absolute: bool
+    path: QuasiStatic, mode: _Mode, shares: FloatArray, slips_at: float | None, absolute: bool
 ) -> float:
     """Level at which the first joint slips as a whole; computed if not given.
 
@@ -549,15 +566,13 @@ def _check_levels(
             f"backbone: mode {number} moves the structure as a rigid body; support it, or choose "
             "a higher mode"
         )
+    path.forget()  # a curve does not depend on those of other modes
     limit = path.limit(mode.force)
     if slips_at is None:
-        counted = path.rows.done
         slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, limit, False)
-        if np.isfinite(limit):
-            path.forget()  # the levels of the curve do not depend on the search
+        path.forget()  # nor on the search
         if np.isinf(slips_at):
             raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
-        path.rows.total += path.rows.done - counted  # how many it takes is known only now
     if shares[-1] * slips_at >= limit:
         raise InputError(
             f"backbone: found levels up to {_text(shares[-1], absolute)}, but friction alone holds "
@@ -568,7 +583,7 @@ def _check_levels(
 
 
 def _stick_or_slip(
-    path: SavedPath,
+    path: QuasiStatic,
     mode: _Mode,
     shares: FloatArray,
     found: Cycles,

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from skfem_joint.analysis.cycles import Cycles, spread
-from skfem_joint.analysis.saved_path import SavedPath
 from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
 
 
@@ -49,7 +49,7 @@ def levels_to_follow(levels: int) -> int:
     return levels + SETTINGS.increments * min(SETTINGS.checked, levels)
 
 
-def masing_cycles(path: SavedPath, force: FloatArray, level: FloatArray) -> Cycles:
+def masing_cycles(path: QuasiStatic, force: FloatArray, level: FloatArray) -> Cycles:
     """Cycles of a force (n,), N, between both signs of some levels, from rest.
 
     Raises
@@ -96,7 +96,7 @@ def between(level: FloatArray, followed: IntArray, ratio: FloatArray) -> FloatAr
 
 
 def _half_cycles(
-    path: SavedPath,
+    path: QuasiStatic,
     level: FloatArray,
     force: FloatArray,
     states: FloatArray,
@@ -107,9 +107,7 @@ def _half_cycles(
 
     Also returns those of the friction over its limit, (increments, rows).
     """
-    more = SETTINGS.increments * (followed.size - min(SETTINGS.checked, level.size))
-    path.tally.total += more
-    path.rows.total += more
+    path.tally.total += SETTINGS.increments * (followed.size - min(SETTINGS.checked, level.size))
     parts = [_half_cycle(path, level[k] * force, states[k], friction[k]) for k in followed]
     increments = np.reshape([part[0] for part in parts], (-1, states.shape[1]))
     turned = np.reshape([part[1] for part in parts], (-1, friction.shape[1]))
@@ -117,7 +115,7 @@ def _half_cycles(
 
 
 def _half_cycle(
-    path: SavedPath, force: FloatArray, state: FloatArray, friction: FloatArray
+    path: QuasiStatic, force: FloatArray, state: FloatArray, friction: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Increments of displacement (increments, n), m, from a state to its mirror image.
 

@@ -10,14 +10,12 @@ limits are constant, and of second order in the increment where they are not.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
 from skfem_joint.analysis.cycles import Cycles, spread
-from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.opening import OpeningContact
@@ -85,14 +83,13 @@ class _Start(NamedTuple):
 
 
 class _Cycle(NamedTuple):
-    """A cycle between both signs of a level; only what a row of `Rows` can hold.
+    """A cycle between both signs of a level.
 
     Attributes
     ----------
-    end : tuple of ndarray
-        Its end, the arrays of a `Level`.
-    kept : tuple
-        What the solver keeps from its last increment, see `Kept`.
+    end : Level
+    kept : Kept
+        What the solver keeps from its last increment.
     low : ndarray, shape (n,)
         Displacement at the opposite of the level, m.
     opened : ndarray of bool, shape (q,)
@@ -107,8 +104,8 @@ class _Cycle(NamedTuple):
         Modal displacement that is left at its end, over that from peak to peak.
     """
 
-    end: tuple[FloatArray, ...]
-    kept: tuple[FloatArray, float]
+    end: Level
+    kept: Kept
     low: FloatArray
     opened: BoolArray
     slid: FloatArray
@@ -118,17 +115,17 @@ class _Cycle(NamedTuple):
 
     def start(self, alpha: float) -> _Start:
         """Its end at a multiple of the force, from which one goes on."""
-        return _Start(Level(*self.end), Kept(*self.kept), alpha)
+        return _Start(self.end, self.kept, alpha)
 
     @property
     def half(self) -> FloatArray:
         """Displacement from the middle of both turning points to the end, (n,), m."""
-        return 0.5 * (self.end[0] - self.low)
+        return 0.5 * (self.end.u - self.low)
 
     @property
     def middle(self) -> FloatArray:
         """Displacement in the middle of both turning points, (n,), m."""
-        return 0.5 * (self.end[0] + self.low)
+        return 0.5 * (self.end.u + self.low)
 
 
 #: Levels that follow each other, with their multiples of the force.
@@ -150,9 +147,9 @@ class OpeningPath:
     tolerance : float
         Largest force residual of a level, relative to its largest force.
     tally : Tally
-        Counts the cycles that are kept.
-    rows : Rows
-        Where cycles are kept as they finish, and taken up again.
+        Counts the levels' cycles.
+    keeps : bool
+        Whether ``walked`` is kept.
 
     Attributes
     ----------
@@ -160,15 +157,12 @@ class OpeningPath:
         System in whose unknowns levels are solved.
     walked : list of list
         Of each level that was computed, all cycles but those with twice the increments, each a list
-        of its levels with their multiples of the force; first of the way to it. Kept if asked for.
+        of its levels with their multiples of the force; first of the way to it.
     """
 
-    def __init__(
-        self, system: System, tolerance: float, tally: Tally, rows: Rows, keeps: bool = False
-    ) -> None:
+    def __init__(self, system: System, tolerance: float, tally: Tally, keeps: bool = False) -> None:
         self.solver = OpeningLevels(system, tolerance)
-        self.to, self.tally, self.rows = self.solver.to, tally, rows
-        self.origin = rows.mark("cycle", system, tolerance, SETTINGS)
+        self.to, self.tally = self.solver.to, tally
         self._closed = cast("OpeningContact", system.opening).closed_motions()
         self._taken = self.to.system.spring_flexibility
         self.given = system
@@ -201,7 +195,7 @@ class OpeningPath:
         done, notes = list[_Cycle](), list[str]()
         for alpha in level.tolist():
             try:
-                done.append(self._kept(force, alpha, start, SETTINGS.increments, SETTINGS.most))
+                done.append(self._settled(force, alpha, start, SETTINGS.increments, SETTINGS.most))
             except NoLevelError as error:
                 share = alpha / level[-1]
                 if not error.beyond or not done:
@@ -220,7 +214,7 @@ class OpeningPath:
         for k in spread(level.size, SETTINGS.checked).tolist():
             alpha = float(level[k])
             begin = done[k].start(alpha)
-            finer = self._kept(force, alpha, begin, 2 * SETTINGS.increments, 1)
+            finer = self._settled(force, alpha, begin, 2 * SETTINGS.increments, 1)
             pairs.append((alpha, done[k], finer))
         apart = np.array([_apart(force, damping, *pair) for pair in pairs]).max(axis=0)
         errors = {
@@ -229,20 +223,9 @@ class OpeningPath:
         }
         return self._cycles(level, done, errors, notes)
 
-    def _kept(
-        self, force: FloatArray, alpha: float, start: _Start, increments: int, most: int
-    ) -> _Cycle:
-        """The last of at most so many cycles at a level, as a row."""
-        given = force, alpha, *start.level, *start[1:], increments, most
-        mark = self.rows.mark(self.origin, *given)
-        compute = partial(self._settled, force, alpha, start, increments, most)
-        cycle = _Cycle(*self.rows.row(mark, compute))
-        self.tally.add()
-        return cycle
-
     def _settled(
         self, force: FloatArray, alpha: float, start: _Start, increments: int, most: int
-    ) -> tuple[Any, ...]:
+    ) -> _Cycle:
         """The first cycle at a level that is closed, or the last of at most so many."""
         self.solver.kept = start.kept
         walks = [self._levels(start.level, force, start.alpha, alpha)]
@@ -254,7 +237,8 @@ class OpeningPath:
                 break
         if self._keeps and increments == SETTINGS.increments:
             self.walked.append(walks)
-        return tuple(cycle)
+        self.tally.add()
+        return cycle
 
     def _levels(self, last: Level, force: FloatArray, before: float, after: float) -> Walk:
         """Levels on the way between two multiples of a force, (n,), N."""
@@ -288,8 +272,8 @@ class OpeningPath:
         slid = 0.5 * system.slip_norm(ways[-1] - ways[middle])
         way = float(force @ (end.u - low))
         return _Cycle(
-            end=cast("tuple[FloatArray, ...]", tuple(end)),
-            kept=(self.solver.kept.v, self.solver.kept.work),
+            end=end,
+            kept=self.solver.kept,
             low=low,
             opened=np.any(normal <= 0.0, axis=0) & pressed,
             slid=np.where(np.any(limits > 0.0, axis=0), slid, 0.0),
@@ -305,10 +289,9 @@ class OpeningPath:
         system, pressed = self.to.system, self.solver.contact.force > 0.0
         states = np.array([cycle.half for cycle in done])
         slip = system.slip_norm(np.asarray((system.B @ states.T).T))
-        ends = [Level(*cycle.end) for cycle in done]
-        limits = np.array([end.limits for end in ends])
+        limits = np.array([cycle.end.limits for cycle in done])
         on_rows = np.array([system.on_rows(w) for w in limits])
-        forces = np.array([end.friction for end in ends])
+        forces = np.array([cycle.end.friction for cycle in done])
         creep = SETTINGS.increments * self.solver.creep  # in half of a cycle
         slip[slip <= creep] = 0.0
         slid = np.array([cycle.slid for cycle in done])

@@ -1,9 +1,8 @@
 """Rows of finished work, kept in a file as they finish, from which a command goes on.
 
-A long command has many parts: a frequency of a response, a level of a backbone, a run of a
-comparison, a scene of a sweep. Each finished part is a row of a file, on the disk before the next
-part begins. A command that was interrupted or killed computes only the missing parts when it is
-started again.
+A long command has many parts: a frequency of a response, a run of a comparison, a scene of a sweep.
+Each finished part is a row of a file, on the disk before the next part begins. A command that was
+interrupted or killed computes only the missing parts when it is started again.
 
 A row is named by its *mark*, a digest of the version of the package and of all that the part is
 computed from: a row of another scene, another version or another initial state has another mark and

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.analysis.backbone import Backbone, backbone, levels_of_a_curve
+from skfem_joint.analysis.backbone import Backbone, backbone
 from skfem_joint.analysis.cycles import spread
 from skfem_joint.analysis.normal_force import NormalChange, normal_change_of_mode
 from skfem_joint.analysis.ring_down import RingDown, ring_down
-from skfem_joint.analysis.rows import Rows
-from skfem_joint.analysis.scene_plan import options_of, origin_of
+from skfem_joint.analysis.scene_plan import options_of
 from skfem_joint.analysis.scene_range import of_scene, range_model, served_scene
 from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.arrays import FloatArray
@@ -32,8 +32,6 @@ from skfem_joint.system import System
 
 #: Displacement (m) and velocity (m/s), each of shape (n,), and friction as `integrate` takes it.
 State = tuple[FloatArray, ...]
-#: Dataclasses that rows of finished work of `scene_backbone` hold.
-BACKBONE_ROWS = (RingDown,)
 #: Relative error of a ring-down's damping from its time step beyond which a note says so.
 DOUBTFUL_STEP = 0.02
 #: Levels of a curve whose cycles modes of contact that opens are made of.
@@ -88,7 +86,7 @@ class SceneBackbone:
 
 
 def scene_backbone(
-    scene: Scene, progress: Progress = silent, rows: Rows | None = None
+    scene: Scene, progress: Progress = silent, folder: Path | None = None
 ) -> SceneBackbone:
     """Frequency and damping over amplitude as a scene's table ``[backbone]`` asks for.
 
@@ -100,20 +98,17 @@ def scene_backbone(
     scene : Scene
     progress : callable, optional
         Called with (what is done, how much, of how much).
-    rows : Rows, optional
-        Made for `BACKBONE_ROWS`; where finished work is kept, and taken up again.
+    folder : Path, optional
+        Where a reduced model for a range is kept, and taken up again.
 
     Raises
     ------
     InputError, ConvergenceError
         As :func:`backbone` and :func:`ring_down`.
     """
-    table, system, rows = scene.backbone, scene.system(), rows or Rows()
-    # Of each mode: its friction limit, the levels of its curve, and its ring-down.
-    of_a_mode = 1 + levels_of_a_curve(table.levels, scene.opens) + bool(table.ring_down)
-    rows.total += len(scene.models.run) * len(table.modes) * of_a_mode
+    table, system = scene.backbone, scene.system()
     report = partial(progress, "full model")
-    full = backbone(system, table.modes, table.levels, table.up_to, progress=report, rows=rows)
+    full = backbone(system, table.modes, table.levels, table.up_to, progress=report)
     warnings = [*doubts(scene.structure(), system)]
     warnings += [warning for curve in full for warning in curve.warnings]
     structure = scene.structure()
@@ -127,9 +122,7 @@ def scene_backbone(
             warnings += change.doubts(f"Mode {curve.mode}: at the highest level ")
     start = None
     if table.ring_down and table.released == "loads":
-        mark = rows.mark("loads' end", origin_of(scene))
-        start = rows.row(mark, partial(_loads_end, scene, system))
-        rows.total += 1
+        start = _loads_end(scene, system)
     models = []
     for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])
@@ -137,14 +130,14 @@ def scene_backbone(
             own = _OfMode(system, curve, start)
             if name != "full":
                 if name == "reduced" and scene.reduction.range is not None:
-                    own, notes = _of_range_model(scene, curve, progress, rows)
+                    own, notes = _of_range_model(scene, curve, progress, folder)
                 else:
-                    own, notes = _of_small_model(name, scene, curve, start, progress, rows)
+                    own, notes = _of_small_model(name, scene, curve, start, progress)
                 warnings += notes
             model.curves.append(own.curve)
             model.errors.append(_distances(own.curve, curve))
             if table.ring_down:
-                rung = _ring_down(name, scene, own, progress, rows)
+                rung = _ring_down(name, scene, own, progress)
                 model.ring_downs.append(rung)
                 model.curves[-1] = rung.beside(own.curve)
                 notes = model.curves[-1].warnings[len(own.curve.warnings) :]
@@ -155,20 +148,15 @@ def scene_backbone(
     return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal)
 
 
-def given_backbones(
-    scene: Scene, progress: Progress = silent, rows: Rows | None = None
-) -> list[Backbone]:
+def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]:
     """Full model's curves of a scene with a table ``[backbone]`` and friction; of others, none.
 
     InputError and ConvergenceError as :func:`backbone`.
     """
     if "backbone" not in scene.model_fields_set or not scene.system().contact_points:
         return []
-    table, report, rows = scene.backbone, partial(progress, "backbone"), rows or Rows()
-    rows.total += len(table.modes) * (1 + levels_of_a_curve(table.levels, scene.opens))
-    return backbone(
-        scene.system(), table.modes, table.levels, table.up_to, progress=report, rows=rows
-    )
+    table, report = scene.backbone, partial(progress, "backbone")
+    return backbone(scene.system(), table.modes, table.levels, table.up_to, progress=report)
 
 
 @dataclass(frozen=True)
@@ -190,7 +178,7 @@ class _OfMode:
 
 
 def _of_range_model(
-    scene: Scene, curve: Backbone, progress: Progress, rows: Rows
+    scene: Scene, curve: Backbone, progress: Progress, folder: Path | None
 ) -> tuple[_OfMode, tuple[str, ...]]:
     """Model for the range of a scene, with its curve of a mode of the full model.
 
@@ -199,10 +187,9 @@ def _of_range_model(
     served, table = served_scene(scene), scene.backbone
     if served is None:
         raise InputError("reduction.range: missing")
-    folder = None if rows.path is None else rows.path.parent
     model = of_scene(scene, range_model(served, folder))
     report = partial(progress, f"reduced model, mode {curve.mode}")
-    (own,) = backbone(model, (curve.mode,), table.levels, table.up_to, curve.slips_at, report, rows)
+    (own,) = backbone(model, (curve.mode,), table.levels, table.up_to, curve.slips_at, report)
     shown = " and ".join(
         f"its {name.replace('_', ' ')} by {100.0 * error:.2g} %"
         for name, error in own.estimated.items()
@@ -217,12 +204,7 @@ def _of_range_model(
 
 
 def _of_small_model(
-    name: str,
-    scene: Scene,
-    curve: Backbone,
-    start: State | None,
-    progress: Progress,
-    rows: Rows,
+    name: str, scene: Scene, curve: Backbone, start: State | None, progress: Progress
 ) -> tuple[_OfMode, tuple[str, ...]]:
     """Condensed or reduced model of a mode of the full model, and notes on it.
 
@@ -231,7 +213,7 @@ def _of_small_model(
     table, system = scene.backbone, scene.system()
     V, small = _small_model(name, scene, curve)
     report = partial(progress, f"{name} model, mode {curve.mode}")
-    (own,) = backbone(small, (curve.mode,), table.levels, table.up_to, curve.slips_at, report, rows)
+    (own,) = backbone(small, (curve.mode,), table.levels, table.up_to, curve.slips_at, report)
     slip = system.slip_norm((system.B @ (V @ own.states.T)).T)
     if start is not None and (system.opening is not None or system.has_springs):
         # A projection would press faces into each other, and has no forces of merged springs.
@@ -272,17 +254,13 @@ def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, 
     return basis.V, reduced_system(system, basis, **options.friction, periodic=False)
 
 
-def _ring_down(name: str, scene: Scene, model: _OfMode, progress: Progress, rows: Rows) -> RingDown:
+def _ring_down(name: str, scene: Scene, model: _OfMode, progress: Progress) -> RingDown:
     """Free vibration of a mode."""
     system, curve, cycles = model.system, model.curve, scene.backbone.ring_down
     steps, given = scene.time.steps_per_cycle, "rho_infinity" in scene.time.model_fields_set
     scheme = generalized_alpha(scene.time.rho_infinity) if given else None
-    origin = curve.shape, curve.stuck_frequency, curve.release, model.start
-    mark = rows.mark("ring-down", system, *origin, cycles, steps, scheme)
     report = partial(progress, f"{name} model, mode {curve.mode} rings down")
-    return rows.row(
-        mark, partial(ring_down, system, curve, cycles, steps, scheme, model.start, report)
-    )
+    return ring_down(system, curve, cycles, steps, scheme, model.start, report)
 
 
 def _doubts(model: ModelBackbone, mode: int) -> list[str]:

@@ -47,7 +47,7 @@ _WHOSE = {
 # Checkpoints and rows, from which an interrupted command is resumed, models for ranges, which other
 # commands use, and hidden files.
 _PASSED = re.compile(
-    r"checkpoint_.*\.npz|(sweep|response|backbone|error-time)_rows\.jsonl|"
+    r"checkpoint_.*\.npz|(sweep|response|error-time)_rows\.jsonl|"
     r"range_[0-9a-f]{16}\.npz|\..*"
 )
 

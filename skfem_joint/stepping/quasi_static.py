@@ -209,12 +209,9 @@ class QuasiStatic:
         path.problem = path.whole if self.condensed is None else path.whole.contact
         return path
 
-    def forget(self, last: FloatArray | None = None) -> None:
-        """Remember nothing of what was followed but its last increment, ``last`` or none.
-
-        What is followed next then depends, to the bit, on that and on its own start alone.
-        """
-        self.last = np.zeros_like(self.last) if last is None else last
+    def forget(self) -> None:
+        """Remember nothing of what was followed; what is next depends on its own start alone."""
+        self.last = np.zeros_like(self.last)
         self.problem.forget()
 
     @property
@@ -241,6 +238,15 @@ class QuasiStatic:
         self.beta, self.acting = self.beta[acting], np.repeat(acting, self.to.system.directions)
         self.B = self.B[:, kept]
         self._spare_rigid(rigid)
+
+    def spare_rigid(self) -> None:
+        """Let what is added to K act on all but rigid motions, at every level in full.
+
+        The forces of a level, (K + shift M) u + B^T f = F, are known from u then, which those of
+        the last increment alone would not be.
+        """
+        if self.shift and self.condensed is None:
+            self._spare_rigid(self.rigid)
 
     def _spare_rigid(self, rigid: FloatArray) -> None:
         """Take what is added to K from each level's forces for rigid motions alone, (n, r)."""

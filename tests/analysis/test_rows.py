@@ -11,19 +11,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bodies import pressed, structure
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from joint_scenes import bar_scene, joint, lap_joint
-from opening_blocks import opening_system
 
-import skfem_joint as sj
 from skfem_joint import cli
 from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.backbone import backbone
 from skfem_joint.analysis.rows import HEADER, Rows
-from skfem_joint.analysis.scene_backbone import BACKBONE_ROWS, scene_backbone
 from skfem_joint.analysis.scene_response import RESPONSE_ROWS, scene_response
 from skfem_joint.array_files import fingerprint
 from skfem_joint.errors import InputError
@@ -129,8 +124,8 @@ class Interrupted(Rows):
 RESPONSE = {"frequencies": {"from": 1800.0, "to": 2600.0, "points": 4}, "levels": [0.1, 0.3]}
 
 
-def response_of(rows: Rows, executor: Executor | None = None) -> Any:
-    scene = bar_scene(bar="coarse", response=RESPONSE, reduction={})
+def response_of(rows: Rows, executor: Executor | None = None, **options: Any) -> Any:
+    scene = bar_scene(bar="coarse", response=RESPONSE, reduction={}, **options)
     found = scene_response(scene, executor, rows=rows)
     return [(m.name, m.curves, m.estimates) for m in found.models], found.warnings
 
@@ -142,25 +137,6 @@ def side_by_side(rows: Rows) -> Any:
 
 def test_a_response_side_by_side_is_that_of_one_point_after_another():
     assert same(side_by_side(Rows()), response_of(Rows()))
-
-
-def backbone_of(rows: Rows, **options: Any) -> Any:
-    asked = {"levels": 4, "ring_down": 6, "modes": [1, 2]}
-    scene = bar_scene(bar="structure", backbone=asked, reduction={}, **options)
-    found = scene_backbone(scene, rows=rows)
-    return [(m.name, m.curves, m.ring_downs, m.errors) for m in found.models], found.warnings
-
-
-def plate_backbone(rows: Rows) -> Any:
-    """Levels of a sparse contact whose slips turn: each is gone round."""
-    mesh = sj.build_plate([("joint", 0.2, 8), ("free", 0.3, 6)], 0.05, 2)
-    system = structure(mesh, [pressed(pressure=8e6)]).system()
-    return backbone(system, (1,), 3, 0.5, rows=rows)
-
-
-def opening_backbone(rows: Rows) -> Any:
-    """Cycles with contact that opens."""
-    return backbone(opening_system(), (1, 2), 4, 0.05, rows=rows)
 
 
 def error_time_of(rows: Rows) -> Any:
@@ -176,9 +152,6 @@ def error_time_of(rows: Rows) -> Any:
 COMMANDS: dict[str, tuple[Callable[[Rows], Any], tuple[type, ...]]] = {
     "response": (response_of, RESPONSE_ROWS),
     "response, side by side": (side_by_side, RESPONSE_ROWS),
-    "backbone": (backbone_of, BACKBONE_ROWS),
-    "backbone of a plate": (plate_backbone, BACKBONE_ROWS),
-    "backbone with contact that opens": (opening_backbone, BACKBONE_ROWS),
     "error-time": (error_time_of, et.ROWS),
 }
 
@@ -212,16 +185,15 @@ def test_what_is_interrupted_goes_on_and_ends_as_if_nothing_had_happened(name, t
 
 def test_rows_of_another_scene_are_not_used(tmp_path):
     path = tmp_path / "rows.jsonl"
-    backbone_of(Rows(path, BACKBONE_ROWS))
-    rows = Rows(path, BACKBONE_ROWS)
-    backbone_of(rows, joint=[joint(friction=0.65)])
+    response_of(Rows(path, RESPONSE_ROWS))
+    rows = Rows(path, RESPONSE_ROWS)
+    response_of(rows, joint=[joint(friction=0.65)])
     assert rows.taken == 0 < rows.computed
 
 
 SCENE = """
 [backbone]
 levels = 4
-ring_down = 6
 
 [response]
 frequencies = { from = 2200.0, to = 2500.0, points = 3 }
@@ -253,9 +225,7 @@ def timeless(folder: Path) -> dict[str, Any]:
     ("name", "number"),
     [
         ("response", signal.SIGINT),
-        ("backbone", signal.SIGTERM),
-        pytest.param("response", signal.SIGTERM, marks=pytest.mark.slow),
-        pytest.param("backbone", signal.SIGINT, marks=pytest.mark.slow),
+        ("response", signal.SIGTERM),
         pytest.param("error-time", signal.SIGINT, marks=pytest.mark.slow),
         pytest.param("error-time", signal.SIGTERM, marks=pytest.mark.slow),
     ],
