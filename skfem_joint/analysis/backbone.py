@@ -566,11 +566,9 @@ def _check_levels(
             f"backbone: mode {number} moves the structure as a rigid body; support it, or choose "
             "a higher mode"
         )
-    path.forget()  # a curve does not depend on those of other modes
     limit = path.limit(mode.force)
     if slips_at is None:
         slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, limit, False)
-        path.forget()  # nor on the search
         if np.isinf(slips_at):
             raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
     if shares[-1] * slips_at >= limit:

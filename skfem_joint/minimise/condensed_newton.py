@@ -125,7 +125,3 @@ class CondensedNewton:
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
         """See `StepProblem`."""
         self.contact.restore(saved)
-
-    def forget(self) -> None:
-        """See `StepProblem`."""
-        self.contact.forget()

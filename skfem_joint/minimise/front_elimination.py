@@ -613,7 +613,3 @@ class FrontElimination:
         """See `StepProblem`."""
         for name in self.remembered:
             getattr(self.workspace, name)[:] = saved[name]
-
-    def forget(self) -> None:
-        """See `StepProblem`."""
-        self.restore(FrontElimination(self.H, self.points).saved())

@@ -730,8 +730,3 @@ class PrimalDualNewton:
         """See `StepProblem`."""
         for name in self.remembered:
             getattr(self.workspace, name)[:] = saved[name]
-
-    def forget(self) -> None:
-        """See `StepProblem`."""
-        for name in self.remembered:
-            getattr(self.workspace, name)[:] = 0.0

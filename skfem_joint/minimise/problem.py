@@ -226,9 +226,6 @@ class StepProblem(Protocol):
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
         """Continue with the values that `saved` returned."""
 
-    def forget(self) -> None:
-        """Drop all values of earlier minimisations: the next depends on its arguments alone."""
-
     def compile(self) -> None:
         """Compile all functions that `minimise` calls, without minimising."""
 
@@ -279,9 +276,6 @@ class LinearProblem:
         check_like(saved, {}, "step problem")
 
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
-        """See `StepProblem`."""
-
-    def forget(self) -> None:
         """See `StepProblem`."""
 
     def compile(self) -> None:

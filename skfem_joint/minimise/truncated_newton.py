@@ -451,7 +451,3 @@ class TruncatedNewton:
         """See `StepProblem`; factorises again."""
         if saved:
             self.keep(saved["tangents"], saved["sticking"])
-
-    def forget(self) -> None:
-        """See `StepProblem`."""
-        self.kept = self.factor = None

@@ -209,11 +209,6 @@ class QuasiStatic:
         path.problem = path.whole if self.condensed is None else path.whole.contact
         return path
 
-    def forget(self) -> None:
-        """Remember nothing of what was followed; what is next depends on its own start alone."""
-        self.last = np.zeros_like(self.last)
-        self.problem.forget()
-
     @property
     def factorizations(self) -> int:
         """Matrices factorised so far."""

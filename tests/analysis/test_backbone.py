@@ -85,13 +85,6 @@ def test_curves_of_a_bar_converge_to_the_exact_ones(power):
     assert errors[1][1] < 0.6 * errors[0][1] < 6e-3
 
 
-@pytest.mark.parametrize("system", [bar(), plate()])
-def test_a_curve_does_not_depend_on_modes_beside_it(system):
-    alone, beside = backbone(system, (2,), 3), backbone(system, (1, 2), 3)
-    for name in ("slips_at", "amplitude", "friction_damping", "states"):
-        np.testing.assert_array_equal(getattr(alone[0], name), getattr(beside[1], name))
-
-
 def test_viscous_damping_is_added_and_stuck_joints_have_it_alone():
     (found,) = backbone(bar(damping=1e-6), levels=3, up_to=1e-4)
     assert found.state == ("stick",) * 3
