@@ -56,6 +56,9 @@ CREPT = (
 )
 #: Dataclasses that rows of finished work of `scene_response` hold.
 RESPONSE_ROWS = (SteadyPoint,)
+#: Frequencies of the linear limits beside those asked for, and entries that the stiffness may have
+#: in all of them together. Their factors take some ten seconds so, of plates and of solids.
+BETWEEN, ENTRIES = 400, 10_000_000
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,8 @@ class SceneResponse:
     frequencies : ndarray, shape (k,)
         That the scene asks for, Hz.
     linear_frequencies : ndarray, shape (l,)
-        Of the linear limits, Hz: those and 400 more, which their peaks need.
+        Of the linear limits, Hz: those and up to 400 more, which their peaks need; fewer where the
+        stiffness has more than 25,000 entries.
     stuck, loose : ndarray, shape (l, points)
         Amplitudes of the linear limits at level 1, m.
     models : list of ModelResponse
@@ -178,7 +182,8 @@ def scene_response(
     scene, left_out = with_friction(scene)
     system, between = scene.system(), table.frequencies
     frequencies = np.linspace(between.from_, between.to, between.points)
-    fine = np.union1d(frequencies, np.linspace(between.from_, between.to, 400))
+    more = min(BETWEEN, ENTRIES // max(system.K.nnz, 1))
+    fine = np.union1d(frequencies, np.linspace(between.from_, between.to, more))
     limits = []
     for held, limit in ((True, "stuck"), (False, "loose")):
         with announced(progress, f"linear response, {limit}"):

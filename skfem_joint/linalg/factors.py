@@ -180,15 +180,17 @@ def _by_pardiso(library: Any, A: Any) -> Callable[[FloatArray], FloatArray]:
     return solve
 
 
-def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A") -> SuperLU:
+def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A", pivot: float = 0.0) -> SuperLU:
     """LU factors of a sparse matrix with pivots from the diagonal.
+
+    Where one is smaller than the share ``pivot`` of its column another one is taken.
 
     Raises
     ------
     RuntimeError
         If a pivot is zero.
     """
-    how: dict[str, Any] = {"diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
+    how: dict[str, Any] = {"diag_pivot_thresh": pivot, "options": {"SymmetricMode": True}}
     return splu(sparse.csc_array(A), order, **how)
 
 

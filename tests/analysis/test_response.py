@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from bodies import structure
 from joint_scenes import bar_scene, harmonic, joint
+from scipy import sparse
 from scipy.sparse.linalg import splu
 from stepping_systems import arm
 
@@ -73,6 +74,21 @@ def test_a_linear_response_adds_the_harmonics_of_all_loads_through_sharp_resonan
                 motion += np.outer(system.P @ u.real, wave) + np.outer(system.P @ u.imag, turned)
         exact.append(0.5 * np.ptp(motion, axis=1))
     np.testing.assert_allclose(linear_response(system, f, stuck=False), exact, rtol=1e-6)
+
+
+def test_a_linear_response_at_a_natural_frequency_that_nothing_damps_is_refused():
+    square = (2.0 * np.pi) ** 2
+    K = sparse.csr_array(np.diag([square, 4.0 * square]))
+    load = sj.AppliedLoad(np.array([1.0, 0.0]), sj.Harmonic(1.0, 1.0))
+    one = sparse.csr_array([[0.0, 1.0]])
+    eye = sparse.eye_array(2, format="csr")
+    system = sj.System(
+        eye, None, K, one, np.array([1.0]), np.inf, loads=(load,), P=eye, points=("a", "b")
+    )
+    near = linear_response(system, np.array([1.25]), stuck=False)[0]
+    assert near == pytest.approx([1.0 / square / (1.25**2 - 1.0), 0.0], rel=1e-4)
+    with pytest.raises(sj.InputError, match=r"found 1 Hz, .* nothing damps: give damping"):
+        linear_response(system, np.array([1.0]), stuck=False)
 
 
 def test_peaks_are_found_and_fall_with_the_level():
