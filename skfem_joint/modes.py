@@ -107,7 +107,12 @@ def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
 
 
 def is_singular(K: Matrix) -> bool:
-    """Whether a positive semidefinite matrix is singular, by its smallest pivot."""
+    """Whether a positive semidefinite matrix is singular, by its smallest pivot.
+
+    A matrix without rows, as of a structure of which every node is in contact, is not.
+    """
+    if K.shape[0] == 0:
+        return False
     try:
         each = pivots(K)
     except RuntimeError:  # exactly singular
