@@ -199,12 +199,6 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
         action="store_true",
         help="go on from the checkpoints in DIR, if there are any; results are the same to the bit",
     )
-    run.add_argument(
-        "--memory-limit",
-        type=float,
-        metavar="GIB",
-        help="refuse a run that would need more (default: 80 %% of the memory available)",
-    )
 
 
 def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
@@ -251,15 +245,11 @@ def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Run the models of a scene, estimate their errors, write the results and print a summary."""
     from skfem_joint import output
-    from skfem_joint.analysis import memory
     from skfem_joint.analysis.study import run_scene
     from skfem_joint.output import report
     from skfem_joint.stepping.checkpoint import Checkpoints
 
-    limit, out = options.memory_limit, options.out
-    scene = _scene_of_models(options)
-    memory.check(scene, memory.default_limit() if limit is None else limit * memory.GIB)
-    checkpoints = None
+    scene, out, checkpoints = _scene_of_models(options), options.out, None
     if options.checkpoint_every is not None or options.resume:
         checkpoints = Checkpoints(out, options.checkpoint_every, options.resume)
         if options.resume and not checkpoints.files():
@@ -354,7 +344,6 @@ def _certify(study: Study, progress: Progress, executor: Executor | None) -> Stu
 
 def _check(options: argparse.Namespace) -> int:
     """Validate a scene and its sweep, and print what a run would be."""
-    from skfem_joint.analysis import memory
     from skfem_joint.analysis.against_opening import against_opening
     from skfem_joint.analysis.description import describe
     from skfem_joint.analysis.scene_plan import plan_of, with_friction
@@ -389,8 +378,6 @@ def _check(options: argparse.Namespace) -> int:
     tell(filter(None, [against_opening(scene, description.values.get("normal_force_change"))]))
     if swept is not None:
         print(f"The sweep has {len(swept.scenes)} scenes, each valid.")
-    need = sum(memory.needed(scene).values())
-    print(f"A run needs about {memory.size(need)} beside the program.")
     return 0
 
 

@@ -18,7 +18,6 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
-from skfem_joint.analysis import memory
 from skfem_joint.analysis.error_time import THREADS
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import origin_of
@@ -223,9 +222,8 @@ def _run(scene: Scene, folder: Path | None = None) -> Content:
     """
     try:
         if scene.reduction.range is None:
-            memory.check(scene, memory.default_limit())
             study = run_scene(scene)
-        else:  # the model was made, so that there is memory for the full system
+        else:
             study = run_scene_in_range(scene, folder)
     except JointError as error:
         return {}, str(error), []
