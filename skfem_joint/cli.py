@@ -115,7 +115,7 @@ def _parser() -> argparse.ArgumentParser:
     file.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
     out.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
     workers.add_argument(
-        "--executor", choices=("processes", "dask", "mpi"), default="processes",
+        "--executor", choices=("processes", "dask"), default="processes",
         help="where the work runs (default: processes)",
     )  # fmt: skip
     workers.add_argument(

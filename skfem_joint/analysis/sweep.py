@@ -26,7 +26,7 @@ from skfem_joint.analysis.study import run_scene, run_scene_in_range
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
-from skfem_joint.processes import SAFE_PATH, Spawn, interrupts_blocked, safe_path
+from skfem_joint.processes import Spawn, interrupts_blocked, safe_path
 from skfem_joint.scene import Scene
 from skfem_joint.values import COUNT, check, check_some
 
@@ -279,7 +279,7 @@ def executors(
 
     Parameters
     ----------
-    kind : {"processes", "dask", "mpi"}
+    kind : {"processes", "dask"}
     workers : int, optional
         Number of processes.
     address : str, optional
@@ -306,10 +306,6 @@ def executors(
                 client = distributed.Client(address, **({} if address else local))
                 stack.enter_context(client)
             yield client.get_executor
-    elif kind == "mpi":
-        library = needed("mpi4py.futures", "mpi")
-        with safe_path():
-            yield partial(library.MPIPoolExecutor, workers, python_args=[SAFE_PATH])
     else:
         try:
             yield partial(processes, workers)
