@@ -155,7 +155,9 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     # The same command replaces its own files and keeps others.
     (out / "mine.txt").write_text("mine")
     assert cli.main(arguments(scene, [file], out)) == 0
-    assert "other files, which stay unless results replace them: mine.txt" in capsys.readouterr().out
+    assert (
+        "other files, which stay unless results replace them: mine.txt" in capsys.readouterr().out
+    )
     assert {path.name for path in out.iterdir()} == {*FILES, LIST} | {"mine.txt"}
     (out / "fitted.toml").write_text("mine too")
     assert cli.main(arguments(scene, [file], out)) == 2
