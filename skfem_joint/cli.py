@@ -114,8 +114,13 @@ def _parser() -> argparse.ArgumentParser:
     )
     file.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
     out.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
+    out.add_argument(
+        "--overwrite", action="store_true",
+        help="write into DIR even if it has files of other origin, or results that were changed: "
+        "those of the same names are replaced, no others removed",
+    )  # fmt: skip
     workers.add_argument(
-        "--executor", choices=("processes", "dask", "mpi"), default="processes",
+        "--executor", choices=("processes", "dask"), default="processes",
         help="where the work runs (default: processes)",
     )  # fmt: skip
     workers.add_argument(
@@ -199,12 +204,6 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
         action="store_true",
         help="go on from the checkpoints in DIR, if there are any; results are the same to the bit",
     )
-    run.add_argument(
-        "--memory-limit",
-        type=float,
-        metavar="GIB",
-        help="refuse a run that would need more (default: 80 %% of the memory available)",
-    )
 
 
 def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
@@ -251,20 +250,16 @@ def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Run the models of a scene, estimate their errors, write the results and print a summary."""
     from skfem_joint import output
-    from skfem_joint.analysis import memory
     from skfem_joint.analysis.study import run_scene
     from skfem_joint.output import report
     from skfem_joint.stepping.checkpoint import Checkpoints
 
-    limit, out = options.memory_limit, options.out
-    scene = _scene_of_models(options)
-    memory.check(scene, memory.default_limit() if limit is None else limit * memory.GIB)
-    checkpoints = None
+    scene, out, checkpoints = _scene_of_models(options), options.out, None
     if options.checkpoint_every is not None or options.resume:
         checkpoints = Checkpoints(out, options.checkpoint_every, options.resume)
         if options.resume and not checkpoints.files():
             _log.warning("No checkpoint in %s: the run starts anew.", out)
-    with output.prepare(scene, out) as notes, _progress(options) as progress:
+    with output.prepare(scene, out, options.overwrite) as notes, _progress(options) as progress:
         study = run_scene(scene, progress, checkpoints, out)
         if options.certify and not study.ended:
             with _executor(options) as executor:
@@ -354,7 +349,6 @@ def _certify(study: Study, progress: Progress, executor: Executor | None) -> Stu
 
 def _check(options: argparse.Namespace) -> int:
     """Validate a scene and its sweep, and print what a run would be."""
-    from skfem_joint.analysis import memory
     from skfem_joint.analysis.against_opening import against_opening
     from skfem_joint.analysis.description import describe
     from skfem_joint.analysis.scene_plan import plan_of, with_friction
@@ -389,8 +383,6 @@ def _check(options: argparse.Namespace) -> int:
     tell(filter(None, [against_opening(scene, description.values.get("normal_force_change"))]))
     if swept is not None:
         print(f"The sweep has {len(swept.scenes)} scenes, each valid.")
-    need = sum(memory.needed(scene).values())
-    print(f"A run needs about {memory.size(need)} beside the program.")
     return 0
 
 
@@ -449,10 +441,9 @@ def _backbone(options: argparse.Namespace) -> int:
     """Compute frequency and damping of modes over their amplitude, write and print them."""
     from skfem_joint.analysis.scene_backbone import scene_backbone
     from skfem_joint.output import damping
-    from skfem_joint.output.folder import kept
 
     scene = _vibrating(options)
-    with kept(options.out) as notes:
+    with _kept(options) as notes:
         with _progress(options) as progress:
             backbone = scene_backbone(scene, progress, options.out)
         backbone = replace(backbone, warnings=(*backbone.warnings, *notes))
@@ -471,7 +462,6 @@ def _response(options: argparse.Namespace) -> int:
         scene_response,
     )
     from skfem_joint.output import damping
-    from skfem_joint.output.folder import kept
 
     def ready(scene: Scene) -> None:
         scene.check_vibrates(options.name)
@@ -480,7 +470,7 @@ def _response(options: argparse.Namespace) -> int:
     scene = _loaded(options, ready)
     with _progress(options) as progress, announced(progress, "making the structure"):
         response_table(scene)  # before earlier results are removed
-    with kept(options.out) as notes, _rows(options, RESPONSE_ROWS) as rows:
+    with _kept(options) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             # The backbones first: they take seconds, and a wrong mode ends the command at once.
             curves = given_backbones(scene, progress)
@@ -497,7 +487,6 @@ def _fit(options: argparse.Namespace) -> int:
     from skfem_joint.analysis.fit import FitProblem, solved
     from skfem_joint.analysis.fit_curves import fine_curves
     from skfem_joint.output import fits
-    from skfem_joint.output.folder import kept
 
     fits.check_apart(options.out, [options.scene, *options.data])
     free, data = _free(options.free), _measured(options)
@@ -509,7 +498,7 @@ def _fit(options: argparse.Namespace) -> int:
         )
     with _progress(options) as progress, announced(progress, "making the structure"):
         problem = FitProblem(scene, data, free)  # before earlier results are removed
-    with kept(options.out, used=fits.NAMES) as notes:
+    with _kept(options) as notes:
         with _progress(options) as progress:
             found = solved(problem, progress)
             with announced(progress, "curves of the best values"):
@@ -579,7 +568,7 @@ def _error_time(options: argparse.Namespace) -> int:
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
         return _status_of(again, pinned)
     comparison.check_options(scene, options.repeats)  # before earlier results are removed
-    with folder.kept(options.out) as notes, _rows(options, comparison.ROWS) as rows:
+    with _kept(options) as notes, _rows(options, comparison.ROWS) as rows:
         with _progress(options) as progress:
             measured = comparison.error_time(
                 scene, repeats=options.repeats, quick=options.quick, progress=progress, rows=rows
@@ -596,14 +585,14 @@ def _sweep(options: argparse.Namespace) -> int:
     from skfem_joint.analysis.rows import Rows
     from skfem_joint.analysis.scene_range import make_missing
     from skfem_joint.files import holding
-    from skfem_joint.output import folder, sweeps
+    from skfem_joint.output import sweeps
     from skfem_joint.scene import load_sweep
 
     with _progress(options) as progress:
         swept = load_sweep(options.scene, progress)
     out, rows, interrupted = options.out, [], False
     journal = out / sweeps.JOURNAL
-    with folder.kept(out, swept.scenes[0].output.plots) as notes:
+    with _kept(options, swept.scenes[0].output.plots) as notes:
         earlier = Rows(journal)  # `sweep` and `write` lock the folder themselves
         marks = analysis.marks_of(swept.scenes, earlier)
         _announce(earlier)
@@ -682,6 +671,13 @@ def _drop_output() -> None:
 def _progress(options: argparse.Namespace) -> AbstractContextManager[Progress]:
     """Progress on the error stream, as the options ask for it."""
     return progress_bar(options.quiet, options.verbose)
+
+
+def _kept(options: argparse.Namespace, drawn: bool = True) -> AbstractContextManager[list[str]]:
+    """Folder of the results, reserved for a command; gives notes about it."""
+    from skfem_joint.output.folder import kept
+
+    return kept(options.out, drawn, options.overwrite)
 
 
 @contextmanager

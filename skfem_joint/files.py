@@ -210,5 +210,5 @@ def needed(library: str, extra: str) -> Any:
         raise InputError(
             f"{library} is missing: pip install 'skfem-joint[{extra}]', or do without what needs "
             "it: output.plots needs matplotlib, pyvista and imageio, output.vtk needs pyvista, "
-            "a sweep's --executor dask needs distributed, mpi needs mpi4py"
+            "--executor dask needs distributed"
         ) from error

@@ -17,7 +17,7 @@ from skfem_joint import __version__, cli
 from skfem_joint.analysis import error_time, study
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.files import replacing
-from skfem_joint.output.record import writing
+from skfem_joint.output.record import LIST, writing
 from skfem_joint.scene import load_scene
 
 ROOT = Path(__file__).parent.parent
@@ -42,7 +42,8 @@ NO_OUTPUT = "vtk = false\nplots = false"
 
 
 def files_below(folder: Path) -> list[str]:
-    return sorted(str(file.relative_to(folder)) for file in folder.rglob("*"))
+    """Names of all files and folders below a folder, but the list of what was written."""
+    return sorted(str(f.relative_to(folder)) for f in folder.rglob("*") if f.name != LIST)
 
 
 def command(*arguments: str | Path) -> list[str]:
@@ -123,7 +124,7 @@ def test_run_writes_what_the_scene_asks_for(scene, tmp_path, capsys):
     assert all(fact in shown.out for fact in found.description.facts)
     assert summary["structure"] == found.description.values
     assert {"history.npz", "fields.pvd", "joint.png"} <= set(files_below(out))
-    assert not list(out.rglob(".*"))  # no leftovers
+    assert [file.name for file in out.rglob(".*")] == [LIST]  # no leftovers
 
 
 def test_check_says_what_each_joint_is_and_each_note_once(tmp_path, capsys):
@@ -366,7 +367,7 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(name, scene, tm
             assert 0.0 < other["estimated_error"]["peak_displacement"] < 0.05
     shown = capsys.readouterr().out
     assert f"Written to {out}" in shown
-    assert "left as they are: notes.txt." in shown
+    assert "which stay unless results replace them: notes.txt." in shown
 
 
 @pytest.mark.slow
@@ -377,14 +378,20 @@ def test_error_time_replaces_what_was_there(scene, tmp_path):
     assert files_below(out) == sorted([*error_time.FILES, "notes.txt", "summary.json"])
 
 
-def test_files_that_no_summary_lists_are_of_other_origin_and_stay(scene, tmp_path, capsys):
+def test_files_that_no_list_has_are_of_other_origin_and_stay(scene, tmp_path, capsys):
+    """With --overwrite too, but those of the names of results."""
     out = earlier(tmp_path / "out")
-    (out / "summary.json").unlink()
+    (out / LIST).unlink()
+    (out / "history.npz").write_text("old")
     before = files_below(out)
     for name in ("error-time", "run", "backbone", "response"):
         assert cli.main([name, str(scene(more=STEADY)), "--out", str(out)]) == 2
-        assert "move them away" in capsys.readouterr().err
+        assert "give --overwrite" in capsys.readouterr().err
     assert files_below(out) == before
+    assert cli.main(["run", str(scene(FULL_ONLY)), "--out", str(out), "--overwrite"]) == 0
+    assert files_below(out) == before
+    assert (out / "history.npz").read_bytes() != b"old"
+    assert (out / "joint.png").read_text() == (out / "notes.txt").read_text() == "old"
 
 
 @pytest.mark.parametrize(

@@ -208,6 +208,7 @@ def main(arguments=None):
     parser.add_argument("--out", type=Path, required=True, help="folder for the report")
     parser.add_argument("--bound", type=float, default=60.0, help="longest run of one of them, s")
     parser.add_argument("--quick", action="store_true", help="few points, one round")
+    parser.add_argument("--overwrite", action="store_true", help="replace files of other origin")
     options = parser.parse_args(arguments)
     scene, quick = load_scene(options.scene), options.quick
     bound = min(options.bound, 1.0) if quick else options.bound
@@ -223,7 +224,7 @@ def main(arguments=None):
         yield from explicit_jobs(reference)
         yield from made(reference)
 
-    with kept(options.out):
+    with kept(options.out, overwrite=options.overwrite):
         report = et.error_time(scene, bound=options.bound, quick=quick, more=others)
         report = replace(report, sections=(section(report.points, bound),))
         files = write_error_time(options.out, report)

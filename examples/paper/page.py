@@ -30,12 +30,6 @@ SHORT = {"better than published": "better", "agrees within the paper's own toler
 #: Printed values by item, some with rounding and name; pictures by item.
 PUBLISHED = tomllib.loads((HERE / "published.toml").read_text("utf-8"))
 PICTURES = tomllib.loads((HERE / "pictures.toml").read_text("utf-8"))
-#: Names of the files that the page consists of; files of other origin must not have them.
-USED_NAMES = re.compile(
-    r"reproduction\.md|summary\.md|paraview(/.*)?|curves(/.*\.csv)?|pictures(/("
-    + "|".join(re.escape(name) for drawn in PICTURES.values() for name in drawn)
-    + r")\.png)?"
-)
 #: Title and blocks of ``page.md`` by the name in the heading.
 TEMPLATES = {}
 for section in re.split(r"(?m)^## ", (HERE / "page.md").read_text("utf-8"))[1:]:

@@ -63,12 +63,12 @@ def main(arguments=None):
     parser.add_argument("items", nargs="*", metavar="ITEM", help="table3, fig19, section7.5, ...")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR")
     parser.add_argument("--quick", action="store_true", help="coarser sweeps")
+    parser.add_argument("--overwrite", action="store_true", help="replace files of other origin")
     options = parser.parse_args(arguments)
     try:
         keys, items = chosen(options.items), []
-        # Files of other origin under names of this page are not overwritten.
         with (
-            kept(options.out, used=page.USED_NAMES),
+            kept(options.out, overwrite=options.overwrite),
             writing(options.out, {"title": "Reproduction of the paper", "items": keys}),
         ):
             for key in keys:

@@ -29,6 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
+from skfem_joint.output.record import LIST
 from stability.launch import PATIENCE, command_line, complete, launch
 
 EXAMPLES = Path(__file__).parents[1]
@@ -75,22 +76,20 @@ def content(folder):
         elif path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
                 files[name] = {key: arrays[key].tobytes() for key in arrays}
-        elif path.is_file():
+        elif path.is_file() and path.name != LIST:  # which has times
             files[name] = path.read_bytes()
     return files
 
 
 def _summary(path):
-    """Summary without times; of files it has names only, as digests of files with times differ."""
-    summary = json.loads(path.read_text(encoding="utf-8"))
-    return _timeless(summary) | {"files": sorted(summary.get("files", ()))}
+    """Summary without times."""
+    return _timeless(json.loads(path.read_text(encoding="utf-8")))
 
 
 def _timeless(value):
     if not isinstance(value, dict):
         return value
-    # The mark has a digest of the summary with its times.
-    times = "wall_s", "offline_s", "estimate_s", "compilation_s", "written_by"
+    times = "wall_s", "offline_s", "estimate_s", "compilation_s"
     return {key: _timeless(part) for key, part in value.items() if not key.endswith(times)}
 
 
@@ -129,8 +128,8 @@ def kill(whole, out, resumed, rng, writing):
     process = launch(whole.scene, out, *resumed)
     try:
         if writing:
-            end, summary = time.monotonic() + PATIENCE, out / "summary.json"
-            while process.poll() is None and time.monotonic() < end and not summary.exists():
+            end, begun = time.monotonic() + PATIENCE, out / LIST
+            while process.poll() is None and time.monotonic() < end and not begun.exists():
                 time.sleep(0.001)
             time.sleep(rng.uniform(0.0, whole.writing))
         else:

@@ -7,7 +7,6 @@ Writes a page, a table of all cases and a picture; the exit status is 1 if a cas
 """
 
 import argparse
-import re
 import sys
 import time
 from pathlib import Path
@@ -27,10 +26,11 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the page")
     parser.add_argument("--quick", action="store_true", help="a few cases of each kind only")
+    parser.add_argument("--overwrite", action="store_true", help="replace files of other origin")
     options = parser.parse_args(arguments)
     try:
         # A folder that cannot be written to is refused before anything is computed.
-        with kept(options.out, used=re.compile(f"{report.PAGE}|{report.CASES}|{report.PICTURE}")):
+        with kept(options.out, overwrite=options.overwrite):
             begin = time.perf_counter()
             with progress_bar() as progress:
                 verdicts = judge.judge_all(quick_matrix() if options.quick else matrix(), progress)

@@ -3,7 +3,7 @@
 A scene: `study` calls one step of the analysis after the other; `models` has their results;
 `scene_plan` turns the scene into a plan and a basis; `description` says what its structure is
 before it is run; `accuracy` chooses time steps and a reduced model for an accuracy; `summary`
-collects numbers and warnings; `memory` estimates the memory that the results take.
+collects numbers and warnings.
 
 A run: `history` (loops, stick and slip, distances between runs), `contact_history`, `stress`,
 `active_region`.

@@ -18,7 +18,6 @@ from tempfile import TemporaryDirectory
 from threading import Thread
 from typing import Any
 
-from skfem_joint.analysis import memory
 from skfem_joint.analysis.error_time import THREADS
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import origin_of
@@ -27,7 +26,7 @@ from skfem_joint.analysis.study import run_scene, run_scene_in_range
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import InputError, JointError
 from skfem_joint.files import holding, needed
-from skfem_joint.processes import SAFE_PATH, Spawn, interrupts_blocked, safe_path
+from skfem_joint.processes import Spawn, interrupts_blocked, safe_path
 from skfem_joint.scene import Scene
 from skfem_joint.values import COUNT, check, check_some
 
@@ -223,9 +222,8 @@ def _run(scene: Scene, folder: Path | None = None) -> Content:
     """
     try:
         if scene.reduction.range is None:
-            memory.check(scene, memory.default_limit())
             study = run_scene(scene)
-        else:  # the model was made, so that there is memory for the full system
+        else:
             study = run_scene_in_range(scene, folder)
     except JointError as error:
         return {}, str(error), []
@@ -281,7 +279,7 @@ def executors(
 
     Parameters
     ----------
-    kind : {"processes", "dask", "mpi"}
+    kind : {"processes", "dask"}
     workers : int, optional
         Number of processes.
     address : str, optional
@@ -308,10 +306,6 @@ def executors(
                 client = distributed.Client(address, **({} if address else local))
                 stack.enter_context(client)
             yield client.get_executor
-    elif kind == "mpi":
-        library = needed("mpi4py.futures", "mpi")
-        with safe_path():
-            yield partial(library.MPIPoolExecutor, workers, python_args=[SAFE_PATH])
     else:
         try:
             yield partial(processes, workers)

@@ -108,13 +108,6 @@ def dense_bytes(kept: int) -> int:
     return 8 * SETTINGS.copies * kept**2
 
 
-def complement_bytes(A: Any, kept: IntArray) -> int:
-    """Memory for the dense complement of A, bytes; 0 where it is not condensed or stays sparse."""
-    if _narrow_border(A, kept).size or not condensing_pays(A, kept):
-        return 0
-    return dense_bytes(kept.size)
-
-
 @cache
 def physical_memory() -> float:
     """Memory of the machine, bytes; 4 GiB where the system does not say."""

@@ -436,16 +436,12 @@ class TruncatedNewton:
         return {} if self.kept is None else dict(zip(names, self.kept, strict=True))
 
     def check(self, saved: dict[str, NDArray[Any]]) -> None:
-        """See `StepProblem`: no tangent of friction is negative."""
+        """See `StepProblem`."""
         if not saved:
             return
         n, m = self.diagonal.size, self.first.size
         planned = {"tangents": np.zeros((m, 3)), "sticking": np.zeros(n, dtype=np.bool_)}
         check_like(saved, planned, "step problem")
-        a, b, c = saved["tangents"].T
-        small = 1e-9 * np.maximum(a, c)  # round-off
-        if np.any(np.minimum(a, c) < -small) or np.any(b * b > (a + small) * (c + small)):
-            raise ValueError("step problem/tangents are negative")
 
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
         """See `StepProblem`; factorises again."""

@@ -1,13 +1,12 @@
 """Folders of results: what is checked before a command runs, and all that is written after it.
 
-Every command lists its files with their digests in a ``summary.json``, so that the next one knows
-which files are ours, however the one before ended: see `record`.
+Every command lists its files, so that the next one knows which are ours, however the one before
+ended: see `record`.
 """
 
 from __future__ import annotations
 
 import logging
-import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -31,25 +30,12 @@ from skfem_joint.stepping.recording import Run
 Writer = Callable[[Path], object]
 _log = logging.getLogger(__name__)
 
-#: Names that commands may give to their files; what belongs to somebody else is not overwritten.
-USED_NAMES = re.compile(
-    r"history\.npz|joint_loops\.(csv|png)|fields\.pvd|fields_load\.csv|joint\.(png|gif)|histories\.png|energies\.png|"
-    r"proper_(values|orthogonal_modes)\.png|(hysteresis|active_region)_.*\.png|"
-    r"(backbone|response)\.(csv|png)|ring_down\.csv|error-time\.(md|csv|png)|total-time\.png|"
-    r"sweep\.(csv|parquet)|sweep_.*\.png|fields(/.*\.(vtu|vtm))?"
-)
 # What proper orthogonal modes come from, by the scene's `reduction.reference`.
 _WHOSE = {
     "static": "the static slip path of",
     "self": "the full model's own run with",
     "paper": "the paper's reference joint, scaled to",
 }
-# Checkpoints and rows, from which an interrupted command is resumed, models for ranges, which other
-# commands use, and hidden files.
-_PASSED = re.compile(
-    r"checkpoint_.*\.npz|(sweep|response|error-time)_rows\.jsonl|"
-    r"range_[0-9a-f]{16}\.npz|\..*"
-)
 
 
 def check_libraries(scene: Scene) -> None:
@@ -62,7 +48,7 @@ def check_libraries(scene: Scene) -> None:
 
 
 @contextmanager
-def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
+def prepare(scene: Scene, folder: Path, overwrite: bool = False) -> Iterator[list[str]]:
     """Check before a run that a scene's output can be written, and reserve its folder.
 
     InputError if a library is missing or nothing can be drawn, and for the reasons of `kept`.
@@ -71,50 +57,39 @@ def prepare(scene: Scene, folder: Path) -> Iterator[list[str]]:
     if scene.output.plots:
         with offscreen():  # reports what is missing before the run
             pass
-    with kept(folder, scene.output.plots) as notes:
+    with kept(folder, scene.output.plots, overwrite) as notes:
         yield notes
 
 
 @contextmanager
-def kept(
-    folder: Path, drawn: bool = True, used: re.Pattern[str] = USED_NAMES
-) -> Iterator[list[str]]:
+def kept(folder: Path, drawn: bool = True, overwrite: bool = False) -> Iterator[list[str]]:
     """Reserve a folder for the results of one command, and remove an earlier command's results.
 
-    The files that the earlier command's summary lists are removed, so that nobody takes old results
-    for new ones if this command fails. All other files stay; the notes that are yielded name them.
+    They are removed so that nobody takes old results for new ones if this command fails. All other
+    files stay; the notes that are yielded name them.
 
     Parameters
     ----------
     folder : Path
     drawn : bool
         Whether the command draws curves, which needs matplotlib.
-    used : re.Pattern
-        Names that the command may give to its files.
+    overwrite : bool
+        Whether results may replace files of the same names that were changed, or are of other
+        origin.
 
     Raises
     ------
     InputError
         If the folder cannot be written to, another command is writing to it, matplotlib is missing,
-        or the folder holds another program's summary, results that were changed, or files of other
-        origin under names that are ``used``: then nothing is removed.
+        or as `clear`.
     """
     if drawn:
         needed("matplotlib", "plot")
     with holding(folder):
-        clear(folder, lambda name: used.fullmatch(name) is not None)
-        left = sorted(
-            path.name
-            for path in folder.iterdir()
-            if not (_PASSED.fullmatch(path.name) or _is_empty_folder(path))
-        )
+        left = clear(folder, overwrite)
         names = ", ".join(left[:3]) + (" and others" if len(left) > 3 else "")
-        yield [f"{folder} has files of other origin, left as they are: {names}."] if left else []
-
-
-def _is_empty_folder(path: Path) -> bool:
-    """Whether a path is a folder with nothing in it, as a run leaves that is killed in time."""
-    return path.is_dir() and not path.is_symlink() and not any(path.iterdir())
+        note = f"{folder} has other files, which stay unless results replace them: {names}."
+        yield [note] if left else []
 
 
 def write_error_time(folder: Path, measured: Report, notes: Sequence[str] = ()) -> list[Path]:

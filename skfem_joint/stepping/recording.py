@@ -733,11 +733,6 @@ class Recorder:
         for name, count in (counts | {"cycles": cycles + 1}).items():
             if saved[name] != count:
                 raise ValueError(f"recorder/{name} is {saved[name]}, must be {count}")
-        if not 0 <= saved["halved_steps"] <= done:
-            raise ValueError(f"recorder/halved_steps is {saved['halved_steps']} of {done} steps")
-        for name in ("peak", "run_peak", "slip_peak", "slider_peak"):
-            if np.any(saved[name] < 0.0):
-                raise ValueError(f"recorder/{name} is negative")
 
     def restore(self, saved: Mapping[str, NDArray[Any]]) -> None:
         """Take up what :meth:`saved` or, in the same run, :meth:`mark` returned."""

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from skfem_joint.minimise.compiled_step import CompiledStepProblem
 
 Saved = Mapping[str, NDArray[Any]]
-#: Share by which round-off may exceed a limit.
-_ROUND_OFF = 1e-9
 
 #: Stride of rows that are never stored.
 NEVER = 2**62
@@ -265,15 +263,6 @@ class Stepper(ABC):
         some = next(iter(self.prepared.values()))
         for part in of_problems:
             some.check(part)
-        for row in steps.tolist():
-            h, c = row[0], Coefficients._make([*row[:-1], bool(row[-1])])
-            known = 0.0 < h <= self.recorder.h * (1.0 + 1e-9)
-            if not known or c not in (self.scheme.coefficients(h), backward_euler(h)):
-                raise ValueError(f"stepper/steps holds a step of {h} s that the run does not take")
-        if np.any(np.abs(saved["sigma"]) > 1.0 + _ROUND_OFF):
-            raise ValueError("stepper/sigma is above the friction limit")
-        if saved["frequency"] < 0.0 or np.any(saved["counts"] < 0):
-            raise ValueError("stepper/frequency and stepper/counts must not be negative")
 
     def restore(self, saved: Saved) -> None:
         """Take up what :meth:`saved` gave, whatever was done before."""

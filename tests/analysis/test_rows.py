@@ -209,8 +209,6 @@ def timeless(folder: Path) -> dict[str, Any]:
             found[path.name] = path.read_text(encoding="utf-8")
         elif path.suffix == ".json":
             summary = json.loads(path.read_text(encoding="utf-8"))
-            del summary["written_by"]  # a digest of all, times included
-            summary["files"] = list(summary["files"])
             for model in summary.get("models", {}).values():
                 model.pop("wall_s", None)
                 model.pop("offline_s", None)

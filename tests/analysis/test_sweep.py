@@ -183,11 +183,11 @@ def test_a_killed_worker_of_dask_costs_no_row():
     [
         (("processes", 0), "--workers: found 0"),
         (("processes", None, "tcp://here:1"), "--address"),
-        (("mpi", 2), "skfem-joint[mpi]"),
+        (("dask", 2), "skfem-joint[dask]"),
     ],
 )
 def test_executors_that_there_cannot_be(options, words, monkeypatch):
-    monkeypatch.setitem(sys.modules, "mpi4py", None)
+    monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError) as caught, executors(*options):
         pass
     assert words in str(caught.value)

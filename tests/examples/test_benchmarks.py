@@ -172,7 +172,7 @@ def test_the_benchmark_of_solids_runs(monkeypatch, capsys):
     curves = re.findall(r"curve, .* from ([\d.]+) Hz, .* to ([\d.]+) Hz", text)
     full, condensed = np.array(curves, dtype=float)
     np.testing.assert_allclose(condensed, full, rtol=1e-3)
-    assert "memory said" in text
+    assert "memory taken" in text
 
 
 def test_the_benchmark_of_contact_points_runs(monkeypatch, capsys):

@@ -13,6 +13,7 @@ from stability.judge import REFUSED, RIGHT, WRONG, Verdict, judge
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.minimise import front_elimination
 from skfem_joint.minimise.truncated_newton import TruncatedNewton
+from skfem_joint.output.record import LIST
 from skfem_joint.stepping import steppers
 
 EASY = replace(BAR, elements=(20,), periods=2)
@@ -255,7 +256,7 @@ def test_a_quick_run_finds_nothing_wrong_in_silence(tmp_path, capsys):
     assert run.main(["--quick", "--out", str(tmp_path)]) == 0
     assert " 0 wrong in silence" in capsys.readouterr().out
     names = {report.PAGE, report.CASES, report.PICTURE}
-    assert {file.name for file in tmp_path.iterdir()} == {*names, "summary.json"}
-    (tmp_path / "summary.json").unlink()
+    assert {file.name for file in tmp_path.iterdir()} == {*names, "summary.json", LIST}
+    (tmp_path / LIST).unlink()
     assert run.main(["--quick", "--out", str(tmp_path)]) == 2
-    assert "move them away" in capsys.readouterr().err
+    assert "give --overwrite" in capsys.readouterr().err

@@ -16,6 +16,7 @@ from skfem_joint.analysis.fit import fit
 from skfem_joint.analysis.fit_curves import fine_curves
 from skfem_joint.analysis.measured import measured_curve
 from skfem_joint.output.fits import curves_figure, residuals_figure
+from skfem_joint.output.record import LIST
 from skfem_joint.scene import load_scene
 from skfem_joint.scene.rewriting import rewritten
 from skfem_joint.structure.parameters import value_of
@@ -95,7 +96,7 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     assert "± deviation" in shown
     assert "95 % interval" in shown
     assert "curves were computed in" in shown
-    assert {path.name for path in out.iterdir()} == FILES
+    assert {path.name for path in out.iterdir()} == {*FILES, LIST}
 
     found = json.loads((out / "fit.json").read_text(encoding="utf-8"))
     assert found["version"] == __version__
@@ -154,8 +155,10 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     # The same command replaces its own files and keeps others.
     (out / "mine.txt").write_text("mine")
     assert cli.main(arguments(scene, [file], out)) == 0
-    assert "files of other origin, left as they are: mine.txt" in capsys.readouterr().out
-    assert {path.name for path in out.iterdir()} == FILES | {"mine.txt"}
+    assert (
+        "other files, which stay unless results replace them: mine.txt" in capsys.readouterr().out
+    )
+    assert {path.name for path in out.iterdir()} == {*FILES, LIST} | {"mine.txt"}
     (out / "fitted.toml").write_text("mine too")
     assert cli.main(arguments(scene, [file], out)) == 2
     assert (out / "fitted.toml").read_text() == "mine too"

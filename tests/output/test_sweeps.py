@@ -196,14 +196,14 @@ def test_a_table_of_other_origin_is_not_overwritten(tmp_path, capsys):
     path, table = sweep_file(tmp_path, ONE), tmp_path / sweeps.TABLE
     table.write_text("mine")
     assert cli.main(["sweep", str(path), "--out", str(tmp_path)]) == 2
-    assert "move them away" in capsys.readouterr().err
+    assert "give --overwrite" in capsys.readouterr().err
     assert table.read_text() == "mine"
 
 
 def test_failed_scenes_are_reported_with_their_keys(tmp_path, capsys):
     sweep = '"reduction.reference" = ["static", "paper"]'
     path = sweep_file(tmp_path, sweep, ("modes = 5\n", "modes = 5000\n"))
-    arguments = ["sweep", str(path), "--out", str(tmp_path), "--workers", "1"]
+    arguments = ["sweep", str(path), "--out", str(tmp_path / "out"), "--workers", "1"]
     assert cli.main(["check", str(path)]) == 0
     assert "The sweep has 2 scenes, each valid." in capsys.readouterr().out
     assert cli.main(arguments) == 3
