@@ -294,7 +294,7 @@ def _draw_rulers(view: _View, panel: Any) -> None:
 
 
 def _image(view: _View) -> Any:
-    """Image of solids with their named surfaces and scales, of the size of the frame."""
+    """Image of solids with their named surfaces, of the size of the frame."""
     pyvista = needed("pyvista", "vtk")
     structure, middle = view.structure, 0.5 * (view.low + view.high) @ view.axes
     light = {"ambient": 0.55, "diffuse": 0.5}
@@ -380,4 +380,5 @@ def _draw_face(view: _View, panel: Any, mark: Mark) -> None:
         if panel.viewLim.contains(*(at := 1e3 * bolt.at[[i, j]])):
             panel.scatter(*at, marker="+", s=80, color=_COLOURS["bolt"])
             panel.annotate(bolt.text.split("\n")[0], at, (9, 14), color=_COLOURS["bolt"],
-                           textcoords="offset points", fontsize=8)  # fmt: skip
+                           textcoords="offset points", fontsize=8,
+                           bbox={"facecolor": "white", "edgecolor": "none", "pad": 1})  # fmt: skip
