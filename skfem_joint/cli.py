@@ -408,7 +408,8 @@ def _example(options: argparse.Namespace) -> int:
 
 def _preview(options: argparse.Namespace) -> int:
     """Draw mesh, names, supports, loads, joints and bolts of a scene, and say what was drawn."""
-    from skfem_joint.output.preview import check_target, preview_of, write_preview
+    from skfem_joint.output.preview import preview_of
+    from skfem_joint.output.preview_picture import check_target, write_preview
 
     out = options.out or Path(f"{options.scene.stem}.png")
     check_target(out, overwrite=options.overwrite)  # before bolts are tightened
@@ -536,7 +537,7 @@ def _free(given: Sequence[str]) -> dict[str, tuple[float, float]]:
 def _measured(options: argparse.Namespace) -> list[MeasuredCurve]:
     """Curves of the files of ``--data``; InputError with all that is wrong in them."""
     from skfem_joint.analysis.measured import measured_curve
-    from skfem_joint.analysis.measured_head import KEYS
+    from skfem_joint.analysis.measured_table import KEYS
 
     given = {name: getattr(options, name) for name in KEYS if name != "name"}
     curves, problems = [], []

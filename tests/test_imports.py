@@ -33,7 +33,7 @@ GROUND |= {"terminal", "text_tables", "values"}
 #: the package itself.
 FOLDERS = [
     *("ground", "linalg", "", "mesh", "structure", "minimise", "stepping", "reduction", "scene"),
-    *("reduction.scaled", "analysis", "output", "output.preview", "cli"),
+    *("reduction.scaled", "analysis", "output", "cli"),
 ]
 MODULES = sorted(
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts) for path in PACKAGE.rglob("*.py")

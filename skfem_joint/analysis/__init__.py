@@ -17,6 +17,5 @@ vibration over frequency) with `linear_response` and `step_errors`. `scene_backb
 `scene_response` do this for a scene's models; `sweep` runs many scenes; `rows` keeps finished work.
 
 A measurement: `damping_curve` (of a free vibration); `measured` (curves in files and arrays) with
-`measured_head` and `measured_columns`; `fit` (values that fit such curves) with `fit_model` and
-`fit_curves`.
+`measured_table`; `fit` (values that fit such curves) with `fit_model` and `fit_curves`.
 """

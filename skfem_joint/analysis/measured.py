@@ -1,8 +1,8 @@
 """Frequency and damping of a mode over amplitude as they were measured: what a fit compares with.
 
 They come from a table of text, from arrays, or from a free vibration over time. A file has comment
-lines that say what it is of (:mod:`skfem_joint.analysis.measured_head`), the names of its columns
-with units (:mod:`skfem_joint.analysis.measured_columns`) and rows of numbers::
+lines that say what it is of, the names of its columns with units
+(:mod:`skfem_joint.analysis.measured_table`) and rows of numbers::
 
     # point: tip
     # direction: y
@@ -22,23 +22,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from skfem_joint.analysis.damping_curve import DERIVATIVES, DampingCurve, damping_curve
-from skfem_joint.analysis.measured_columns import (
+from skfem_joint.analysis.measured_table import (
     AMPLITUDES,
     COLUMNS,
+    OFFSETS,
+    Head,
     Samples,
     check_samples,
     given_samples,
+    head_of,
     read_samples,
-    shown_units,
 )
-from skfem_joint.analysis.measured_head import OFFSETS, Head, head_of
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import ConvergenceError, InputError, closest, first_of
 
@@ -52,13 +53,10 @@ class MeasuredSettings:
     frequency_deviation, damping_deviation : float
         Standard deviation over the value. Frequencies repeat to about this from test to test with
         the same bolts; of dampings, even careful tests repeat to some percent.
-    doubtful_damping : float
-        Damping ratio from which on a note asks whether it is meant in percent.
     """
 
     frequency_deviation: float = 1e-4
     damping_deviation: float = 0.05
-    doubtful_damping: float = 0.2
 
 
 SETTINGS = MeasuredSettings()
@@ -150,36 +148,35 @@ class MeasuredCurve:
             not fit.
         """
         names, where = [*points], f"{self.name}: point"
-        weights = np.zeros(len(names))
+        shown, vector = first_of(names, 20), np.zeros(3)
         point = self.point or (names[0] if len(names) == 1 else "")
-        shown = first_of(names, 20)
+        rows = [names.index(row) for c in "xyz" if (row := f"{point}.{c}") in names]
         if not point:
             raise InputError(f"{where}: not given, must be one of {shown}")
-        rows = [names.index(row) for c in "xyz" if (row := f"{point}.{c}") in names]
         if point in names and (self.direction is None or not rows):  # a load may have its name
-            along = np.zeros(0) if self.direction is None else self.direction[1:]
-            if np.any(along):
+            rows, vector[0] = [names.index(point)], 1.0
+            if self.direction is not None and np.any(self.direction[1:]):
                 raise InputError(
                     f"{where}: found {point!r} and a direction, must be one row alone; leave the "
                     "direction out"
                 )
-            weights[names.index(point)] = 1.0
-            return weights
-        if not rows:
+        elif not rows:
             raise InputError(
                 f"{where}: found {point!r}, must be one of {shown}{closest(point, names)}"
             )
-        if self.direction is None:
+        elif self.direction is None:
             raise InputError(
                 f"{where}: found {point!r} without a direction; give direction, such as x, or one "
                 f"of {', '.join(names[row] for row in rows)} as the point"
             )
-        vector = np.pad(self.direction, (0, 3 - self.direction.size))
+        else:
+            vector[: self.direction.size] = self.direction
         if np.any(vector[len(rows) :]):
             raise InputError(
-                f"{where}: found direction {self.direction.tolist()}, must be of {len(rows)} "
-                "components, as the structure has"
+                f"{where}: found direction {vector.tolist()}, must be of {len(rows)} components, "
+                "as the structure has"
             )
+        weights = np.zeros(len(names))
         weights[rows] = vector[: len(rows)]
         return weights
 
@@ -196,7 +193,8 @@ def measured_curve(
         curve of :func:`damping_curve`. Columns are ``amplitude`` with ``frequency``, ``damping``
         (a ratio) or both, and maybe their standard deviations ``frequency_deviation`` and
         ``damping_deviation``, in the same units; or ``time`` and ``signal`` of a free vibration at
-        even steps. Units stand behind the names, as in "amplitude (mm)" or "damping (%)".
+        even steps. Units stand behind the names, as in "amplitude (mm)" or "damping (%)". Other
+        columns and other lines ``# key: value`` are refused.
     **given
         What the curve is of; each wins over the line ``# key: value`` of the file.
 
@@ -226,34 +224,28 @@ def measured_curve(
     ConvergenceError
         If no curve is found of a free vibration.
     """
-    samples = _samples(source)
-    head, notes = head_of(samples, given)
+    if isinstance(source, str | os.PathLike):
+        samples = read_samples(Path(source))
+    elif isinstance(source, Mapping | DampingCurve):
+        arrays = _arrays(source) if isinstance(source, DampingCurve) else source
+        samples = given_samples(arrays, "data")
+    else:
+        raise InputError(
+            f"measured_curve: found a {type(source).__name__} as the source, must be the path of a "
+            "file, a mapping from names of columns to arrays, or a DampingCurve"
+        )
+    head = head_of(samples, given)
     check_samples(samples)
-    quantity, unit, assumed = _unit_of_amplitude(samples, head)
+    quantity, unit, notes = _unit_of_amplitude(samples, head)
     if "signal" in samples.columns:
-        samples = _of_decay(samples, head, quantity)
+        samples, of_decay = _of_decay(samples, head, quantity)
+        notes += of_decay
     elif head.frequency is not None:
         raise InputError(
             f"{samples.where}: found key 'frequency', which is about that of a signal over time; "
             "leave it out: frequencies of a curve stand in a column"
         )
-    order = np.argsort(samples.columns["amplitude"], kind="stable")
-    curve = _curve(samples.taken(order), head, quantity, unit)
-    return replace(curve, notes=(*samples.notes, *notes, *assumed, *curve.notes))
-
-
-def _samples(source: Any) -> Samples:
-    """Samples of a file, of arrays or of a damping curve, not checked."""
-    if isinstance(source, DampingCurve):
-        return given_samples(_arrays(source), "data")
-    if isinstance(source, Mapping):
-        return given_samples(source, "data")
-    if isinstance(source, str | os.PathLike):
-        return read_samples(Path(source))
-    raise InputError(
-        f"measured_curve: found a {type(source).__name__} as the source, must be the path of a "
-        "file, a mapping from names of columns to arrays, or a DampingCurve"
-    )
+    return _curve(samples, head, quantity, unit, notes)
 
 
 def _arrays(curve: DampingCurve) -> dict[str, FloatArray]:
@@ -273,42 +265,33 @@ def _unit_of_amplitude(samples: Samples, head: Head) -> tuple[str, str, list[str
 
     InputError if neither is stated, or if they do not fit.
     """
-    column = "signal" if "signal" in samples.columns else "amplitude"
-    of_column = samples.units[column]
-    if head.unit is not None and of_column is not None and head.unit != of_column:
+    column, where = "signal" if "signal" in samples.columns else "amplitude", samples.where
+    stated, notes = {head.unit, samples.units[column]} - {None}, []
+    if head.quantity is not None and not stated:
+        stated = {next(iter(AMPLITUDES[head.quantity]))}
+        notes = [f"the {column} has no unit; it is read in {next(iter(stated))}."]
+    if len(stated) != 1:
+        found = " and ".join(sorted(map(str, stated))) or "no unit"
         raise InputError(
-            f"{samples.where}: found unit {head.unit!r} beside {of_column!r} in the name of the "
-            f"column {column!r}, must be the same"
+            f"{where}: found {found} of the {column}, must be one unit, in the name of the column, "
+            f"as in '{column} (m/s2)', or stated by unit: one of {', '.join(COLUMNS[column])}; or "
+            f"state quantity, one of {', '.join(DERIVATIVES)}, for values in SI units"
         )
-    unit, quantity = head.unit or of_column, head.quantity
-    assumed = []
-    if unit is None:
-        if quantity is None:
-            raise InputError(
-                f"{samples.where}: found no unit of the {column}, must be in the name of its "
-                f"column, as in '{column} (m/s2)', or be stated by unit: one of "
-                f"{shown_units(COLUMNS[column])}; or state quantity, one of "
-                f"{', '.join(DERIVATIVES)}, for values in SI units"
-            )
-        unit = next(iter(AMPLITUDES[quantity]))
-        assumed = [f"{samples.where}: the {column} has no unit; it is read in {unit}."]
+    unit = str(stated.pop())
     own = next(name for name, units in AMPLITUDES.items() if unit in units)
-    if quantity not in (None, own):
-        raise InputError(
-            f"{samples.where}: found quantity {quantity!r} in {unit!r}, which is a unit of "
-            f"{own}; must be one of {shown_units(AMPLITUDES[str(quantity)])}"
-        )
-    lacks = "frequency" not in samples.columns or np.isnan(samples.columns["frequency"]).all()
+    if head.quantity not in (None, own):
+        raise InputError(f"{where}: found quantity {head.quantity!r} in {unit!r}, a unit of {own}")
+    lacks = bool(np.isnan(samples.in_si("frequency")).all())
     if own != "displacement" and column == "amplitude" and lacks:
         raise InputError(
-            f"{samples.where}: found amplitudes of {own} and no frequency, by which they become "
+            f"{where}: found amplitudes of {own} and no frequency, by which they become "
             "displacements; add a column 'frequency (Hz)', or give amplitudes of displacement"
         )
-    return own, unit, assumed
+    return own, unit, notes
 
 
-def _of_decay(samples: Samples, head: Head, quantity: str) -> Samples:
-    """Curve of a free vibration, with amplitudes in the unit of its signal.
+def _of_decay(samples: Samples, head: Head, quantity: str) -> tuple[Samples, list[str]]:
+    """Curve of a free vibration, with amplitudes in the unit of its signal; and notes.
 
     InputError and ConvergenceError as `damping_curve`, with the name of the file.
     """
@@ -318,126 +301,79 @@ def _of_decay(samples: Samples, head: Head, quantity: str) -> Samples:
             f"{where}: found peak_to_peak beside a signal over time, whose amplitudes are half of "
             "peak to peak; leave it out"
         )
-    time = samples.columns["time"] * COLUMNS["time"][samples.units["time"] or "s"]
+    time, signal = samples.in_si("time"), samples.columns["signal"]
     try:
-        curve = damping_curve(time, samples.columns["signal"], head.frequency, quantity)
+        curve = damping_curve(time, signal, head.frequency, quantity)
     except InputError as error:
         raise InputError([f"{where}: {problem}" for problem in error.problems]) from error
     except ConvergenceError as error:
         raise ConvergenceError(f"{where}: {error}") from error
     found = given_samples(_arrays(curve), where)
-    note = f"{where}: the free vibration gives {curve.amplitude.size} samples of the curve."
-    notes = [*samples.notes, note]
+    notes = [f"the free vibration gives {curve.amplitude.size} samples of the curve."]
     if lost := int(np.isnan(found.columns["damping"]).sum()):
-        notes.append(f"{where}: noise hides the damping of {lost} of them.")
-    return found._replace(notes=notes)
+        notes.append(f"noise hides the damping of {lost} of them.")
+    return found, notes
 
 
-def _curve(samples: Samples, head: Head, quantity: str, unit: str) -> MeasuredCurve:
-    """Curve of samples over rising amplitude, with notes of what is assumed or doubtful."""
-    name = head.name or Path(samples.where).name
+def _curve(
+    samples: Samples, head: Head, quantity: str, unit: str, notes: list[str]
+) -> MeasuredCurve:
+    """Curve of samples over rising amplitude, with notes of what is assumed."""
     raw = samples.columns["amplitude"]
-    fitted = raw >= (head.lowest or 0.0)
-    if head.highest is not None:
-        fitted &= raw <= head.highest
+    fitted = (raw >= head.lowest) & (raw <= head.highest)
     if not fitted.any():
         raise InputError(
             f"{samples.where}: found no amplitude in the range that is fitted; amplitudes are "
-            f"{raw[0]:g} to {raw[-1]:g} in their unit"
+            f"{raw.min():g} to {raw.max():g} in their unit"
         )
-    values = {own: _in_si(samples, own) for own in OFFSETS}
-    deviations, notes = {}, []
-    for own, value in values.items():
-        share = getattr(head, f"relative_{own}_deviation")
-        deviations[own], said = _deviation(samples, own, value, share)
-        notes += said
-    notes += _doubts(samples, quantity, values["frequency"], values["damping"])
+    rise, arrays = np.argsort(raw, kind="stable"), {}
+    for name in OFFSETS:
+        arrays[name] = samples.in_si(name)[rise]
+        share = getattr(head, f"relative_{name}_deviation")
+        deviation, said = _deviation(samples, name, share)
+        arrays[f"{name}_deviation"] = deviation[rise]
+        notes = notes + said
+    lacking = int(np.isnan(arrays["frequency"]).sum())
+    if quantity != "displacement" and lacking:
+        notes = [
+            *notes,
+            f"{lacking} samples have no frequency; their displacement is found by that between "
+            "their neighbours.",
+        ]
     return MeasuredCurve(
-        name=name,
+        name=head.name or Path(samples.where).name,
         point=head.point,
         direction=head.direction,
         mode=head.mode,
         quantity=quantity,
-        amplitude=raw * AMPLITUDES[quantity][unit] * (0.5 if head.peak_to_peak else 1.0),
-        frequency=values["frequency"],
-        damping=values["damping"],
-        frequency_deviation=deviations["frequency"],
-        damping_deviation=deviations["damping"],
+        amplitude=raw[rise] * AMPLITUDES[quantity][unit] * (0.5 if head.peak_to_peak else 1.0),
         offset=head.offset,
-        fitted=fitted,
+        fitted=fitted[rise],
         notes=tuple(f"{samples.where}: {sentence}" for sentence in notes),
+        **arrays,
     )
 
 
-def _in_si(samples: Samples, column: str) -> FloatArray:
-    """Values of a column in SI units, (k,); nan if there is no such column."""
-    if column not in samples.columns:
-        return np.full(samples.numbers.size, np.nan)
-    return samples.columns[column] * _factor(samples, column)
+def _deviation(samples: Samples, name: str, share: float | None) -> tuple[FloatArray, list[str]]:
+    """Standard deviations of a column (k,) in SI units, nan where its values are; and notes.
 
-
-def _factor(samples: Samples, column: str) -> float:
-    units = COLUMNS[column]
-    return units[samples.units[column] or next(iter(units))]
-
-
-def _deviation(
-    samples: Samples, column: str, value: FloatArray, share: float | None
-) -> tuple[FloatArray, list[str]]:
-    """Standard deviations of a column's values (k,) in SI units, nan where these are; and notes.
-
-    ``share`` is that of the values that was stated; where nothing is stated, one is assumed.
+    ``share`` is that of the values that was stated, and takes the place of a column of deviations;
+    where nothing is stated, one is assumed.
     """
-    own, notes = f"{column}_deviation", []
-    stated = samples.units.get(own)
-    if stated is not None and _factor(samples, own) != _factor(samples, column):
-        raise InputError(
-            f"{samples.where}: column {own!r}: found unit {stated!r}, must be that of {column}, "
-            f"{samples.units[column] or next(iter(COLUMNS[column]))!r}; a share of the values is "
-            f"stated by relative_{column}_deviation"
-        )
-    if own in samples.columns and share is None:
-        deviation = samples.columns[own] * _factor(samples, column)
-    else:
-        deviation = np.full(value.size, np.nan)
-    if own in samples.columns and share is not None:
-        notes = [f"relative_{column}_deviation takes the place of column {own!r}."]
+    value, notes = samples.in_si(name), []
+    deviation = samples.in_si(f"{name}_deviation") if share is None else np.full(value.size, np.nan)
     missing = ~np.isnan(value) & np.isnan(deviation)
     if share is None and missing.any():
-        share = float(getattr(SETTINGS, own))
-        of = "" if missing.sum() == (~np.isnan(value)).sum() else f" of {missing.sum()} samples"
+        share = float(getattr(SETTINGS, f"{name}_deviation"))
         notes = [
-            f"standard deviations of the {column}{of} are not given; {100.0 * share:g} % of each "
-            f"value is assumed. State relative_{column}_deviation if they are known."
+            f"standard deviations of the {name} of {missing.sum()} samples are not given; "
+            f"{100.0 * share:g} % of each value is assumed. State relative_{name}_deviation if "
+            "they are known."
         ]
-    deviation = np.where(missing, value * (share or 1.0), deviation)
-    if np.any(deviation == 0.0):
-        k = int(np.argmin(np.where(np.isnan(deviation), np.inf, deviation)))
+    for k in np.flatnonzero(missing & (value == 0.0)):
         raise InputError(
-            f"{samples.place(k)}: {column}: found 0, whose standard deviation cannot be a share of "
-            f"it; give a column {own!r}, or leave the value empty"
+            f"{samples.place(k)}: {name}: found 0, whose standard deviation cannot be a share of "
+            f"it; give a column '{name}_deviation', or leave the value empty"
         )
+    deviation = np.where(missing, value * (share or 1.0), deviation)
     return np.where(np.isnan(value), np.nan, deviation), notes
-
-
-def _doubts(
-    samples: Samples, quantity: str, frequency: FloatArray, damping: FloatArray
-) -> list[str]:
-    """Sentences about what is allowed and may not be meant."""
-    notes = []
-    lacking = int(np.isnan(frequency).sum())
-    if quantity != "displacement" and lacking:
-        notes.append(
-            f"{lacking} samples have no frequency; their displacement is found by that between "
-            "their neighbours."
-        )
-    repeats = samples.numbers.size - np.unique(samples.columns["amplitude"]).size
-    if repeats:
-        notes.append(f"{repeats} amplitudes are repeated; each sample counts by itself.")
-    largest = np.nanmax(damping) if not np.isnan(damping).all() else 0.0
-    if samples.units.get("damping") is None and largest > SETTINGS.doubtful_damping:
-        notes.append(
-            f"damping up to {largest:g} is read as a ratio, {100.0 * largest:.3g} % of critical "
-            "damping; if it is in percent, name the column 'damping (%)'."
-        )
-    return notes

@@ -13,7 +13,7 @@ from skfem_joint import __version__
 from skfem_joint.analysis.fit import SETTINGS, Fit, Profile
 from skfem_joint.analysis.fit_curves import FineCurve, shifts
 from skfem_joint.analysis.measured import MeasuredCurve
-from skfem_joint.analysis.measured_columns import AMPLITUDES
+from skfem_joint.analysis.measured_table import AMPLITUDES
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import JointError, refuse
 from skfem_joint.files import replacing

@@ -34,20 +34,20 @@ def refused(source, *words, **given):
 
 def test_a_file_says_all_that_a_fit_needs(tmp_path):
     text = """# Beam with a bolted lap, 12 Nm
-# Operator: A. N. Other
+# Operator A. N. Other
 # Point: tip
 # direction: 0, 3, 4
 # quantity: acceleration   # of the sensor
 # mode: 2
 # offset: frequency
-# peak to peak: true
+# peak_to_peak: true
 # fit: 0.5..10
-amplitude (m/s²), frequency (Hz), damping (%), damping_deviation (%), temperature
-1.3, 401.6, 0.26, 0.01, 20
-0.4, 402.1, 0.21, 0.02, 20
-4.2, 399.8, , , 21   # too short
-12, 395, 0.8, 0.03, 21
-,,,,
+amplitude (m/s²), frequency (Hz), damping (%), damping_deviation (%)
+1.3, 401.6, 0.26, 0.01
+0.4, 402.1, 0.21, 0.02
+4.2, 399.8, ,   # too short
+12, 395, 0.8, 0.03
+,,,
 """
     curve = measured_curve(written(tmp_path, text))
     assert isinstance(curve, MeasuredCurve)
@@ -64,10 +64,8 @@ amplitude (m/s²), frequency (Hz), damping (%), damping_deviation (%), temperatu
     assert curve.fitted.tolist() == [False, True, True, False]  # in the data's own unit
     omega = 2.0 * np.pi * curve.frequency
     assert curve.displacement == pytest.approx(curve.amplitude / omega**2, rel=1e-14)
-    unused, remark, assumed = curve.notes
-    assert unused == "lap.csv: column 'temperature' is not used."
-    assert "comments are not used: 'Operator' (line 2)" in remark
-    assert "standard deviations of the frequency are not given; 0.01 % of each" in assumed
+    (assumed,) = curve.notes
+    assert "deviations of the frequency of 4 samples are not given; 0.01 % of each" in assumed
 
 
 @pytest.mark.parametrize(
@@ -81,7 +79,9 @@ amplitude (m/s²), frequency (Hz), damping (%), damping_deviation (%), temperatu
         ("mm/s2", "acceleration", 1e-3), ("g", "acceleration", 9.80665),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("name", ["amplitude (UNIT)", "Amplitude [UNIT]", "amplitude_UNIT", "unit"])
+@pytest.mark.parametrize(
+    "name", ["amplitude (UNIT)", "Amplitude [UNIT]", "AMPLITUDE (UNIT)", "unit"]
+)
 def test_units_and_quantities_become_displacements(unit, quantity, factor, name):
     raw, by_unit = np.array([1.0, 2.0, 5.0]), {"unit": unit} if name == "unit" else {}
     name = "amplitude" if by_unit else name.replace("UNIT", unit.replace(" ", ""))
@@ -97,15 +97,14 @@ def test_units_and_quantities_become_displacements(unit, quantity, factor, name)
 @pytest.mark.parametrize(
     ("columns", "frequency", "damping"),
     [
-        ({"frequency_kHz": 0.4, "damping_percent": 0.2}, 400.0, 0.002),
-        ({"Frequency (rad/s)": 800.0 * np.pi, "Damping ratio": 0.002}, 400.0, 0.002),
-        ({"frequency_hz": 400.0, "damping_ratio_%": 0.2}, 400.0, 0.002),
-        ({"frequency []": 400.0, "damping (-)": 0.002}, 400.0, 0.002),
+        ({"frequency (kHz)": 0.4, "damping (%)": 0.2}, 400.0, 0.002),
+        ({"Frequency (rad/s)": 800.0 * np.pi, "Damping (1)": 0.002}, 400.0, 0.002),
+        ({"frequency []": 400.0, "damping": 0.002}, 400.0, 0.002),
     ],
 )
 def test_units_of_frequency_and_damping(columns, frequency, damping):
     arrays = {name: np.full(3, value) for name, value in columns.items()}
-    curve = measured_curve({"amplitude_m_per_s2": [1.0, 2.0, 3.0]} | arrays)
+    curve = measured_curve({"amplitude (m/s2)": [1.0, 2.0, 3.0]} | arrays)
     assert curve.quantity == "acceleration"
     assert curve.frequency == pytest.approx(np.full(3, frequency), rel=1e-14)
     assert curve.damping == pytest.approx(np.full(3, damping), rel=1e-14)
@@ -132,13 +131,12 @@ def test_arguments_win_over_the_head(tmp_path):
 
 def test_deviations_of_columns_stand_where_they_are_and_shares_elsewhere():
     own = [2e-4, np.nan, 3e-4]
-    data = {"amplitude_m": [1.0, 2.0, 3.0], **ROWS, "damping_deviation": own}
+    data = {"amplitude (m)": [1.0, 2.0, 3.0], **ROWS, "damping_deviation": own}
     curve = measured_curve(data)
     assert curve.damping_deviation == pytest.approx([2e-4, 0.05 * 0.003, 3e-4])
     assert "of the damping of 1 samples are not given; 5 % of each" in curve.notes[1]
     replaced = measured_curve(data, relative_damping_deviation=0.1)
     assert replaced.damping_deviation == pytest.approx(0.1 * replaced.damping)
-    assert "takes the place of column 'damping_deviation'" in replaced.notes[1]
 
 
 def test_what_was_not_measured_is_nan_and_lies_between_neighbours():
@@ -149,19 +147,11 @@ def test_what_was_not_measured_is_nan_and_lies_between_neighbours():
     assert np.isnan(curve.frequency_deviation).tolist() == [False, True, False, False]
     used = np.array([400.0, 396.0, 390.0, 394.0])
     assert curve.displacement == pytest.approx(curve.amplitude / (2.0 * np.pi * used), rel=1e-14)
-    lacking, repeated = curve.notes
+    (lacking,) = curve.notes
     assert "1 samples have no frequency" in lacking
-    assert "1 amplitudes are repeated" in repeated
-    alone = measured_curve({"amplitude_mm": [1.0, 2.0, 3.0], "damping": ROWS["damping"]})
+    alone = measured_curve({"amplitude (mm)": [1.0, 2.0, 3.0], "damping": ROWS["damping"]})
     assert np.isnan(alone.frequency).all()
     assert alone.displacement == pytest.approx([1e-3, 2e-3, 3e-3])
-
-
-def test_a_damping_that_may_be_in_percent_is_asked_about():
-    data = {"amplitude_m": [1.0, 2.0, 3.0], "damping": [0.1, 0.3, 0.6]}
-    assert "60 % of critical damping; if it is in percent" in measured_curve(data).notes[-1]
-    data["damping_ratio (1)"] = data.pop("damping")
-    assert len(measured_curve(data).notes) == 1
 
 
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
@@ -195,7 +185,7 @@ def test_a_curve_is_read_as_it_was_written(tmp_path, separator, end, mark):
         ("4,395", "4,-395", ["line 4: frequency: found -395, must be > 0, from 1e-20 to"]),
         ("4,395", "4,1e-30", ["found 1e-30, must be > 0, from 1e-20 to 1e+20, or empty where it"]),
         ("4,395", "4,inf", ["line 4: frequency: found inf"]),
-        ("0.6", "-0.6", ["line 4: damping: found -0.6, must be >= 0 and below 100, or empty"]),
+        ("0.6", "-0.6", ["line 4: damping: found -0.6, must be >= 0 and below 100, a %, or empty"]),
         ("0.6", "600", ["line 4: damping: found 600, must be >= 0 and below 100"]),
         ("0.6", "0", ["line 4: damping: found 0, whose standard deviation cannot be a share"]),
         ("1,400,0.2", "-1,0,2", ["line 2: amplitude: found -1", "line 2: frequency: found 0"]),
@@ -204,31 +194,30 @@ def test_a_curve_is_read_as_it_was_written(tmp_path, separator, end, mark):
         ("4,395,0.6", "", ["lap.csv: found 2 rows of values, must be at least 3"]),
         ("amplitude (mm), frequency (Hz), damping (%)\n", "",
          ["line 1: found '1,400,0.2', must be the names of the columns, as in 'amplitude (mm)"]),
-        ("(mm)", "", ["found no unit of the amplitude, must be in the name of its column"]),
+        ("(mm)", "", ["found no unit of the amplitude, must be one unit, in the name of"]),
         ("(mm)", "(inch)", ["column 'amplitude (inch)': found unit 'inch', must be one of m, cm"]),
-        (" (mm)", "_tip", ["column 'amplitude_tip': found unit 'tip', must be one of m, cm, mm"]),
+        (" (mm)", "_mm", ["line 1: column 'amplitude_mm': must be one of amplitude, frequency"]),
         ("(Hz)", "(V)", ["found unit 'V', must be one of Hz, kHz, rad/s"]),
         ("(%)", "(dB)", ["found unit 'dB', must be one of 1, %"]),
-        ("frequency (Hz)", "freq", ["column 'freq': is none of amplitude, frequency, damping"]),
-        ("frequency (Hz)", "amplitude", ["line 1: found column 'amplitude' 2 times, must be once"]),
-        ("damping (%)", "damping_deviations", ["did you mean 'damping_deviation'?"]),
+        ("frequency (Hz)", "freq", ["column 'freq': must be one of amplitude, frequency, damping"]),
+        ("frequency (Hz)", "amplitude", ["line 1: found column 'amplitude' again, must be once"]),
+        ("damping (%)", "temperature", ["line 1: column 'temperature': must be one of amp"]),
         ("damping (%)", "damping_deviation", ["found column 'damping_deviation' and no 'damping'"]),
-        ("amplitude (mm), ", "level, ", ["found columns frequency, damping; must be amplitude wi"]),
-        ("amplitude (mm), frequency (Hz), damping (%)", "a,b,c",
-         ["found no column of a known name; must be amplitude with frequency, damping or both"]),
-        ("amplitude (mm)", "time", ["found columns time, frequency, damping; must be those of"]),
+        ("amplitude (mm), ", "time, ", ["found columns time, frequency, damping; must be ampl"]),
+        ("amplitude", "# Operator: A. N. Other\namplitude",
+         ["line 1: found key 'operator', must be one of name, point"]),
         ("amplitude", "# point: a\n# point: b\namplitude", ["line 2: found 'point' again"]),
         ("amplitude", "# units: m\namplitude", ["line 1: found key 'units', must be one of name,"]),
-        ("amplitude", "# unit: m\namplitude", ["found unit 'm' beside 'mm' in the name of the"]),
+        ("amplitude", "# unit: m\namplitude", ["found m and mm of the amplitude, must be"]),
         ("amplitude", "# unit: Hz\namplitude", ["line 1: unit: found 'Hz', must be one of m, cm"]),
         ("amplitude", "# quantity: velocity\namplitude",
-         ["found quantity 'velocity' in 'mm', which is a unit of displacement; must be one of"]),
+         ["found quantity 'velocity' in 'mm', a unit of displacement"]),
         ("amplitude", "# quantity: force\namplitude", ["quantity: found 'force', must be one of"]),
         ("amplitude", "# direction: up\n# mode: 0\n# mode2\n# point:\namplitude",
          ["line 1: direction: found 'up', must be x, y, z, or up to three", "line 2: mode: found ",
           "line 4: point: found '', must be a name"]),
-        ("amplitude", "# direction: 0, 0, 0\namplitude", ["finite numbers that are not all 0"]),
-        ("amplitude", "# peak_to_peak: yes\namplitude", ["found 'yes', must be true or false"]),
+        ("amplitude", "# direction: 0, 0, 0\namplitude", ["finite numbers not all 0"]),
+        ("amplitude", "# peak_to_peak: yes\namplitude", ["found 'yes', must be one of true"]),
         ("amplitude", "# offset: phase\namplitude", ["must be one or both of frequency, damping"]),
         ("amplitude", "# fit: 3\namplitude", ["fit: found '3', must be a range of amplitudes"]),
         ("amplitude", "# fit: 0...5\namplitude", ["fit: found '0...5', must be a range"]),
@@ -246,10 +235,10 @@ def test_what_is_wrong_is_refused_with_its_place(tmp_path, old, new, words):
 
 
 def test_deviations_are_of_the_unit_of_their_column(tmp_path):
-    text = "amplitude_mm, damping, damping_deviation_%\n1,0.1,1\n2,0.1,1\n3,0.1,1\n"
+    text = "amplitude (mm), damping, damping_deviation (%)\n1,0.1,1\n2,0.1,1\n3,0.1,1\n"
     words = "column 'damping_deviation': found unit '%', must be that of damping, '1'"
     refused(written(tmp_path, text), words)
-    text = "# relative_damping_deviation: 0.1\n" + text.replace("_%", "")
+    text = "# relative_damping_deviation: 0.1\n" + text.replace("deviation (%)", "deviation")
     words = "both column 'damping_deviation' and key 'relative_damping_deviation', must be one"
     refused(written(tmp_path, text), words)
 
@@ -261,9 +250,12 @@ def test_files_that_are_no_tables_are_refused(tmp_path):
         (b"PK\x03\x04\x00\x00" * 9, "lap.csv: holds no text"),
         (b"amplitude\n\xb2\n", "line 2: not UTF-8 text; save it as UTF-8"),
         (b"amplitude;damping\n", "lap.csv: found no unit of the amplitude"),
-        (b"amplitude_m;damping\n", "lap.csv: found 0 rows of values, must be at least 3"),
-        (b"amplitude_m, a;b\n", "line 1: found ',' and ';' between columns, must be one of them"),
-        (b"amplitude_m;damping\n0,1;0,5\n", "found '0,1', must be a number; decimals have a point"),
+        (b"amplitude (m);damping\n", "lap.csv: found 0 rows of values, must be at least 3"),
+        (b"amplitude (m), a;b\n", "line 1: found ',' and ';' between columns, must be one of them"),
+        (
+            b"amplitude (m);damping\n0,1;0,5\n",
+            "found '0,1', must be a number; decimals have a point",
+        ),
     ):
         path = written(tmp_path, content)
         with pytest.raises(InputError) as caught:
@@ -274,10 +266,10 @@ def test_files_that_are_no_tables_are_refused(tmp_path):
 
 
 def test_many_wrong_lines_are_counted(tmp_path):
-    bad = "amplitude_mm,damping\n" + "x,0.1\n" * 50
+    bad = "amplitude (mm),damping\n" + "x,0.1\n" * 50
     problems = refused(written(tmp_path, bad), *(f"line {k}:" for k in range(2, 12)), "40 more")
     assert problems[0] == f"{tmp_path / 'lap.csv'}: line 2: amplitude: found 'x', must be a number"
-    data = {"amplitude_mm": -np.ones(50), "damping": np.full(50, 0.1)}
+    data = {"amplitude (mm)": -np.ones(50), "damping": np.full(50, 0.1)}
     refused(data, *(f"data: sample {k}: amplitude: found -1" for k in range(10)), "40 more")
 
 
@@ -285,13 +277,13 @@ def test_many_wrong_lines_are_counted(tmp_path):
     ("given", "word"),
     [
         ({"points": "tip"}, "found argument 'points', must be one of name, point"),
-        ({"point": 3}, "measured_curve: point: found 3, must be a name"),
-        ({"mode": True}, "measured_curve: mode: found True, must be >= 1, a whole number"),
-        ({"mode": "1.5"}, "mode: found '1.5', must be >= 1, a whole number"),
-        ({"lowest": -1.0}, "lowest: found -1.0, must be >= 0 and finite"),
-        ({"highest": True}, "highest: found True, must be a finite number"),
+        ({"point": " "}, "measured_curve: point: found ' ', must be a name"),
+        ({"mode": True}, "measured_curve: mode: found True, must be a whole number >= 1"),
+        ({"mode": "1.5"}, "mode: found '1.5', must be a whole number >= 1"),
+        ({"lowest": -1.0}, "lowest: found -1.0, must be a finite number >= 0"),
+        ({"highest": True}, "highest: found True, must be a finite number >= 0"),
         ({"direction": [1.0, np.nan]}, "direction: found [1.0, nan], must be x, y, z"),
-        ({"direction": [[1.0]]}, "direction: found"),
+        ({"direction": np.eye(2)}, "direction: found"),
         ({"relative_frequency_deviation": 0.0}, "found 0.0, must be a share of the value above 0"),
         ({"frequency": 0.0}, "frequency: found 0.0, must be > 0 and finite, in Hz"),
         ({"unit": 1.0}, "unit: found 1.0, must be one of m"),
@@ -299,25 +291,24 @@ def test_many_wrong_lines_are_counted(tmp_path):
     ],
 )
 def test_wrong_arguments_are_refused_by_name(given, word):
-    refused({"amplitude_mm": [1.0, 2.0, 3.0], **ROWS}, word, **given)
+    refused({"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}, word, **given)
 
 
 def test_wrong_arrays_are_refused():
-    good = {"amplitude_mm": [1.0, 2.0, 3.0], **ROWS}
+    good = {"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}
     refused(good | {"damping": [0.1, 0.2]}, "data: found arrays of shapes amplitude (3,)")
     refused(good | {"damping": [[0.1, 0.2]]}, "must be one shape (k,)")
     refused(good | {"damping": ["a", "b", "c"]}, "damping: found <U1 values, must be real numbers")
     refused(good | {"damping": [1.0, 1j, 0.0]}, "damping: found complex128 values, must be real")
-    refused(good | {"damping": [0.1, 0.2, 3.0]}, "is it in percent? Then name the column 'damping")
+    refused(good | {"damping": [0.1, 0.2, 3.0]}, "must be >= 0 and below 1, a ratio, or empty")
     refused(3.0, "found a float as the source, must be the path of a file, a mapping")
     only = {"amplitude (g)": [1.0, 2.0, 3.0], "damping": ROWS["damping"]}
     refused(only, "found amplitudes of acceleration and no frequency, by which they become displ")
-    unknown = {"amplitude_mm": [1.0, 2.0, 3.0], "damping": ROWS["damping"], "run": [1, 2, 3]}
-    assert measured_curve(unknown).notes[0] == "data: 'run' is not used."
+    refused(good | {"run": [1, 2, 3]}, "data: column 'run': must be one of amplitude, frequency")
 
 
 def test_points_and_directions_are_rows_of_a_system():
-    data = {"amplitude_mm": [1.0, 2.0, 3.0], **ROWS}
+    data = {"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}
     rows = ["base.x", "base.y", "tip.x", "tip.y"]
     diagonal = np.sqrt(0.5)
     for given, names, expected in (
@@ -382,20 +373,28 @@ def test_a_decay_becomes_the_curve_of_its_law(tmp_path, unit, factor):
 
 def test_what_is_wrong_with_a_decay_is_refused(tmp_path):
     t = np.arange(2000) / 2000.0
-    decay = {"time": t, "signal_mm": np.exp(-2.0 * t) * np.cos(500.0 * t)}
+    decay = {"time": t, "signal (mm)": np.exp(-2.0 * t) * np.cos(500.0 * t)}
     found = measured_curve(decay).damping
     assert found == pytest.approx(np.full(found.size, 0.004), rel=1e-3)
     refused(decay, "found peak_to_peak beside a signal over time", peak_to_peak=True)
     refused(decay | {"time": t**2}, "data: damping_curve: times must rise by even steps")
-    refused(decay | {"signal_mm": decay["signal_mm"][::-1]}, "does not decay; give the part after")
-    refused({"time": t, "signal": decay["signal_mm"]}, "found no unit of the signal, must be in")
-    refused(decay | {"damping": t}, "must be those of a curve over amplitude, or time and signal")
-    text = "time,signal_mm\n0,1\n0.1,\n0.2,nan\n"
+    refused(
+        decay | {"signal (mm)": decay["signal (mm)"][::-1]}, "does not decay; give the part after"
+    )
+    refused({"time": t, "signal": decay["signal (mm)"]}, "found no unit of the signal, must be one")
+    refused(decay | {"damping": t}, "or both, or time and signal, as in")
+    text = "time,signal (mm)\n0,1\n0.1,\n0.2,nan\n"
     refused(written(tmp_path, text), "line 3: signal: found '', must be a number")
+
+
+def test_an_empty_list_of_offsets_is_none():
+    data = {"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}
+    assert measured_curve(data, offset=()).offset == ()
+    assert measured_curve(data, offset=["damping"]).offset == ("damping",)
 
 
 def test_reading_warns_of_nothing():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        curve = measured_curve({"amplitude_mm": [3.0, 1.0, 2.0], **ROWS})
+        curve = measured_curve({"amplitude (mm)": [3.0, 1.0, 2.0], **ROWS})
     assert curve.frequency.tolist() == [398.0, 395.0, 400.0]

@@ -51,7 +51,7 @@ def test_folders_stand_in_the_order_of_their_imports():
     assert [name for name, _ in drawn] == expected
     listed = re.findall(r"^\| `?([\w. ]+?)`? \|", (PAGES / "architecture.md").read_text("utf-8"),
                         re.MULTILINE)  # fmt: skip
-    plain = {"ground": "ground modules", "": "package modules", "output.preview": None}
+    plain = {"ground": "ground modules", "": "package modules"}
     wanted = [name for name in (plain.get(name, name) for name in order) if name]
     assert listed[-len(wanted) :] == wanted
 

@@ -1,0 +1,434 @@
+"""Tables of measured curves and signals: columns with units, and comments that say what it is of.
+
+A column is one of `COLUMNS`, alone or with a unit: ``amplitude``, ``amplitude (mm)`` or
+``amplitude [mm]``. A comment ``# key: value`` states a key of `KEYS`, which are arguments of
+:func:`skfem_joint.measured_curve` too; other comments are remarks. Columns and keys of other names
+are refused.
+"""
+
+from __future__ import annotations
+
+import io
+import logging
+import math
+import re
+import unicodedata
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skfem_joint.analysis.damping_curve import DERIVATIVES
+from skfem_joint.arrays import FloatArray, IntArray, as_real
+from skfem_joint.errors import InputError, closest, refuse
+from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
+from skfem_joint.text_tables import Mistakes, number_in, rows_of
+
+_log = logging.getLogger(__name__)
+
+#: Units of the amplitude of each quantity and what they are in SI.
+AMPLITUDES: Mapping[str, Mapping[str, float]] = {
+    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6},
+    "acceleration": {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665},
+}
+_ANY_AMPLITUDE = {unit: value for units in AMPLITUDES.values() for unit, value in units.items()}
+_FREQUENCY = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / np.pi}
+_DAMPING = {"1": 1.0, "%": 1e-2}
+#: Units of each column; the first one is that of a column without a unit, except of amplitudes,
+#: whose unit or quantity must be stated.
+COLUMNS: Mapping[str, Mapping[str, float]] = {
+    "amplitude": _ANY_AMPLITUDE,
+    "frequency": _FREQUENCY,
+    "damping": _DAMPING,
+    "frequency_deviation": _FREQUENCY,
+    "damping_deviation": _DAMPING,
+    "time": {"s": 1.0, "ms": 1e-3},
+    "signal": _ANY_AMPLITUDE,
+}
+#: Quantities of which empty cells and nan stand for what was not measured.
+OFFSETS = ("frequency", "damping")
+_MAY_LACK = (*OFFSETS, "frequency_deviation", "damping_deviation")
+#: Sizes of values: squares of what is in between stay within the range of floats.
+_SMALLEST, _LARGEST = 1e-20, 1e20
+_EXAMPLE = "'amplitude (mm), frequency (Hz), damping (%)', or 'time (s), signal (m/s2)' of a decay"
+
+
+class Samples(NamedTuple):
+    """Columns of numbers as they were given, with their places for messages.
+
+    Attributes
+    ----------
+    where : str
+        File, or what arrays are called in messages.
+    columns : dict of str to ndarray, shape (k,)
+        In the units of ``units``; nan where nothing was measured.
+    units : dict of str to str or None
+        Of `COLUMNS`; None where none is stated.
+    kind : str
+        ``"line"`` of a file or ``"sample"`` of arrays.
+    numbers : ndarray of int, shape (k,)
+        Of lines or samples.
+    stated : list of (str, str, str)
+        Places, keys and texts of the comments that state a key.
+    """
+
+    where: str
+    columns: dict[str, FloatArray]
+    units: dict[str, str | None]
+    kind: str
+    numbers: IntArray
+    stated: list[tuple[str, str, str]]
+
+    def place(self, k: np.intp) -> str:
+        """Place of a row for messages."""
+        return f"{self.where}: {self.kind} {self.numbers[k]}"
+
+    def in_si(self, name: str) -> FloatArray:
+        """Values of a column in SI units, (k,); nan if there is no such column."""
+        factor = COLUMNS[name][self.units.get(name) or next(iter(COLUMNS[name]))]
+        return np.asarray(factor * self.columns.get(name, np.full(self.numbers.size, np.nan)))
+
+
+def read_samples(path: Path) -> Samples:
+    """Samples from a text file with named columns (UTF-8).
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has other columns or keys, or cells are no numbers. The message names
+        the file and the lines.
+    """
+    content = read_text(path, LARGEST_TABLE)
+    if "\0" in content:
+        raise InputError(f"{path}: holds no text, must be a table of text (CSV) in UTF-8")
+    if content and not content.endswith(("\n", "\r")):
+        _log.warning("%s: %s", path, UNFINISHED_LINE)
+    mistakes, units = Mistakes(path), None
+    values, numbers = array("d"), array("q")
+    try:
+        for number, text, cells in rows_of(io.StringIO(content, newline=None)):
+            place = f"{path}: line {number}"
+            if units is None:
+                if any(number_in(cell) is not None for cell in cells):
+                    raise InputError(
+                        f"{place}: found {text[:60]!r}, must be the names of the columns, as in "
+                        f"{_EXAMPLE}"
+                    )
+                units = _units_of(cells, place)
+            elif len(cells) != len(units):
+                mistakes.add(f"{place}: found {len(cells)} columns, must be {len(units)}")
+            elif any(cells):  # spreadsheets leave empty rows at the end
+                row = [number_in(cell or "nan") for cell in cells]
+                for name, cell, value in zip(units, cells, row, strict=True):
+                    if value is None or (not cell and name not in _MAY_LACK):
+                        hint = "; decimals have a point, as in 0.5" if "," in cell else ""
+                        found = f"{place}: {name}: found {cell[:60]!r}"
+                        mistakes.add(f"{found}, must be a number{hint}")
+                values.extend(math.nan if value is None else value for value in row)
+                numbers.append(number)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from error
+    mistakes.refuse()
+    if units is None:
+        raise InputError(f"{path}: found no columns, must begin with their names, as in {_EXAMPLE}")
+    columns = dict(zip(units, np.reshape(values, (-1, len(units))).T, strict=True))
+    lines = np.array(numbers, dtype=np.intp)
+    return Samples(str(path), columns, units, "line", lines, [*_stated(path, content)])
+
+
+def given_samples(arrays: Mapping[str, Any], where: str) -> Samples:
+    """Samples from arrays by the names of columns, which may have units as in files.
+
+    Raises
+    ------
+    InputError
+        If names are wrong or lack, or arrays are not real and of one shape (k,).
+    """
+    units = _units_of([str(name) for name in arrays], where)
+    pairs = zip(units, arrays.values(), strict=True)
+    columns = {name: as_real(given, f"{where}: {name}") for name, given in pairs}
+    shapes = {name: own.shape for name, own in columns.items()}
+    if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
+        found = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise InputError(f"{where}: found arrays of shapes {found}; must be one shape (k,)")
+    count = next(iter(columns.values())).size
+    return Samples(where, columns, units, "sample", np.arange(count), [])
+
+
+def _plain(unit: str) -> str:
+    """Unit in the letters of `COLUMNS`: µ is u, powers are plain digits, spaces are left out."""
+    return re.sub(r"\s|\^|\*\*", "", unicodedata.normalize("NFKC", unit).replace("μ", "u"))
+
+
+def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
+    """Units of columns by their names; InputError for others than those of a curve or a signal."""
+    units: dict[str, str | None] = {}
+    problems = []
+    for text in texts:
+        parts = re.fullmatch(r"(.*?)\s*(?:[(\[]([^()\[\]]*)[)\]])?", text.strip())
+        name, unit = (parts[1].casefold(), _plain(parts[2] or "")) if parts else (text, "")
+        if name not in COLUMNS:
+            problems.append(
+                f"{where}: column {text!r}: must be one of {', '.join(COLUMNS)}, with a unit in "
+                "brackets"
+            )
+        elif name in units:
+            problems.append(f"{where}: found column {name!r} again, must be once")
+        elif unit and unit not in COLUMNS[name]:
+            problems.append(
+                f"{where}: column {text!r}: found unit {parts and parts[2]!r}, must be one of "
+                f"{', '.join(COLUMNS[name])}"
+            )
+        else:
+            units[name] = unit or None
+    refuse(problems)
+    for name in OFFSETS:
+        own, of = units.get(f"{name}_deviation"), units.get(name) or next(iter(COLUMNS[name]))
+        if f"{name}_deviation" in units and name not in units:
+            raise InputError(f"{where}: found column '{name}_deviation' and no {name!r}")
+        if own not in (None, of):
+            raise InputError(
+                f"{where}: column '{name}_deviation': found unit {own!r}, must be that of {name}, "
+                f"{of!r}; a share of the values is stated by relative_{name}_deviation"
+            )
+        if f"{name}_deviation" in units:
+            units[f"{name}_deviation"] = of
+    curve = "amplitude" in units and units.keys() & {*OFFSETS}
+    if units.keys() & {"time", "signal"} if curve else units.keys() != {"time", "signal"}:
+        raise InputError(
+            f"{where}: found columns {', '.join(units)}; must be amplitude with frequency, damping "
+            f"or both, or time and signal, as in {_EXAMPLE}"
+        )
+    return units
+
+
+def check_samples(samples: Samples) -> None:
+    """Refuse values that nothing measured can have: all mistakes at once, by their lines.
+
+    Raises
+    ------
+    InputError
+        If amplitudes or frequencies are not positive, dampings negative or not below 1, deviations
+        not positive, values not finite, or a row has neither frequency nor damping.
+    """
+    mistakes = Mistakes(samples.where)
+    for name, values in samples.columns.items():
+        low, high = _SMALLEST, _LARGEST
+        must = f"must be > 0, from {low:g} to {high:g}"
+        if name in ("time", "signal"):
+            low, must = -_LARGEST, f"must be finite, at most {_LARGEST:g} in size"
+        elif name == "damping":
+            below = 100.0 if samples.units[name] == "%" else 1.0
+            low, high = 0.0, float(np.nextafter(below, 0.0))
+            must = f"must be >= 0 and below {below:g}, a {'%' if below > 1.0 else 'ratio'}"
+        lacks = np.isnan(values) & (name in _MAY_LACK)
+        must += ", or empty where it was not measured" if name in _MAY_LACK else ""
+        for k in np.flatnonzero(~lacks & ~((values >= low) & (values <= high))):
+            mistakes.add(f"{samples.place(k)}: {name}: found {values[k]:g}, {must}")
+    either = [samples.columns[name] for name in OFFSETS if name in samples.columns]
+    for k in np.flatnonzero(np.isnan(either).all(axis=0)) if either else ():
+        mistakes.add(
+            f"{samples.place(k)}: found neither a frequency nor a damping; leave the row out"
+        )
+    mistakes.refuse()
+    if (count := samples.numbers.size) < 3:
+        raise InputError(f"{samples.where}: found {count} rows of values, must be at least 3")
+
+
+@dataclass(frozen=True)
+class Head:
+    """What a measured curve is of.
+
+    Attributes
+    ----------
+    name : str, optional
+    point : str
+        Empty if not given.
+    direction : ndarray, shape (1,), (2,) or (3,), optional
+        Unit vector.
+    quantity : str, optional
+        Of `DERIVATIVES`.
+    unit : str, optional
+        Of the amplitude.
+    peak_to_peak : bool
+        Whether amplitudes are the whole of peak to peak rather than half.
+    mode : int
+        From 1.
+    offset : tuple of str
+        Of `OFFSETS` those that are known up to a constant.
+    lowest, highest : float
+        Range of amplitudes that is fitted, in the unit of the data.
+    relative_frequency_deviation, relative_damping_deviation : float, optional
+        Standard deviations as shares of the values.
+    frequency : float, optional
+        About that of the mode of a decay, Hz.
+    """
+
+    name: str | None = None
+    point: str = ""
+    direction: FloatArray | None = None
+    quantity: str | None = None
+    unit: str | None = None
+    peak_to_peak: bool = False
+    mode: int = 1
+    offset: tuple[str, ...] = ()
+    lowest: float = 0.0
+    highest: float = math.inf
+    relative_frequency_deviation: float | None = None
+    relative_damping_deviation: float | None = None
+    frequency: float | None = None
+
+
+class _WrongError(ValueError):
+    """What a value must be."""
+
+
+def _text(text: str) -> str:
+    if not text:
+        raise _WrongError("a name")
+    return text
+
+
+def _direction(text: str) -> FloatArray:
+    axes = {"x": "1, 0, 0", "y": "0, 1, 0", "z": "0, 0, 1"}
+    parts = re.split(r"[,\s]+", axes.get(text, text).strip("[]() "))
+    vector = np.array([number_in(part) for part in parts], dtype=float)  # nan of no number
+    size = float(np.abs(vector).max())
+    if not (0.0 < size < math.inf and vector.size <= 3):
+        raise _WrongError("x, y, z, or up to three finite numbers not all 0, as in 0, 1, 1")
+    return np.asarray(vector / size / np.linalg.norm(vector / size))
+
+
+def _one_of(names: Sequence[str], plain: Callable[[str], str] = str) -> Callable[[str], str]:
+    def read(text: str) -> str:
+        if plain(text) not in names:
+            raise _WrongError(f"one of {', '.join(names)}")
+        return plain(text)
+
+    return read
+
+
+def _truth(text: str) -> bool:
+    return _one_of(("true", "false"), str.casefold)(text) == "true"
+
+
+def _offset(text: str) -> tuple[str, ...]:
+    names = {*re.split(r"[,\s]+", text)} - {"none"}
+    if not names <= {*OFFSETS}:
+        raise _WrongError(f"one or both of {', '.join(OFFSETS)}, or none")
+    return tuple(name for name in OFFSETS if name in names)
+
+
+def _mode(text: str) -> int:
+    if not re.fullmatch(r"0*[1-9]\d{0,8}", text):
+        raise _WrongError("a whole number >= 1")
+    return int(text)
+
+
+def _number(least: float, most: float, must: str) -> Callable[[str], float]:
+    def read(text: str) -> float:
+        number = number_in(text.removesuffix("%") if "%" in must else text)
+        number = math.nan if number is None else number / (100.0 if text.endswith("%") else 1.0)
+        if not least <= number <= most:
+            raise _WrongError(must)
+        return number
+
+    return read
+
+
+_BOUND = _number(0.0, 1e300, "a finite number >= 0")
+_SHARE = _number(1e-300, 1.0, "a share of the value above 0 and at most 1, or percent, as in 5 %")
+#: Keys of the head and arguments, by what reads their text.
+KEYS: Mapping[str, Callable[[str], Any]] = {
+    "name": _text,
+    "point": _text,
+    "direction": _direction,
+    "quantity": _one_of([*DERIVATIVES]),
+    "unit": _one_of([*_ANY_AMPLITUDE], _plain),
+    "peak_to_peak": _truth,
+    "mode": _mode,
+    "offset": _offset,
+    "lowest": _BOUND,
+    "highest": _BOUND,
+    "relative_frequency_deviation": _SHARE,
+    "relative_damping_deviation": _SHARE,
+    "frequency": _number(1e-300, 1e300, "> 0 and finite, in Hz"),
+}
+
+
+def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
+    """Places, keys and texts of the comments that state a key."""
+    for number, line in enumerate(io.StringIO(content, newline=None), start=1):
+        stated = re.fullmatch(r"\s*#+\s*([A-Za-z_][\w -]*?)\s*:\s*([^#]*?)\s*(?:#.*)?\s*", line)
+        if stated is not None:
+            yield f"{path}: line {number}", stated[1].casefold(), stated[2]
+
+
+def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
+    """Head of a curve from the comments of its file and from arguments, which win.
+
+    Raises
+    ------
+    InputError
+        If keys or arguments are unknown or wrong; all of them at once.
+    """
+    problems: list[str] = []
+    keys = [key for key in KEYS if key not in ("lowest", "highest")] + ["fit"]
+    values: dict[str, Any] = {}
+    arguments: dict[str, Any] = {}
+
+    def read(into: dict[str, Any], place: str, key: str, value: Any) -> None:
+        listed = isinstance(value, list | tuple | np.ndarray)
+        text = ", ".join(map(str, value)) or "none" if listed else str(value).strip()
+        try:
+            into[key] = KEYS[key](text)
+        except _WrongError as error:
+            problems.append(f"{place}: {key}: found {repr(value)[:60]}, must be {error}")
+
+    seen = set()
+    for place, key, text in samples.stated:
+        if key in seen:
+            problems.append(f"{place}: found {key!r} again, must be once")
+        elif key not in keys:
+            problems.append(
+                f"{place}: found key {key!r}, must be one of {', '.join(keys)}{closest(key, keys)} "
+                "(write a remark without a colon)"
+            )
+        elif key != "fit":
+            read(values, place, key, text)
+        elif (bounds := re.fullmatch(r"(.*?)(?<!\.)\.\.(?!\.)(.*)", text)) and any(bounds.groups()):
+            for name, bound in zip(("lowest", "highest"), bounds.groups(), strict=True):
+                if bound:
+                    read(values, place, name, bound.strip())
+        else:
+            problems.append(
+                f"{place}: fit: found {text!r}, must be a range of amplitudes in the unit of the "
+                "data, as in 0.5..10, or 0.5.. or ..10"
+            )
+        seen.add(key)
+    for key, value in given.items():
+        if key not in KEYS:
+            problems.append(
+                f"measured_curve: found argument {key!r}, must be one of {', '.join(KEYS)}"
+                f"{closest(key, KEYS)}"
+            )
+        elif value is not None:
+            read(arguments, "measured_curve", key, value)
+    problems += [
+        f"{samples.where}: found both column '{name}_deviation' and key "
+        f"'relative_{name}_deviation', must be one of them"
+        for name in OFFSETS
+        if f"{name}_deviation" in samples.columns and f"relative_{name}_deviation" in values
+    ]
+    refuse(problems)
+    head = Head(**(values | arguments))
+    if head.lowest > head.highest:
+        raise InputError(
+            f"{samples.where}: found a range of amplitudes from {head.lowest:g} to "
+            f"{head.highest:g}, must rise"
+        )
+    return head
