@@ -219,6 +219,8 @@ def load_sweep(path: str | Path, progress: Progress = silent) -> Swept:
     ----------
     path : str or Path
         File of the scene.
+    progress : callable, optional
+        As `load_scene`.
 
     Returns
     -------
