@@ -937,7 +937,7 @@ def _is_semidefinite(A: Matrix) -> bool:
     not matter, and 1e-9 of the unit matrix is added before it is factorised. Diagonal entries below
     1e-12 of the largest are round-off.
     """
-    A = sparse.csr_array(A)
+    A = sparse.csr_array(A, copy=True)  # zeros are taken out in place
     A.eliminate_zeros()
     if not A.nnz:
         return True

@@ -105,7 +105,7 @@ def test_facts_are_those_of_contact_that_is_closed_at_rest(study):
 def test_models_take_the_steps_and_modes_for_an_accuracy():
     """Against the full model with an eighth of the step that it needed itself."""
     asked = {"displacement": 0.05, "energy": 0.15}
-    rough = {"cycles": 2, "steps_per_cycle": 50}
+    rough = {"cycles": 2, "steps_per_cycle": 30}
     found = {name: run_scene(block(name, accuracy=asked, time=rough)) for name in MODELS}
     steps = {name: each.scene.time_step for name, each in found.items()}
     finer = {"cycles": 2, "steps_per_cycle": round(8.0 / UP["frequency"] / steps["full"])}

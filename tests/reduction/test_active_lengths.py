@@ -15,7 +15,6 @@ from skfem_joint.reduction.active_length import (
     gross_slip,
     measured,
     measured_lengths,
-    slips,
 )
 from skfem_joint.reduction.scaled.reference import FORCE, FRICTION, PRESSURE, WIDTH, lap_joint
 
@@ -80,12 +79,12 @@ def test_active_area_counts_the_area_of_slipping_points():
 
 def test_creep_of_points_that_stick_is_no_slip():
     """Under the arctan law a point at half of its limit creeps by period / beta."""
-    structure, system, _ = case("lap")
+    _, system, _ = case("lap")
     period, beta = 1e-3, float(system.beta[0])
     creep = np.full(system.w.size, 0.9 * period / beta)
-    assert not slips(structure, system, creep, period).any()
-    assert slips(structure, system, creep, 0.0).all()
-    assert slips(structure, system.with_beta(np.inf), creep, period).all()
+    assert not system.slipping(creep, period).any()
+    assert system.slipping(creep).all()
+    assert system.with_beta(np.inf).slipping(creep, period).all()
 
 
 @pytest.mark.parametrize("make", [lambda: case("lap")[:2], case_i])

@@ -105,7 +105,7 @@ def _lifted(up=197e3, across=150e3):
         (_lifted, 80, True),
         (lambda: sj.condense(_lifted()), 80, True),
         (lambda: sj.reduce(opening_system(), duration=3.0 / 2000.0), 60, False),
-        (lambda: sj.condense(_lifted()).with_beta(100.0), 40, False),
+        (lambda: sj.condense(_lifted()).with_beta(100.0), 40, True),
     ],
     ids=["full", "condensed", "reduced", "beta"],
 )

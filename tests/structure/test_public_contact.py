@@ -275,3 +275,13 @@ def test_a_light_stiff_body_that_floats_is_not_taken_for_an_indefinite_one():
     M = sparse.diags_array([*np.full(30, 1e-6), 1e6])
     contact = point_friction(np.eye(31)[3], 1.0)
     assert System.from_matrices(M, K, contact=contact).n == 31
+
+
+def test_a_system_of_matrices_with_stored_zeros_keeps_its_own_whole():
+    """Checks took zeros out of arrays that they shared, and left matrices with wrong indices."""
+    K = sparse.csr_array(np.array([[2.0, -1.0, 3.0], [-1.0, 2.0, 3.0], [3.0, 3.0, 19.0]]))
+    K.data[K.data == 3.0] = 0.0
+    system = System.from_matrices(sparse.csr_array(np.eye(3)), K, K.copy())
+    for A in (K, system.K, system.C):
+        assert A.indices.size == A.data.size == A.indptr[-1]
+        assert A.tocoo().row.max() == 2
