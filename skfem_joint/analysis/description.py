@@ -200,7 +200,7 @@ def _moves(
             f"The slowest wave travels at {speed:.4g} m/s: {count:.3g} elements in its length at "
             f"{frequency:.5g} Hz, the highest frequency of the loads."
         )
-    if floats and scene.support.free:
+    if floats and (scene.support.free or scene.matrices is not None):
         draft.add(
             "The structure floats, so that loads at rest are not compared with what makes a joint "
             "slip: they would move all of it away."
