@@ -75,7 +75,8 @@ from skfem_joint.stepping.steppers import FailedStep, PythonStepper, Saved
 CLOSED = 64 * float(np.finfo(np.float64).eps)
 #: Most times that limits of points in motion follow the normal forces at a start.
 RENEWALS = 50
-SUD = 2.0
+#: Change of these limits, over the largest, that ends it.
+RENEWED = 1e-9
 #: Limit of a point that cannot carry friction in a minimisation.
 NEVER_RUBS = -1e300
 
@@ -212,8 +213,12 @@ class OpeningStepper(PythonStepper):
             p = np.where(self.rigid, minimum.p, contact.elastic_forces(u))
             before, follow = limits, self.constant + self.gain @ p
             limits = np.where(free, np.where(s.sprung, before, follow), minimum.w)
-            if np.abs(limits - before)[free].max(initial=0.0) <= 1e-12 * limits.max(initial=0.0):
+            change = np.where(free, np.abs(limits - before), 0.0)
+            if change.max(initial=0.0) <= RENEWED * limits.max(initial=0.0):
                 break
+        else:
+            self.failure = FailedStep(float(change.max()), int(self.points.unknowns[0]))
+            return False
         self.normal, self.limits = NormalState(p, p.copy(), p.copy()), limits
         # Sliding points have the friction of their law, not that of an acceleration besides.
         sigma = np.where(s.on_rows(free), sigma, minimum.sigma) * s.on_rows(limits > 0.0)
