@@ -78,6 +78,7 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.study import run_scene as run_scene
     from skfem_joint.analysis.sweep import Row as Row
     from skfem_joint.analysis.sweep import sweep as sweep
+    from skfem_joint.contacts import Contact as Contact
     from skfem_joint.errors import ConvergenceError as ConvergenceError
     from skfem_joint.errors import InputError as InputError
     from skfem_joint.loads import Amplitude as Amplitude
@@ -95,6 +96,7 @@ if TYPE_CHECKING:
     from skfem_joint.mesh import build_plate as build_plate
     from skfem_joint.mesh import load_meshes as load_meshes
     from skfem_joint.mesh import merged as merged
+    from skfem_joint.normal import NormalPart as NormalPart
     from skfem_joint.output.series import write_vtk as write_vtk
     from skfem_joint.reduction import at as at
     from skfem_joint.reduction import condense as condense
@@ -157,11 +159,12 @@ _NAMES = {
     "analysis.stress": "StressHistory stress_history",
     "analysis.study": "run_scene",
     "analysis.sweep": "Row sweep",
+    "contacts": "Contact",
     "errors": "ConvergenceError InputError",
     "loads": "Amplitude HalfSine Harmonic MultiHarmonic RampAndHold Rectangle Table Triangle "
     "Versine",
     "mesh": "NamedMesh build_bar build_box build_plate load_meshes merged",
-    "opening": "OpeningContact",
+    "normal": "NormalPart",
     "output.series": "write_vtk",
     "reduction": "at condense reduce",
     "reduction.pod": "ProperModes proper_modes",

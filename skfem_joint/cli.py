@@ -372,7 +372,7 @@ def _check(options: argparse.Namespace) -> int:
             print(form.format(sentence), flush=True)
 
     print(
-        f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
+        f"{options.scene}: valid. {system.n} unknowns, {system.contact.count} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}.",
         flush=True,
     )

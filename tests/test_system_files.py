@@ -137,7 +137,7 @@ DAMAGE = {
 def _sprung():
     """Joint whose friction has springs in series; without them it would be another system."""
     system = bar(sj.Harmonic(40e3, 500.0), sj.Table(TIMES, np.sin(1e3 * TIMES)))
-    return replace(system, stiffness=np.full(system.w.size, 1e9))
+    return system.with_contact(stiffness=np.full(system.contact.w.size, 1e9))
 
 
 EDITS = {

@@ -179,7 +179,7 @@ def gradients(quick):
             same = "" if key is None else f"{found[0]} of {found[1]}"
             error = "" if key is None else f"{found[2]:.0e}"
             row(
-                *(name, system.n, system.contact_points, contact, what),
+                *(name, system.n, system.contact.count, contact, what),
                 *(same, error, f"{alone:.3f}", *(f"{ratio:.2f}" for ratio in ratios)),
             )
 
@@ -278,7 +278,7 @@ def fitted(name, given, loads, keys, point, contact):
         for key, value in truth.items()
     )
     row(
-        *(name, contact, system.n, system.contact_points, found.evaluations, found.computed),
+        *(name, contact, system.n, system.contact.count, found.evaluations, found.computed),
         *(f"{found.seconds:.0f}", f"{cpu:.0f}", *off),
     )
 

@@ -79,7 +79,7 @@ def report(along, across, width, bolted):
     system = system_of(along, across, width, bolted)
     print(
         f"\n{'Two bolts' if bolted else 'Pressed evenly'}: {system.n} unknowns, "
-        f"{system.contact_points} contact points, {STEPS} steps a period, {CYCLES} periods, arctan "
+        f"{system.contact.count} contact points, {STEPS} steps a period, {CYCLES} periods, arctan "
         "law, beta = 1e5 s/m.\n"
     )
     head(
@@ -108,7 +108,7 @@ def report(along, across, width, bolted):
         off = 100 * compare(full, runs[0]).displacement_max
         energy = 100 * (runs[0].cycles.friction[-1] / full.cycles.friction[-1] - 1.0)
         kind = "condensed" if make is sj.condense else "reduced"
-        name = f"{kind}, {small.n} unknowns, {small.w.size} points"
+        name = f"{kind}, {small.n} unknowns, {small.contact.w.size} points"
         line(name, base, runs, offline, (f"{off:.3f}", f"{energy:+.3f}"))
 
 

@@ -59,7 +59,7 @@ def sample_times(reference):
 
 def has_arctan_law(system):
     """Whether no point has set-valued Coulomb friction."""
-    return np.all(np.isfinite(system.beta[system.w > 0.0]))
+    return np.all(np.isfinite(system.contact.beta[system.contact.w > 0.0]))
 
 
 def ready_made_jobs(reference, bound, forms=FORMS):

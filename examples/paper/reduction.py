@@ -68,8 +68,8 @@ def chatter(system, step):
     n_steps = min(2000, int(0.2 / CASE.frequency / step))
     run = runge_kutta(system, step=step, n_steps=n_steps, **NO_ROWS)
     exact = integrate(system, step=step * n_steps / STEPS, n_steps=STEPS, save=Save(points=False))
-    slip = system.B @ exact.final[1]
-    return 100.0 * np.abs(system.B @ run.final[1] - slip).max() / np.abs(slip).max()
+    slip = system.contact.B @ exact.final[1]
+    return 100.0 * np.abs(system.contact.B @ run.final[1] - slip).max() / np.abs(slip).max()
 
 
 def operations_full(n):

@@ -141,14 +141,14 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     watch = Stopwatch()
     structure, system, given = scene.structure(), scene.system(), scene
     scene = resolved(scene, system)
-    options, opens = options_of(scene), system.opening is not None
+    options, opens = options_of(scene), system.contact.opens
 
     def basis_for(modes: int | None = None, enriched: bool = False) -> Basis:
         chosen = options if modes is None else replace(options, modes=modes)
         return basis_of_scene(scene, structure, system, chosen, path, enriched=enriched)
 
     if "reduced" not in given.models.run:
-        if not opens and system.contact_points and given.reduction.reference != "self":
+        if not opens and system.contact.count and given.reduction.reference != "self":
             with suppress(InputError):  # no reduced model: the full one's own estimate decides
                 scene = with_steps_of(scene, basis_for())
         return Choice(scene)
@@ -158,10 +158,11 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     )
     # What a basis misses before it is enriched is of no concern.
     notes = basis.notes if accurate.basis is basis else ()
+    contact = accurate.system.contact
     said = (
         f"For the accuracy asked for the reduced model has {accurate.system.n} vectors, "
-        f"{accurate.system.w.size} friction points, beta = {accurate.system.steepest:.3g} s/m "
-        f"and steps of {accurate.scene.time_step:.4g} s; it errs by an estimated "
+        f"{contact.w.size} friction points, beta = {contact.steepest:.3g} s/m and "
+        f"steps of {accurate.scene.time_step:.4g} s; it errs by an estimated "
         f"{stated(accurate.estimate)}."
     )
     seconds, compiled = watch.read()
@@ -235,7 +236,7 @@ def accurate_model(
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
-    reference = None if system.opening is not None else CondensedReference.of(system, shared=True)
+    reference = None if system.contact.opens else CondensedReference.of(system, shared=True)
     errors: list[float] = []
     for done in range(SETTINGS.rounds):
         report(done, SETTINGS.rounds)
@@ -262,9 +263,15 @@ def accurate_model(
                 break
             basis = remade(2 * basis.modes)
         if "points" in refined:
-            points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
+            points = (
+                2 * reduced.contact.w.size
+                if 2 * reduced.contact.w.size < system.contact.count
+                else "all"
+            )
         if "law" in refined:
-            beta = min(estimate.SETTINGS.steeper * reduced.steepest, system.steepest)
+            beta = min(
+                estimate.SETTINGS.steeper * reduced.contact.steepest, system.contact.steepest
+            )
         if "time_step" in refined:
             more = min(max(_halvings(sources["time_step"]), 1), 3)
             halvings, scene = halvings + more, scene.finer(2**more)
@@ -272,9 +279,9 @@ def accurate_model(
             break
     worst = max(sources, key=lambda source: sources[source]).replace("_", " ")
     raise ConvergenceError(
-        f"accuracy: a reduced model of {reduced.n} vectors and {reduced.w.size} friction points "
-        f"with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of it from "
-        f"its {worst}. Ask for less, or run 'full' alone"
+        f"accuracy: a reduced model of {reduced.n} vectors and {reduced.contact.w.size} friction "
+        f"points with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of "
+        f"it from its {worst}. Ask for less, or run 'full' alone"
     )
 
 
@@ -286,7 +293,7 @@ def _estimate(
     reference: CondensedReference | None,
 ) -> Estimate:
     """Estimated errors of a reduced model, which is run for them."""
-    if system.opening is None:
+    if not system.contact.opens:
         return estimate.of_reduced(system, basis, reduced, plan, reference=reference)
     run = estimate.verification_run(reduced, plan)
     return opening_estimate.of_reduced(system, run, plan)

@@ -116,7 +116,7 @@ def against_coulomb(
     KeyboardInterrupt
         If a run is interrupted.
     """
-    if np.isinf(system.beta[system.rubs]).all():
+    if np.isinf(system.contact.beta[system.contact.rubs]).all():
         return None
     verify = partial(verification_run, progress=progress)
     whole = plan
@@ -149,7 +149,7 @@ def _both(
         return verify(steep, plan), results(verify(larger, plan))
     if basis is None:
         return _of_full(system, run, plan, verify)
-    if picks_unknowns(run.system.B):
+    if picks_unknowns(run.system.contact.B):
         return verify(run.system.with_beta(np.inf), plan), _until(run, plan)
     steep, own = _on(system, basis, basis.V if V is None else V)
     return verify(steep, plan), results(verify(own, plan))
@@ -188,20 +188,20 @@ def _laws(system: System, steepest: float = 0.0) -> tuple[System, System]:
     A dense system takes no set-valued law: where its own is Coulomb's, the steep one stands for it
     in both. ``steepest`` is the steepness, s/m, that the velocities of such joints ask for.
     """
-    carries = system.rubs
-    finite = np.isfinite(system.beta) & carries
+    carries = system.contact.rubs
+    finite = np.isfinite(system.contact.beta) & carries
     least = 0.0 if finite.any() and finite[carries].all() else steepest
-    steep = SETTINGS.steeper * max(float(system.beta[finite].max(initial=0.0)), least)
-    return system.with_beta(steep), replace(system, beta=np.minimum(system.beta, steep))
+    steep = SETTINGS.steeper * max(float(system.contact.beta[finite].max(initial=0.0)), least)
+    return system.with_beta(steep), system.with_contact(beta=np.minimum(system.contact.beta, steep))
 
 
 def _on(system: System, basis: Basis, V: FloatArray) -> tuple[System, System]:
     """Reduced models on vectors V under both laws, very many points merged."""
     small = elastic(system).project(V)
-    if system.contact_points > MERGING.many and system.opening is None:
-        narrow, carrying = system.project(basis.V), np.flatnonzero(system.w)
+    if system.contact.count > MERGING.many and not system.contact.opens:
+        narrow, carrying = system.project(basis.V), np.flatnonzero(system.contact.w)
         merged = merged_points(narrow, basis.history.velocities, carrying, MERGING.merged)
-        small = shared_points(small, merged.shares, merged.w)
+        small = shared_points(small, merged.contact.shares, merged.contact.w)
     fastest = basis.history.slip_velocity
     return _laws(small, 1.0 / fastest if fastest else 0.0)
 
@@ -217,7 +217,7 @@ def _of_full(
         system.is_dense or kind == "dense"
     ):  # as of points that share an unknown: it takes no set-valued law
         return verify(_laws(system)[0], plan), own
-    large = cost > SETTINGS.small and system.opening is None  # no reduced model has that
+    large = cost > SETTINGS.small and not system.contact.opens  # no reduced model has that
     if large and kind != "chain":
         both = _by_reduced(system, own, plan, verify)
         if both is not None:

@@ -287,7 +287,7 @@ def _backbone(
     """As `backbone`, with factors that are kept."""
     system.check_any_load("backbone")
     check_whole(system, "backbone")
-    if not system.contact_points:
+    if not system.contact.count:
         raise InputError(
             "backbone: needs friction, no contact point carries any: frequency and damping do not "
             "depend on amplitude"
@@ -295,7 +295,7 @@ def _backbone(
     check_each("backbone: modes", modes, COUNT)
     check_parameters(parameters, system)
     shares, slips_at = _shares(levels, up_to, slips_at)
-    numbers, opens = np.asarray(modes, dtype=int), system.opening is not None
+    numbers, opens = np.asarray(modes, dtype=int), system.contact.opens
     tally = Tally(progress, len(modes) * levels_of_a_curve(shares.size, opens))
     to = arranged(system.closed())
     path = kept.path_of(to, tally)
@@ -394,7 +394,11 @@ def _differ_in_law(one: Arranged, other: Arranged) -> bool:
     old, new = one.system, other.system
     names = "K", "M", "B", "beta"
     alike = all(_same(getattr(old, name), getattr(new, name)) for name in names)
-    return one.kind == other.kind and alike and np.array_equal(old.w > 0.0, new.w > 0.0)
+    return (
+        one.kind == other.kind
+        and alike
+        and np.array_equal(old.contact.w > 0.0, new.contact.w > 0.0)
+    )
 
 
 def _same(A: Any, B: Any) -> bool:
@@ -468,7 +472,7 @@ def _curve(
     if parameters:
         sensitivity = _sensitivity(closed, opening or path, mode, shape, found, parameters)
     system, level, states = to.system, found.level, found.states
-    springs = system.has_springs
+    springs = system.contact.has_springs
     q = states @ force
     carried = found.carried(q)
     omega = np.sqrt(carried / q)
@@ -541,7 +545,7 @@ def _inside(parameters: Sequence[SystemSensitivity], to: Arranged) -> list[Syste
 
 def _own_law(mode: _Mode, system: System) -> list[str]:
     """Note that the curve is of Coulomb's law, where the system has another one."""
-    beta = system.beta[system.rubs & np.isfinite(system.beta)]
+    beta = system.contact.beta[system.contact.rubs & np.isfinite(system.contact.beta)]
     if not beta.size:
         return []
     return [

@@ -28,7 +28,6 @@ from skfem_joint.analysis.masing_cycles import between
 from skfem_joint.analysis.opening_cycles import OpeningPath, lowest
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import InputError
-from skfem_joint.opening import OpeningContact
 from skfem_joint.sensitivity import SystemSensitivity
 from skfem_joint.stepping.level_rates import LevelRates, Rates
 from skfem_joint.stepping.levels import Level
@@ -96,7 +95,7 @@ def of_closed_system(
     parameters: Sequence[SystemSensitivity], system: System
 ) -> list[SystemSensitivity]:
     """Derivatives of `System.closed` of a system whose contact opens, in its unknowns."""
-    contact = cast("OpeningContact", system.opening)
+    contact = system.contact.normal
     T, closed = contact.closed_motions(), list[SystemSensitivity]()
     for parameter in parameters:
         part, K = parameter.opening, parameter.K
@@ -109,15 +108,15 @@ def of_closed_system(
 
 def check_parameters(parameters: Sequence[SystemSensitivity], system: System) -> None:
     """InputError for derivatives whose shapes do not fit a system, or of a reduced system."""
-    if parameters and isinstance(system.B, np.ndarray):
+    if parameters and isinstance(system.contact.B, np.ndarray):
         raise InputError(
             "backbone: parameters: found a reduced system, must be a full or condensed one, among "
             "whose unknowns slips are"
         )
-    n, m = system.n, system.w.size
+    n, m = system.n, system.contact.w.size
     shapes = {"K": (n, n), "C": (n, n), "w": (m,), "stiffness": (m,)}
-    if system.opening is not None:
-        q = system.opening.gap.size
+    if system.contact.opens:
+        q = system.contact.normal.gap.size
         shapes |= {"gap": (q,), "force": (q,), "opening.stiffness": (q,), "gain": (m, q)}
     for parameter in parameters:
         parts: dict[str, Any] = {f.name: getattr(parameter, f.name) for f in fields(parameter)}
@@ -189,7 +188,7 @@ class CycleRates:
 
     def _masing(self, found: Cycles) -> tuple[FloatArray, FloatArray]:
         """Of constant limits, see `skfem_joint.analysis.masing_cycles`."""
-        rest = Level(*np.zeros((1, self.system.n)), *np.zeros((2, self.system.B.shape[0])))
+        rest = Level(*np.zeros((1, self.system.n)), *np.zeros((2, self.system.contact.B.shape[0])))
         levels = self._levels(found.states, found.friction)
         rates = self.rates.follow(
             self.rates.rest(), rest, [*zip(found.level.tolist(), levels, strict=True)]
@@ -229,7 +228,10 @@ class CycleRates:
     def _levels(self, u: FloatArray, sigma: FloatArray) -> list[Level]:
         """Levels (levels, n) with the friction ``sigma``, (levels, rows), over its limits."""
         system = self.system
-        slip, friction = np.asarray((system.B @ u.T).T), system.on_rows(system.w) * sigma
+        slip, friction = (
+            np.asarray((system.contact.B @ u.T).T),
+            system.contact.on_rows(system.contact.w) * sigma,
+        )
         return [Level(*parts) for parts in zip(u, friction, slip, strict=True)]
 
     def _work(
@@ -241,11 +243,11 @@ class CycleRates:
         by their own derivatives; others, (levels, m), are given.
         """
         system = self.system
-        size = system.slip_norm(slips)
+        size = system.contact.slip_norm(slips)
         rows = size[:, self.rates.row_point]
         along = np.divide(slips, rows, out=np.zeros_like(rows), where=rows > 0.0)
-        of_size = system.by_point(np.swapaxes(along[:, :, np.newaxis] * of_slips, 1, 2))
-        w = np.broadcast_to(system.w, size.shape) if limits is None else limits
+        of_size = system.contact.by_point(np.swapaxes(along[:, :, np.newaxis] * of_slips, 1, 2))
+        w = np.broadcast_to(system.contact.w, size.shape) if limits is None else limits
         of_work = np.einsum("lkm,lm->lk", of_size, w)
         if limits is None:
             of_work += size @ self.rates.given
@@ -274,7 +276,7 @@ class CycleRates:
         step = np.diff(slips, axis=0)
         mean, of_mean = (0.5 * (x[1:] + x[:-1]) for x in (limits, of_limits))
         _, of_work = self._work(step, np.diff(of_slips, axis=0), mean)
-        by_limits = np.einsum("lm,lmk->k", self.system.slip_norm(step), of_mean)
+        by_limits = np.einsum("lm,lmk->k", self.system.contact.slip_norm(step), of_mean)
         return np.asarray(of_work.sum(axis=0) + by_limits)
 
 

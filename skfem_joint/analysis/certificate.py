@@ -330,7 +330,7 @@ def make_reference(
 def check_slips(scene: Scene) -> None:
     """Raise InputError if a scene has no friction or no load: its models would be alike."""
     system = scene.system()
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         raise InputError(
             "error-time: nothing slips in this scene, every model is the same linear one; "
             "give it a joint with friction and pressure"

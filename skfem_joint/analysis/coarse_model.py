@@ -94,7 +94,7 @@ class CoarseModel:
         """
         size = full.n if basis is None else basis.shape[1]
         # Not of contact that opens either, where no load counts as odd.
-        if not full.contact_points or size <= NEWTON.dense or not odd_loads(full):
+        if not full.contact.count or size <= NEWTON.dense or not odd_loads(full):
             return None
         if arranged(full).kind == "chain":
             return None

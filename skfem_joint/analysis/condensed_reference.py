@@ -166,4 +166,4 @@ class CondensedReference:
 
 def _rows(system: System) -> int:
     """Slip rows of the points that carry friction."""
-    return int(np.count_nonzero(system.on_rows(system.w)))
+    return int(np.count_nonzero(system.contact.on_rows(system.contact.w)))

@@ -71,7 +71,7 @@ def sharing_points(system: System, points: IntArray, u: FloatArray) -> float:
 
     ``points`` are numbers of contact points. Zero where none of them slips.
     """
-    work = (system.w * system.slip_norm(system.B @ u))[points]
+    work = (system.contact.w * system.contact.slip_norm(system.contact.B @ u))[points]
     square = float(work @ work)
     return float(work.sum()) ** 2 / square if square > 0.0 else 0.0
 

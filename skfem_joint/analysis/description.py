@@ -187,9 +187,11 @@ def _moves(
 ) -> None:
     """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
     values, no_unknowns = draft.values, np.zeros(0, np.intp)
-    acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
-    rigid_friction = np.flatnonzero(system.on_rows((system.w > 0.0) & ~system.sprung))
-    held = sparse.csr_array(system.B).indices[rigid_friction]
+    acting = np.flatnonzero(system.contact.on_rows(system.contact.w) > 0.0)
+    rigid_friction = np.flatnonzero(
+        system.contact.on_rows((system.contact.w > 0.0) & ~system.contact.sprung)
+    )
+    held = sparse.csr_array(system.contact.B).indices[rigid_friction]
     floats, stuck = _frequencies(scene, structure, system, acting.size > 0, draft)
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
     slow = scene.time.quasi_static
@@ -226,14 +228,14 @@ def _moves(
         moved = path.afresh(path.to).follow(force[np.newaxis])[0]
         draft.doubts += coarse_contact(structure, path.to.system, moved)
     values |= {
-        "friction_limit_N": float(system.w.sum()),
+        "friction_limit_N": float(system.contact.w.sum()),
         "amplification": amplified,
         "load_over_limit": share,
     }
     inertia = "" if amplified is None else f", amplified by {amplified:.4g} as the joints stick"
     draft.add(
         f"The loads at their peak{inertia} come to {100.0 * share:.3g} % of what makes the first "
-        f"joint slip as a whole; the friction limits add up to {system.w.sum():.6g} N."
+        f"joint slip as a whole; the friction limits add up to {system.contact.w.sum():.6g} N."
         + (OF_THE_MESH if structure.body is not None else "")
     )
     if share > 1.0:

@@ -230,11 +230,11 @@ def full_jobs(
 ) -> Iterator[Job]:
     """Full models: the scene's law, and others."""
     system, parts = reference.system, wanted["parts"]
-    own = COULOMB if isinf(system.beta.max()) else FULL
+    own = COULOMB if isinf(system.contact.beta.max()) else FULL
     yield from at_steps(reference, parts, own, system, {}, own=reference.results)
     if own == FULL:
         for factor in wanted["factors"]:
-            other = replace(system, beta=factor * system.beta)
+            other = system.with_contact(beta=factor * system.contact.beta)
             yield from other_jobs(reference, parts, STEEPNESS, other, {}, rows)
         yield from other_jobs(reference, parts, COULOMB, system.with_beta(np.inf), {}, rows)
 
@@ -334,8 +334,8 @@ def _details(system: System) -> dict[str, Any]:
     """What a report says of a model."""
     return {
         "unknowns": system.n,
-        "friction points": system.contact_points,
-        "beta (s/m)": float(system.beta.max()),
+        "friction points": system.contact.count,
+        "beta (s/m)": float(system.contact.beta.max()),
     }
 
 

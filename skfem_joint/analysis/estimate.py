@@ -306,7 +306,7 @@ class Verification:
 
     def __call__(self, system: System, plan: Plan, *, fields_every: int = 0) -> Run:
         """Run a system as `verification_run`."""
-        opens = system.opening is not None
+        opens = system.contact.opens
         alike = plan.until == "steady" and (odd_loads(system) or opens)
         initial = self.states.get(system.n)
         if alike and initial is None and self.states:
@@ -360,7 +360,7 @@ def of_reduced(
     KeyboardInterrupt
         If one is interrupted.
     """
-    steepest = reduced.steepest
+    steepest = reduced.contact.steepest
     points = _Points.of(system, basis, reduced)
     verify = Verification(progress, run)
     if run is None or not plan.save.points:
@@ -374,14 +374,14 @@ def of_reduced(
         return _of_slow(points, reduced, steepest, plan, run, (verify, progress, reference))
     if reference is None and not points.condensed:
         reference = CondensedReference.of(system)
-    periods, steeper = run.steady.periods if run.steady else 1, system.steepest > steepest
+    periods, steeper = run.steady.periods if run.steady else 1, system.contact.steepest > steepest
     if reference is not None and reference.affords(plan, periods, steeper):
         return _by_reference(points, reference, steepest, plan, base, verify, progress)
     start, merged = _merged(points, steepest, plan, verify)
     changes, V, last = _enriched(points, steepest, plan, start, verify)
     (first, grown), best = changes[0], results(last)
     steep = best if len(changes) == 1 else changes[1][0]
-    beta = last.system.steepest
+    beta = last.system.contact.steepest
     law = extrapolation(SETTINGS.steeper) - 1.0 if beta > steepest else 0.0
     finer = Steps(last, *(verify(last.system, plan.finer(factor)) for factor in (2, 4)))
     truth = finer.finest
@@ -402,7 +402,7 @@ def of_reduced(
     total = added(finer.with_rest(truth, base), left, change(steep, grown, law), merged)
     parts["total"] = at_least(total, best, base, *parts.values())
     missing = MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :]))
-    joints = joint_differences(truth, base, system.joints, _rest(left))
+    joints = joint_differences(truth, base, system.contact.joints, _rest(left))
     return Estimate(parts, missing, by_joint=joints)
 
 
@@ -537,7 +537,7 @@ def _by_reference(
     system, V = points.system, points.basis.V
     every = results(verify(points.everywhere(V, beta), plan))
     steep, law = every, 1.0
-    if system.steepest > beta:
+    if system.contact.steepest > beta:
         steep = results(verify(points.everywhere(V, SETTINGS.steeper * beta), plan))
         law = extrapolation(SETTINGS.steeper)
     of_condensed = Verification(progress)
@@ -560,7 +560,9 @@ def _by_reference(
     wide, velocities = reference.missing_modes(V, run, most)
     missing = MissingModes(wide, velocities, _slips(system, wide[:, V.shape[1] :]))
     return Estimate(
-        parts, missing, by_joint=joint_differences(finest, base, system.joints, _rest(steps.left))
+        parts,
+        missing,
+        by_joint=joint_differences(finest, base, system.contact.joints, _rest(steps.left)),
     )
 
 
@@ -581,7 +583,7 @@ def _of_slow(
         steps = Steps(run, *(verify(reduced, plan.finer(factor)) for factor in (2, 4)))
         errors, finest = steps.with_rest(steps.finest, base), steps.finest
         nothing: Parts = dict.fromkeys(QUANTITIES, 0.0)
-        joints = joint_differences(finest, base, reduced.joints, _rest(steps.left))
+        joints = joint_differences(finest, base, reduced.contact.joints, _rest(steps.left))
         parts = {"basis": nothing, "time_step": errors, "total": errors}
         return Estimate(parts, by_joint=joints)
     reference = known or CondensedReference.of(points.system)
@@ -643,7 +645,7 @@ class _Points:
     @staticmethod
     def of(system: System, basis: Basis, reduced: System) -> _Points:
         """Points for a reduced or condensed model."""
-        if not picks_unknowns(reduced.B):
+        if not picks_unknowns(reduced.contact.B):
             return _Points(system, basis, condensed=False, projected={})
         known = {basis.V.shape[1]: reduced}
         return _Points(carrying(system), basis, condensed=True, projected=known)
@@ -651,12 +653,12 @@ class _Points:
     @property
     def all_are_kept(self) -> bool:
         """Whether verification runs have all contact points, because they are not too many."""
-        return self.condensed or self.system.contact_points <= SETTINGS.many
+        return self.condensed or self.system.contact.count <= SETTINGS.many
 
     @cached_property
     def merged(self) -> System:
         """Reduced model with merged points."""
-        unmerged, points = self.projection(self.basis.V), np.flatnonzero(self.system.w)
+        unmerged, points = self.projection(self.basis.V), np.flatnonzero(self.system.contact.w)
         return merged_points(unmerged, self.basis.history.velocities, points, SETTINGS.merged)
 
     def projection(self, V: FloatArray) -> System:
@@ -671,7 +673,7 @@ class _Points:
 
     def everywhere(self, V: FloatArray, beta: float) -> System:
         """Model on V with all points, under the law of the full one but no steeper than asked."""
-        laws = replace(self.projection(V), beta=self.system.beta)
+        laws = self.projection(V).with_contact(beta=self.system.contact.beta)
         return laws.no_steeper(beta)
 
     def model(self, V: FloatArray, beta: float) -> System:
@@ -681,7 +683,7 @@ class _Points:
         small = self.everywhere(V, beta)
         if self.all_are_kept:
             return small
-        return shared_points(small, self.merged.shares, self.merged.w)
+        return shared_points(small, self.merged.contact.shares, self.merged.contact.w)
 
 
 def _merged(
@@ -732,14 +734,14 @@ def _friction(system: System, run: Run) -> FloatArray:
     """Forces of friction (times, n), N, along the fields of a run of the same unknowns."""
     from skfem_joint.minimise.law import force_vectors  # loads the compiler
 
-    v, B, limits = run.v, np.asarray(system.B), system.on_rows(system.w)
-    if system.has_springs:
+    v, B, limits = run.v, np.asarray(system.contact.B), system.contact.on_rows(system.contact.w)
+    if system.contact.has_springs:
         from skfem_joint.minimise.springs import friction_along
 
         sigma = friction_along(system, run.u @ B.T, v @ B.T, run.field_times)
         return np.asarray((limits * sigma) @ B)
     parts = np.array_split(v, 1 + len(v) * len(B) // SETTINGS.at_once)
-    forces = (force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
+    forces = (force_vectors(x @ B.T, system.contact.beta, system.contact.directions) for x in parts)
     return np.vstack([(limits * force) @ B for force in forces])
 
 
@@ -771,7 +773,7 @@ def _enriched(
     V, known = points.basis.V, points.basis.followed
     residual = Residual(points.system, points.basis.stiffness)
     fields = stride(plan.n_steps, plan.cycle_steps)
-    most, steeper = V.shape[1] + 2 * SETTINGS.added, points.system.steepest > beta
+    most, steeper = V.shape[1] + 2 * SETTINGS.added, points.system.contact.steepest > beta
     stored = partial(verify, plan=plan, fields_every=fields)
     run = start.thinned(fields) if start else stored(points.model(V, beta))
     changes: list[tuple[Results, Results]] = []
@@ -831,5 +833,5 @@ def _slips(system: System, modes: FloatArray) -> bool:
     """Whether the first of some modes is slip rather than motion out of contact."""
     if modes.shape[1] == 0:
         return False
-    slip = float(np.abs(system.B @ modes[:, 0]).max(initial=0.0))
+    slip = float(np.abs(system.contact.B @ modes[:, 0]).max(initial=0.0))
     return slip > 0.5 * float(np.abs(modes[:, 0]).max())

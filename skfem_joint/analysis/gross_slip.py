@@ -57,7 +57,7 @@ def sticking_share(path: QuasiStatic, slip: FloatArray, sliding: FloatArray | No
     ``sliding``, (m,), m, is that of the sliders, if some have springs in series.
     """
     own = slip if sliding is None else sliding
-    return path.to.system.least_share(own <= still_share(path) * slip.max(initial=0.0))
+    return path.to.system.contact.least_share(own <= still_share(path) * slip.max(initial=0.0))
 
 
 def is_gross(sticking: float) -> bool:
@@ -104,12 +104,20 @@ def gross_slip_level(
     balanced = force - system.stuck_stiffness @ stuck
     # A dense system has more slip rows than unknowns: the smallest forces that hold it are taken.
     dense = path.to.kind == "dense"
-    rows = np.linalg.lstsq(as_dense(system.B).T, balanced)[0] if dense else system.B @ balanced
-    forces = system.slip_norm(np.asarray(rows, dtype=float))
-    if system.has_springs:  # points may share an unknown, and each has the force of its spring
-        stretched = system.spring_constants * system.slip_norm(np.asarray(system.B @ stuck))
-        forces = np.where(system.sprung, stretched, forces)
-    by_joint, limits = system.J @ forces, system.J @ system.w
+    rows = (
+        np.linalg.lstsq(as_dense(system.contact.B).T, balanced)[0]
+        if dense
+        else system.contact.B @ balanced
+    )
+    forces = system.contact.slip_norm(np.asarray(rows, dtype=float))
+    if (
+        system.contact.has_springs
+    ):  # points may share an unknown, and each has the force of its spring
+        stretched = system.contact.spring_constants * system.contact.slip_norm(
+            np.asarray(system.contact.B @ stuck)
+        )
+        forces = np.where(system.contact.sprung, stretched, forces)
+    by_joint, limits = system.contact.J @ forces, system.contact.J @ system.contact.w
     loaded = (by_joint > 0.0) & (limits > 0.0)
     if not loaded.any():
         return limit
@@ -139,9 +147,15 @@ class _Search:
         system, load = self.path.to.system, level * self.force
         self.path.tally.total += 1
         u = self.path.follow(load[np.newaxis], limit_share=np.inf, start=start)[0]
-        rows, sigma = system.B @ u, self.path.friction_of(0)
-        both = [system.slip_norm(x) for x in (rows, system.slider_slip(rows, sigma))]
-        return sticking_share(self.path, *both), (u, load, *([sigma] if system.has_springs else []))
+        rows, sigma = system.contact.B @ u, self.path.friction_of(0)
+        both = [
+            system.contact.slip_norm(x) for x in (rows, system.contact.slider_slip(rows, sigma))
+        ]
+        return sticking_share(self.path, *both), (
+            u,
+            load,
+            *([sigma] if system.contact.has_springs else []),
+        )
 
     def held(self, nominal: float) -> float:
         """Level where supports carry a part of the load."""

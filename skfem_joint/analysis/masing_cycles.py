@@ -60,16 +60,18 @@ def masing_cycles(path: QuasiStatic, force: FloatArray, level: FloatArray) -> Cy
     system = path.to.system
     states = path.follow(np.outer(level, force), limit_share=np.inf)
     friction = path.frictions
-    rows = np.asarray((system.B @ states.T).T)
-    sliders = system.slider_slip(rows, friction)
-    slip, sliding = system.slip_norm(rows), system.slip_norm(sliders)
-    work, masing = 4.0 * sliding @ system.w, keeps_direction(system, sliders)
+    rows = np.asarray((system.contact.B @ states.T).T)
+    sliders = system.contact.slider_slip(rows, friction)
+    slip, sliding = system.contact.slip_norm(rows), system.contact.slip_norm(sliders)
+    work, masing = 4.0 * sliding @ system.contact.w, keeps_direction(system, sliders)
     followed = spread(level.size, SETTINGS.checked) if masing else np.arange(level.size)
     energy = level * (states @ force)
     followed = followed[work[followed] > SETTINGS.idle * energy[followed]]
     loops, turned = _half_cycles(path, level, force, states, friction, followed)
-    slid = system.slider_slip(np.asarray((system.B @ loops.T).T), turned)
-    cycle = 2.0 * (system.slip_norm(slid) @ system.w).reshape(-1, SETTINGS.increments).sum(axis=1)
+    slid = system.contact.slider_slip(np.asarray((system.contact.B @ loops.T).T), turned)
+    cycle = 2.0 * (system.contact.slip_norm(slid) @ system.contact.w).reshape(
+        -1, SETTINGS.increments
+    ).sum(axis=1)
     ratio = cycle / work[followed]
     error = float(np.abs(ratio - 1.0).max(initial=0.0)) if masing else None
     work *= between(level, followed, ratio)
@@ -81,9 +83,13 @@ def masing_cycles(path: QuasiStatic, force: FloatArray, level: FloatArray) -> Cy
 
 def keeps_direction(system: System, sliders: FloatArray) -> bool:
     """Whether slips of sliders (levels, rows), m, keep their directions, as Masing's rule needs."""
-    along_the_path = np.cumsum(system.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
-    slip = system.slip_norm(sliders)
-    return bool(np.all(along_the_path @ system.w <= SETTINGS.turned * (slip @ system.w)))
+    along_the_path = np.cumsum(
+        system.contact.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0
+    )
+    slip = system.contact.slip_norm(sliders)
+    return bool(
+        np.all(along_the_path @ system.contact.w <= SETTINGS.turned * (slip @ system.contact.w))
+    )
 
 
 def between(level: FloatArray, followed: IntArray, ratio: FloatArray) -> FloatArray:

@@ -41,11 +41,11 @@ def stuck_stiffness_rates(
     system: System, parameters: Sequence[SystemSensitivity]
 ) -> list[Matrix | None]:
     """Derivatives of `System.stuck_stiffness`, (n, n), N/m; None where it does not change."""
-    B, rates = sparse.csr_array(system.B), list[Matrix | None]()
+    B, rates = sparse.csr_array(system.contact.B), list[Matrix | None]()
     for parameter in parameters:
         K = parameter.K
-        if parameter.stiffness is not None and system.has_springs:
-            k = system.on_rows(np.where(system.sprung, parameter.stiffness, 0.0))
+        if parameter.stiffness is not None and system.contact.has_springs:
+            k = system.contact.on_rows(np.where(system.contact.sprung, parameter.stiffness, 0.0))
             springs = sparse.csr_array(B.T @ sparse.diags_array(k) @ B)
             K = springs if K is None else K + springs
         rates.append(K)

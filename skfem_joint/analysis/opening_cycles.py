@@ -11,14 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
 from skfem_joint.analysis.cycles import Cycles, spread
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import ConvergenceError
-from skfem_joint.opening import OpeningContact
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.levels import Level, NoLevelError, in_parts
 from skfem_joint.stepping.opening_levels import Kept, OpeningLevels
@@ -163,8 +162,8 @@ class OpeningPath:
     def __init__(self, system: System, tolerance: float, tally: Tally, keeps: bool = False) -> None:
         self.solver = OpeningLevels(system, tolerance)
         self.to, self.tally = self.solver.to, tally
-        self._closed = cast("OpeningContact", system.opening).closed_motions()
-        self._taken = self.to.system.spring_flexibility
+        self._closed = system.contact.normal.closed_motions()
+        self._taken = self.to.system.contact.spring_flexibility
         self.given = system
         self.walked: list[list[Walk]] = []
         self._keeps = keeps
@@ -265,11 +264,11 @@ class OpeningPath:
         limits = np.array([level.limits for level in path])
         ways = np.array([level.slip - self._taken * level.friction for level in path])
         slips = np.diff(ways, axis=0)
-        work = float((0.5 * (limits[1:] + limits[:-1]) * system.slip_norm(slips)).sum())
+        work = float((0.5 * (limits[1:] + limits[:-1]) * system.contact.slip_norm(slips)).sum())
         normal = np.array([level.normal for level in path])
         end, low = path[-1], path[middle].u
-        left = float(limits.mean(axis=0) @ system.slip_norm(ways[-1] - ways[0]))
-        slid = 0.5 * system.slip_norm(ways[-1] - ways[middle])
+        left = float(limits.mean(axis=0) @ system.contact.slip_norm(ways[-1] - ways[0]))
+        slid = 0.5 * system.contact.slip_norm(ways[-1] - ways[middle])
         way = float(force @ (end.u - low))
         return _Cycle(
             end=end,
@@ -288,9 +287,9 @@ class OpeningPath:
         """Result of the cycles at all levels."""
         system, pressed = self.to.system, self.solver.contact.force > 0.0
         states = np.array([cycle.half for cycle in done])
-        slip = system.slip_norm(np.asarray((system.B @ states.T).T))
+        slip = system.contact.slip_norm(np.asarray((system.contact.B @ states.T).T))
         limits = np.array([cycle.end.limits for cycle in done])
-        on_rows = np.array([system.on_rows(w) for w in limits])
+        on_rows = np.array([system.contact.on_rows(w) for w in limits])
         forces = np.array([cycle.end.friction for cycle in done])
         creep = SETTINGS.increments * self.solver.creep  # in half of a cycle
         slip[slip <= creep] = 0.0

@@ -127,5 +127,5 @@ def _estimated(
         total = at_least(total, truth, base, of_basis, of_steps)
     parts = {"basis": added(of_basis, left), "time_step": of_steps, "total": total}
     rest = steps.left["friction_energy"] or 0.0
-    joints = joint_differences(truth, base, run.system.joints, rest)
+    joints = joint_differences(truth, base, run.system.contact.joints, rest)
     return Estimate(parts, by_joint=joints)

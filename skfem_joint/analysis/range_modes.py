@@ -73,7 +73,7 @@ def ringing(system: System, frequency: float) -> System:
     if serves is None:
         return system
     point = Point(frequency, 1.0, {}, serves.range.slip[0])
-    return point_of(system, point, np.ones(len(system.joints)))
+    return point_of(system, point, np.ones(len(system.contact.joints)))
 
 
 def distances(serves: Served, curve: Any, larger: Any) -> dict[str, float]:

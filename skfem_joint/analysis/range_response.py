@@ -20,7 +20,7 @@ def steady_in_range(system: System, frequency: float, level: float) -> System:
 
     InputError if the frequency is outside the range.
     """
-    factors = np.ones(len(system.joints))
+    factors = np.ones(len(system.contact.joints))
     check_within(system, frequency, factors)
     return point_of(system, Point(frequency, level, {}), factors)
 

@@ -299,7 +299,7 @@ def suited_steps(system: System, steps_per_cycle: int) -> int:
     else Newton's method has no unique step. With contact that opens, where the search is marching,
     the sign must be the same: else points would come to rest differently in every second period.
     """
-    if odd_loads(system) or system.opening is not None:
+    if odd_loads(system) or system.contact.opens:
         return 4 * -(-steps_per_cycle // 4)
     return steps_per_cycle + 1 - steps_per_cycle % 2
 
@@ -708,7 +708,7 @@ def _steady(
         check_short_of_gross_slip(run)
     except ConvergenceError as error:
         return _without_vibration(system, frequency, error)
-    slip = system.slid(run.friction_work)
+    slip = system.contact.slid(run.friction_work)
     vibration, harmonics = run.vibration, _harmonics(run.point_u[:-1])
     load = _harmonics(system.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
     return SteadyPoint(
@@ -741,7 +741,7 @@ def _without_vibration(system: System, frequency: float, why: ConvergenceError) 
         phase=nothing,
         friction_energy=np.nan,
         input_energy=np.nan,
-        slip=np.full(system.w.size, np.nan),
+        slip=np.full(system.contact.w.size, np.nan),
         share=np.nan,
         periods=why.periods if isinstance(why, GrossSlipError) else 0,
         change=np.nan,

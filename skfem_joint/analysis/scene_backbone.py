@@ -153,7 +153,7 @@ def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]
 
     InputError and ConvergenceError as :func:`backbone`.
     """
-    if "backbone" not in scene.model_fields_set or not scene.system().contact_points:
+    if "backbone" not in scene.model_fields_set or not scene.system().contact.count:
         return []
     table, report = scene.backbone, partial(progress, "backbone")
     return backbone(scene.system(), table.modes, table.levels, table.up_to, progress=report)
@@ -198,7 +198,7 @@ def _of_range_model(
         f"Mode {curve.mode}: the curve of the reduced model for the range errs by an estimated "
         f"share of its largest value: {shown}."
     )
-    shares = model.shares
+    shares = model.contact.shares
     slip = own.slip if shares is None else own.slip @ (shares > 0.0)
     return _OfMode(model, replace(own, slip=slip), None), (note,)
 
@@ -214,8 +214,8 @@ def _of_small_model(
     V, small = _small_model(name, scene, curve)
     report = partial(progress, f"{name} model, mode {curve.mode}")
     (own,) = backbone(small, (curve.mode,), table.levels, table.up_to, curve.slips_at, report)
-    slip = system.slip_norm((system.B @ (V @ own.states.T)).T)
-    if start is not None and (system.opening is not None or system.has_springs):
+    slip = system.contact.slip_norm((system.contact.B @ (V @ own.states.T)).T)
+    if start is not None and (system.contact.opens or system.contact.has_springs):
         # A projection would press faces into each other, and has no forces of merged springs.
         start = _loads_end(scene, small)
     elif start is not None:
@@ -245,8 +245,8 @@ def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, 
     beyond = 2 if isinstance(options.interface_modes, str) else options.interface_modes
     stuck = Stuck(system.closed()).modes(curve.mode + beyond)[1]
     states, increments = curve.states, curve.loops
-    if system.opening is not None:
-        stuck, system = system.opening.closed_motions() @ stuck, elastic(system)
+    if system.contact.opens:
+        stuck, system = system.contact.normal.closed_motions() @ stuck, elastic(system)
         levels = curve.level[spread(curve.level.size, CYCLES)]
         states, increments, rigid = states_of_cycles(system, system.M @ curve.shape, levels)
         stuck = orthonormal(np.hstack([stuck, rigid]), system.M)
@@ -318,5 +318,5 @@ def _loads_end(scene: Scene, system: System) -> State:
         )
     plan = Plan(step, int(steps[-1]) + 1, generalized_alpha(scene.time.rho_infinity))
     run = integrate_plan(system, plan).finished()
-    more = system.has_springs or system.opening is not None
+    more = system.contact.has_springs or system.contact.opens
     return run.end if more else (*run.final,)

@@ -123,7 +123,7 @@ def of_scene(scene: Scene, model: System) -> System:
     if table is None or serves is None:
         raise InputError("reduction.range: missing, or the model serves no range")
     level, known = _largest(scene), table.factors(scene.joint)
-    factors = np.array([known.get(name, 1.0) for name in model.joints])
+    factors = np.array([known.get(name, 1.0) for name in model.contact.joints])
     pairs = serves.range.limits.items()
     limits = {
         name: (low / known.get(name, 1.0), high / known.get(name, 1.0))

@@ -140,7 +140,7 @@ def of_full(
         return by_finer_steps(run, *finer)
     errors = None
     # Levels cost about as much as those of a reduced model; contact that opens has none.
-    if not plan.quasi_static and system.opening is None:
+    if not plan.quasi_static and not system.contact.opens:
         errors = _of_reduced(system, run, plan, Verification(progress))
     return errors or by_finer_steps(run, verify(system, plan.finer(2)))
 
@@ -163,7 +163,7 @@ def by_finer_steps(
     # The distance itself is no guess, and has no lower bound: with one, 13 % of errors between 0.1
     # and 0.3 % were stated at more than three times the truth, without it 5 %.
     errors, rest = steps.with_rest(steps.finest, base), steps.left["friction_energy"] or 0.0
-    joints = joint_differences(steps.finest, base, run.system.joints, rest)
+    joints = joint_differences(steps.finest, base, run.system.contact.joints, rest)
     return Estimate({"time_step": errors, "total": errors}, by_joint=joints)
 
 
@@ -171,7 +171,7 @@ def is_small(system: System, plan: Plan) -> bool:
     """Whether half and quarter steps of the model itself cost little."""
     if plan.n_steps * (system.n + SETTINGS.overhead) <= SETTINGS.small or system.is_dense:
         return True
-    return system.contact_points > 0 and arranged(system).kind == "chain"
+    return system.contact.count > 0 and arranged(system).kind == "chain"
 
 
 def _of_reduced(
@@ -212,21 +212,21 @@ def reduced_for_steps(system: System, plan: Plan) -> System:
     small = reduced_system(
         system, wide, friction_points="all", periodic=plan.cycle_steps is not None
     )
-    if system.contact_points <= SETTINGS.points:
+    if system.contact.count <= SETTINGS.points:
         return small
     return shared_points(small, *_merged(system, basis))
 
 
 def _merged(system: System, basis: Basis) -> tuple[FloatArray, FloatArray]:
     """Shares and limits of contact points that slip alike in a basis."""
-    narrow, carrying = system.project(basis.V), np.flatnonzero(system.w)
+    narrow, carrying = system.project(basis.V), np.flatnonzero(system.contact.w)
     merged = merged_points(narrow, basis.history.velocities, carrying, SETTINGS.points)
-    return merged.shares, merged.w
+    return merged.contact.shares, merged.contact.w
 
 
 def _natural_modes(system: System) -> FloatArray:
     """Lowest natural modes with the contact held, then with it loose, (n, k)."""
-    B = system.B[np.flatnonzero(system.on_rows(system.w))]
+    B = system.contact.B[np.flatnonzero(system.contact.on_rows(system.contact.w))]
     held = system.K + SETTINGS.held * float(system.K.diagonal().mean()) * (B.T @ B)
     count = min(SETTINGS.natural_modes, system.n)
     return np.hstack([lowest_modes(K, system.M, count)[1] for K in (held, system.K)])

@@ -124,7 +124,7 @@ def _described_and_run(
     scene, left_out = with_friction(scene)
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
-    path = None if system.opening is not None else factors_at_rest(system)
+    path = None if system.contact.opens else factors_at_rest(system)
     description = describe(scene, path)
     if in_range is not None and in_range.in_range is not None:
         choice = in_range
@@ -273,7 +273,7 @@ def estimate_errors(study: Study, result: ModelResult, progress: Progress) -> Mo
             model = replace(model, estimate=errors, estimate_s=took, compilation_s=compiled)
     if model.estimate is not None and model.errors is not None:
         runs = results(study.models["full"].run), results(model.run)
-        joints = joint_differences(*runs, study.system.joints)
+        joints = joint_differences(*runs, study.system.contact.joints)
         model = replace(model, estimate=model.estimate.beside(difference(*runs), joints))
     return replace(result, model=model, notes=notes, interrupted=interrupted)
 
@@ -391,11 +391,11 @@ def _reduced(
         notes = (*basis.notes, *notes_of_reduction(study.system, system))
     active: tuple[_ByJoint, _ByJoint] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
-        sliding = study.system.slider_peak(basis.history.slip_peak)
+        sliding = study.system.contact.slider_peak(basis.history.slip_peak)
         notes = (*notes, *gross_slip(study.structure, sliding, study.period))
         active = _active(study, basis.history.slip_peak, sliding)[1:]
     before, compiled = np.add(watch.read(), (choice.seconds, choice.compilation_s)).tolist()
-    vectors, points = basis.V.shape[1], system.contact_points
+    vectors, points = basis.V.shape[1], system.contact.count
     _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
     run = integrate(system, plan_of(scene))
     offline, compiled = before + run.preparation_s, compiled + run.compilation_s
@@ -420,7 +420,7 @@ def _condensed(
     notes: tuple[str, ...] = ()
     basis = condensed_basis(system)
     small = condensed_system(system, basis.V)
-    kept, to = small.B.shape[0], arranged(system)
+    kept, to = small.contact.B.shape[0], arranged(system)
     sparse = to.kind == "contact" and not condensing_pays(
         to.system.K, ContactPoints.of(to.system).limited
     )
@@ -433,7 +433,7 @@ def _condensed(
     estimated = partial(run_estimate.of_run, system, basis)
     scene, run, errors = shortened_steps(study.scene, partial(integrate, small), estimated)
     notes += _of_accuracy("condensed", scene, errors)
-    peak, sliding = (np.asarray(x @ small.shares) for x in (run.slip_peak, run.slider_peak))
+    peak, sliding = (np.asarray(x @ small.contact.shares) for x in (run.slip_peak, run.slider_peak))
     basis = replace(basis, history=replace(basis.history, slip_peak=peak))
     offline = before + run.preparation_s
     model = Model("condensed", run, offline, *_active(study, peak, sliding), basis)

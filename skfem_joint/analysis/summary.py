@@ -75,7 +75,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     state, opens = steady_state(run), run.normal_force_peak.size > 0
     content: dict[str, Any] = {
         "dofs": run.system.n,
-        "contact_points": run.system.contact_points,
+        "contact_points": run.system.contact.count,
         "modes": model.modes,
         "steps": run.counters.steps,
         "newton_iterations": run.counters.newton_iterations,
@@ -130,12 +130,12 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
     run = model.run
     per_cycle: list[Any] = beyond_round_off(run, run.cycles.by_joint[-1:]).ravel().tolist()
     energy = _friction_energy(run)
-    per_cycle = per_cycle or [None] * len(run.system.joints)
+    per_cycle = per_cycle or [None] * len(run.system.contact.joints)
     by_name: dict[str, dict[str, Any]] = {}
-    shares = run.system.shares
+    shares = run.system.contact.shares
     work = run.friction_work if shares is None else shares.T @ run.friction_work
     for k, patch in enumerate(study.structure.patches):
-        name, own = patch.joint.name, run.system.J[[k]].toarray()[0] > 0.0
+        name, own = patch.joint.name, run.system.contact.J[[k]].toarray()[0] > 0.0
         known = {} if model.estimate is None else model.estimate.by_joint
         of_all, of_own = known.get(name, (None, None))
         by_name[name] = {
@@ -155,7 +155,7 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             by_name[name]["tangential_stiffness_N_per_m"] = float(springs.sum())
         body = study.structure.body
         if isinstance(patch.joint.pressure, Bolts) and body is not None:
-            part = study.system.J[[k]].toarray()[0] * work
+            part = study.system.contact.J[[k]].toarray()[0] * work
             nodes = body.nodes[patch.nodes]
             by_bolt = _by_bolt(nodes, patch.joint.pressure, part[patch.points])
             by_name[name]["friction_energy_by_bolt_J"] = beyond_round_off(run, by_bolt).tolist()
@@ -243,7 +243,7 @@ def violated(study: Study, model: Model) -> list[str]:
         warnings += run.steady.notes
     state = steady_state(run)
     if run.loops is not None:
-        warnings += _of_loops(model.name, run.system.joints, run.loops)
+        warnings += _of_loops(model.name, run.system.contact.joints, run.loops)
     elif state is not None and not state.reached:
         warnings.append(
             f"The {model.name} model has not reached a steady state: the last cycle differs by "
@@ -419,7 +419,7 @@ def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
 
 def _basis(model: Model, errors: Estimate) -> str:
     """Cure for a basis that misses modes."""
-    if model.run.system.opening is not None:
+    if model.run.system.contact.opens:
         if model.name == "reduced":
             return "use more modes, or run the condensed model"
         return "run the full model, or sj.condense with more interface_modes"

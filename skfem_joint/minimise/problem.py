@@ -111,11 +111,17 @@ class ContactPoints:
             Length of the step, s, for points with springs, whose law is that of the slider's slip
             over it; not needed where the values of beta are given to each minimisation.
         """
-        points = ContactPoints(system.B, system.directions, system.w, system.beta)
-        if not system.has_springs:
+        points = ContactPoints(
+            system.contact.B, system.contact.directions, system.contact.w, system.contact.beta
+        )
+        if not system.contact.has_springs:
             return points
-        sprung, soft, beta = system.sprung, np.zeros(system.w.size), np.array(system.beta)
-        soft[sprung] = system.w[sprung] / (system.stiffness[sprung] * moved)
+        sprung, soft, beta = (
+            system.contact.sprung,
+            np.zeros(system.contact.w.size),
+            np.array(system.contact.beta),
+        )
+        soft[sprung] = system.contact.w[sprung] / (system.contact.stiffness[sprung] * moved)
         if lasts is not None:
             beta[sprung] *= moved / lasts
         return replace(points, beta=beta, soft=soft)

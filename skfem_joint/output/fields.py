@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,6 @@ from skfem_joint.analysis.history import States
 from skfem_joint.analysis.stress import von_mises
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import AnyStructure, Structure
 from skfem_joint.system import System
@@ -257,11 +256,11 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
     states = np.full(u.shape[:2], -1, dtype=np.int8)
     for number, patch in enumerate(structure.patches):
         points, nodes = patch.points, patch.nodes
-        own = system.J[[number]].toarray()[0, points]
+        own = system.contact.J[[number]].toarray()[0, points]
         limit = own * limits[:, points] / patch.area
         for k in range(patch.directions.shape[1]):
-            free = system.directions[points] > k
-            row, along = system.first_row[points[free]] + k, patch.directions[free, k]
+            free = system.contact.directions[points] > k
+            row, along = system.contact.first_row[points[free]] + k, patch.directions[free, k]
             size = -limit[:, free] * contact.friction[:, row]
             traction[:, nodes[free]] += size[..., np.newaxis] * along
             slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * along
@@ -276,7 +275,7 @@ def _open(
     structure: Structure, run: Run, pressure: FloatArray, gap: FloatArray, states: States
 ) -> None:
     """Enter pressures, Pa, gaps, m, and points that are apart into (frames, N) of all nodes."""
-    contact, start = cast("OpeningContact", run.system.opening), 0
+    contact, start = run.system.contact.normal, 0
     gaps = np.maximum(contact.gaps(run.u), 0.0)
     for patch in structure.patches:
         if (face := patch.opening) is None:
@@ -294,7 +293,6 @@ def _open(
 
 def _limits(system: System, run: Run) -> FloatArray:
     """Friction limits of all contact points at the stored fields, (frames, m) or (1, m), N."""
-    if system.opening is None or not run.normal_force.size:
-        return system.w[np.newaxis]
-    constant = system.w - system.opening.limits_at_rest
-    return np.asarray(constant + (system.opening.gain @ run.normal_force.T).T)
+    if not system.contact.opens or not run.normal_force.size:
+        return system.contact.w[np.newaxis]
+    return np.asarray(system.contact.given + (system.contact.gain @ run.normal_force.T).T)

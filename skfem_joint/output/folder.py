@@ -140,7 +140,7 @@ def _add_slow(
         if name not in plan and first.times.size > 1:
             add(name, plots.hysteresis_figure, runs, load.on, k, None)
     slips = (run.loops is not None and np.ptp(run.loops.slip) > 0.0 for run in runs.values())
-    if first.system.joints and any(slips):
+    if first.system.contact.joints and any(slips):
         add("joint_loops.png", plots.joint_loops_figure, runs)
 
 

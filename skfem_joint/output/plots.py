@@ -190,7 +190,7 @@ def joint_loops_figure(runs: Mapping[str, Run]) -> Figure:
     that do not slip have no panel.
     """
     known = {name: run.loops for name, run in runs.items() if run.loops is not None}
-    joints = next(iter(runs.values())).system.joints
+    joints = next(iter(runs.values())).system.contact.joints
     most = [max(np.ptp(loops.slip[:, k]) for loops in known.values()) for k in range(len(joints))]
     moving = [k for k, slip in enumerate(most) if slip > _AT_REST * max(most)]
     if not moving:

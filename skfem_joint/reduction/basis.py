@@ -196,10 +196,10 @@ class Basis:
         if count is not None:
             merged = merged_points(unmerged, velocities, active, count)
             note = (
-                f"The reduced model has {merged.w.size} friction points instead of {count}: no "
-                "more of the joints' points slip apart from each other."
+                f"The reduced model has {merged.contact.w.size} friction points instead of "
+                f"{count}: no more of the joints' points slip apart from each other."
             )
-            if merged.w.size >= count:
+            if merged.contact.w.size >= count:
                 return merged
             return replace(merged, notes=(*merged.notes, note))
         for each in SETTINGS.merged_per_mode:
@@ -213,7 +213,7 @@ class Basis:
 
         All points of the joints may slip in it.
         """
-        active = np.flatnonzero(system.w > 0.0)
+        active = np.flatnonzero(system.contact.w > 0.0)
         history = replace(self.history, velocities=velocities, active=active)
         return replace(self, V=V, history=history)
 
@@ -291,7 +291,7 @@ def basis_of(
     left = u - (u @ (system.M @ V)) @ V.T
     energies = [float(np.vdot(x, (system.K @ x.T).T)) for x in (left, u)]
     missed = float(np.sqrt(energies[0] / energies[1])) if energies[1] > 0.0 else 0.0
-    points = np.flatnonzero(system.w > 0.0 if active is None else active)
+    points = np.flatnonzero(system.contact.w > 0.0 if active is None else active)
     history = SlipHistory(velocities, slip_velocity, slip_peak, points, missed)
     return Basis(V, modes, proper, history)
 
@@ -329,11 +329,11 @@ def reduced_system(
     InputError
         If no point carries friction, or less than one friction point is asked for.
     """
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         raise InputError(NO_FRICTION)
     system = elastic(system)
     reduced = system.project(basis.V)
-    if system.opening is not None:
+    if system.contact.opens:
         check_points(friction_points)
         friction_points = "all"
     count = None if isinstance(friction_points, str) else friction_points
@@ -347,7 +347,9 @@ def reduced_system(
     share = basis.history.resolved if periodic else basis.history.resolved / SETTINGS.decaying
     steepest = 1.0 / (share * velocity)
     notes = reduced.notes
-    if np.any(system.beta[~system.sprung] > steepest) and not np.all(reduced.sprung):
+    if np.any(system.contact.beta[~system.contact.sprung] > steepest) and not np.all(
+        reduced.contact.sprung
+    ):
         note = (
             f"The reduced model uses beta = {steepest:.3g} s/m: its modes do not resolve slip "
             f"velocities below {share:g} of the largest ({velocity:.3g} m/s), where a steeper law "

@@ -50,10 +50,8 @@ def elastic(system: System) -> System:
     InputError
         If there are springs in series with friction beside contact that opens.
     """
-    contact = system.opening
-    if contact is None:
-        return system
-    if system.opening is not None and system.has_springs:
+    contact = system.contact.normal
+    if system.contact.opens and system.contact.has_springs:
         raise InputError(
             "reduced model: found springs in series with friction beside contact that opens, which "
             "has full and condensed models alone; give sj.condense(system), or leave "
@@ -65,15 +63,13 @@ def elastic(system: System) -> System:
     compliance = (N * N) @ (1.0 / np.asarray(system.K.diagonal()))
     own = np.divide(1.0, compliance, out=np.zeros_like(compliance), where=compliance > 0.0)
     stiffness = FACTOR * own.sum() / contact.area.sum() * contact.area
-    return replace(
-        system,
-        opening=replace(contact, stiffness=np.where(contact.rigid, stiffness, contact.stiffness)),
-    )
+    stiffness = np.where(contact.rigid, stiffness, contact.stiffness)
+    return system.with_contact(normal=replace(contact, stiffness=stiffness))
 
 
 def check_reference(system: System, reference: str) -> None:
     """Refuse modes of contact that opens that do not come from its static path."""
-    if system.opening is not None and reference != "static":
+    if system.contact.opens and reference != "static":
         raise InputError(
             f"reduction.reference: found {reference!r}, must be 'static' with contact that opens, "
             "whose modes come from a path of elastic contact"
@@ -97,8 +93,8 @@ def strain_norm(system: System) -> Matrix:
 
     A little of the mass is added to it, as bodies may move freely.
     """
-    contact = system.opening
-    if contact is None:
+    contact = system.contact.normal
+    if not system.contact.opens:
         return shifted(system.K, system.M)
     springs = as_dense(contact.springs) if system.is_dense else contact.springs
     return shifted(system.K + springs, system.M)

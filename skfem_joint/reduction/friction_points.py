@@ -15,7 +15,7 @@ squared distance of two of these is about the friction power that merging them l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
@@ -70,7 +70,11 @@ def friction_lost(unmerged: System, merged: System, velocities: FloatArray) -> f
     """
     rates = thinned(velocities, SETTINGS.times)
     all_of_it, rest = (
-        float((system.slip_norm(rates @ np.asarray(system.B).T) @ system.w).sum())
+        float(
+            (
+                system.contact.slip_norm(rates @ np.asarray(system.contact.B).T) @ system.contact.w
+            ).sum()
+        )
         for system in (unmerged, merged)
     )
     return 1.0 - rest / all_of_it if all_of_it > 0.0 else 0.0
@@ -97,31 +101,35 @@ def merged_points(system: System, velocities: FloatArray, points: IntArray, coun
     System
         Row k of its ``shares`` holds the weights of the old points in the new point k.
     """
-    points = points[system.w[points] > 0.0]
-    joints = sparse.csr_array(system.J)[:, points].toarray() > 0.0
-    laws = system.directions, system.beta, np.isfinite(system.stiffness)
+    points = points[system.contact.w[points] > 0.0]
+    joints = sparse.csr_array(system.contact.J)[:, points].toarray() > 0.0
+    laws = system.contact.directions, system.contact.beta, np.isfinite(system.contact.stiffness)
     kinds = np.vstack([joints, *(law[points] for law in laws)]).T
     sets = [points[np.all(kinds == kind, axis=1)] for kind in np.unique(kinds, axis=0)]
     rates = thinned(velocities, SETTINGS.times)
     histories = [_histories(system, rates, members) for members in sets]
-    power = [system.w[p] @ (x * x).sum(axis=1) for p, x in zip(sets, histories, strict=True)]
+    power = [
+        system.contact.w[p] @ (x * x).sum(axis=1) for p, x in zip(sets, histories, strict=True)
+    ]
     sizes = np.array([members.size for members in sets])
     share = np.array(power) / (sum(power) or 1.0)
     wanted = np.clip((count * share).astype(int), 1, sizes)
     # Points that are left over go to kinds with members to spare, in proportion to these.
     spare = sizes - wanted
     wanted += np.minimum(spare, max(count - wanted.sum(), 0) * spare // max(spare.sum(), 1))
-    owner, total = np.zeros(system.w.size, dtype=np.intp), 0
+    owner, total = np.zeros(system.contact.w.size, dtype=np.intp), 0
     for members, x, most in zip(sets, histories, wanted, strict=True):
-        owner[members] = total + partition(x, system.w[members], int(most))
+        owner[members] = total + partition(x, system.contact.w[members], int(most))
         total = int(owner[members].max()) + 1
     place = owner[points], points
-    limits = sparse.csr_array((system.w[points], place), shape=(total, system.w.size))
+    limits = sparse.csr_array(
+        (system.contact.w[points], place), shape=(total, system.contact.w.size)
+    )
     w = np.asarray(limits.sum(axis=1))
     return shared_points(system, sparse.csr_array(sparse.diags_array(1.0 / w) @ limits), w)
 
 
-def shared_points(system: System, shares: sparse.csr_array, w: FloatArray) -> System:
+def shared_points(system: System, shares: sparse.csr_array, given: FloatArray) -> System:
     """System whose contact points are weighted means of old points with equal beta.
 
     The old points of a mean must have the same number of slip directions, too. The ``shares`` of
@@ -132,31 +140,35 @@ def shared_points(system: System, shares: sparse.csr_array, w: FloatArray) -> Sy
     system : System
     shares : sparse array, shape (new points, m)
         Weights of the old points in each new one.
-    w : ndarray, shape (new points,)
-        Friction limits of the new points, N.
+    given : ndarray, shape (new points,)
+        Friction limits of the new points, N, without those of normal forces that change.
     """
+    contact = system.contact
     like = shares.indices[shares.indptr[:-1]]  # an old point of each new one
-    directions = system.directions[like]
+    directions = contact.directions[like]
     both = sparse.csr_array(sparse.kron(shares, np.eye(2)))  # as if all slipped in two directions
-    new, old = (np.flatnonzero(d[:, np.newaxis] > [0, 1]) for d in (directions, system.directions))
-    B = both[new][:, old] @ system.B
-    alike = {"beta": system.beta[like], "directions": directions}
-    if system.has_springs:  # in parallel
+    new, old = (np.flatnonzero(d[:, np.newaxis] > [0, 1]) for d in (directions, contact.directions))
+    B = both[new][:, old] @ contact.B
+    alike = {"beta": contact.beta[like], "directions": directions}
+    if contact.has_springs:  # in parallel
         members = sparse.csr_array((np.ones(shares.nnz), shares.indices, shares.indptr))
         members.resize(shares.shape)
-        alike["stiffness"] = members @ system.stiffness
+        alike["stiffness"] = members @ contact.stiffness
     else:
-        alike["stiffness"] = np.full(w.size, np.inf)
-    of_all = shares if system.shares is None else sparse.csr_array(shares @ system.shares)
-    opening = None if system.opening is None else system.opening.of_points(shares)
-    J = system.J @ shares.T
-    return replace(system, B=B, w=w, J=J, shares=of_all, opening=opening, **alike)
+        alike["stiffness"] = np.full(given.size, np.inf)
+    of_all = shares if contact.shares is None else sparse.csr_array(shares @ contact.shares)
+    gain = sparse.csr_array((shares > 0.0).astype(float) @ sparse.csr_array(contact.gain))
+    J = contact.J @ shares.T
+    changes = {"B": B, "given": given, "J": J, "shares": of_all, "gain": gain}
+    return system.with_contact(**changes, **alike)
 
 
 def _histories(system: System, velocities: FloatArray, points: IntArray) -> FloatArray:
     """Histories of y / sqrt(|y|) of points with equal directions, in their principal axes."""
-    rows = system.first_row[points][:, np.newaxis] + np.arange(system.directions[points[0]])
-    slip = np.asarray(system.B)[rows] @ velocities.T  # (points, directions, times)
+    rows = system.contact.first_row[points][:, np.newaxis] + np.arange(
+        system.contact.directions[points[0]]
+    )
+    slip = np.asarray(system.contact.B)[rows] @ velocities.T  # (points, directions, times)
     size = np.sqrt((slip * slip).sum(axis=1, keepdims=True))
     x = (slip / np.sqrt(np.where(size > 0.0, size, 1.0))).reshape(points.size, -1)
     axes = np.linalg.eigh(x.T @ x)[1]

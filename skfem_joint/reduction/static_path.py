@@ -178,7 +178,7 @@ def slip_path(
     KeyboardInterrupt
         If the preliminary run is interrupted.
     """
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, plan)
     path = _path(system, given, tolerance)
@@ -186,8 +186,8 @@ def slip_path(
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
     slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
-    every = system.w > 0.0
-    slides = bool(slipping[every].all()) or system.opening is not None
+    every = system.contact.w > 0.0
+    slides = bool(slipping[every].all()) or system.contact.opens
     beside, interface, share = _beside(system, response, loads, path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
     rigid, energy = path.to.outer(path.rigid.T).T, strain_norm(system)
@@ -200,7 +200,9 @@ def slip_path(
         states, within = _second(path, loads, response, driving)
         snapshots.append(states)
         now, slip_peak = _slipping(system, states[:within])
-        newly_slipping = float(system.w[now & ~slipping].sum() / max(system.w[now].sum(), 1e-300))
+        newly_slipping = float(
+            system.contact.w[now & ~slipping].sum() / max(system.contact.w[now].sum(), 1e-300)
+        )
         slides |= bool(now[every].all())
         if newly_slipping <= SETTINGS.newly_slipping:
             break
@@ -231,7 +233,7 @@ def _path(system: System, path: QuasiStatic | None, tolerance: float) -> QuasiSt
     """Path of a system, which uses the factors of a given ``path``."""
     from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
 
-    if system.opening is not None:
+    if system.contact.opens:
         return OpeningPath(system, tolerance)
     return QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
 
@@ -241,7 +243,7 @@ def _is_monotone(system: System, loads: Excitation) -> bool:
 
     With contact that opens they are not.
     """
-    return loads.is_one_harmonic and system.opening is None
+    return loads.is_one_harmonic and not system.contact.opens
 
 
 def _beside(
@@ -266,10 +268,10 @@ def _first(
     InputError if nothing moves.
     """
     inertia = system.M @ response
-    beyond = SETTINGS.first_beyond if system.opening is None else 1.0  # more might lift it off
+    beyond = SETTINGS.first_beyond if not system.contact.opens else 1.0  # more might lift it off
     if loads.plan.quasi_static:
         inertia = np.zeros_like(inertia)
-    pulse = len(loads.amplitudes) == 1 and loads.period is None and system.opening is None
+    pulse = len(loads.amplitudes) == 1 and loads.period is None and not system.contact.opens
     if pulse or _is_monotone(system, loads):
         square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
         levels = _levels(SETTINGS.first_levels, beyond)
@@ -318,7 +320,7 @@ def _in_time(path: QuasiStatic | OpeningPath, loads: Excitation, driving: _Drivi
 
 def _slipping(system: System, states: FloatArray) -> tuple[BoolArray, FloatArray]:
     """Which contact points slip in some states (s, n), and their largest slips (m), each (m,)."""
-    slip = system.slip_norm((system.B @ states.T).T).max(axis=0)
+    slip = system.contact.slip_norm((system.contact.B @ states.T).T).max(axis=0)
     return slip > THRESHOLD * slip.max(), slip
 
 
@@ -345,9 +347,9 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
     points are merged as they slip on the path.
     """
     small, merging = system.project(V), friction_points.SETTINGS
-    if system.contact_points > merging.many and system.opening is None:
+    if system.contact.count > merging.many and not system.contact.opens:
         rates = path @ (system.M @ V)
-        small = merged_points(small, rates, np.flatnonzero(system.w), merging.merged)
+        small = merged_points(small, rates, np.flatnonzero(system.contact.w), merging.merged)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
     steepest = SETTINGS.resolved / max(velocity, SETTINGS.slow)
     small = small.no_steeper(steepest)

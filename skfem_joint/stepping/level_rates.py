@@ -34,7 +34,6 @@ from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed
 from skfem_joint.minimise.opening_springs import OpeningOnSprings
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.opening import OpeningContact
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
 from skfem_joint.stepping.levels import Level
 from skfem_joint.stepping.opening_levels import OpeningLevels
@@ -179,7 +178,7 @@ class _Matrix:
         outer = cast("Any", levels.problem)
         on_springs = isinstance(outer, OpeningOnSprings)
         inner = outer.problem if on_springs else outer
-        rubs = levels.to.system.on_rows(touch[0])
+        rubs = levels.to.system.contact.on_rows(touch[0])
         kept = np.flatnonzero(np.concatenate([rubs, touch[1]]))
         at = np.full(inner.slips + touch[1].size, -1)
         at[kept] = np.arange(kept.size)
@@ -235,9 +234,9 @@ class LevelRates:
     ) -> None:
         self.system: System = path.to.system
         self.parameters = parameters
-        self.contact: OpeningContact | None = self.system.opening
+        self.contact, self.opens = self.system.contact.normal, self.system.contact.opens
         if isinstance(path, OpeningLevels):
-            m, q = self.system.w.size, path.contact.gap.size
+            m, q = self.system.contact.w.size, path.contact.gap.size
             every = np.ones(m, dtype=bool), np.ones(q, dtype=bool)
             self.matrix, self.shift = _Matrix.opening(path, touch or every), path.shift
         else:
@@ -250,23 +249,25 @@ class LevelRates:
         self._seen, beside = self.matrix.restrict(looked_at)
         self._held = self.matrix.extend(np.zeros_like(self._seen), beside)
         self._held_of_force = self._held.T @ of_force
-        self.row_point = np.repeat(np.arange(self.system.w.size), self.system.directions)
-        self.flexibility = self.system.spring_flexibility
+        self.row_point = np.repeat(
+            np.arange(self.system.contact.w.size), self.system.contact.directions
+        )
+        self.flexibility = self.system.contact.spring_flexibility
         # Rows whose friction has springs in series, where limits are constant.
         self._sprung: BoolArray | None = None
-        if self.contact is None and self.system.has_springs:
-            self._sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
+        if not self.opens and self.system.contact.has_springs:
+            self._sprung = self.system.contact.on_rows(self.system.contact.sprung)[:, np.newaxis]
         self._rubs = np.flatnonzero(self.matrix.place >= 0)
         ones, size = np.ones(self._rubs.size), (self.matrix.A.shape[0], self.row_point.size)
         entries = ones, (self.matrix.place[self._rubs], self._rubs)
         self._from_rows = sparse.csr_array(entries, shape=size)  # points may share unknowns
-        begins = self.system.first_row[:-1]
-        acts, two = self.matrix.place[begins] >= 0, self.system.directions == 2
+        begins = self.system.contact.first_row[:-1]
+        acts, two = self.matrix.place[begins] >= 0, self.system.contact.directions == 2
         self._first, self._second = begins[acts], (begins + two)[acts]
         self._partner = np.arange(self.row_point.size)
         self._partner[begins[two]] += 1
         self._partner[begins[two] + 1] -= 1
-        if self.contact is None:
+        if not self.opens:
             second = np.where(two[acts], self.matrix.place[self._second], -1)
             first = self.matrix.place[self._first]
             self._factors = BlockFactors(self.matrix.A, first, second)
@@ -284,11 +285,11 @@ class LevelRates:
                     table[:, j] = value
             return table
 
-        m = system.w.size
+        m = system.contact.w.size
         self.given = columns(m, [p.w for p in self.parameters])
         self.spring_rates = columns(m, [p.stiffness for p in self.parameters])
         self.gains: list[Any] = [None] * count
-        if self.contact is None:
+        if not self.opens:
             return
         q = self.contact.gap.size
         parts = [p.opening or OpeningSensitivity() for p in self.parameters]
@@ -297,7 +298,7 @@ class LevelRates:
         self.stiffness = columns(q, [part.stiffness for part in parts])
         self.gains = [part.gain for part in parts] + [None]
         # What is given beside normal forces: limits at rest without those of the forces at rest.
-        self.given -= self.contact.gain @ self.at_rest
+        self.given -= self.system.contact.gain @ self.at_rest
         for j, gain in enumerate(self.gains):
             if gain is not None:
                 self.given[:, j] -= gain @ self.contact.force
@@ -310,14 +311,14 @@ class LevelRates:
             np.zeros((self._seen.shape[1], count)),
         )
         normal, limits = np.zeros((0, count)), self.given
-        if self.contact is not None:
+        if self.opens:
             normal, limits = self.at_rest, self._limits(self.contact.force, self.at_rest)
         return Rates(values, zeros, zeros, limits, normal)
 
     def slips(self, levels: Sequence[Level]) -> FloatArray:
         """Slips that `Rates.slip` are derivatives of, (levels, rows), m."""
         slips = np.array([level.slip for level in levels])
-        if self.contact is None or not self.system.has_springs:
+        if not self.opens or not self.system.contact.has_springs:
             return slips
         return np.asarray(slips - self.flexibility * [level.friction for level in levels])
 
@@ -385,7 +386,7 @@ class LevelRates:
         z, forces = np.zeros_like(right), friction.known + self._by_slip(friction, begin)
         known = self._from_rows @ forces
         z[self.matrix.place[sticks]], fixed[self.matrix.place[sticks]] = last.slip[sticks], True
-        if self.contact is not None:
+        if self.opens:
             return self._next_opening(friction, after, right, held, z, known, fixed)
         if not fixed.all():
             ends = friction.diagonal[self._first], friction.diagonal[self._second]
@@ -416,7 +417,7 @@ class LevelRates:
                 for x, y in ((right, self._right_of_force), (held, self._held_of_force))
             )
             z, known = (np.column_stack([x, np.zeros(len(x))]) for x in (z, known))
-        contact, A, at = cast("OpeningContact", self.contact), self.matrix.A, self.matrix.approach
+        contact, A, at = self.contact, self.matrix.A, self.matrix.approach
         normals = self._normals(after, right)
         elastic, closed = normals.elastic, at[normals.closed]
         z[closed, : self.gap.shape[1]], fixed[closed] = self.gap[normals.closed], True
@@ -451,14 +452,14 @@ class LevelRates:
     def _by_slip(self, friction: _Friction, slip: FloatArray) -> FloatArray:
         """What slips (..., rows, k) of increments change their friction by, (..., rows, k)."""
         forces = friction.diagonal[..., np.newaxis] * slip
-        if self.row_point.size > self.system.w.size:
+        if self.row_point.size > self.system.contact.w.size:
             forces += friction.beside[..., np.newaxis] * slip[..., self._partner, :]
         return forces
 
     @cached_property
     def _gain_of_unknowns(self) -> sparse.csr_array:
         """Friction limit of each unknown by normal forces, (z, q)."""
-        gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)[self.row_point]
+        gain = sparse.csr_array(self.system.contact.gain)[self.row_point]
         return sparse.csr_array(self._from_rows @ gain)
 
     def _padded(self, g: FloatArray) -> FloatArray:
@@ -486,14 +487,14 @@ class LevelRates:
             parameter, g = self.parameters[j], np.zeros(u.shape)
             if parameter.K is not None:
                 g -= parameter.K @ u
-            if self.contact is not None:
+            if self.opens:
                 g += (self.contact.N.T @ self.at_rest[:, j])[:, np.newaxis]
             if self.matrix.sliders:
                 forces = np.array([level.friction for level in levels]).T
                 rates = self.flexibility * self.spring_rates[self.row_point, j]
                 stiffer = rates[:, np.newaxis] * forces
-                g -= system.B.T @ stiffer
-                g = np.vstack([g, stiffer[system.on_rows(system.sprung)]])
+                g -= system.contact.B.T @ stiffer
+                g = np.vstack([g, stiffer[system.contact.on_rows(system.contact.sprung)]])
             columns.append(g)
         return np.stack(columns, axis=2).reshape(len(columns[0]), -1) if columns else u[:, :0]
 
@@ -503,19 +504,22 @@ class LevelRates:
         path = before, *levels
         forces = np.array([level.friction for level in path])
         step = np.diff(self.slips(path), axis=0)
-        limits = np.array([system.w if level.limits is None else level.limits for level in levels])
+        limits = np.array(
+            [system.contact.w if level.limits is None else level.limits for level in levels]
+        )
         w = limits[:, rows]
         acts = (w > 0.0) & (place >= 0)
         springs = np.zeros(rows.size)
-        if self.contact is None:
-            springs = system.on_rows(system.spring_constants)
+        if not self.opens:
+            springs = system.contact.on_rows(system.contact.spring_constants)
         sprung = springs > 0.0
         size, force, trial = (
-            system.slip_norm(x)[:, rows] for x in (step, forces[1:], forces[:-1] + springs * step)
+            system.contact.slip_norm(x)[:, rows]
+            for x in (step, forces[1:], forces[:-1] + springs * step)
         )
         # Slips of points that stick differ by round-off, and of sliders by what forces err by, so
         # that it takes their friction too to say which they are.
-        whole = system.slip_norm(np.array([level.slip for level in path]))[:, rows]
+        whole = system.contact.slip_norm(np.array([level.slip for level in path]))[:, rows]
         size = np.where(size > ROUND_OFF * (whole[1:] + whole[:-1]), size, 0.0)
         largest = np.where(acts, size, 0.0).max(axis=1, initial=0.0, keepdims=True)
         at_limit = force >= (1.0 - np.where(sprung, STILL, TURNING)) * w
@@ -523,11 +527,14 @@ class LevelRates:
         # Points that hardly slip, or whose force hardly differs from the limit.
         hardly = moves & (size < TURNING * largest)
         near = acts & ~moves & (np.where(sprung, trial, force) > (1.0 - TURNING) * w)
-        turning = system.by_point(1.0 * (hardly | near)) > 0.0
+        turning = system.contact.by_point(1.0 * (hardly | near)) > 0.0
         direction = np.divide(forces[1:], force, out=np.zeros_like(w), where=moves)
         curved = np.divide(w, np.where(sprung, trial, size), out=np.zeros_like(w), where=moves)
         curved = np.where(sprung, springs * np.where(moves, curved, 1.0), curved)
-        single, across = system.on_rows(system.directions == 1), direction[:, self._partner]
+        single, across = (
+            system.contact.on_rows(system.contact.directions == 1),
+            direction[:, self._partner],
+        )
         given = self.given[rows]
         if any(gain is not None for gain in self.gains):
             none = np.zeros_like(self.at_rest)
@@ -548,7 +555,7 @@ class LevelRates:
 
     def _limits(self, normal: FloatArray, rates: FloatArray) -> FloatArray:
         """Derivatives of the friction limits, (m, k), N, by those (q, k) of normal forces (q,)."""
-        contact = cast("OpeningContact", self.contact)
+        contact = self.system.contact
         limits = self.given + contact.gain @ rates
         for j, gain in enumerate(self.gains):
             if gain is not None:
@@ -563,7 +570,7 @@ class LevelRates:
 
     def _normals(self, after: Level, right: FloatArray) -> _Normals:
         """Points that are pressed at a level, with the right side (z, k) of its equations."""
-        contact, at = cast("OpeningContact", self.contact), self.matrix.approach
+        contact, at = self.contact, self.matrix.approach
         pressed = cast("FloatArray", after.normal) > 0.0
         closed = np.flatnonzero(pressed & contact.rigid)
         elastic = np.flatnonzero(pressed & ~contact.rigid)

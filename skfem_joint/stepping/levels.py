@@ -162,7 +162,7 @@ class CoulombLevels:
 
     def rest(self) -> Level:
         """See `LevelSolver`."""
-        n, rows = self.to.system.n, self.to.system.B.shape[0]
+        n, rows = self.to.system.n, self.to.system.contact.B.shape[0]
         return Level(np.zeros(n), np.zeros(rows), np.zeros(rows))
 
     def next(self, last: Level, force: FloatArray) -> Level:
@@ -186,7 +186,7 @@ class CoulombLevels:
                 f"a force residual of {tried.found.residual:.3g} N is left at unknown {unknown}",
                 unknown,
             )
-        return Level(tried.u, tried.friction, np.asarray(self.to.system.B @ tried.u))
+        return Level(tried.u, tried.friction, np.asarray(self.to.system.contact.B @ tried.u))
 
     def _tried(self, u: FloatArray, force: FloatArray, friction: FloatArray) -> Increment:
         """Increment of the path, whose work is counted."""
@@ -205,7 +205,7 @@ class CoulombLevels:
 
     def _limit(self, force: FloatArray) -> float:
         """Multiple of forces (N) that supports and friction can just hold; 0 if it is not known."""
-        if not self.to.system.contact_points:
+        if not self.to.system.contact.count:
             return 0.0
         inner = self.path.afresh(Arranged(self.to.system, self.to.kind))
         try:

@@ -92,9 +92,9 @@ class OpeningLevels:
     def __init__(self, system: System, tolerance: float) -> None:
         self.to = arranged(system)
         inner = self.to.system
-        if inner.opening is None:
+        if not inner.contact.opens:
             raise InputError("contact that opens: found a system without it")
-        self.tolerance, self.contact = tolerance, inner.opening
+        self.tolerance, self.contact = tolerance, inner.contact.normal
         K = as_dense(inner.K) if inner.is_dense else as_compressed(inner.K)
         self.K, self.added, self.shift = K, None, 0.0
         if is_singular(K):
@@ -103,17 +103,17 @@ class OpeningLevels:
             self.added = self.shift * M
         self.H = K if self.added is None else K + self.added
         self.few = isinstance(self.contact.N, np.ndarray)
-        contact = self.contact.N, self.contact.gain, self.contact.stiffness
+        contact = self.contact.N, inner.contact.gain, self.contact.stiffness
         given = self.H, ContactPoints.of(inner), *contact
-        self.springs = inner.on_rows(inner.spring_constants)
+        self.springs = inner.contact.on_rows(inner.contact.spring_constants)
         self.problem: OpeningDense | OpeningNewton | OpeningOnSprings
-        if inner.has_springs:
+        if inner.contact.has_springs:
             self.problem = OpeningOnSprings(*given, self.springs)
         else:
             self.problem = (OpeningDense if self.few else OpeningNewton)(*given)
         self.largest_slip = 0.0
         self._friction = np.zeros(self.springs.size)
-        self.constant = inner.w - self.contact.limits_at_rest
+        self.constant = inner.contact.given
         self.touching = Touching(self.contact.force > 0.0)
         self.kept = Kept(np.zeros(inner.n), 0.0)
         self._counts = {"factorizations": 1}
@@ -131,8 +131,8 @@ class OpeningLevels:
     def rest(self) -> Level:
         """See `LevelSolver`."""
         inner = self.to.system
-        rows = np.zeros(inner.B.shape[0])
-        return Level(np.zeros(inner.n), rows, rows, inner.w, self.contact.force)
+        rows = np.zeros(inner.contact.B.shape[0])
+        return Level(np.zeros(inner.n), rows, rows, inner.contact.w, self.contact.force)
 
     def next(self, last: Level, force: FloatArray) -> Level:
         """See `LevelSolver`."""
@@ -150,7 +150,7 @@ class OpeningLevels:
                 raise NoLevelError(NOT_HELD, beyond=True)
         self.kept = Kept(first, float(change @ first))
         friction = self._friction_of(found)
-        slip = np.asarray(self.to.system.B @ u)
+        slip = np.asarray(self.to.system.contact.B @ u)
         return Level(u, friction, slip, found.w, found.p)
 
     def _first_increment(
@@ -176,17 +176,17 @@ class OpeningLevels:
         return found, after
 
     def _friction_of(self, found: OpeningMinimum) -> FloatArray:
-        return np.asarray(found.sigma * self.to.system.on_rows(found.w))
+        return np.asarray(found.sigma * self.to.system.contact.on_rows(found.w))
 
     def _slip(self, d: FloatArray) -> float:
         """Largest slip of a point in an increment (n,), m."""
         inner = self.to.system
-        return float(inner.slip_norm(np.asarray(inner.B @ d)).max(initial=0.0))
+        return float(inner.contact.slip_norm(np.asarray(inner.contact.B @ d)).max(initial=0.0))
 
     def _change(self, last: Level, force: FloatArray) -> FloatArray:
         """Change of the forces from a level to ``force``, (n,), N: what does not balance yet."""
         normal = self.contact.force - cast("FloatArray", last.normal)
-        held = self.to.system.B.T @ last.friction
+        held = self.to.system.contact.B.T @ last.friction
         return np.asarray(force + self.contact.N.T @ normal - self.K @ last.u - held)
 
     def _increment(
@@ -200,7 +200,7 @@ class OpeningLevels:
         right = force + contact.N.T @ contact.force - self.K @ u
         steepness = 1.0 / self.creep if self.few else np.inf
         held: dict[str, Any] = {}
-        if self.to.system.has_springs:
+        if self.to.system.contact.has_springs:
             held["held"] = np.where(self.springs > 0.0, self._friction, 0.0)
         found = self.problem.minimise(
             right, bound, self.constant, 1.0, start, self.tolerance,

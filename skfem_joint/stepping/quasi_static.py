@@ -151,7 +151,7 @@ class QuasiStatic:
     ) -> None:
         self.to = arranged(system)
         inner = self.to.system
-        if not inner.contact_points and not frictionless:
+        if not inner.contact.count and not frictionless:
             raise InputError("quasi-static slip: needs friction, no contact point carries any")
         self.tolerance, self.tally = tolerance, tally or Tally()
         dense = self.to.kind == "dense"
@@ -160,10 +160,10 @@ class QuasiStatic:
         if is_singular(self.K):
             self.shift = shifts.SETTINGS.least * inner.mean_square_frequency
         # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
-        self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.B
-        self.A, self.beta = as_compressed(self.K + self.added), inner.beta
+        self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.contact.B
+        self.A, self.beta = as_compressed(self.K + self.added), inner.contact.beta
         # Friction over its limit at the last level, by slip row.
-        self.sigma = np.zeros(inner.B.shape[0])
+        self.sigma = np.zeros(inner.contact.B.shape[0])
         self.acting: Any = slice(None)  # slip rows of the problem
         self.problem: StepProblem = step_problem(self.A, ContactPoints.of(inner), self.to.kind)
         self.whole: CondensedNewton | None = None  # the problem, where it is condensed
@@ -175,7 +175,7 @@ class QuasiStatic:
                 self.whole = self.problem
                 self._step_contact_alone(self.whole)
         self.last = np.zeros(self.A.shape[0])
-        self.frictions = np.zeros((0, inner.B.shape[0]))
+        self.frictions = np.zeros((0, inner.contact.B.shape[0]))
         self.solves = 0
         self.scaled_back = 0  # levels whose forces were scaled back
 
@@ -193,7 +193,7 @@ class QuasiStatic:
 
         Factors of the stiffness are used again.
         """
-        return self.limited(replace(self.to, system=replace(self.to.system, w=w)))
+        return self.limited(replace(self.to, system=self.to.system.with_contact(given=w)))
 
     def limited(self, to: Arranged) -> Self:
         """Copy at rest for a system that differs in friction limits, springs and damping alone.
@@ -229,8 +229,11 @@ class QuasiStatic:
             if not contact.dense or not slips:
                 return
         self.condensed, self.problem, self.A = whole.schur, contact, contact.H
-        acting = self.to.system.w > 0.0
-        self.beta, self.acting = self.beta[acting], np.repeat(acting, self.to.system.directions)
+        acting = self.to.system.contact.w > 0.0
+        self.beta, self.acting = (
+            self.beta[acting],
+            np.repeat(acting, self.to.system.contact.directions),
+        )
         self.B = self.B[:, kept]
         self._spare_rigid(rigid)
 
@@ -372,7 +375,7 @@ class QuasiStatic:
     ) -> Increment:
         """As `increment`; with the forces ``given`` back, (n,), for those of the added mass, N."""
         system, inside = self.to.system, self.condensed
-        limits = system.on_rows(system.w)
+        limits = system.contact.on_rows(system.contact.w)
         before = np.divide(friction, limits, out=np.zeros_like(limits), where=limits > 0.0)
         right, start, interior = f, u, f[:0]
         if inside is not None:
@@ -462,9 +465,9 @@ class QuasiStatic:
         self.solves += 1
         problem, inner, work = self.problem, self.to.system, float(right @ self.last)
         offset = None
-        if inner.has_springs:
+        if inner.contact.has_springs:
             before = np.zeros_like(self.sigma) if sigma is None else sigma
-            offset = inner.spring_offset(np.zeros(inner.n), before)
+            offset = inner.contact.spring_offset(np.zeros(inner.n), before)
             offset = None if offset is None else offset[self.acting]
         law = rate, offset
         if self.to.kind == "chain" and np.isinf(rate).all():  # elimination starts from rest
@@ -491,17 +494,17 @@ class QuasiStatic:
         work, system = f @ rigid, self.to.system
         if np.all(np.abs(work) <= SETTINGS.still * (np.abs(f) @ np.abs(rigid))):
             return np.inf, False
-        slips, weight, least = np.asarray(self.B @ rigid), system.w, np.inf
+        slips, weight, least = np.asarray(self.B @ rigid), system.contact.w, np.inf
         for _ in range(SETTINGS.least_squares):
-            square = slips.T @ (system.on_rows(weight)[:, np.newaxis] * slips)
+            square = slips.T @ (system.contact.on_rows(weight)[:, np.newaxis] * slips)
             d = linalg.lstsq(square, work)[0]
             if not work @ d > 0.0:
                 break
-            slip = system.slip_norm(slips @ d) / float(work @ d)
-            before, least = least, min(least, float(system.w @ slip))
+            slip = system.contact.slip_norm(slips @ d) / float(work @ d)
+            before, least = least, min(least, float(system.contact.w @ slip))
             if least >= before * (1.0 - SETTINGS.settled):
                 return least, rigid.shape[1] < SETTINGS.most_rigid
-            weight = system.w / np.maximum(slip, SETTINGS.still * slip.max())
+            weight = system.contact.w / np.maximum(slip, SETTINGS.still * slip.max())
         return least, False
 
     def _limit(self, f: FloatArray, rate: FloatArray) -> float:
@@ -521,7 +524,7 @@ class QuasiStatic:
                 multiple *= 10.0
                 continue
             slip = without_friction(self.added @ increment.v)  # the rigid part of it
-            lower = float(inner.w @ inner.slip_norm(self.B @ slip) / (f @ slip))
+            lower = float(inner.contact.w @ inner.contact.slip_norm(self.B @ slip) / (f @ slip))
             if lower >= limit * (1.0 - 1e-6):
                 return limit
             limit, multiple = lower, 1.01 * lower
@@ -543,7 +546,7 @@ def factors_at_rest(system: System) -> QuasiStatic | None:
     None where they are not needed, because no load or no friction acts, or cannot be had: whoever
     then asks for a quasi-static response gets the reason as an error.
     """
-    if not system.contact_points or not any(np.any(load.vector) for load in system.loads):
+    if not system.contact.count or not any(np.any(load.vector) for load in system.loads):
         return None
     try:
         return QuasiStatic(system)

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.levels import CoulombLevels, Level, LevelSolver, NoLevelError, in_parts
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.loops import LoopRecorder
@@ -41,17 +40,17 @@ def rate_independent(system: System) -> System:
     Without inertia the friction of an arctan law would not depend on how fast the loads change but
     creep for as long as they last: its ``beta`` counts as infinite, which a note says.
     """
-    finite = bool(np.isfinite(system.beta[system.rubs]).any())
+    finite = bool(np.isfinite(system.contact.beta[system.contact.rubs]).any())
     if not finite and not np.any(system.C if system.is_dense else system.C.data):
         return system
     notes = system.notes
     if finite:
-        notes = (*notes, law_note(float(system.beta[system.rubs].min())))
+        notes = (*notes, law_note(float(system.contact.beta[system.contact.rubs].min())))
     origin = system.origin
     if origin is not None:  # so that errors can still be estimated
         origin = replace(origin, system=rate_independent(origin.system))
-    infinite = np.full(system.w.shape, np.inf)
-    return replace(system, C=0.0 * system.K, beta=infinite, notes=notes, origin=origin)
+    system = system.with_beta(np.inf)
+    return replace(system, C=0.0 * system.K, notes=notes, origin=origin)
 
 
 def law_note(beta: float) -> str:
@@ -109,7 +108,7 @@ def slow_run(
 
 def _levels(system: System, tolerance: float) -> LevelSolver:
     """Solver of a system's levels."""
-    if system.opening is None:
+    if not system.contact.opens:
         return CoulombLevels(system, tolerance)
     from skfem_joint.stepping.opening_levels import OpeningLevels  # loads the compiler
 
@@ -151,7 +150,7 @@ class _SlowDriver:
         self.recorder = Recorder(self.system, plan.save, plan.n_steps, plan.step, creeps=False)
         self.loops = LoopRecorder(self.system)
         self.vectors = self.system.load_vectors()
-        self.limits = self.system.on_rows(self.system.w)
+        self.limits = self.system.contact.on_rows(self.system.contact.w)
         self.level, self.amplitudes = solver.rest(), np.zeros(len(self.system.loads))
         self.rate = np.zeros(self.system.n)
         self.started = False
@@ -230,7 +229,7 @@ class _SlowDriver:
 
     def _add_normal_work(self, before: Level, after: Level) -> None:
         """Add what closing contact takes, as the trapezoidal means of all works have it."""
-        contact = cast("OpeningContact", self.system.opening)
+        contact = self.system.contact.normal
         moved = np.asarray(contact.N @ (after.u - before.u))
         mean = 0.5 * (cast("FloatArray", before.normal) + cast("FloatArray", after.normal))
         stored = contact.potential(after.u) - contact.potential(before.u)
@@ -239,7 +238,7 @@ class _SlowDriver:
     def _state(self, level: Level) -> State:
         """State of a level, as the recorder takes it."""
         still = np.zeros(self.system.n)
-        limits = self.limits if level.limits is None else self.system.on_rows(level.limits)
+        limits = self.limits if level.limits is None else self.system.contact.on_rows(level.limits)
         sigma = np.divide(level.friction, limits, out=np.zeros_like(limits), where=limits > 0.0)
         return State(level.u, self.rate, still, still, sigma)
 

@@ -32,7 +32,6 @@ A is not symmetric, and such runs may move apart.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +39,6 @@ from scipy.linalg import cho_factor, cho_solve, solve
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_dense
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
@@ -198,21 +196,20 @@ def _of_opening(
     """Matrix of a transition of a dense system with elastic contact that opens."""
     from skfem_joint.minimise.law import force_vectors  # loads the compiler
 
-    n, contact = system.n, cast("OpeningContact", system.opening)
-    M, C, K, B, N = map(as_dense, (system.M, system.C, system.K, system.B, contact.N))
+    n, contact = system.n, system.contact.normal
+    M, C, K, B, N = map(as_dense, (system.M, system.C, system.K, system.contact.B, contact.N))
     H = (2.0 / h) * M + C + (0.5 * h) * K
-    rubs = (system.w > 0.0) | contact.rubs
+    rubs = system.contact.rubs
     friction = _FrictionTangent(system, replace(points, w=rubs.astype(float)), np.arange(n), False)
-    constant = system.w - contact.limits_at_rest
-    beta = np.where(rubs, system.beta, 0.0)
+    beta = np.where(rubs, system.contact.beta, 0.0)
     X = np.eye(2 * n)
     for u, v in zip(displacements, velocities, strict=True):
         force = contact.elastic_forces(u)
-        limits = np.maximum(constant + contact.gain @ force, 0.0)
+        limits = system.contact.limits(force)
         stiff = np.where(force > 0.0, contact.stiffness, 0.0)[:, np.newaxis] * N
-        of_limits = np.where(limits > 0.0, 1.0, 0.0)[:, np.newaxis] * (contact.gain @ stiff)
-        sigma = force_vectors(B @ v, beta, system.directions)[:, np.newaxis]
-        A = N.T @ stiff + B.T @ (sigma * np.repeat(of_limits, system.directions, axis=0))
+        of_limits = np.where(limits > 0.0, 1.0, 0.0)[:, np.newaxis] * (system.contact.gain @ stiff)
+        sigma = force_vectors(B @ v, beta, system.contact.directions)[:, np.newaxis]
+        A = N.T @ stiff + B.T @ (sigma * np.repeat(of_limits, system.contact.directions, axis=0))
         T = friction.added(H, v, limits) + (0.5 * h) * A
         p, r = X[:n], X[n:]
         dv = solve(T, (2.0 / h * omega) * (M @ r) - (K + A) @ p, check_finite=False)
@@ -244,7 +241,7 @@ class _FrictionTangent:
     def __init__(
         self, system: System, points: ContactPoints, unknowns: IntArray, picks: bool
     ) -> None:
-        self.B, self.picks = system.B, picks
+        self.B, self.picks = system.contact.B, picks
         rubs = points.w > 0.0
         if picks:  # points that stick all the time have no rows in the matrices
             rubs[rubs] = np.isin(points.unknowns[points.first_row[:-1][rubs]], unknowns)

@@ -96,7 +96,7 @@ def doubts(structure: AnyStructure, system: System, waves: bool = True) -> list[
         sentences.append("There is no joint: nothing slips, the structure is linear.")
     for patch in structure.patches:
         joint = patch.joint
-        if not np.any(system.rubs[patch.points]) or joint.friction == 0.0:
+        if not np.any(system.contact.rubs[patch.points]) or joint.friction == 0.0:
             sentences.append(
                 f"Joint '{joint.name}' carries no friction: its pressure or friction is 0."
             )

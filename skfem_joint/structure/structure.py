@@ -37,7 +37,6 @@ from skfem_joint.unknowns import (
     ChangeOfUnknowns,
     congruent,
     expanded,
-    selection,
 )
 from skfem_joint.values import NOT_NEGATIVE, problems
 
@@ -502,12 +501,7 @@ class Structure:
             M=M,
             C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
             K=K,
-            B=selection(new.slips[: rows.B.shape[0]], K.shape[0]),
-            opening=rows.opening_in(new),
-            w=rows.w,
-            beta=rows.beta,
-            directions=rows.directions,
-            stiffness=rows.springs,
+            contact=rows.contact_in(new),
             T=new.forward,
         )
 

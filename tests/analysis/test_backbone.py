@@ -129,7 +129,9 @@ def slider(limit: float = 1.0) -> sj.System:
     """Two masses of 1 kg on springs of 1 N/m, one of which drags a slider of ``limit`` N."""
     K = sparse.csr_array([[2.0, -1.0], [-1.0, 1.0]])
     one = sparse.csr_array([[1.0, 0.0]])
-    return sj.System(sparse.eye_array(2, format="csr"), None, K, one, np.array([limit]), np.inf)
+    return sj.System(
+        sparse.eye_array(2, format="csr"), None, K, sj.Contact(one, np.array([limit]), np.inf)
+    )
 
 
 def test_a_joint_of_one_slider_says_that_the_default_range_saw_no_slip():
@@ -191,7 +193,7 @@ def test_a_reduced_model_has_the_curve_of_the_full_one(system):
         (bar(), {"modes": (0,)}, r"modes\[0\]: found 0, must be >= 1"),
         (bar(), {"modes": (500,)}, "there are"),
         (bar(), {"levels": 0}, "levels: found 0, must be >= 1"),
-        (replace(bar(), w=np.zeros(100)), {}, "needs friction"),
+        (bar().with_contact(given=np.zeros(100)), {}, "needs friction"),
     ],
 )
 def test_modes_that_are_not_there_are_refused(system, how, says):
@@ -203,7 +205,7 @@ def test_nothing_is_left_where_all_is_in_contact():
     system = bar()
     contact = np.arange(100)
     part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]
-    whole = sj.System(*part, sparse.eye_array(100, format="csr"), system.w, np.inf)
+    whole = sj.System(*part, sparse.eye_array(100, format="csr"), system.contact.w, np.inf)
     with pytest.raises(sj.InputError, match="every unknown is in contact"):
         backbone(whole)
 
@@ -223,7 +225,7 @@ def test_a_pulse_rings_down_along_the_curve_and_loses_its_energy_in_the_joint():
     hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final
     (curve,) = backbone(system)
     halves = np.repeat(np.eye(2), 20, axis=1)
-    parted = replace(system, J=halves, joints=("inner", "outer"))
+    parted = system.with_contact(J=halves, joints=("inner", "outer"))
     found = sj.ring_down(parted, curve, 30, scheme=sj.generalized_alpha(1.0), start=hit)
     work = found.friction_work.sum(axis=1)
     assert found.energy[0] - found.energy == pytest.approx(work, abs=1e-9 * found.energy[0])

@@ -258,7 +258,7 @@ def quarter_wave(elements: int) -> sj.System:
 
 def by_friction(system: sj.System) -> SystemSensitivity:
     """Derivative by the logarithm of friction."""
-    return SystemSensitivity("friction", w=system.w)
+    return SystemSensitivity("friction", w=system.contact.w)
 
 
 def test_derivatives_by_friction_converge_to_the_closed_form():
@@ -289,7 +289,7 @@ def test_a_front_exactly_at_a_node_is_said_to_turn():
     (mode,) = backbone(system, levels=1)
     # The loaded node has half of the limit of the others.
     points = np.array([8.7, 9.7, 10.49, 10.5, 10.51, 11.7, 12.7, 13.7, 14.7, 15.7])
-    level = points * system.w.max() / np.abs(system.M @ mode.shape).sum()
+    level = points * system.contact.w.max() / np.abs(system.M @ mode.shape).sum()
     (found,) = backbone(system, levels=level, parameters=[by_friction(system)])
     near = slice(1, 4)  # no half cycles are followed from there
     assert sets(found)[near].sum(axis=1).tolist() == [10, 10, 10]
@@ -328,7 +328,7 @@ def test_rates_of_modes_of_one_frequency():
     K = np.diag([1.0, 1.0, 4.0, 1.0])
     one, zero = sparse.eye_array(4, format="csr"), sparse.csr_array((4, 4))
     B = sparse.csr_array([[0.0, 0.0, 0.0, 1.0]])
-    system = sj.System(one, zero, sparse.csr_array(K), B, np.ones(1), np.inf)
+    system = sj.System(one, zero, sparse.csr_array(K), sj.Contact(B, np.ones(1), np.inf))
     frequencies, shapes = np.array([1.0, 1.0, 2.0]) / (2.0 * np.pi), np.eye(4)[:, :3]
 
     def rates(entries: dict[tuple[int, int], float]) -> tuple[np.ndarray, np.ndarray]:
@@ -384,7 +384,7 @@ def test_sliders_that_share_a_slip_add_up():
     K = 1e7 * (stiffness + sparse.diags_array([1.0, *[2.0] * (n - 2), 2.0]))
     joint = sj.iwan(np.eye(n)[0], F_S=1e3, K_T=2e7, chi=-0.5, beta=0.1, sliders=30)
     system = sj.System.from_matrices(M, K, 1e-6 * K, contact=joint, points={"end": n - 1})
-    limits = sj.SystemSensitivity("limits", w=system.w)
+    limits = sj.SystemSensitivity("limits", w=system.contact.w)
     (curve,) = sj.backbone(system, levels=6, up_to=0.6, parameters=[limits])
     rates = curve.sensitivity
     for values in (rates.frequency, rates.damping_ratio):

@@ -126,13 +126,13 @@ def test_the_error_of_merged_points_is_stated_and_not_from_below(sets, looked_at
     system, plan, basis = scene.system(), plan_of(scene), basis_for(scene)
     small = reduced_system(system, basis, periodic=scene.periodic)
     every = system.project(basis.V)
-    every = replace(every, beta=np.minimum(every.beta, small.beta.max()))
+    every = every.with_contact(beta=np.minimum(every.beta, small.contact.beta.max()))
     few = merged_points(every, basis.history.velocities, np.flatnonzero(every.w), sets)
     true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
     sizes, real = [], estimate.integrate_plan
 
     def counted(system: Any, *plan: Any, **options: Any) -> Any:
-        sizes.append(system.w.size)
+        sizes.append(system.contact.w.size)
         return real(system, *plan, **options)
 
     monkeypatch.setattr(estimate, "integrate_plan", counted)

@@ -54,7 +54,7 @@ def test_joints_of_different_laws_are_compared_with_coulombs(make):
 def test_a_reduced_model_makes_no_law_steeper():
     system = bar(10.0, np.inf)
     reduced = sj.reduce(system, friction_points="all", beta=1e4)
-    assert set(reduced.beta) == {10.0, 1e4}
+    assert set(reduced.contact.beta) == {10.0, 1e4}
 
 
 def test_laws_are_compared_until_the_cycles_of_both_are_alike():
@@ -100,14 +100,9 @@ def test_points_that_share_an_unknown_are_compared_with_a_steep_law():
 def test_a_dense_model_of_contact_apart_at_rest_is_compared_with_a_steep_law():
     # Nothing is pressed before it is closed: no friction limit at rest says what carries friction.
     eye = np.eye(2)
-    contact = sj.OpeningContact(
-        eye[1:], np.array([0.01]), np.zeros(1), csr_array([[0.3]]), np.array([1e3]), np.ones(1)
-    )
+    contact = sj.NormalPart(eye[1:], np.array([0.01]), np.zeros(1), np.array([1e3]), np.ones(1))
     push = sj.AppliedLoad(np.array([1.0, 2.0]), sj.Harmonic(2.0, 0.5), "mass")
-    system = sj.System(
-        eye, 0.1 * eye, 20.0 * eye, eye[:1], np.zeros(1), 20.0, (push,), eye, ("x", "y"),
-        opening=contact,
-    )  # fmt: skip
+    system = sj.System(eye, 0.1 * eye, 20.0 * eye, sj.Contact(eye[:1], np.zeros(1), 20.0, normal=contact, gain=csr_array([[0.3]])), loads=(push,), P=eye, points=("x", "y"))  # fmt: skip
     run = sj.integrate(system, cycles=3, steps_per_cycle=100)
     assert run.friction_work[0] > 0.0
     apart = sj.estimate(run).of("coulomb", "friction_energy")

@@ -17,6 +17,7 @@ from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.analysis.scene_plan import plan_of
 from skfem_joint.analysis.step_estimate import by_finer_steps, of_full
 from skfem_joint.analysis.study import run_scene
+from skfem_joint.contacts import Contact
 from skfem_joint.loads import Harmonic, MultiHarmonic
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
@@ -58,9 +59,7 @@ def test_a_higher_mode_that_twice_the_step_misses_is_stated():
         M=np.eye(2),
         C=np.diag(2.0 * ratios * own),
         K=np.diag(own**2),
-        B=np.zeros((0, 2)),
-        w=np.zeros(0),
-        beta=np.zeros(0),
+        contact=Contact(np.zeros((0, 2)), np.zeros(0), np.zeros(0)),
         loads=(AppliedLoad(np.ones(2), loads, "both"),),
         P=np.ones((1, 2)),
         points=("both",),
@@ -190,7 +189,7 @@ def test_a_large_model_without_a_good_reduced_one_is_run_with_half_the_step(
     else:
         free = sparse.csr_array((0, system.n))
         none = {"w": np.zeros(0), "beta": np.zeros(0), "directions": np.zeros(0, dtype=int)}
-        system = replace(system, B=free, J=system.J[:, :0], **none)
+        system = replace(system, B=free, J=system.contact.J[:, :0], **none)
         run = verification_run(system, plan)
         taken.clear()
     stated = of_full(system, run, plan).parts["total"]

@@ -10,7 +10,7 @@ import skfem_joint as sj
 from skfem_joint.errors import InputError
 from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 
 #: Largest entry of the loads; errors are relative to it.
 LOAD = 30.0
@@ -228,12 +228,11 @@ def test_loads_that_are_not_finite_do_not_converge():
 @pytest.mark.parametrize("N", [[[1.0, 0.0], [1.0, 0.0]], [[0.0, 0.0]], [[1.0, 2.0], [2.0, 4.0]]])
 def test_pressure_points_that_no_unknown_moves_by_itself_are_refused(N):
     q = len(N)
-    opening = OpeningContact(
-        sparse.csr_array(np.array(N)), np.zeros(q), np.ones(q), sparse.csr_array((0, q)),
-        np.full(q, np.inf), np.ones(q),
+    opening = NormalPart(
+        sparse.csr_array(np.array(N)), np.zeros(q), np.ones(q), np.full(q, np.inf), np.ones(q)
     )  # fmt: skip
     one = sparse.csr_array(np.eye(2))
     none = sparse.csr_array((0, 2)), np.zeros(0), np.zeros(0)
-    system = sj.System(one, None, one, *none, opening=opening)
+    system = sj.System(one, None, one, sj.Contact(*none, normal=opening))
     with pytest.raises(InputError, match="depend on each other, or no unknown moves one"):
         sj.integrate(system, step=0.1, n_steps=1)

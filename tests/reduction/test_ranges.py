@@ -131,16 +131,16 @@ def test_a_factor_on_a_joint_acts_on_its_share_of_points(sharing):
     rng = np.random.default_rng(0)
     reduced = sharing.project(rng.normal(size=(sharing.n, 6)))
     merged = merged_points(reduced, rng.normal(size=(20, 6)), np.flatnonzero(sharing.w), 9)
-    own = merged.with_factors(np.array([1.0, 1.7])).limits_by_joint.sum(axis=1)
+    own = merged.contact.with_factors(np.array([1.0, 1.7])).limits_by_joint.sum(axis=1)
     assert own == pytest.approx(before.sum(axis=1) * [1.0, 1.7], rel=1e-12)
 
 
 def test_a_factor_acts_on_what_normal_forces_give():
     system = opening_system(friction=0.5)
-    same = opening_system(friction=0.2).w
+    same = opening_system(friction=0.2).contact.w
     there = sj.at(system, frequency=500.0, level=1.0, limits={"base": 0.4})
-    np.testing.assert_allclose(there.w, same, rtol=1e-12)
-    np.testing.assert_allclose(there.opening.limits_at_rest, same, rtol=1e-12)
+    np.testing.assert_allclose(there.contact.w, same, rtol=1e-12)
+    np.testing.assert_allclose(there.contact.gain @ there.contact.normal.force, same, rtol=1e-12)
 
 
 @pytest.mark.parametrize("times", [1.15, 1e3])

@@ -9,6 +9,7 @@ import numpy as np
 from bodies import MU, STEEL, THICKNESS, WIDTH, pressed, structure
 from scipy import sparse
 
+from skfem_joint.contacts import Contact
 from skfem_joint.loads import Amplitude, Harmonic
 from skfem_joint.mesh import build_bar, build_plate
 from skfem_joint.stepping.integrate import integrate
@@ -73,9 +74,7 @@ def oscillator(load: Amplitude, frequency: float = 1.0, damping_ratio: float = 0
         M=one,
         C=2.0 * damping_ratio * omega * one,
         K=omega**2 * one,
-        B=np.zeros((0, 1)),
-        w=np.zeros(0),
-        beta=np.zeros(0),
+        contact=Contact(np.zeros((0, 1)), np.zeros(0), np.zeros(0)),
         loads=(AppliedLoad(np.ones(1), load, "mass"),),
         P=one,
         points=("mass",),
@@ -135,7 +134,15 @@ def relative_slips(n: int = 30, beta: float = 1e3, load: Any = None) -> System:
     pull = AppliedLoad(vector, load or Harmonic(63e3, 1000.0), "end")
     P = sparse.csr_array(np.eye(2 * n)[[n - 1, 2 * n - 1]])
     M, C, K = both
-    return System(M, C, K, rows, bar.w, np.full(n, beta), (pull,), P, ("one", "other"))
+    return System(
+        M,
+        C,
+        K,
+        Contact(rows, bar.contact.w, np.full(n, beta)),
+        loads=(pull,),
+        P=P,
+        points=("one", "other"),
+    )
 
 
 def not_a_chain(system: System) -> System:

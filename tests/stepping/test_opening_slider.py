@@ -9,7 +9,7 @@ from opening_blocks import block, loads
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 
 SCHEME = sj.generalized_alpha(0.5)
 
@@ -52,10 +52,7 @@ def test_a_constant_normal_force_gives_the_slider_of_constant_contact():
     opens = slider(0.0, 0.0)
     B, one = sparse.csr_array([[1.0]]), sparse.csr_array([[1.0]])
     load = sj.AppliedLoad(np.ones(1), sj.Harmonic(HOLDS * X, 1.0), "along")
-    constant = sj.System(
-        MASS * one, 1e-3 * MASS * one, HOLDS * one, B, opens.w, np.inf,
-        stiffness=opens.stiffness, loads=[load], P=one, points=("along",),
-    )  # fmt: skip
+    constant = sj.System(MASS * one, 1e-3 * MASS * one, HOLDS * one, sj.Contact(B, opens.contact.w, np.inf, stiffness=opens.contact.stiffness), loads=[load], P=one, points=("along",))  # fmt: skip
     for solve in (sj.integrate, sj.quasi_static):
         run, other = (solve(s, cycles=2, steps_per_cycle=100) for s in (opens, constant))
         assert run.cycles.friction == pytest.approx(other.cycles.friction, rel=1e-9)
@@ -65,13 +62,14 @@ def test_a_constant_normal_force_gives_the_slider_of_constant_contact():
 
 def test_the_backbone_of_a_slider_is_that_of_its_loop():
     """Unit mass on a slider of constant normal load: 4 w (x - w / k) lost in a cycle."""
-    contact = OpeningContact(
-        sparse.csr_array([[0.0, 1.0]]), np.zeros(1), np.array([PRESSED]),
-        sparse.csr_array([[MU]]), np.full(1, np.inf), np.ones(1),
+    contact = NormalPart(
+        sparse.csr_array([[0.0, 1.0]]), np.zeros(1), np.array([PRESSED]), np.full(1, np.inf), np.ones(1)
     )  # fmt: skip
     K, M = sparse.diags_array([1e6, 1e6]).tocsr(), sparse.eye_array(2, format="csr")
-    B, w = sparse.csr_array([[1.0, 0.0]]), np.array([MU * PRESSED])
-    system = sj.System(M, None, K, B, w, np.inf, stiffness=np.full(1, SPRING), opening=contact)
+    B, w, gain = sparse.csr_array([[1.0, 0.0]]), MU * PRESSED, sparse.csr_array([[MU]])
+    spring = np.full(1, SPRING)
+    rubs = sj.Contact(B, [0.0], np.inf, stiffness=spring, normal=contact, gain=gain)
+    system = sj.System(M, None, K, rubs)
     (curve,) = sj.backbone(system, levels=4, slips_at=600.0, up_to=2.0)
     x = (curve.level - np.minimum(curve.level * SPRING / (1e6 + SPRING), w)) / 1e6
     assert curve.amplitude == pytest.approx(x, rel=1e-6)
@@ -79,7 +77,7 @@ def test_the_backbone_of_a_slider_is_that_of_its_loop():
     damping = lost / (2.0 * np.pi * curve.level * x)
     assert curve.friction_damping == pytest.approx(damping, rel=5e-3, abs=1e-9)
     assert curve.state[0] == "stick"
-    assert replace(system, opening=None).sprung.all()
+    assert system.contact.constant().sprung.all()
 
 
 def test_steady_vibration_of_a_slider_has_the_loop_of_its_closed_form():
@@ -103,8 +101,8 @@ def test_a_slider_slips_by_what_its_spring_takes_of_the_limit_of_the_time(solve,
 
 def test_a_slider_that_sticks_on_its_spring_has_no_slip():
     system = slider(0.0, 0.0)
-    strong = replace(system.opening, force=np.array([10.0 * PRESSED]))
-    system = replace(system, opening=strong, w=strong.limits_at_rest)
+    strong = replace(system.contact.normal, force=np.array([10.0 * PRESSED]))
+    system = system.with_contact(normal=strong)
     for solve in (sj.quasi_static, sj.integrate):
         run = solve(system, cycles=2, steps_per_cycle=100)
         assert run.slip_peak == pytest.approx([X], rel=1e-3)
@@ -119,7 +117,7 @@ def test_a_run_goes_on_from_the_forces_of_springs_and_their_limits(model):
     u = 2e-6 * np.ones(system.n)
     whole = sj.integrate(system, step=1e-7, n_steps=200, initial=(u, 0.0 * u))
     first = sj.integrate(system, step=1e-7, n_steps=120, initial=(u, 0.0 * u))
-    assert np.abs(first.final_limits / system.w - 1.0).max() > 0.1
+    assert np.abs(first.final_limits / system.contact.w - 1.0).max() > 0.1
     state = *first.final, first.final_sigma, first.final_limits
     rest = sj.integrate(system, step=1e-7, n_steps=80, initial=state)
     assert first.stored_energy[1] == rest.stored_energy[0]
@@ -135,7 +133,7 @@ def test_friction_at_the_start_needs_the_limits_that_it_is_over():
     for wrong in (-one, still):
         with pytest.raises(sj.InputError, match=r"must be \(1,\) and not negative"):
             sj.integrate(system, **plan, initial=(still, still, one, wrong))
-    constant = replace(system, opening=None)
+    constant = replace(system, contact=system.contact.constant())
     with pytest.raises(sj.InputError, match="beside constant contact"):
         sj.integrate(constant, **plan, initial=(still, still, one, one))
     with pytest.raises(sj.InputError, match="or four with the limits"):

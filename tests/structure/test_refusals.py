@@ -239,7 +239,7 @@ def test_what_is_pressed_on_another_body_must_not_be_supported():
         structure(lap((4, 3)), [LAP], ["lower_left"], fixed_y=["upper_left"])
     # The other body may be: its nodes do not move, the slip is the whole displacement.
     held = structure(lap(), [LAP], ["lower_left", "lower_joint"]).system()
-    assert held.contact_points > 0
+    assert held.contact.count > 0
 
 
 def test_joints_on_borders_that_cannot_slip_are_refused():

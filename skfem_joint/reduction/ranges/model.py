@@ -129,12 +129,12 @@ def reduced_for_range(
             "range: the loads must be harmonic, with a common period, whose frequency and level "
             "the range is of"
         )
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         raise InputError(NO_FRICTION)
     refuse(
-        f"range.limits: found joint {name!r}, must be one of {first_of(system.joints)}"
+        f"range.limits: found joint {name!r}, must be one of {first_of(system.contact.joints)}"
         for name in range_.limits
-        if name not in system.joints
+        if name not in system.contact.joints
     )
     return _Maker(system, range_, accuracy, period).model(modes)
 
@@ -186,7 +186,7 @@ class _Maker:
             self._follow_further(pool, known, rough)
             fitted = self._fitted(pool, known, checked, (SETTINGS.many,))
         factors = self._factors(pool, fitted, checked)
-        larger = replace(fitted.larger, T=None, shares=None, serves=None)
+        larger = replace(fitted.larger.with_contact(shares=None), T=None, serves=None)
         serves = self._serves(pool, larger, known)
         serves = replace(serves, factors=factors, reached=max(fitted.worst, 1e-12))
         if serves.shortfall is not None:
@@ -202,7 +202,7 @@ class _Maker:
         for place in places[: TRAINING.first]:
             levels.append(factor * pool.nominal(place))
             peak = pool.follow(replace(place, slip=1.0), levels[-1]).slip_peak
-            sticks = self.system.least_share(peak <= THRESHOLD * peak.max())
+            sticks = self.system.contact.least_share(peak <= THRESHOLD * peak.max())
             if sticks > TRAINING.still:
                 factor *= TRAINING.raised
             elif sticks < 0.1 * TRAINING.still:
@@ -310,9 +310,9 @@ class _Maker:
         missing = residual.under(there).missing_modes(V, run, SETTINGS.missing, V[:, :0])
         point = run.system
         model = there.widened(there.project(V), V, missing)
-        if point.shares is not None:
-            model = shared_points(model, point.shares, point.w)
-        model = model.no_steeper(point.steepest)
+        if point.contact.shares is not None:
+            model = shared_points(model, point.contact.shares, point.contact.w)
+        model = model.no_steeper(point.contact.steepest)
         return integrate(model, cycles=SETTINGS.cycles, steps_per_cycle=SETTINGS.steps)
 
 

@@ -173,7 +173,7 @@ class Pool:
 
     def _limits(self, there: System) -> FloatArray:
         """Limits of a point in the unknowns of the path, whose contact points are the same."""
-        return there.w
+        return there.contact.w
 
     def proper(self) -> ProperModes:
         """Proper orthogonal modes of all snapshots, in the norm of strain energy."""
@@ -196,7 +196,7 @@ class Pool:
 
     def merged(self, V: FloatArray, count: int | None) -> System:
         """Reduced system on a basis; with merged friction points unless ``count`` is None."""
-        unmerged, points = self.system.project(V), np.flatnonzero(self.system.w)
+        unmerged, points = self.system.project(V), np.flatnonzero(self.system.contact.w)
         if count is None or count >= points.size:
             return unmerged
         return merged_points(unmerged, self.velocities(V), points, count)
@@ -205,8 +205,8 @@ class Pool:
         """Steepness that resolves slip velocities, s/m, with the limits of the system."""
         velocities = []
         for path, place in zip(self.paths, self.places, strict=True):
-            B = np.asarray(path.run.system.B)
-            velocity = float(path.run.system.slip_norm(path.run.v @ B.T).max(initial=0.0))
+            B = np.asarray(path.run.system.contact.B)
+            velocity = float(path.run.system.contact.slip_norm(path.run.v @ B.T).max(initial=0.0))
             mean = float(np.exp(np.log(place.factors).mean())) if place.factors.size else 1.0
             velocities.append(velocity / mean)
         # The median: preliminary models of some paths may slip as a whole.

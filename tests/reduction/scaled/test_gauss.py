@@ -61,10 +61,12 @@ def test_gauss_points_keep_the_friction_limit_of_the_active_length():
     for count in (1, 4, 12):
         few = gauss_points(system, [(points, position)], count)
         assert few.contact_points == count
-        assert few.w.sum() == pytest.approx(system.w[points].sum(), rel=1e-12)
+        assert few.w.sum() == pytest.approx(system.contact.w[points].sum(), rel=1e-12)
         assert np.array_equal(few.beta, np.full(count, 1e5))
         np.testing.assert_allclose(few.shares.sum(axis=1), 1.0, rtol=1e-14)
-        np.testing.assert_allclose(few.shares @ system.B, few.B, atol=1e-13 * np.abs(few.B).max())
+        np.testing.assert_allclose(
+            few.shares @ system.contact.B, few.B, atol=1e-13 * np.abs(few.B).max()
+        )
 
 
 def test_all_points_as_gauss_points_give_the_model_of_all_nodes():
