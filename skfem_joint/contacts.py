@@ -96,13 +96,14 @@ class Contact:
         m, n = given.size, self.B.shape[-1]
         rigid = self.stiffness is None or bool(np.isinf(self.stiffness).all())
         normal = NormalPart.none(n) if self.normal is _NO_NORMAL else self.normal
+        opens = normal.gap.size > 0 and self.gain is not None
         completed = {
             "given": given,
             "beta": np.full(m, float(beta)) if beta.ndim == 0 else beta,
             "stiffness": np.full(m, np.inf) if rigid else self.stiffness,
             "directions": np.ones(m, np.int64) if self.directions is None else self.directions,
             "normal": normal,
-            "gain": sparse.csr_array((m, normal.gap.size)) if self.gain is None else self.gain,
+            "gain": self.gain if opens else sparse.csr_array((m, normal.gap.size)),
             "J": sparse.csr_array(np.ones((min(m, 1), m))) if self.J is None else self.J,
             "joints": ("contact",) * min(m, 1) if self.J is None else self.joints,
         }

@@ -111,15 +111,17 @@ def dense_system(singles: int = 0, pairs: int = 6, **changes: Any) -> System:
         "M": np.eye(n),
         "C": 0.02 * (A @ A.T + n * np.eye(n)),
         "K": 4.0 * (A @ A.T + n * np.eye(n)),
-        "B": generator.standard_normal((int(directions.sum()), n)),
-        "w": generator.uniform(0.05, 0.3, pairs + singles),
-        "beta": np.full(pairs + singles, 1e3),
+        "contact": Contact(
+            generator.standard_normal((int(directions.sum()), n)),
+            generator.uniform(0.05, 0.3, pairs + singles),
+            np.full(pairs + singles, 1e3),
+            directions,
+        ),
         "loads": tuple(
             AppliedLoad(generator.standard_normal(n), Harmonic(4.0, f, f), f"{f}") for f in (0.3, 1)
         ),
         "P": np.eye(n),
         "points": tuple("abcdefgh"[:n]),
-        "directions": directions,
     }
     return System(**{**values, **changes})
 

@@ -49,7 +49,8 @@ def test_each_system_gets_its_stepper():
     assert arranged(replace(system, M=band)).kind == "contact"
     # Slip rows that depend on each other cannot all be unknowns.
     twice = sparse.csr_array(sparse.vstack([system.contact.B, system.contact.B[:2]]))
-    more = system.with_contact(B=twice, given=np.append(system.contact.w, [1.0, 1.0]), beta=np.full(12, 1e5), directions=np.ones(12, dtype=int), J=None, joints=())  # fmt: skip
+    limits = np.append(system.contact.w, [1.0, 1.0])
+    more = replace(system, contact=sj.Contact(twice, limits, 1e5))
     assert arranged(more).kind == "dense"
 
 
@@ -58,7 +59,8 @@ def test_slips_that_depend_on_each_other_in_a_large_system_are_refused(rows):
     """Whether there are more of them than unknowns, or not."""
     system = LapJoint(elements=600).system
     twice = sparse.csr_array(sparse.vstack([system.contact.B[:rows], system.contact.B[:1]]))
-    more = system.with_contact(B=twice, given=np.append(system.contact.w[:rows], 1.0), beta=np.full(rows + 1, 1e5), directions=np.ones(rows + 1, dtype=int), J=None, joints=())  # fmt: skip
+    limits = np.append(system.contact.w[:rows], 1.0)
+    more = replace(system, contact=sj.Contact(twice, limits, 1e5))
     with pytest.raises(sj.InputError, match="depend on each other"):
         sj.integrate(more, step=1e-5, n_steps=1)
 

@@ -35,7 +35,7 @@ def test_steps_meet_the_trapezoidal_rule_and_the_law_in_a_few_iterations(
     pairs, singles, beta, iterations
 ):
     """A wrong tangent of the friction would take tens of iterations."""
-    s = dense_system(singles, pairs, beta=np.full(pairs + singles, beta))
+    s = dense_system(singles, pairs).with_beta(beta)
     run = run_of(s, tolerance=1e-13)
     expected = [
         law.force_vectors(slip, s.contact.beta, s.contact.directions)

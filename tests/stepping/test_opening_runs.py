@@ -86,20 +86,22 @@ def test_a_loaded_system_integrates_to_the_same_bits(order, tmp_path):
     ("name", "change", "problem"),
     [
         ("area", lambda x: -x, "area: must be finite and positive"),
-        ("force", lambda x: x[:-1], "opening: force: found shape"),
-        ("gap", lambda x: x + np.nan, "opening: gap: must be"),
-        ("stiffness", lambda x: 1.0 + 0.0 * x[:, None], "opening: stiffness: found shape"),
+        ("force", lambda x: x[:-1], "normal: force: found shape"),
+        ("gap", lambda x: x + np.nan, "normal: gap: must be"),
+        ("stiffness", lambda x: 1.0 + 0.0 * x[:, None], "normal: stiffness: found shape"),
         ("gain", lambda x: -x, "gain: must be finite and not negative"),
     ],
 )
 def test_damaged_contact_is_refused_in_files_and_by_the_system(name, change, problem, tmp_path):
     model = sj.condense(opening_system())
     path = sj.save(model, tmp_path / "model.npz")
-    value = getattr(model.contact.normal, name)
-    value = change(value if name == "gain" else np.where(np.isinf(value), 1.0, value))
+    normal, of_gain = model.contact.normal, name == "gain"
+    value = getattr(model.contact if of_gain else normal, name)
+    value = change(value if of_gain else np.where(np.isinf(value), 1.0, value))
+    changes = {name: value} if of_gain else {"normal": replace(normal, **{name: value})}
     with pytest.raises(InputError, match=problem):
-        model.with_contact(normal=replace(model.contact.normal, **{name: value}))
-    member = "opening gain/data" if name == "gain" else f"opening {name}"
+        model.with_contact(**changes)
+    member = "contact gain/data" if of_gain else f"normal {name}"
     with np.load(path) as file:
         arrays = dict(file)
     arrays[member] = value.data if name == "gain" else value
