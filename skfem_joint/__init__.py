@@ -6,7 +6,7 @@ The folders of the package; a module imports only from its own folder and those 
 (here)       errors, files, arrays in files, checks of numbers, progress, loads (force over time),
              compilation
 linalg       compressed rows, factors, Schur complements, shifts, compiled kernels
-(here)       modes, unknowns, slips, and `System`, the type of all models, also in files:
+(here)       modes, unknowns, contact, slips, and `System`, the type of all models, also in files:
              ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written

@@ -153,10 +153,8 @@ class System:
 
     def __repr__(self) -> str:
         """A few lines: what it is, its joints, loads and points."""
-        kind, n_all = (
-            "System",
-            "" if self.T is None else f" for {self.T.shape[0]} degrees of freedom",
-        )
+        kind = "System"
+        n_all = "" if self.T is None else f" for {self.T.shape[0]} degrees of freedom"
         if self.made_for or self.serves:
             kind = "Reduced model"
         elif self.T is not None:
@@ -203,8 +201,7 @@ class System:
 
         Rigid points do not move apart then, and elastic ones stay on their springs. Friction limits
         are those at rest; what is apart at rest stays free. It is the system itself if no contact
-        opens. Its motions are
-        ``system.contact.normal.closed_motions()``.
+        opens. Its motions are ``system.contact.normal.closed_motions()``.
 
         Raises
         ------
@@ -524,9 +521,9 @@ class System:
     ) -> float:
         """Kinetic plus strain energy, J; with ``sigma`` (rows,), that of springs included.
 
-        That of contact that opens is zero at rest.
-        ``sigma`` is the friction over its limit, which in a spring in series is its force, and
-        ``limits``, (m,), N, are these limits, those at rest if not given.
+        That of contact that opens is zero at rest. ``sigma`` is the friction over its limit, which
+        in a spring in series is its force, and ``limits``, (m,), N, are these limits, those at rest
+        if not given.
         """
         energy = float(0.5 * (v @ (self.M @ v)) + 0.5 * (u @ (self.K @ u)))
         energy += self.contact.normal.potential(u)

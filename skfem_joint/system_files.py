@@ -58,9 +58,9 @@ def save(system: System, path: str | Path) -> Path:
     """Save a system to a file: matrices, contact, loads, names and basis.
 
     Contact that opens is kept with the system. A model for a range keeps what it needs to serve it
-    and to state its errors. A reduced or
-    condensed system keeps its ``T``, which expands its runs to the structure, and the
-    ``shares`` of its contact points. The system that `load` returns integrates to the same bits.
+    and to state its errors. A reduced or condensed system keeps its ``T``, which expands its runs
+    to the structure, and the ``shares`` of its contact points. The system that `load` returns
+    integrates to the same bits.
 
     Parameters
     ----------

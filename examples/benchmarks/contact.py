@@ -27,7 +27,6 @@ from scipy import sparse
 import skfem_joint as sj
 from benchmarks import EXAMPLES, head, row
 from skfem_joint.mesh import merged, named
-from skfem_joint.normal import NormalPart
 from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.structure.pressure_space import pressure_space
 
@@ -113,10 +112,11 @@ def bar(elements, lumped):
     for i in range(elements):
         K[i : i + 2, i : i + 2] += BAR["E"] * BAR["area"] / h * np.array([[1, -1], [-1, 1]])
         M[i : i + 2, i : i + 2] += BAR["density"] * BAR["area"] * h * cell
+    M, K = sparse.csr_array(M), sparse.csr_array(K)
     N = sparse.csr_array(([1.0], ([0], [elements])), shape=(1, n))
-    zero = np.zeros(1)
-    contact = NormalPart(N, zero, zero, np.array([np.inf]), np.array([BAR["area"]]))
-    return sj.System(M=sparse.csr_array(M), C=None, K=sparse.csr_array(K), contact=sj.Contact(sparse.csr_array((0, n)), np.zeros(0), np.zeros(0), normal=contact), P=N, points=("end",))  # fmt: skip
+    wall = sj.NormalPart(N, np.zeros(1), np.zeros(1), np.array([np.inf]), np.array([BAR["area"]]))
+    contact = sj.Contact(sparse.csr_array((0, n)), [], [], normal=wall)
+    return sj.System(M, None, K, contact, P=N, points=("end",))
 
 
 def hit(elements, rho, lumped, steps=400):

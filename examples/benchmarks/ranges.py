@@ -23,7 +23,6 @@ from pathlib import Path
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-
 import numpy as np
 
 import skfem_joint as sj
@@ -83,10 +82,9 @@ def drawn(system, first, count, seed):
     """Frequencies, shares of slip and factors of points; ``first`` natural frequency."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
-        factors = FACTORS[0] * (FACTORS[1] / FACTORS[0]) ** rng.uniform(
-            size=len(system.contact.joints)
-        )
-        limits = dict(zip(system.contact.joints, map(float, factors), strict=True))
+        joints, (low, high) = system.contact.joints, FACTORS
+        factors = low * (high / low) ** rng.uniform(size=len(joints))
+        limits = dict(zip(joints, map(float, factors), strict=True))
         yield first * rng.uniform(*FREQUENCY), rng.uniform(*SLIP), limits
 
 

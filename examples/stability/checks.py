@@ -45,22 +45,22 @@ def law_checks(run):
 
     At each point it is a vector against the slip vector.
     """
-    system, acts = run.system, run.system.contact.w > 0.0
+    contact, acts = run.system.contact, run.system.contact.w > 0.0
     if not np.any(acts):
         return []
-    slip = (system.contact.B @ run.v.T).T
-    speed, size = system.contact.slip_norm(slip), system.contact.slip_norm(run.sigma)
+    slip = (contact.B @ run.v.T).T
+    speed, size = contact.slip_norm(slip), contact.slip_norm(run.sigma)
     # Where modes share a point its slip is a sum with round-off, which a steep law magnifies: the
     # force must lie on the law within the round-off of the largest slip.
-    noise = SLIP_ROUND_OFF * speed[:, acts].max(initial=0.0) if system.is_dense else 0.0
+    noise = SLIP_ROUND_OFF * speed[:, acts].max(initial=0.0) if run.system.is_dense else 0.0
     moves = acts & (speed > 0.0)
     divisor = np.where(moves, speed, 1.0)
-    aligned = np.repeat(size / divisor, system.contact.directions, axis=-1) * slip
-    with_slip = system.contact.slip_norm(run.sigma - aligned) <= ROUND_OFF + 2.0 * noise / divisor
-    low = force(np.maximum(speed - noise, 0.0), system.contact.beta)
-    high = force(speed + noise, system.contact.beta)
+    aligned = np.repeat(size / divisor, contact.directions, axis=-1) * slip
+    with_slip = contact.slip_norm(run.sigma - aligned) <= ROUND_OFF + 2.0 * noise / divisor
+    low = force(np.maximum(speed - noise, 0.0), contact.beta)
+    high = force(speed + noise, contact.beta)
     on_law = (low - 1e-12 <= size) & (size <= high + 1e-12)
-    coulomb = acts & np.isinf(system.contact.beta)
+    coulomb = acts & np.isinf(contact.beta)
     return [
         (np.all(size[:, acts] <= 1.0 + ROUND_OFF), "friction force beyond its limit"),
         (not np.any(moves & coulomb & (size < 1.0 - ROUND_OFF)), "sticking points creep"),
@@ -94,9 +94,8 @@ def motion_checks(case, run, bound):
         return []
     system, u, v = run.system, run.u.T, run.v.T
     loads = system.load_vectors() @ system.load_amplitudes(run.field_times)
-    friction = system.contact.B.T @ (
-        system.contact.on_rows(system.contact.w)[:, np.newaxis] * run.sigma.T
-    )
+    contact = system.contact
+    friction = contact.B.T @ (contact.on_rows(contact.w)[:, np.newaxis] * run.sigma.T)
     forces = loads - system.C @ v - system.K @ u - friction
     h, momentum = run.field_times[1], system.M @ np.diff(v, axis=1)
     if case.rho == 1.0:

@@ -321,8 +321,8 @@ def reduced_system(
     Returns
     -------
     System
-        Its ``notes`` are those of the system and what to beware of in the reduction, its ``shares``
-        say which points of ``system`` each of its own stands for.
+        Its ``notes`` are those of the system and what to beware of in the reduction, the
+        ``shares`` of its contact say which points of ``system`` each of its own stands for.
 
     Raises
     ------

@@ -38,7 +38,7 @@ ROUND_OFF = 1e-9
 class Loops:
     """Force over displacement of each load, and over slip of each joint, at every level of a run.
 
-    Columns are ordered as ``system.loads`` and ``system.joints``.
+    Columns are ordered as ``system.loads`` and ``system.contact.joints``.
 
     Attributes
     ----------

@@ -115,8 +115,8 @@ class Counters:
 class Cycles:
     """Works and peaks of each complete cycle of a run, over every step of it.
 
-    Columns are ordered as ``system.loads``, ``system.points`` and ``system.joints``. There are no
-    rows where the run had no cycles.
+    Columns are ordered as ``system.loads``, ``system.points`` and ``system.contact.joints``. There
+    are no rows where the run had no cycles.
 
     Attributes
     ----------
@@ -214,9 +214,9 @@ class Run:
 
     Rows and frames are stored as asked for by `Save`; works and peaks are those of every step.
     After an interruption it holds the steps that were finished. Columns are ordered as
-    ``system.points``, ``system.loads`` and ``system.joints``; the n unknowns and m contact points
-    are those of ``system``, the rows of its ``B`` those of the contact points in turn, one or two
-    of each.
+    ``system.points``, ``system.loads`` and ``system.contact.joints``; the n unknowns and m contact
+    points are those of ``system``, the rows of ``system.contact.B`` those of the contact points in
+    turn, one or two of each.
 
     Attributes
     ----------

@@ -129,9 +129,8 @@ def slider(limit: float = 1.0) -> sj.System:
     """Two masses of 1 kg on springs of 1 N/m, one of which drags a slider of ``limit`` N."""
     K = sparse.csr_array([[2.0, -1.0], [-1.0, 1.0]])
     one = sparse.csr_array([[1.0, 0.0]])
-    return sj.System(
-        sparse.eye_array(2, format="csr"), None, K, sj.Contact(one, np.array([limit]), np.inf)
-    )
+    contact = sj.Contact(one, [limit], np.inf)
+    return sj.System(sparse.eye_array(2, format="csr"), None, K, contact)
 
 
 def test_a_joint_of_one_slider_says_that_the_default_range_saw_no_slip():
@@ -205,7 +204,8 @@ def test_nothing_is_left_where_all_is_in_contact():
     system = bar()
     contact = np.arange(100)
     part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]
-    whole = sj.System(*part, sparse.eye_array(100, format="csr"), system.contact.w, np.inf)
+    every = sj.Contact(sparse.eye_array(100, format="csr"), system.contact.w, np.inf)
+    whole = sj.System(*part, every)
     with pytest.raises(sj.InputError, match="every unknown is in contact"):
         backbone(whole)
 

@@ -126,8 +126,8 @@ def test_the_error_of_merged_points_is_stated_and_not_from_below(sets, looked_at
     system, plan, basis = scene.system(), plan_of(scene), basis_for(scene)
     small = reduced_system(system, basis, periodic=scene.periodic)
     every = system.project(basis.V)
-    every = every.with_contact(beta=np.minimum(every.beta, small.contact.beta.max()))
-    few = merged_points(every, basis.history.velocities, np.flatnonzero(every.w), sets)
+    every = every.with_contact(beta=np.minimum(every.contact.beta, small.contact.beta.max()))
+    few = merged_points(every, basis.history.velocities, np.flatnonzero(every.contact.w), sets)
     true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
     sizes, real = [], estimate.integrate_plan
 
@@ -139,7 +139,7 @@ def test_the_error_of_merged_points_is_stated_and_not_from_below(sets, looked_at
     settings = replace(estimate.SETTINGS, many=0, merged=sets)
     monkeypatch.setattr(estimate, "SETTINGS", settings)
     stated = estimate.of_reduced(system, basis, few, plan).parts["points"]
-    assert (max(sizes) == every.w.size) == looked_at
+    assert (max(sizes) == every.contact.w.size) == looked_at
     for name in QUANTITIES:
         one, other = stated[name] or 0.0, true[name] or 0.0
         assert 0.5 * other - 1e-4 < one < 2.0 * other + estimate.SETTINGS.sure

@@ -11,7 +11,6 @@ from test_backbone import bar
 
 import skfem_joint as sj
 from skfem_joint.analysis import opening_cycles
-from skfem_joint.normal import NormalPart
 
 K0, K1, K2 = 3e6, 2e6, 1e6  # N/m
 PRESSED, MU = 500.0, 0.3  # N
@@ -21,14 +20,11 @@ def oscillator(
     K: list[list[float]], normal: list[float], slip: list[float], stiffness: float = np.inf
 ) -> sj.System:
     """Unit masses, of which one vibrates, with a pressure point and a contact point."""
-    contact = NormalPart(
-        sparse.csr_array([normal]), np.zeros(1), np.array([PRESSED]),
-        np.array([stiffness]), np.ones(1),
-    )  # fmt: skip
-    M = sparse.eye_array(len(K), format="csr")
+    N, one = sparse.csr_array([normal]), np.ones(1)
+    pressed = sj.NormalPart(N, 0.0 * one, PRESSED * one, stiffness * one, one)
     B, gain = sparse.csr_array([slip]), sparse.csr_array([[MU]])
-    rubs = sj.Contact(B, [0.0], np.inf, normal=contact, gain=gain)
-    return sj.System(M, None, sparse.csr_array(K), rubs)
+    contact = sj.Contact(B, [0.0], np.inf, normal=pressed, gain=gain)
+    return sj.System(sparse.eye_array(len(K), format="csr"), None, sparse.csr_array(K), contact)
 
 
 def test_a_mass_on_a_preloaded_spring_has_the_secant_of_two_stiffnesses():
@@ -102,22 +98,17 @@ def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_fo
 def test_normal_forces_that_cannot_vary_have_the_curve_of_constant_ones():
     """Points whose normal motion is that of springs of their own."""
     constant = bar()
-    m, n = constant.contact.w.size, constant.n
+    m, n, w = constant.contact.w.size, constant.n, constant.contact.w
     beside = sparse.eye_array(m, format="csr")
     both = {
         name: sparse.block_diag([getattr(constant, name), 1e9 * beside], format="csr")
         for name in ("M", "C", "K")
     }
-    contact = NormalPart(
-        sparse.csr_array(sparse.hstack([sparse.csr_array((m, n)), beside])), np.zeros(m),
-        constant.contact.w / MU, np.full(m, np.inf), np.ones(m),
-    )  # fmt: skip
-    B = sparse.csr_array(sparse.hstack([constant.contact.B, sparse.csr_array((m, m))]))
+    B = sparse.hstack([constant.contact.B, sparse.csr_array((m, m))], format="csr")
+    N = sparse.hstack([sparse.csr_array((m, n)), beside], format="csr")
+    normal = sj.NormalPart(N, np.zeros(m), w / MU, np.full(m, np.inf), np.ones(m))
     opens = sj.System(
-        contact=sj.Contact(
-            B, np.zeros(m), np.inf, normal=contact, gain=sparse.csr_array(MU * beside)
-        ),
-        **both,
+        **both, contact=sj.Contact(B, np.zeros(m), np.inf, normal=normal, gain=MU * beside)
     )
     (one,) = sj.backbone(constant, levels=6)
     (other,) = sj.backbone(opens, levels=6, slips_at=one.slips_at)

@@ -82,15 +82,8 @@ def test_a_linear_response_at_a_natural_frequency_that_nothing_damps_is_refused(
     load = sj.AppliedLoad(np.array([1.0, 0.0]), sj.Harmonic(1.0, 1.0))
     one = sparse.csr_array([[0.0, 1.0]])
     eye = sparse.eye_array(2, format="csr")
-    system = sj.System(
-        eye,
-        None,
-        K,
-        sj.Contact(one, np.array([1.0]), np.inf),
-        loads=(load,),
-        P=eye,
-        points=("a", "b"),
-    )
+    contact = sj.Contact(one, [1.0], np.inf)
+    system = sj.System(eye, None, K, contact, loads=(load,), P=eye, points=("a", "b"))
     near = linear_response(system, np.array([1.25]), stuck=False)[0]
     assert near == pytest.approx([1.0 / square / (1.25**2 - 1.0), 0.0], rel=1e-4)
     with pytest.raises(sj.InputError, match=r"found 1 Hz, .* nothing damps: give damping"):
@@ -147,7 +140,7 @@ def test_a_frequency_without_steady_vibration_is_no_point(monkeypatch):
 
 def test_a_search_is_given_up_where_a_joint_slips_as_a_whole_for_so_many_periods(caplog):
     """At resonance with 0.2 % damping: 1.5 times the joint's limit moves all of it."""
-    system = at_frequency(bar(), 1900.0, 1.5 * float(bar().w.sum()))
+    system = at_frequency(bar(), 1900.0, 1.5 * float(bar().contact.w.sum()))
     plan = steady_plan(system, 100)
     assert plan.gross_periods is not None
     run = integrate_plan(system, plan)  # its Newton's method needs fewer periods

@@ -100,12 +100,14 @@ def test_points_that_share_an_unknown_are_compared_with_a_steep_law():
 def test_a_dense_model_of_contact_apart_at_rest_is_compared_with_a_steep_law():
     # Nothing is pressed before it is closed: no friction limit at rest says what carries friction.
     eye = np.eye(2)
-    contact = sj.NormalPart(eye[1:], np.array([0.01]), np.zeros(1), np.array([1e3]), np.ones(1))
+    apart = sj.NormalPart(eye[1:], np.array([0.01]), np.zeros(1), np.array([1e3]), np.ones(1))
+    contact = sj.Contact(eye[:1], [0.0], 20.0, normal=apart, gain=csr_array([[0.3]]))
     push = sj.AppliedLoad(np.array([1.0, 2.0]), sj.Harmonic(2.0, 0.5), "mass")
-    system = sj.System(eye, 0.1 * eye, 20.0 * eye, sj.Contact(eye[:1], np.zeros(1), 20.0, normal=contact, gain=csr_array([[0.3]])), loads=(push,), P=eye, points=("x", "y"))  # fmt: skip
+    matrices = eye, 0.1 * eye, 20.0 * eye
+    system = sj.System(*matrices, contact, loads=(push,), P=eye, points=("x", "y"))
     run = sj.integrate(system, cycles=3, steps_per_cycle=100)
     assert run.friction_work[0] > 0.0
-    apart = sj.estimate(run).of("coulomb", "friction_energy")
+    stated = sj.estimate(run).of("coulomb", "friction_energy")
     steep = sj.integrate(system.with_beta(2e4), cycles=3, steps_per_cycle=100)
     true = sj.compare(steep, run).friction_energy_per_cycle
-    assert apart == pytest.approx(abs(true), rel=1e-6)
+    assert stated == pytest.approx(abs(true), rel=1e-6)

@@ -174,15 +174,8 @@ def test_a_point_that_came_to_rest_elsewhere_does_not_slip():
     one = sparse.csr_array(np.eye(1))
     parts = sj.Harmonic(0.1, 1.0), sj.Harmonic(0.05, 2.0)  # of odd loads vibrations are centred
     load = sj.AppliedLoad(np.ones(1), sj.MultiHarmonic(parts))
-    system = sj.System(
-        one,
-        0.1 * one,
-        one,
-        sj.Contact(one, np.ones(1), np.array([np.inf])),
-        loads=(load,),
-        P=one,
-        points=("mass",),
-    )
+    contact = sj.Contact(one, [1.0], np.inf)
+    system = sj.System(one, 0.1 * one, one, contact, loads=(load,), P=one, points=("mass",))
     still = steady_point(system, 1.0, start=(np.array([0.5]), np.zeros(1)))
     assert still.slip == pytest.approx([0.5])
     assert still.friction_energy == 0.0

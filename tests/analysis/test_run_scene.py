@@ -106,12 +106,9 @@ def test_energy_balances_close_and_joints_add_up(what, request):
         farthest = [run.slip_peak[points].max() for points in run.system.contact.joint_points]
         assert run.joint_slip.max(axis=0) == pytest.approx(farthest, rel=1e-12)
         frames = np.searchsorted(run.times, run.field_times * (1.0 - 1e-9))
-        reached = run.system.contact.slip_norm(run.sigma) >= AT_LIMIT
-        share = (
-            (reached * run.system.contact.w)
-            @ run.system.contact.J.T
-            / (run.system.contact.J @ run.system.contact.w)
-        )
+        contact = run.system.contact
+        reached = contact.slip_norm(run.sigma) >= AT_LIMIT
+        share = (reached * contact.w) @ contact.J.T / (contact.J @ contact.w)
         assert run.joint_slipping[frames] == pytest.approx(share, abs=1e-12)
         assert 0.0 < share.max() < 1.0
         work = contact_history(results.structure, run).work

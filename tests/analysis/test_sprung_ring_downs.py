@@ -1,6 +1,5 @@
 """Ring-downs of springs in series with friction beside contact that opens: release and damping."""
 
-
 import benchmarks.slider as closed_form
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from scipy import sparse
 import skfem_joint as sj
 from skfem_joint.analysis.backbone import Backbone
 from skfem_joint.analysis.scene_backbone import scene_backbone
-from skfem_joint.normal import NormalPart
 
 MODELS = pytest.mark.parametrize("model", [lambda s: s, sj.condense], ids=["full", "condensed"])
 LIGHT = {"up": 1e3, "across": 1e3}
@@ -29,13 +27,12 @@ def left_at_release(system: sj.System, curve: Backbone) -> tuple[np.ndarray, np.
     u, v, sigma, limits = curve.release
     assert not v.any()
     load = curve.level[-1] * (system.M @ curve.shape)
-    open_forces = (
-        load - system.K @ u - system.contact.B.T @ (system.contact.on_rows(limits) * sigma)
-    )
-    N = sparse.csr_array(system.contact.normal.N).toarray()
+    contact = system.contact
+    open_forces = load - system.K @ u - contact.B.T @ (contact.on_rows(limits) * sigma)
+    N = sparse.csr_array(contact.normal.N).toarray()
     change = np.linalg.lstsq(N.T, open_forces, rcond=None)[0]
     left = np.abs(open_forces - N.T @ change).max() / np.abs(load).max()
-    return left, system.contact.normal.force + change
+    return left, contact.normal.force + change
 
 
 @MODELS
@@ -99,12 +96,12 @@ def test_contact_far_from_opening_has_the_ring_down_of_constant_normal_forces():
 def test_damping_is_that_of_a_slider_under_a_normal_force_in_phase(monkeypatch):
     """Unit mass on a strong spring, so that a cycle is nearly a sine of its amplitude."""
     K, presses = 1e8, 1.5e5  # N/m
-    contact = NormalPart(
-        sparse.csr_array([[0.0, 1.0]]), np.zeros(1), np.array([PRESSED]), np.full(1, np.inf), np.ones(1)
-    )  # fmt: skip
+    N, B = sparse.csr_array([[0.0, 1.0]]), sparse.csr_array([[1.0, 0.0]])
+    gain, one = sparse.csr_array([[MU]]), np.ones(1)
+    pressed = sj.NormalPart(N, gap=0.0 * one, force=PRESSED * one, stiffness=np.inf * one, area=one)
+    contact = sj.Contact(B, [0.0], np.inf, stiffness=SPRING * one, normal=pressed, gain=gain)
     stiffness = sparse.csr_array([[K + presses, -presses], [-presses, presses]])
-    M, B = sparse.eye_array(2, format="csr"), sparse.csr_array([[1.0, 0.0]])
-    system = sj.System(M, None, stiffness, sj.Contact(B, [0.0], np.inf, stiffness=np.full(1, SPRING), normal=contact, gain=sparse.csr_array([[MU]])))  # fmt: skip
+    system = sj.System(sparse.eye_array(2, format="csr"), None, stiffness, contact)
     (curve,) = sj.backbone(system, levels=2, slips_at=1e5, up_to=1.0)
     rung = sj.ring_down(system, curve, 12, 200)
 

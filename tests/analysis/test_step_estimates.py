@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, plate, plate_scene, steps_taken
 from random_contact import random_contact
-from scipy import sparse
 from stepping_systems import oscillator
 
 import skfem_joint as sj
@@ -59,7 +58,7 @@ def test_a_higher_mode_that_twice_the_step_misses_is_stated():
         M=np.eye(2),
         C=np.diag(2.0 * ratios * own),
         K=np.diag(own**2),
-        contact=Contact(np.zeros((0, 2)), np.zeros(0), np.zeros(0)),
+        contact=Contact.none(2),
         loads=(AppliedLoad(np.ones(2), loads, "both"),),
         P=np.ones((1, 2)),
         points=("both",),
@@ -187,9 +186,7 @@ def test_a_large_model_without_a_good_reduced_one_is_run_with_half_the_step(
         settings = replace(step_estimate.SETTINGS, trusted=0.0, negligible=0.0)
         monkeypatch.setattr(step_estimate, "SETTINGS", settings)
     else:
-        free = sparse.csr_array((0, system.n))
-        none = {"w": np.zeros(0), "beta": np.zeros(0), "directions": np.zeros(0, dtype=int)}
-        system = replace(system, B=free, J=system.contact.J[:, :0], **none)
+        system = replace(system, contact=Contact.none(system.n))
         run = verification_run(system, plan)
         taken.clear()
     stated = of_full(system, run, plan).parts["total"]

@@ -56,7 +56,7 @@ def test_bounds_for_large_systems_are_safe_and_near():
     damping, real_axis = 1e-5, 2.785293563
     rate = 0.5 * damping * highest**2 * (1.0 + np.sqrt(1.0 - (2.0 / damping / highest) ** 2))
     friction = LapJoint(elements=n, beta=1e7, options={"mass": "lumped"}).system
-    slope = (friction.w * 2.0 / np.pi * 1e7 / friction.M.diagonal()).max()
+    slope = (friction.contact.w * 2.0 / np.pi * 1e7 / friction.M.diagonal()).max()
     bars = [
         LapJoint(elements=n, friction=0.0, options={"mass": "lumped", "stiffness_damping": b})
         for b in (1e-12, damping)

@@ -86,9 +86,8 @@ def test_with_all_fixed_interface_modes_it_is_the_full_model(kind, beta):
 def test_static_slip_is_exact_without_a_single_mode(kind):
     system = system_of(kind)
     small = sj.condense(system, 0)
-    assert (
-        small.n == int(small.contact.directions.sum()) + 1
-    )  # the response to the load beside the slips
+    # the response to the load beside the slips
+    assert small.n == int(small.contact.directions.sum()) + 1
     levels = FORCE * np.array([0.5, 1.0, 0.2, -1.0])[:, np.newaxis]
     full, found = (
         QuasiStatic(s, 1e-12).follow(levels * s.loads[0].vector) for s in (system, small)

@@ -149,7 +149,8 @@ def placed(
 ) -> System:
     """System with its loads at another frequency (Hz) and level, and other friction limits.
 
-    ``factors`` on the limits are of all ``system.joints``; ``period`` is the loads' common one, s.
+    ``factors`` on the limits are of all ``system.contact.joints``; ``period`` is the loads' common
+    one, s.
     """
     if period is None:
         period = common_period(load.amplitude for load in system.loads)
