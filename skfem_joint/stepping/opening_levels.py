@@ -17,7 +17,7 @@ of any increment before; contact is elastic there, see :mod:`skfem_joint.minimis
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -25,10 +25,8 @@ from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.minimise.opening_dense import OpeningDense
-from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
-from skfem_joint.minimise.opening_springs import OpeningOnSprings
-from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 from skfem_joint.minimise.touching import Touching
 from skfem_joint.modes import is_singular
 from skfem_joint.stepping.arrangement import arranged
@@ -103,16 +101,9 @@ class OpeningLevels:
             self.added = self.shift * M
         self.H = K if self.added is None else K + self.added
         self.few = isinstance(self.contact.N, np.ndarray)
-        contact = self.contact.N, self.contact.gain, self.contact.stiffness
-        given = self.H, ContactPoints.of(inner), *contact
-        self.springs = inner.on_rows(inner.spring_constants)
-        self.problem: OpeningDense | OpeningNewton | OpeningOnSprings
-        if inner.has_springs:
-            self.problem = OpeningOnSprings(*given, self.springs)
-        else:
-            self.problem = (OpeningDense if self.few else OpeningNewton)(*given)
+        self.problem = step_problem(self.H, ContactPoints.of(inner), self.to.kind)
         self.largest_slip = 0.0
-        self._friction = np.zeros(self.springs.size)
+        self._friction = np.zeros(inner.B.shape[0])
         self.constant = inner.w - self.contact.limits_at_rest
         self.touching = Touching(self.contact.force > 0.0)
         self.kept = Kept(np.zeros(inner.n), 0.0)
@@ -155,7 +146,7 @@ class OpeningLevels:
 
     def _first_increment(
         self, u: FloatArray, force: FloatArray, change: FloatArray
-    ) -> tuple[OpeningMinimum, FloatArray]:
+    ) -> tuple[Minimum, FloatArray]:
         """Increment from ``u``, guessed by that before; of few unknowns with a law steep enough."""
         start = self.kept.start(change)
         if not self.few:
@@ -175,7 +166,7 @@ class OpeningLevels:
         self.largest_slip = max(self.largest_slip, slip)
         return found, after
 
-    def _friction_of(self, found: OpeningMinimum) -> FloatArray:
+    def _friction_of(self, found: Minimum) -> FloatArray:
         return np.asarray(found.sigma * self.to.system.on_rows(found.w))
 
     def _slip(self, d: FloatArray) -> float:
@@ -191,7 +182,7 @@ class OpeningLevels:
 
     def _increment(
         self, u: FloatArray, force: FloatArray, start: FloatArray
-    ) -> tuple[OpeningMinimum, FloatArray]:
+    ) -> tuple[Minimum, FloatArray]:
         """Increment from ``u`` under ``force``, and the displacement after it."""
         contact = self.contact
         bound = contact.gaps(u)
@@ -199,12 +190,10 @@ class OpeningLevels:
         bound[soft] -= contact.force[soft] / contact.stiffness[soft]
         right = force + contact.N.T @ contact.force - self.K @ u
         steepness = 1.0 / self.creep if self.few else np.inf
-        held: dict[str, Any] = {}
-        if self.to.system.has_springs:
-            held["held"] = np.where(self.springs > 0.0, self._friction, 0.0)
         found = self.problem.minimise(
-            right, bound, self.constant, 1.0, start, self.tolerance,
-            np.full(self.constant.size, steepness), self.touching, **held,
+            right, start, self.tolerance, np.full(self.constant.size, steepness),
+            self.to.system.spring_offset(np.zeros_like(u), self._friction),
+            Pressed(bound, self.constant, touching=self.touching),
         )  # fmt: skip
         for name, count in found.counts.items():
             self._counts[name] = self._counts.get(name, 0) + count
@@ -221,7 +210,7 @@ class OpeningLevels:
         self.touching.follow(found.p)
         return found, u + found.v
 
-    def _carried(self, found: OpeningMinimum, force: FloatArray) -> float:
+    def _carried(self, found: Minimum, force: FloatArray) -> float:
         """Share of the largest force that the added mass carries."""
         carried = 0.0 if self.added is None else float(np.abs(self.added @ found.v).max())
         largest = max(float(np.abs(force).max()), float(found.p.max(initial=0.0)))

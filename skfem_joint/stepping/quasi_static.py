@@ -464,7 +464,7 @@ class QuasiStatic:
         offset = None
         if inner.has_springs:
             before = np.zeros_like(self.sigma) if sigma is None else sigma
-            offset = inner.spring_offset(np.zeros(inner.n), before)
+            offset = inner.spring_offset(np.zeros(inner.n), inner.on_rows(inner.w) * before)
             offset = None if offset is None else offset[self.acting]
         law = rate, offset
         if self.to.kind == "chain" and np.isinf(rate).all():  # elimination starts from rest

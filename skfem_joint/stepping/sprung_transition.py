@@ -143,7 +143,7 @@ def _tangent(points: ContactPoints, slip: FloatArray) -> FloatArray:
     second = first[pair] + 1
     size = np.abs(slip[first])
     size[pair] = np.hypot(slip[first[pair]], slip[second])
-    laws = points.beta, points.compliance
+    laws = points.beta, points.soft
     along = force_slope(size, *laws)
     moves = size > 0.0
     across = np.where(moves, force(size, *laws) / np.where(moves, size, 1.0), along)

@@ -424,7 +424,8 @@ class PythonStepper(Stepper):
             predictor = u + c.u_v * v + c.u_a * a
             right = recorder.vectors @ ends[1] - s.K @ predictor
             right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-            offset = s.spring_offset(c.u_v * v + c.u_a * a, sigma, c.c_K)
+            force = s.on_rows(s.w) * sigma
+            offset = s.spring_offset(c.u_v * v + c.u_a * a, force, c.c_K)
             start = self._extrapolated()
             minimum = problem.minimise(right, start, self.tolerance, offset=offset)
             self._count(minimum.counts)

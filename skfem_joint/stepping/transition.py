@@ -100,7 +100,7 @@ def unknowns_at_rest(points: ContactPoints, velocities: FloatArray) -> BoolArray
     Each slip row picks an unknown, except where no point obeys Coulomb's law.
     """
     resting = np.zeros(velocities.shape, dtype=np.bool_)
-    coulomb = (points.w > 0.0) & np.isinf(points.beta) & (points.compliance == 0.0)
+    coulomb = (points.w > 0.0) & np.isinf(points.beta) & ~points.has_spring
     if coulomb.any():
         rows = np.flatnonzero(points.on_rows(coulomb))
         still = velocities[:, points.unknowns[rows]] == 0.0
