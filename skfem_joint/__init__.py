@@ -52,6 +52,9 @@ if TYPE_CHECKING:
     from skfem_joint.analysis.backbone_sensitivity import (
         BackboneSensitivity as BackboneSensitivity,
     )
+    from skfem_joint.analysis.backbone_sensitivity import (
+        backbone_sensitivity as backbone_sensitivity,
+    )
     from skfem_joint.analysis.damping_curve import DampingCurve as DampingCurve
     from skfem_joint.analysis.damping_curve import damping_curve as damping_curve
     from skfem_joint.analysis.estimate import Estimate as Estimate
@@ -144,7 +147,7 @@ if TYPE_CHECKING:
 _NAMES = {
     "analysis.active_region": "ActiveRegion active_region",
     "analysis.backbone": "Backbone backbone",
-    "analysis.backbone_sensitivity": "BackboneSensitivity",
+    "analysis.backbone_sensitivity": "BackboneSensitivity backbone_sensitivity",
     "analysis.damping_curve": "DampingCurve damping_curve",
     "analysis.estimate": "Estimate",
     "analysis.fit": "Fit FitProblem fit",

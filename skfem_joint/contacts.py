@@ -299,7 +299,7 @@ class Contact:
         return float(0.5 * force @ (force / self.on_rows(self.stiffness)))
 
     def spring_offset(
-        self, known: FloatArray, sigma: FloatArray, moved: float = 1.0
+        self, known: FloatArray, force: FloatArray, moved: float = 1.0
     ) -> FloatArray | None:
         """Rate of slip in a step with which each spring would be without force at its end.
 
@@ -307,8 +307,8 @@ class Contact:
         ----------
         known : ndarray, shape (n,)
             Part of the step's change of displacement that is known, m.
-        sigma : ndarray, shape (rows,)
-            Friction over its limit before the step.
+        force : ndarray, shape (rows,)
+            Friction before the step, N.
         moved : float
             Slip in the step for each unit of the unknown's, s; 1 where that is an increment.
 
@@ -319,8 +319,7 @@ class Contact:
         """
         if not self.has_springs:
             return None
-        stretch = self.spring_stretch * sigma
-        slip = np.asarray(self.B @ known) + stretch
+        slip = np.asarray(self.B @ known) + self.spring_flexibility * force
         return np.where(self.on_rows(self.sprung), -slip / moved, 0.0)
 
     def slider_slip(self, slip: FloatArray, sigma: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.slips import WHOLE_SHARE
+from skfem_joint.stepping.levels import Level
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
 
@@ -140,46 +141,42 @@ class _Search:
     path: QuasiStatic
     force: FloatArray
 
-    def sticking(
-        self, level: float, start: tuple[FloatArray, ...]
-    ) -> tuple[float, tuple[FloatArray, ...]]:
-        """Least share of a joint's limit that sticks at a level, and the state and force there."""
-        system, load = self.path.to.system, level * self.force
+    def sticking(self, level: float, start: tuple[float, Level]) -> tuple[float, Level]:
+        """Least share of a joint's limit that sticks at a level, and the state there.
+
+        ``start`` are a level and the state there.
+        """
+        system = self.path.to.system
         self.path.tally.total += 1
-        u = self.path.follow(load[np.newaxis], limit_share=np.inf, start=start)[0]
-        rows, sigma = system.contact.B @ u, self.path.friction_of(0)
-        both = [
-            system.contact.slip_norm(x) for x in (rows, system.contact.slider_slip(rows, sigma))
-        ]
-        return sticking_share(self.path, *both), (
-            u,
-            load,
-            *([sigma] if system.contact.has_springs else []),
-        )
+        (way,) = self.path.walk(start[1], self.force, np.array([start[0], level]))
+        reached = way[-1][1]
+        sliders = reached.slip - system.contact.spring_flexibility * reached.friction
+        both = system.contact.slip_norm(reached.slip), system.contact.slip_norm(sliders)
+        return sticking_share(self.path, *both), reached
 
     def held(self, nominal: float) -> float:
         """Level where supports carry a part of the load."""
         level, sticking = nominal * (1.0 + SETTINGS.above), 1.0
-        state: tuple[FloatArray, ...] = 0.0 * self.force, 0.0 * self.force
+        start = 0.0, self.path.rest()
         for _ in range(SETTINGS.trials):
             last = sticking
-            sticking, state = self.sticking(level, state)
+            sticking, reached = self.sticking(level, start)
             if is_gross(sticking):
                 if last == 1.0:  # at the first trial, or from all sticking to none
                     return nominal
                 beyond = (1.0 - WHOLE_SHARE - sticking) / (last - sticking)
                 return float(level * SETTINGS.raised**-beyond)
+            start = level, reached
             level *= SETTINGS.raised
         # The basis of a dense system may not let a joint slip so far.
         return nominal
 
     def free(self, nominal: float, limit: float, raised: bool) -> float:
         """Level where friction alone holds, up to ``limit``."""
-        state: tuple[FloatArray, ...] = 0.0 * self.force, 0.0 * self.force
-        low, high, last = 0.0, limit, SETTINGS.below * limit
+        low, high, last, state = 0.0, limit, SETTINGS.below * limit, self.path.rest()
         level = min(nominal * (1.0 + SETTINGS.above), last)
         for _ in range(SETTINGS.trials):
-            sticking, reached = self.sticking(level, state)
+            sticking, reached = self.sticking(level, (low, state))
             if is_gross(sticking):
                 high = level
             elif level == last:

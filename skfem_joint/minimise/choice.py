@@ -10,6 +10,10 @@
 - dense H with slips that depend on each other, as in reduced models:
   :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
 - no friction at all: :class:`~skfem_joint.minimise.problem.LinearProblem`.
+
+Where contact opens, points have pressure points beside those with friction:
+:class:`~skfem_joint.minimise.opening_newton.OpeningNewton` if slips and approaches are unknowns,
+else :class:`~skfem_joint.minimise.opening_dense.OpeningDense`.
 """
 
 from __future__ import annotations
@@ -41,6 +45,9 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
         from skfem_joint.minimise.front_elimination import FrontElimination
 
         return FrontElimination(H, points)
+    if points.normal is not None:
+        opening: StepProblem = _opening(H, points, kind)
+        return opening
     if kind == "dense":
         from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
 
@@ -50,3 +57,17 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
 
     pays = condense and condensing_pays(H, points.limited)
     return CondensedNewton(H, points) if pays else TruncatedNewton(H, points)
+
+
+def _opening(H: Any, points: ContactPoints, kind: str) -> Any:
+    if kind == "dense":
+        from skfem_joint.minimise.opening_dense import OpeningDense
+
+        return OpeningDense(H, points)
+    if points.flexible is not None:
+        from skfem_joint.minimise.opening_springs import OpeningOnSprings
+
+        return OpeningOnSprings(H, points)
+    from skfem_joint.minimise.opening_newton import OpeningNewton
+
+    return OpeningNewton(H, points)

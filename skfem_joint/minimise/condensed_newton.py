@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.linalg.schur import SchurComplement
-from skfem_joint.minimise.problem import ContactPoints, Minimum
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 from skfem_joint.minimise.truncated_newton import TruncatedNewton
 
 
@@ -45,7 +45,7 @@ class CondensedNewton:
             points.directions[some],
             points.w[some],
             points.beta[some],
-            None if points.soft is None else points.soft[some],
+            None if points.flexible is None else points.flexible[some],
         )
         return TruncatedNewton(self.schur.complement, acting.in_unknowns(self.schur.kept))
 
@@ -91,6 +91,7 @@ class CondensedNewton:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
         schur, force = self.schur, float(np.abs(g).max())
@@ -112,6 +113,7 @@ class CondensedNewton:
             converged=inner.converged and bool(np.all(np.isfinite(v))),
             counts=inner.counts | {"linear_solves": inner.counts["linear_solves"] + 2},
             where=int(schur.kept[inner.where]),
+            w=self.points.w,
         )
 
     def saved(self) -> dict[str, NDArray[Any]]:

@@ -19,7 +19,7 @@ forces is not returned as converged.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from scipy import linalg, sparse
@@ -27,10 +27,12 @@ from scipy import linalg, sparse
 from skfem_joint.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.errors import InputError
 from skfem_joint.minimise import law
-from skfem_joint.minimise.opening_loops import Gain, Hinges, Rows, rows_of_tangent
-from skfem_joint.minimise.opening_newton import OpeningMinimum, Renewal
-from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.minimise.touching import Touching
+from skfem_joint.minimise.opening_loops import Gain, Rows, rows_of_tangent
+from skfem_joint.minimise.opening_newton import Renewal
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
+
+if TYPE_CHECKING:
+    from skfem_joint.minimise.problem import PressurePoints
 
 
 class DenseOpeningSettings(NamedTuple):
@@ -108,13 +110,7 @@ class OpeningDense:
     H : ndarray, shape (n, n)
         Symmetric positive definite.
     points : ContactPoints
-        Any slip rows. Limits ``w`` are not read.
-    N : ndarray, shape (q, n)
-        Approach of the faces at each pressure point.
-    gain : sparse array, shape (m, q)
-        Friction limit of each friction point by the force of each pressure point.
-    stiffness : ndarray, shape (q,)
-        Of each pressure point, in N over the unit of v times that of N.
+        Any slip rows, and pressure points with a stiffness.
 
     Raises
     ------
@@ -122,9 +118,8 @@ class OpeningDense:
         If a pressure point is rigid.
     """
 
-    def __init__(
-        self, H: Any, points: ContactPoints, N: Any, gain: Any, stiffness: FloatArray
-    ) -> None:
+    def __init__(self, H: Any, points: ContactPoints) -> None:
+        N, gain, stiffness = vars(cast("PressurePoints", points.normal)).values()
         if np.isinf(stiffness).any():
             raise InputError(
                 "contact that opens: found a rigid pressure point in a reduced or dense model, "
@@ -147,17 +142,14 @@ class OpeningDense:
     def minimise(
         self,
         g: FloatArray,
-        bound: FloatArray,
-        given: FloatArray,
-        gain: FloatArray | float = 1.0,
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
-        touching: Touching | None = None,
-        hinges: Hinges | None = None,
-    ) -> OpeningMinimum:
-        """See `OpeningNewton.minimise`; the last two are of no use to few unknowns."""
-        del touching, hinges
+        offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
+    ) -> Minimum:
+        """See `StepProblem`; hinges and points that touch are of no use to few unknowns."""
+        bound, given, gain, *_ = cast("Pressed", pressed)
         law_of = self.points.beta if beta is None else np.asarray(beta, dtype=float)
         factors = np.broadcast_to(np.asarray(gain, dtype=float), bound.shape)
         search = _Search(self, g, bound, given, factors, law_of)
@@ -165,9 +157,7 @@ class OpeningDense:
         s = search.state
         converged = search.converged and bool(np.isfinite(s.v).all())
         where = int(np.abs(search.left).argmax())
-        return OpeningMinimum(
-            s.v, s.sigma, s.p, s.w, converged, search.counts, search.residual, where
-        )
+        return Minimum(s.v, s.sigma, converged, search.counts, search.residual, where, s.p, s.w)
 
 
 class _Search:

@@ -30,8 +30,8 @@ forces.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from scipy import linalg, sparse
@@ -55,8 +55,11 @@ from skfem_joint.minimise.opening_loops import (
     subtract_forces,
     tangents,
 )
-from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 from skfem_joint.minimise.touching import DenseContact, Part, Touching
+
+if TYPE_CHECKING:
+    from skfem_joint.minimise.problem import PressurePoints
 
 
 class OpeningSettings(NamedTuple):
@@ -101,34 +104,6 @@ class OpeningSettings(NamedTuple):
 SETTINGS = OpeningSettings()
 
 
-@dataclass(frozen=True)
-class OpeningMinimum:
-    """Result of a step problem with contact that opens.
-
-    Attributes
-    ----------
-    v : ndarray, shape (n,)
-        Minimiser.
-    sigma : ndarray, shape (rows,)
-        Friction force over its limit of each row of B.
-    p : ndarray, shape (q,)
-        Normal force of each pressure point, N.
-    w : ndarray, shape (m,)
-        Friction limits that belong to it, N.
-    converged, counts, residual, where
-        As in :class:`~skfem_joint.minimise.problem.Minimum`.
-    """
-
-    v: FloatArray
-    sigma: FloatArray
-    p: FloatArray
-    w: FloatArray
-    converged: bool
-    counts: dict[str, int]
-    residual: float
-    where: int
-
-
 class OpeningNewton:
     """Step problem with contact that opens, see the module.
 
@@ -137,13 +112,8 @@ class OpeningNewton:
     H : csr_array or ndarray, shape (n, n)
         Symmetric positive definite.
     points : ContactPoints
-        Friction points; each row of ``B`` picks an unknown of its own. Limits ``w`` are not read.
-    N : sparse array, shape (q, n)
-        Mean approach of the faces at each pressure point; its columns are no slips.
-    gain : sparse array, shape (m, q)
-        Friction limit of each friction point by the force of each pressure point.
-    stiffness : ndarray, shape (q,)
-        Of each pressure point, in N over the unit of v times that of N; ``inf`` is rigid.
+        Friction points, each row of whose ``B`` picks an unknown of its own, and pressure points;
+        the unknowns of ``N`` are no slips.
 
     Raises
     ------
@@ -151,10 +121,9 @@ class OpeningNewton:
         If rows of N depend on each other.
     """
 
-    def __init__(
-        self, H: Any, points: ContactPoints, N: Any, gain: Any, stiffness: FloatArray
-    ) -> None:
-        self.points, self.N = points, sparse.csr_array(N)
+    def __init__(self, H: Any, points: ContactPoints) -> None:
+        normal = cast("PressurePoints", points.normal)
+        self.H, self.points, self.N = H, points, sparse.csr_array(normal.N)
         slips, normals = points.unknowns, np.unique(self.N.indices)
         kept = np.sort(np.concatenate([slips, normals]))
         self.schur = SchurComplement(H, kept)
@@ -166,7 +135,7 @@ class OpeningNewton:
         A = self._condensed(S, W)
         self.factorizations = 1
         self.whole = DenseContact.of(
-            A, points.directions, points.beta, sparse.csr_array(gain), stiffness
+            A, points.directions, points.beta, sparse.csr_array(normal.gain), normal.stiffness
         )
         self._part: Part | None = None
 
@@ -230,41 +199,19 @@ class OpeningNewton:
     def minimise(
         self,
         g: FloatArray,
-        bound: FloatArray,
-        given: FloatArray,
-        gain: FloatArray | float = 1.0,
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
-        touching: Touching | None = None,
-        hinges: Hinges | None = None,
-    ) -> OpeningMinimum:
-        """Minimise for the right side ``g``, (n,), N.
-
-        Parameters
-        ----------
-        bound : ndarray, shape (q,)
-            Largest approach of each pressure point, in the unit of v; ``inf`` where there is none.
-        given : ndarray, shape (m,)
-            Friction limits without normal forces, N; they may be negative.
-        gain : float or ndarray, shape (q,)
-            Factors of the normal forces: w = max(0, given + (matrix ``gain``) (factors p)).
-        start : ndarray, shape (n,), optional
-            Where to start; at rest if not given.
-        tolerance : float
-            Largest force residual relative to the largest force.
-        beta : ndarray, shape (m,), optional
-            Values of beta in place of those of the points.
-        touching : Touching, optional
-            Pressure points that touch: others are eliminated. It follows what is found to touch.
-        hinges : Hinges, optional
-            How friction follows the forces of rigid points; as above if not given.
-        """
+        offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
+    ) -> Minimum:
+        """See `StepProblem`."""
+        bound, given, gain, hinges, touching = cast("Pressed", pressed)
         if not np.isfinite(g).all():
             v, sigma = np.full(g.size, np.nan), np.zeros(self.slips)
             where = int(np.flatnonzero(~np.isfinite(g))[0])
             p, w = np.zeros(bound.size), np.zeros(given.size)
-            return OpeningMinimum(v, sigma, p, w, False, {"newton_iterations": 0}, np.nan, where)
+            return Minimum(v, sigma, False, {"newton_iterations": 0}, np.nan, where, p, w)
         right, beside = self.restrict(g)
         z = np.zeros(right.size) if start is None else self.start_of(start)
         scale = max(float(np.abs(right).max()), float(np.abs(g).max()))
@@ -296,7 +243,7 @@ class OpeningNewton:
         tolerance: float,
         scale: float,
         touching: Touching | None,
-    ) -> OpeningMinimum:
+    ) -> Minimum:
         """Solution from ``z``, in slips and approaches, with friction forces in place of sigma.
 
         Points that pass their bounds though they count as apart are kept.
@@ -308,9 +255,9 @@ class OpeningNewton:
                 search = _Search(self.whole, right, given)
                 search.run(z, tolerance, scale)
                 counts.update(search.counts)
-                return OpeningMinimum(
-                    search.z, search.force[: self.slips], search.p, search.w, search.converged,
-                    dict(counts), search.residual, search.where,
+                return Minimum(
+                    search.z, search.force[: self.slips], search.converged, dict(counts),
+                    search.residual, search.where, search.p, search.w,
                 )  # fmt: skip
             own, apart = part.restrict(right)
             search = _Search(part.problem, own, given.among(part))
@@ -323,9 +270,9 @@ class OpeningNewton:
         force = np.zeros(right.size)
         p[part.pressures], w[part.frictions] = search.p, search.w
         force[part.unknowns] = search.force
-        return OpeningMinimum(
-            z, force[: self.slips], p, w, search.converged, dict(counts), search.residual,
-            int(part.unknowns[search.where]),
+        return Minimum(
+            z, force[: self.slips], search.converged, dict(counts), search.residual,
+            int(part.unknowns[search.where]), p, w,
         )  # fmt: skip
 
     def _parted(self, touching: Touching, given: FloatArray) -> Part | None:

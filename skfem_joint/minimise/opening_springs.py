@@ -16,17 +16,18 @@ limit when that falls, and is zero where contact is open.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.minimise.opening_loops import Hinges
-from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
-from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.minimise.touching import Touching
+from skfem_joint.minimise.opening_newton import OpeningNewton
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
+
+if TYPE_CHECKING:
+    from skfem_joint.minimise.problem import PressurePoints
 
 
 class OpeningOnSprings:
@@ -34,21 +35,15 @@ class OpeningOnSprings:
 
     Parameters
     ----------
-    H, points, N, gain, stiffness
+    H, points
         As `OpeningNewton` takes them; rows of ``points`` with springs may share unknowns.
-    springs : ndarray, shape (rows,)
-        Stiffness of the spring of each row of B, in N over the unit of v; zero for none.
     """
 
-    def __init__(
-        self,
-        H: Any,
-        points: ContactPoints,
-        N: Any,
-        gain: Any,
-        stiffness: FloatArray,
-        springs: FloatArray,
-    ) -> None:
+    def __init__(self, H: Any, points: ContactPoints) -> None:
+        normal = cast("PressurePoints", points.normal)
+        flexible = points.on_rows(cast("FloatArray", points.flexible))
+        springs = np.divide(1.0, flexible, out=np.zeros_like(flexible), where=flexible > 0.0)
+        self.H, self.points, self.springs, N = H, points, springs, normal.N
         self.rows = np.flatnonzero(springs)
         self.n, count = H.shape[0], self.rows.size
         k, B = sparse.diags_array(springs[self.rows]), sparse.csr_array(points.B)
@@ -67,7 +62,7 @@ class OpeningOnSprings:
         )
         H = both.toarray() if isinstance(H, np.ndarray) else as_compressed(both)
         self.problem = OpeningNewton(
-            H, replace(points, B=sliders, soft=None), approach, gain, stiffness
+            H, replace(points, B=sliders, flexible=None, normal=replace(normal, N=approach))
         )
 
     @property
@@ -78,27 +73,19 @@ class OpeningOnSprings:
     def minimise(
         self,
         g: FloatArray,
-        bound: FloatArray,
-        given: FloatArray,
-        gain: FloatArray | float = 1.0,
         start: FloatArray | None = None,
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
-        touching: Touching | None = None,
-        hinges: Hinges | None = None,
-        held: FloatArray | None = None,
-    ) -> OpeningMinimum:
-        """Minimise for the right side ``g``, see `OpeningNewton.minimise`.
-
-        ``held``, (rows,), N, is the force q of the module; none if not given. Sliders start at
-        rest.
-        """
-        q = np.zeros(self.rows.size) if held is None else held[self.rows]
+        offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
+    ) -> Minimum:
+        """See `StepProblem`. Sliders start at rest."""
+        q = np.zeros(self.rows.size)
+        if offset is not None:
+            q = -(self.springs * offset)[self.rows]
         right = np.concatenate([g - self.B.T @ q, q])
         begin = None if start is None else np.concatenate([start, np.zeros(q.size)])
-        solved = self.problem.minimise(
-            right, bound, given, gain, begin, tolerance, beta, touching, hinges
-        )
+        solved = self.problem.minimise(right, begin, tolerance, beta, None, pressed)
         where = solved.where
         if where >= self.n:
             where = int(self.B[[where - self.n]].indices[0])

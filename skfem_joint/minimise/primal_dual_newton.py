@@ -72,7 +72,7 @@ from skfem_joint.linalg.kernels import (
 from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, row_order, slips
 from skfem_joint.minimise.law import forces, potential, slope_of, sprung_force, sprung_slope
 from skfem_joint.minimise.line_search import friction_slope, line_search
-from skfem_joint.minimise.problem import ContactPoints, Minimum
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 
 
 class PrimalDualSettings(NamedTuple):
@@ -195,9 +195,9 @@ class DenseWorkspace(NamedTuple):
 def rows_of(points: ContactPoints) -> tuple[DenseRows, Places]:
     """Slip rows of contact points, with a steepness of 1 s/m for those of Coulomb's law."""
     w, (row, point) = points.w, row_order(points.directions)
-    may_be_steep = np.isfinite(points.beta) | (points.compliance > 0.0)
+    may_be_steep = np.isfinite(points.beta) | points.has_spring
     beta = np.where(w > 0.0, np.where(may_be_steep, points.beta, 1.0), 0.0)
-    soft = np.zeros(0) if points.soft is None else points.soft[point]
+    soft = np.zeros(0) if points.flexible is None else points.soft[point]
     values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point], soft
     memory = aligned(*(value.size for value in values))
     rows = DenseRows(memory[0].reshape(values[0].shape), *memory[1:])
@@ -638,6 +638,7 @@ class PrimalDualNewton:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
     ) -> Minimum:
         """See `StepProblem`; Coulomb friction is approached by ever steeper laws.
 
@@ -645,7 +646,7 @@ class PrimalDualNewton:
         springs have their own law: their forces are smooth enough.
         """
         law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 0.0)
-        coulomb = np.isinf(law) & (self.points.compliance == 0.0)
+        coulomb = np.isinf(law) & ~self.points.has_spring
         v = self._from_stuck(g) if start is None else start
         self.workspace.offset[self.places.row] = 0.0 if offset is None else offset
         if not coulomb.any():
@@ -679,6 +680,7 @@ class PrimalDualNewton:
             counts,
             float(outcome.residual),
             int(outcome.unknown),
+            w=self.points.w,
         )
 
     def _minimise(self, g: FloatArray, start: FloatArray, tolerance: float) -> StepOutcome:

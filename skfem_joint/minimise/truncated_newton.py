@@ -57,7 +57,7 @@ from skfem_joint.minimise.point_loops import (
     sweep_over,
     tangent_blocks,
 )
-from skfem_joint.minimise.problem import ContactPoints, Minimum
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 
 
 class NewtonSettings(NamedTuple):
@@ -141,7 +141,7 @@ class TruncatedNewton:
         self._order = order = order[points.w[order] > 0.0]
         self.first, start = np.unique(first[order], return_index=True)
         self.second = second[order][start]
-        w, soft = (np.array(x, dtype=float)[order] for x in (points.w, points.compliance))
+        w, soft = (np.array(x, dtype=float)[order] for x in (points.w, points.soft))
         self.w, self.beta = w, self.ordered_beta(points.beta)
         start, none = np.append(start, order.size).astype(np.int64), np.zeros(order.size)
         self.laws = Points(self.first, self.second, start, w, self.beta, soft, none, none)
@@ -189,6 +189,7 @@ class TruncatedNewton:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
         return self.minimise_beside(g, start, tolerance, beta, 0.0, offset)
@@ -201,6 +202,7 @@ class TruncatedNewton:
         beta: FloatArray | None,
         force: float,
         offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
     ) -> Minimum:
         """`minimise` where the tolerance also refers to a ``force`` (N) on condensed unknowns."""
         laws = self.laws_of(beta, offset)
@@ -275,7 +277,9 @@ class TruncatedNewton:
         by_row = np.zeros(self.points.B.shape[0])
         by_row[self._rows] = friction[:, 0]
         by_row[self._rows[self._pairs] + 1] = friction[self._pairs, 1]
-        return Minimum(v, by_row, bool(converged), counts, float(residual), int(where))
+        return Minimum(
+            v, by_row, bool(converged), counts, float(residual), int(where), w=self.points.w
+        )
 
     def objective(
         self,

@@ -27,7 +27,7 @@ from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.reduction import friction_points, interface_modes
 from skfem_joint.reduction.active_length import THRESHOLD
-from skfem_joint.reduction.elastic_contact import OpeningPath, strain_norm
+from skfem_joint.reduction.elastic_contact import strain_norm
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation, steps_of_a_period
 from skfem_joint.reduction.friction_points import NO_FRICTION, merged_points
 from skfem_joint.reduction.joint_slides import joint_slides
@@ -229,12 +229,10 @@ def slip_path(
     )
 
 
-def _path(system: System, path: QuasiStatic | None, tolerance: float) -> QuasiStatic | OpeningPath:
+def _path(system: System, path: QuasiStatic | None, tolerance: float) -> QuasiStatic:
     """Path of a system, which uses the factors of a given ``path``."""
     from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
 
-    if system.contact.opens:
-        return OpeningPath(system, tolerance)
     return QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
 
 
@@ -247,7 +245,7 @@ def _is_monotone(system: System, loads: Excitation) -> bool:
 
 
 def _beside(
-    system: System, response: FloatArray, loads: Excitation, path: QuasiStatic | OpeningPath
+    system: System, response: FloatArray, loads: Excitation, path: QuasiStatic
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Static shapes beside the modes, fixed-interface modes and shares of these; see `StaticPath`.
 
@@ -256,12 +254,11 @@ def _beside(
     if loads.plan.quasi_static:
         still = np.zeros((system.n, 0)), np.zeros(0)
         return np.hstack([response, joint_slides(system)]), *still
-    factors = None if isinstance(path, OpeningPath) else path
-    return response, *interface_modes.driven(system, response, loads, path=factors)
+    return response, *interface_modes.driven(system, response, loads, path=path)
 
 
 def _first(
-    system: System, path: QuasiStatic | OpeningPath, loads: Excitation, response: FloatArray
+    system: System, path: QuasiStatic, loads: Excitation, response: FloatArray
 ) -> FloatArray:
     """Snapshots (s, n) of the path under the loads with the inertia of their static response.
 
@@ -291,7 +288,7 @@ def _first(
 
 
 def _second(
-    path: QuasiStatic | OpeningPath, loads: Excitation, response: FloatArray, driving: _Driving
+    path: QuasiStatic, loads: Excitation, response: FloatArray, driving: _Driving
 ) -> tuple[FloatArray, int]:
     """Snapshots (s, n) of the path under the forces of a run, and the number within its peak."""
     if _is_monotone(driving.system, loads):
@@ -303,7 +300,7 @@ def _second(
     return snapshots, len(snapshots) // 2
 
 
-def _in_time(path: QuasiStatic | OpeningPath, loads: Excitation, driving: _Driving) -> FloatArray:
+def _in_time(path: QuasiStatic, loads: Excitation, driving: _Driving) -> FloatArray:
     """States and increments (s, n) under the forces of a run: of its start and last period."""
     run, K = driving.run, driving.run.system.K
     rows = np.arange(1, len(run.u))

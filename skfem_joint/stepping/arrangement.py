@@ -36,7 +36,7 @@ class Arranged:
     system : System
     kind : str
         Of its matrices: "linear" (no friction), "chain" (tridiagonal, each slip an unknown),
-        "contact" (each slip an unknown) or "dense"; "opening" with contact that opens.
+        "contact" (each slip an unknown, and each approach where contact opens) or "dense".
     maps : tuple of ChangeOfUnknowns
         Changes of unknowns that led to it, in turn; none if the unknowns are the caller's.
     """
@@ -119,7 +119,7 @@ def _arranged_opening(system: System) -> Arranged:
                 "contact that opens: found springs in series with friction in a reduced or dense "
                 "system, must be a full or condensed one, whose slips and approaches are unknowns"
             )
-        return Arranged(system, "opening")
+        return Arranged(system, "dense")
     if not picks_unknowns(system.contact.B):
         system, slips = system.with_slips_as_unknowns()
         maps = (slips,)
@@ -129,7 +129,7 @@ def _arranged_opening(system: System) -> Arranged:
             "contact that opens: its normal motion and a slip are the same displacement; slips "
             "must be perpendicular to what opens"
         )
-    return Arranged(system, "opening", maps)
+    return Arranged(system, "contact", maps)
 
 
 def _path(system: System) -> ChangeOfUnknowns | None:
@@ -200,7 +200,7 @@ def choose(to: Arranged, *others: Any) -> Stepper:
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    if to.kind == "opening":
+    if to.system.contact.opens:
         from skfem_joint.stepping.opening_stepper import OpeningStepper  # loads the compiler
 
         return OpeningStepper(to.kind, to.system, *others)

@@ -347,9 +347,7 @@ def _start(
 def _same_matrices(one: System, other: System) -> bool:
     """Whether two systems differ in loads, observed points and names at most."""
     names = ("B", "given", "beta", "directions", "stiffness", "normal", "gain")
-    parts = [
-        [s.M, s.C, s.K, *(getattr(s.contact, name) for name in names)] for s in (one, other)
-    ]
+    parts = [[s.M, s.C, s.K, *(getattr(s.contact, name) for name in names)] for s in (one, other)]
     return all(a is b or fingerprint(a) == fingerprint(b) for a, b in zip(*parts, strict=True))
 
 

@@ -32,11 +32,11 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed
+from skfem_joint.minimise.law import slip_tangent
 from skfem_joint.minimise.opening_springs import OpeningOnSprings
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
 from skfem_joint.stepping.levels import Level
-from skfem_joint.stepping.opening_levels import OpeningLevels
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
 
@@ -169,7 +169,7 @@ class _Matrix:
         return _Matrix(A, place, none, schur.restrict, schur.extend)
 
     @staticmethod
-    def opening(levels: OpeningLevels, touch: tuple[BoolArray, BoolArray]) -> _Matrix:
+    def opening(levels: QuasiStatic, touch: tuple[BoolArray, BoolArray]) -> _Matrix:
         """Of contact that opens; the factor of the levels is used again.
 
         ``touch`` are the contact points, (m,), and pressure points, (q,), that carry a force at any
@@ -203,7 +203,7 @@ class LevelRates:
 
     Parameters
     ----------
-    path : QuasiStatic or OpeningLevels
+    path : QuasiStatic
         What the levels were computed by.
     force : ndarray, shape (n,)
         Force F of the unit level, N, in the unknowns of ``path.to.system``.
@@ -225,7 +225,7 @@ class LevelRates:
 
     def __init__(
         self,
-        path: QuasiStatic | OpeningLevels,
+        path: QuasiStatic,
         force: FloatArray,
         parameters: Sequence[SystemSensitivity],
         force_rates: FloatArray,
@@ -234,13 +234,8 @@ class LevelRates:
     ) -> None:
         self.system: System = path.to.system
         self.parameters = parameters
-        self.contact, self.opens = self.system.contact.normal, self.system.contact.opens
-        if isinstance(path, OpeningLevels):
-            m, q = self.system.contact.w.size, path.contact.gap.size
-            every = np.ones(m, dtype=bool), np.ones(q, dtype=bool)
-            self.matrix, self.shift = _Matrix.opening(path, touch or every), path.shift
-        else:
-            self.matrix, self.shift = _Matrix.constant(path), 0.0
+        self.contact, self.opens, self.shift = path.contact, path.opens, path.shift
+        self.matrix = _Matrix.constant(path) if touch is None else _Matrix.opening(path, touch)
         # A x = g is condensed once for all right sides and values: v x = z v' + v'' g, with v' the
         # restricted v, and v'' the displacement under v with the contact held.
         of_force = self._padded(np.column_stack([force_rates, force]))
@@ -383,9 +378,14 @@ class LevelRates:
         begin = -last.slip
         if self._sprung is not None:
             begin += self.flexibility[:, np.newaxis] * last.friction
-        z, forces = np.zeros_like(right), friction.known + self._by_slip(friction, begin)
-        known = self._from_rows @ forces
-        z[self.matrix.place[sticks]], fixed[self.matrix.place[sticks]] = last.slip[sticks], True
+        forces = friction.known + self._by_slip(friction, begin)
+        if self.shift:  # one more right side, the unit force, to give back what mass was added
+            right = np.column_stack([right, self._right_of_force[:, -1]])
+            held = np.column_stack([held, self._held_of_force[:, -1]])
+        z, known = np.zeros_like(right), np.zeros_like(right)
+        known[:, : forces.shape[1]] = self._from_rows @ forces
+        z[self.matrix.place[sticks], : last.slip.shape[1]] = last.slip[sticks]
+        fixed[self.matrix.place[sticks]] = True
         if self.opens:
             return self._next_opening(friction, after, right, held, z, known, fixed)
         if not fixed.all():
@@ -393,12 +393,24 @@ class LevelRates:
             blocks = np.stack([ends[0], friction.beside[self._first], ends[1]], axis=1)
             solve, r = self._factors.factorised(blocks, fixed), right - known
             z += solve(r - self.matrix.A @ z if sticks.size else r)
+        values, z = self._given_back(self._seen.T @ z + held, z)
         slip = self._on_rows(z)
         if self._sprung is not None:
             forces = np.where(self._sprung, forces + self._by_slip(friction, slip), 0.0)
         else:
             forces = last.friction
-        return Rates(self._seen.T @ z + held, slip, forces, last.limits, last.normal)
+        return Rates(values, slip, forces, last.limits, last.normal)
+
+    def _given_back(self, values: FloatArray, *others: FloatArray) -> tuple[FloatArray, ...]:
+        """Derivatives, (..., k), with the force given back that the mass added to K has.
+
+        Levels have no added mass, but the matrix has: the last column of ``values`` and others,
+        (..., k + 1), is by the unit force, which is the inertia of a mode of unit mass.
+        """
+        if not self.shift:
+            return values, *others
+        more = self.shift * values[0, :-1] / (1.0 - self.shift * values[0, -1])
+        return tuple(x[:, :-1] + np.outer(x[:, -1], more) for x in (values, *others))
 
     def _next_opening(
         self,
@@ -411,12 +423,6 @@ class LevelRates:
         fixed: BoolArray,
     ) -> Rates:
         """Of the next level with contact that opens; unknowns that are ``fixed`` have values."""
-        if self.shift:  # one more right side, the unit force, to give back what mass was added
-            right, held = (
-                np.column_stack([x, y[:, -1]])
-                for x, y in ((right, self._right_of_force), (held, self._held_of_force))
-            )
-            z, known = (np.column_stack([x, np.zeros(len(x))]) for x in (z, known))
         contact, A, at = self.contact, self.matrix.A, self.matrix.approach
         normals = self._normals(after, right)
         elastic, closed = normals.elastic, at[normals.closed]
@@ -434,10 +440,7 @@ class LevelRates:
         free = np.flatnonzero(~fixed)
         r = right[free] - known[free] - A[free] @ z
         z[free] = np.linalg.solve(J[np.ix_(free, free)], r)
-        values, normal = self._seen.T @ z + held, normals.forces(z)
-        if self.shift:  # levels have no added mass, but the matrix has: its force is given back
-            more = self.shift * values[0, :-1] / (1.0 - self.shift * values[0, -1])
-            z, values, normal = (x[:, :-1] + np.outer(x[:, -1], more) for x in (z, values, normal))
+        values, z, normal = self._given_back(self._seen.T @ z + held, z, normals.forces(z))
         slip = self._on_rows(z)
         limits = self._limits(cast("FloatArray", after.normal), normal)
         acts = cast("FloatArray", after.limits) > 0.0
@@ -535,6 +538,8 @@ class LevelRates:
             system.contact.on_rows(system.contact.directions == 1),
             direction[:, self._partner],
         )
+        along = np.where(moves, 0.0, curved)
+        diagonal, mixed, _ = slip_tangent(along, curved, direction, across, direction, across)
         given = self.given[rows]
         if any(gain is not None for gain in self.gains):
             none = np.zeros_like(self.at_rest)
@@ -543,8 +548,8 @@ class LevelRates:
         found = _Friction(
             direction=direction,
             sticks=acts & ~moves & ~sprung,
-            diagonal=np.where(single & moves, 0.0, curved * (1.0 - direction**2)),
-            beside=np.where(single, 0.0, -curved * direction * across),
+            diagonal=np.where(single, along, diagonal),
+            beside=np.where(single, 0.0, mixed),
             known=direction[:, :, np.newaxis] * given,
             turning=turning.sum(axis=1),
         )

@@ -51,6 +51,7 @@ friction has its limit from that force: they have no impacts.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple, cast
@@ -61,11 +62,15 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, as_dense, check_like
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.minimise.opening_dense import OpeningDense
+from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.opening_loops import Hinges
-from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
-from skfem_joint.minimise.opening_springs import OpeningOnSprings
-from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.problem import (
+    ContactPoints,
+    Minimum,
+    Pressed,
+    PressurePoints,
+    StepProblem,
+)
 from skfem_joint.minimise.touching import Touching
 from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.stepping.steppers import FailedStep, PythonStepper, Saved
@@ -157,21 +162,11 @@ class OpeningStepper(PythonStepper):
     def new_problem(self, c: Coefficients) -> Any:
         """See `Stepper`."""
         s = self.system
-        H, springs = c.c_M * s.M + s.C + c.c_K * s.K, c.c_K * s.contact.spring_constants
-        return self._problem(H, self.contact.stiffness * c.c_K, self.of_step(c), springs)
+        return self._problem(c.c_M * s.M + s.C + c.c_K * s.K, self.of_step(c))
 
-    def _problem(
-        self, H: Any, stiffness: FloatArray, points: ContactPoints, springs: FloatArray
-    ) -> OpeningNewton | OpeningDense | OpeningOnSprings:
-        """Problem of a matrix, with the stiffness of pressure points and of springs, (m,)."""
-        contact = self.contact
-        if isinstance(contact.N, np.ndarray):
-            return OpeningDense(H, points, contact.N, self.gain, stiffness)
+    def _problem(self, H: Any, points: ContactPoints) -> StepProblem:
         H = as_dense(H) if isinstance(H, np.ndarray) else as_compressed(H)
-        given = H, points, contact.N, self.gain, stiffness
-        if not self.system.contact.has_springs:
-            return OpeningNewton(*given)
-        return OpeningOnSprings(*given, self.system.contact.on_rows(springs))
+        return step_problem(H, points, self.kind)
 
     @property
     def limits_now(self) -> FloatArray:
@@ -209,7 +204,7 @@ class OpeningStepper(PythonStepper):
         limits = self.limits
         for _ in range(RENEWALS):
             own = right - s.contact.B.T @ (s.contact.on_rows(limits) * sigma)
-            minimum = self._still.minimise(own, bound, given, 1.0, None, self.tolerance)
+            minimum = self._still.minimise(own, None, self.tolerance, pressed=Pressed(bound, given))
             if not minimum.converged:
                 self.failure = FailedStep(minimum.residual, minimum.where)
                 return False
@@ -232,12 +227,16 @@ class OpeningStepper(PythonStepper):
         return True
 
     @cached_property
-    def _still(self) -> OpeningNewton | OpeningDense | OpeningOnSprings:
+    def _still(self) -> StepProblem:
         """Problem of an acceleration; elastic pressure points have known forces in it."""
-        soft = np.where(self.rigid, np.inf, 1e-300)
-        # Sliders without friction follow: their springs, of whatever stiffness, are forceless.
-        springs = np.where(self.system.contact.sprung, float(self.system.M.diagonal().mean()), 0.0)
-        return self._problem(self.system.M, soft, self.points, springs)
+        normal = cast("PressurePoints", self.points.normal)
+        normal = replace(normal, stiffness=np.where(self.rigid, np.inf, 1e-300))
+        points = replace(self.points, normal=normal)
+        if self.system.contact.has_springs:
+            # Sliders without friction follow: their springs, of whatever stiffness, are forceless.
+            unit = 1.0 / float(self.system.M.diagonal().mean())
+            points = replace(points, flexible=np.where(self.system.contact.sprung, unit, 0.0))
+        return self._problem(self.system.M, points)
 
     def _gaps(self, u: FloatArray) -> FloatArray:
         """Gap of each pressure point, m; what is round-off counts as closed."""
@@ -292,7 +291,7 @@ class OpeningStepper(PythonStepper):
     def _step(self, c: Coefficients, amplitudes: FloatArray) -> bool:
         """Do one step; False, and nothing changed, if it does not converge."""
         s, contact = self.system, self.contact
-        problem = cast("OpeningNewton | OpeningDense | OpeningOnSprings", self.problem(c))
+        problem = self.problem(c)
         u, v, a, d, _ = self.now
         predictor = u + c.u_v * v + c.u_a * a
         right = self.recorder.vectors @ amplitudes - s.K @ predictor
@@ -307,11 +306,13 @@ class OpeningStepper(PythonStepper):
         right -= s.contact.B.T @ np.where(self.impulsive_rows, known, 0.0)
         before = self._pressing()
         hinges = self._hinges(c, before)
-        held = {"held": self._held(predictor - u)} if s.contact.has_springs else {}
+        factors = np.where(self.rigid, share, 1.0)
+        pressed = Pressed(bound, self.constant, factors, hinges, self.touching)
+        force = s.contact.on_rows(self.limits) * self.now.sigma
+        offset = s.contact.spring_offset(predictor - u, force, c.c_K)
         minimum = problem.minimise(
-            right, bound, self.constant, np.where(self.rigid, share, 1.0), 2.0 * v - self.v_before,
-            self.tolerance, touching=self.touching, hinges=hinges, **held,
-        )  # fmt: skip
+            right, 2.0 * v - self.v_before, self.tolerance, offset=offset, pressed=pressed
+        )
         self._count(minimum.counts)
         if not minimum.converged:
             self.failure = FailedStep(minimum.residual, minimum.where)
@@ -356,7 +357,7 @@ class OpeningStepper(PythonStepper):
     def _take_over_friction(
         self,
         c: Coefficients,
-        minimum: OpeningMinimum,
+        minimum: Minimum,
         hinges: Hinges,
         known: FloatArray,
         before: FloatArray,
@@ -379,13 +380,6 @@ class OpeningStepper(PythonStepper):
         self.friction = FrictionState(
             end, filtered, smooth, np.where(anew, smooth, of_smooth), mean
         )
-
-    def _held(self, known: FloatArray) -> FloatArray:
-        """Forces of springs, (rows,), N, after a known displacement (n,), if no slider slips."""
-        s = self.system
-        springs = s.contact.on_rows(s.contact.spring_constants)
-        before = np.where(springs > 0.0, s.contact.on_rows(self.limits) * self.now.sigma, 0.0)
-        return np.asarray(before + springs * (s.contact.B @ known))
 
     def _share(self, c: Coefficients) -> float:
         """Share of the force at the end of a step in the mean force over it."""

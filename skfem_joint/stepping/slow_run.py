@@ -5,7 +5,8 @@ loads, cut where the loads jump or kink as the steps of `integrate` are. A level
 converge is reached in parts. One that has no solution, because friction does not hold the loads,
 ends the run with a `ConvergenceError` that carries what was reached.
 
-How a level is solved is left to a solver, see :mod:`skfem_joint.stepping.levels`.
+How a level is solved is left to a solver, see :mod:`skfem_joint.stepping.levels`: in general to
+:mod:`skfem_joint.stepping.quasi_static`.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.stepping.levels import CoulombLevels, Level, LevelSolver, NoLevelError, in_parts
+from skfem_joint.stepping.levels import Level, LevelSolver, NoLevelError, in_parts
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.loops import LoopRecorder
 from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.recording import Final, Recorder, Run
 from skfem_joint.stepping.schemes import State
 from skfem_joint.stepping.stopwatch import Stopwatch
@@ -80,7 +82,7 @@ def slow_run(
     progress : callable, optional
         Called with (levels done, levels in all).
     solver : LevelSolver, optional
-        Coulomb friction with the constant limits of the system, if not given.
+        `QuasiStatic` of the system, if not given.
 
     Returns
     -------
@@ -101,18 +103,9 @@ def slow_run(
         )
     watch = Stopwatch()
     system = rate_independent(system)
-    driver = _SlowDriver(system, plan, solver or _levels(system, tolerance))
+    driver = _SlowDriver(system, plan, solver or QuasiStatic(system, tolerance, frictionless=True))
     driver.preparation, driver.compilation = watch.read()
     return driver.run(progress)
-
-
-def _levels(system: System, tolerance: float) -> LevelSolver:
-    """Solver of a system's levels."""
-    if not system.contact.opens:
-        return CoulombLevels(system, tolerance)
-    from skfem_joint.stepping.opening_levels import OpeningLevels  # loads the compiler
-
-    return OpeningLevels(system, tolerance)
 
 
 class _Mark(NamedTuple):

@@ -431,7 +431,8 @@ class PythonStepper(Stepper):
             predictor = u + c.u_v * v + c.u_a * a
             right = recorder.vectors @ ends[1] - s.K @ predictor
             right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-            offset = s.contact.spring_offset(c.u_v * v + c.u_a * a, sigma, c.c_K)
+            force = s.contact.on_rows(s.contact.w) * sigma
+            offset = s.contact.spring_offset(c.u_v * v + c.u_a * a, force, c.c_K)
             start = self._extrapolated()
             minimum = problem.minimise(right, start, self.tolerance, offset=offset)
             self._count(minimum.counts)

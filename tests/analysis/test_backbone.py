@@ -12,7 +12,7 @@ from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.analysis.backbone import Backbone, Kept, backbone
+from skfem_joint.analysis.backbone import Backbone, Factors, backbone
 from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.linalg.schur import SchurComplement
@@ -331,7 +331,7 @@ def test_curves_of_other_limits_and_damping_use_factors_again(held, monkeypatch)
             super().__init__(*given)
 
     monkeypatch.setattr(condensed_newton, "SchurComplement", Counted)
-    kept, modes, levels = Kept(), [4 if held else 1], [30.0, 120.0, 500.0]
+    kept, modes, levels = Factors(), [4 if held else 1], [30.0, 120.0, 500.0]
     for friction, damping in ((0.3, 0.01), (0.4, 0.02)):
         given = bolted(joint={"friction": friction}, damping_ratio=damping, **held)
         system = given.system(loads("right", 2))

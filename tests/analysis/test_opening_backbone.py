@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from test_backbone import bar
 
 import skfem_joint as sj
-from skfem_joint.analysis import opening_cycles
+from skfem_joint.analysis import cycles
 
 K0, K1, K2 = 3e6, 2e6, 1e6  # N/m
 PRESSED, MU = 500.0, 0.3  # N
@@ -81,8 +81,8 @@ def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_fo
     slips = MU * PRESSED * (K0 + K1 + K2) / K1
     errors, stated = [], []
     for increments in (8, 16, 32):
-        settings = replace(opening_cycles.SETTINGS, increments=increments)
-        monkeypatch.setattr(opening_cycles, "SETTINGS", settings)
+        settings = replace(cycles.SETTINGS, increments=increments)
+        monkeypatch.setattr(cycles, "SETTINGS", settings)
         (curve,) = sj.backbone(slider(), slips_at=slips, levels=3, up_to=3.0)
         assert curve.state == ("stick", "stick", "gross")
         q, work = loop_of_the_slider(curve.level[-1])

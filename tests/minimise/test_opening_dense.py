@@ -1,13 +1,14 @@
 """Steps of reduced models with contact that opens: the problem of slips in other unknowns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import linalg, sparse
 
 from skfem_joint.errors import InputError
-from skfem_joint.minimise.opening_dense import OpeningDense
-from skfem_joint.minimise.opening_newton import OpeningNewton
-from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
 
 Q = 8
 
@@ -27,6 +28,12 @@ def _random(rng, directions, friction, beta=30.0):
     return problem, 10.0 ** rng.uniform(0.0, 4.0, Q), rng.uniform(-30.0, 30.0, n), given
 
 
+def _projected(H, points, T):
+    """Problem of the unknowns q of u = T q."""
+    normal = replace(points.normal, N=points.normal.N @ T)
+    return step_problem(T.T @ H @ T, replace(points, B=points.B @ T, normal=normal), "dense")
+
+
 @pytest.mark.parametrize("directions", [1, 2])
 @pytest.mark.parametrize("friction", [0.3, 1.0])
 def test_it_is_the_problem_of_slips_in_other_unknowns(directions, friction):
@@ -35,11 +42,11 @@ def test_it_is_the_problem_of_slips_in_other_unknowns(directions, friction):
         rng = np.random.default_rng([seed, 5])
         (H, points, N, gain), k, g, given = _random(rng, directions, friction)
         bound = rng.choice([0.0, 0.1, -0.1], Q)
-        known = OpeningNewton(H, points, N, gain, k).minimise(g, bound, given)
+        points = replace(points, normal=PressurePoints(N, gain, k))
+        known = step_problem(H, points, "contact").minimise(g, pressed=Pressed(bound, given))
         T = rng.normal(size=H.shape)  # u = T q
-        points = ContactPoints(points.B @ T, points.directions, points.w, points.beta)
-        dense = OpeningDense(T.T @ H @ T, points, N @ T, gain, k)
-        found = dense.minimise(T.T @ g, bound, given)
+        dense = _projected(H, points, T)
+        found = dense.minimise(T.T @ g, pressed=Pressed(bound, given))
         assert known.converged
         assert found.converged
         np.testing.assert_allclose(T @ found.v, known.v, atol=1e-8)
@@ -56,27 +63,30 @@ def test_forces_balance_with_more_points_than_unknowns(beta):
         rng = np.random.default_rng([seed, 6])
         (H, points, N, gain), k, g, given = _random(rng, 2, 0.6, beta)
         T = linalg.qr(rng.normal(size=(len(H), 7)), mode="economic")[0]
-        points = ContactPoints(points.B @ T, points.directions, points.w, points.beta)
-        dense = OpeningDense(T.T @ H @ T, points, N @ T, gain, k)
+        points = replace(points, normal=PressurePoints(N, gain, k))
+        dense = _projected(H, points, T)
         bound = rng.choice([0.0, 0.1, -0.1], Q)
-        found = dense.minimise(T.T @ g, bound, given)
+        pressed = Pressed(bound, given)
+        found = dense.minimise(T.T @ g, pressed=pressed)
         assert found.converged
         p = k * np.maximum(N @ (T @ found.v) - bound, 0.0)
         w = np.maximum(given + gain @ p, 0.0)
-        slip = (points.B @ found.v).reshape(Q, 2)
+        slip = (dense.points.B @ found.v).reshape(Q, 2)
         speed = np.linalg.norm(slip, axis=1, keepdims=True)
         friction = w[:, None] * 2.0 / np.pi * np.arctan(beta * speed) * slip / speed
-        left = T.T @ g - dense.H @ found.v - points.B.T @ friction.ravel() - T.T @ (N.T @ p)
+        left = T.T @ g - dense.H @ found.v - dense.points.B.T @ friction.ravel() - T.T @ (N.T @ p)
         np.testing.assert_allclose(left, 0.0, atol=1e-8 * np.abs(g).max())
         for _ in range(2):
-            again = dense.minimise(T.T @ g, bound, given, start=rng.normal(size=7))
+            again = dense.minimise(T.T @ g, rng.normal(size=7), pressed=pressed)
             np.testing.assert_allclose(again.v, found.v, atol=1e-8)
 
 
 def test_rigid_points_and_set_valued_friction_are_refused():
     rng = np.random.default_rng(1)
     (H, points, N, gain), k, g, given = _random(rng, 1, 0.5, np.inf)
+    rigid = PressurePoints(N, gain, np.full(Q, np.inf))
     with pytest.raises(InputError, match="must have a finite stiffness"):
-        OpeningDense(H, points, N, gain, np.full(Q, np.inf))
+        step_problem(H, replace(points, normal=rigid), "dense")
+    problem = step_problem(H, replace(points, normal=PressurePoints(N, gain, k)), "dense")
     with pytest.raises(InputError, match="set-valued Coulomb friction"):
-        OpeningDense(H, points, N, gain, k).minimise(g, np.zeros(Q), given)
+        problem.minimise(g, pressed=Pressed(np.zeros(Q), given))

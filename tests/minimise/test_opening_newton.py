@@ -1,5 +1,6 @@
 """Step problems with contact that opens: what a solution must fulfil, on random small problems."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,8 +9,8 @@ from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.errors import InputError
-from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
-from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
 from skfem_joint.normal import NormalPart
 
 #: Largest entry of the loads; errors are relative to it.
@@ -17,7 +18,7 @@ LOAD = 30.0
 
 
 class Contact(NamedTuple):
-    """A random problem, see `OpeningNewton`."""
+    """A random problem, see `ContactPoints`, `PressurePoints` and `Pressed`."""
 
     H: np.ndarray
     points: ContactPoints
@@ -28,10 +29,12 @@ class Contact(NamedTuple):
     bound: np.ndarray
     given: np.ndarray
 
-    def minimum(self, start: np.ndarray | None = None, factors: float = 1.0) -> OpeningMinimum:
+    def minimum(self, start: np.ndarray | None = None, factors: float = 1.0) -> Minimum:
         """Solution for the friction limits ``factors`` times those of the gain."""
-        problem = OpeningNewton(self.H, self.points, self.N, self.gain, self.stiffness)
-        return problem.minimise(self.g, self.bound, self.given, factors, start, 1e-13)
+        normal = PressurePoints(self.N, self.gain, self.stiffness)
+        problem = step_problem(self.H, replace(self.points, normal=normal), "contact")
+        pressed = Pressed(self.bound, self.given, factors)
+        return problem.minimise(self.g, start, 1e-13, pressed=pressed)
 
 
 def _contact(rng, friction, directions, beta, soft, averaging, q=6):

@@ -10,14 +10,13 @@ import skfem_joint as sj
 from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.reduction.elastic_contact import (
     FACTOR,
-    HALVINGS,
-    OpeningPath,
     elastic,
     strain_norm,
 )
 from skfem_joint.reduction.excitation import Excitation
 from skfem_joint.reduction.interface_modes import driven
 from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.quasi_static import SETTINGS, QuasiStatic
 
 TIMING = {"cycles": 1, "steps_per_cycle": 100}
 
@@ -55,11 +54,11 @@ def test_forces_beyond_what_is_held_are_followed_as_far_as_they_are():
     system = elastic(_system(elements=3))
     contact, up = system.contact.normal, system.load_vectors()[:, 0]  # a force of 1 N
     pressed = contact.force.sum()
-    path = OpeningPath(system, 1e-9)
+    path = QuasiStatic(system, 1e-9)
     states = path.follow(np.array([[0.5], [2.0], [0.5]]) * up * pressed)
     left = np.array([contact.elastic_forces(u).sum() for u in states]) / pressed
     np.testing.assert_allclose(left[[0, 2]], 0.5, atol=1e-3)
-    assert 0.0 < left[1] <= 2.0 / 2**HALVINGS
+    assert 0.0 < left[1] <= 2.0 / 2**SETTINGS.held
     assert path.scaled_back == 1
 
 

@@ -56,4 +56,7 @@ def oscillator(frequency: float, damping: float, contact: float, pressed: float 
     opening = NormalPart(
         one, np.zeros(1), np.array([pressed]), np.array([contact * omega**2]), np.ones(1)
     )  # fmt: skip
-    return sj.System(one, 2.0 * damping * omega * one, omega**2 * one, sj.Contact(sparse.csr_array((0, 1)), np.zeros(0), np.zeros(0), normal=opening), loads=(sj.AppliedLoad(np.ones(1), Harmonic(1.0, frequency), "mass"),), P=one, points=("mass",))  # fmt: skip
+    wall = sj.Contact(sparse.csr_array((0, 1)), np.zeros(0), np.zeros(0), normal=opening)
+    load = sj.AppliedLoad(np.ones(1), Harmonic(1.0, frequency), "mass")
+    C, K = 2.0 * damping * omega * one, omega**2 * one
+    return sj.System(one, C, K, wall, loads=(load,), P=one, points=("mass",))

@@ -120,7 +120,8 @@ def _oblique(speed: float, normal: float, spring: float, beta: float, rho: float
         sparse.csr_array(along), np.zeros(1), beta, stiffness=np.array([spring]), normal=wall,
         gain=sparse.csr_array(gain),
     )  # fmt: skip
-    system = sj.System(mass, None, sparse.csr_array((2, 2)), rubs, loads=(), P=mass, points=("along", "across"))  # fmt: skip
+    none, points = sparse.csr_array((2, 2)), ("along", "across")
+    system = sj.System(mass, None, none, rubs, P=mass, points=points)
     run = sj.integrate(
         system, step=1e-6, n_steps=600, initial=tuple(start), scheme=sj.generalized_alpha(rho)
     )

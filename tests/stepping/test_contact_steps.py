@@ -79,7 +79,10 @@ def test_points_that_slip_in_one_direction_and_in_two_stand_side_by_side():
     # The order of the points is the system's own: nothing else changes when they change places.
     order = np.random.default_rng(0).permutation(system.contact.w.size)
     rows = np.concatenate([np.arange(*system.contact.first_row[p : p + 2]) for p in order])
-    shuffled = system.with_contact(B=sparse.csr_array(system.contact.B[rows]), given=system.contact.w[order], beta=system.contact.beta[order], directions=system.contact.directions[order])  # fmt: skip
+    c, B = system.contact, sparse.csr_array(system.contact.B[rows])
+    shuffled = system.with_contact(
+        B=B, given=c.w[order], beta=c.beta[order], directions=c.directions[order]
+    )
     other = run(shuffled)
     np.testing.assert_allclose(other.u, found.u, atol=1e-9 * np.abs(found.u).max())
     atol = 1e-9 * found.friction_work.max()

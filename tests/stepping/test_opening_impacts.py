@@ -117,7 +117,8 @@ def _point(friction, speed, *, gap=1e-4, pressed=0.0, loads=(), **law):
         sparse.csr_array([[1.0, 0.0]]), [0.0], law.get("beta", np.inf), normal=contact,
         stiffness=np.array([law.get("spring", np.inf)]), gain=sparse.csr_array([[friction]]),
     )  # fmt: skip
-    system = sj.System(one, zero, zero, rubs, loads=loads, P=one, points=("along", "across"))  # fmt: skip
+    points = "along", "across"
+    system = sj.System(one, zero, zero, rubs, loads=loads, P=one, points=points)
     return system, (np.zeros(2), np.array([speed, 1.0 if gap else 0.0]))
 
 

@@ -52,7 +52,9 @@ def test_a_constant_normal_force_gives_the_slider_of_constant_contact():
     opens = slider(0.0, 0.0)
     B, one = sparse.csr_array([[1.0]]), sparse.csr_array([[1.0]])
     load = sj.AppliedLoad(np.ones(1), sj.Harmonic(HOLDS * X, 1.0), "along")
-    constant = sj.System(MASS * one, 1e-3 * MASS * one, HOLDS * one, sj.Contact(B, opens.contact.w, np.inf, stiffness=opens.contact.stiffness), loads=[load], P=one, points=("along",))  # fmt: skip
+    rubs = sj.Contact(B, opens.contact.w, np.inf, stiffness=opens.contact.stiffness)
+    matrices = MASS * one, 1e-3 * MASS * one, HOLDS * one
+    constant = sj.System(*matrices, rubs, loads=[load], P=one, points=("along",))
     for solve in (sj.integrate, sj.quasi_static):
         run, other = (solve(s, cycles=2, steps_per_cycle=100) for s in (opens, constant))
         assert run.cycles.friction == pytest.approx(other.cycles.friction, rel=1e-9)
@@ -63,7 +65,8 @@ def test_a_constant_normal_force_gives_the_slider_of_constant_contact():
 def test_the_backbone_of_a_slider_is_that_of_its_loop():
     """Unit mass on a slider of constant normal load: 4 w (x - w / k) lost in a cycle."""
     contact = NormalPart(
-        sparse.csr_array([[0.0, 1.0]]), np.zeros(1), np.array([PRESSED]), np.full(1, np.inf), np.ones(1)
+        sparse.csr_array([[0.0, 1.0]]), np.zeros(1), np.array([PRESSED]), np.full(1, np.inf),
+        np.ones(1),
     )  # fmt: skip
     K, M = sparse.diags_array([1e6, 1e6]).tocsr(), sparse.eye_array(2, format="csr")
     B, w, gain = sparse.csr_array([[1.0, 0.0]]), MU * PRESSED, sparse.csr_array([[MU]])

@@ -144,7 +144,10 @@ def test_a_dense_system_slips_as_the_sparse_one_does(held):
     system = bar(10, held)
     dense = system.project(np.eye(system.n))
     # Points that depend on each other: each is cut into three of a third of its limit.
-    thirds = {"given": np.repeat(system.contact.w / 3.0, 3), "beta": np.repeat(system.contact.beta, 3)}
+    thirds = {
+        "given": np.repeat(system.contact.w / 3.0, 3),
+        "beta": np.repeat(system.contact.beta, 3),
+    }
     thirds |= {
         "B": np.repeat(dense.contact.B, 3, axis=0),
         "directions": np.ones(3 * system.contact.w.size, int),
@@ -183,7 +186,9 @@ def test_more_rigid_motions_than_slips(seed):
     # Two masses on a spring in three directions; friction holds one of them in two.
     rng, one = np.random.default_rng(seed), sparse.eye_array(6, format="csr")
     link, mass = np.diag(rng.uniform(50.0, 200.0, 3)), np.repeat(rng.uniform(0.5, 2.0, 2), 3)
-    system = sj.System(sparse.diags_array(mass).tocsr(), None, sparse.csr_array(np.block([[link, -link], [-link, link]])), sj.Contact(one[3:5], np.ones(1), np.inf, directions=np.array([2], dtype=np.int64)))  # fmt: skip
+    K = sparse.csr_array(np.block([[link, -link], [-link, link]]))
+    rubs = sj.Contact(one[3:5], np.ones(1), np.inf, directions=np.array([2]))
+    system = sj.System(sparse.diags_array(mass).tocsr(), None, K, rubs)
     u = QuasiStatic(system).follow(np.array([[0.6, 0.3, 0.0, 0.0, 0.0, 0.0]]))[0]
     assert u[:2] == pytest.approx([0.6 / link[0, 0], 0.3 / link[1, 1]], rel=1e-6)
     assert u[3:5] == pytest.approx([0.0, 0.0], abs=1e-12)

@@ -37,7 +37,8 @@ def test_shapes_are_those_that_are_described(run):
     system = run.system
     sizes = {
         "rows": 61, "frames": 25, "cycles": 3, "n": system.n, "m": system.contact.w.size,
-        "points": len(system.points), "loads": len(system.loads), "joints": len(system.contact.joints),
+        "points": len(system.points), "loads": len(system.loads),
+        "joints": len(system.contact.joints),
         "rows of B": system.contact.B.shape[0], "q": 0,
     }  # fmt: skip
     checked = 0

@@ -31,7 +31,7 @@ def forces_along(system: sj.System, slip: Any) -> tuple[Any, Any]:
     """Displacements that were reached, (times, n), and the friction forces there, N."""
     path = QuasiStatic(system, 1e-13)
     u = path.follow(HELD * np.asarray(slip), limit_share=np.inf)
-    return u, path.frictions * system.contact.on_rows(system.contact.w)
+    return u, path.frictions
 
 
 def bar(stiffness: float, beta: float = inf, n: int = 24, **changes: Any) -> sj.System:

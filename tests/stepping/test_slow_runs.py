@@ -10,8 +10,9 @@ from stepping_systems import LapJoint, arm
 
 import skfem_joint as sj
 from skfem_joint.stepping.integrate import integrate_plan
-from skfem_joint.stepping.levels import CoulombLevels, Level
+from skfem_joint.stepping.levels import Level
 from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.slow_run import slow_run
 
@@ -291,9 +292,9 @@ def test_a_body_that_friction_holds_goes_round_closed_loops(model):
 def test_levels_of_a_body_that_friction_holds_balance_without_added_mass(solid):
     """K is singular, and a little mass is added to it; no force of that is left at a level."""
     given = bolted(solid).system(loads("right", 3 if solid else 2))
-    levels = CoulombLevels(given, 1e-11)
+    levels = QuasiStatic(given, 1e-11)
     system, level = levels.to.system, levels.rest()
-    assert levels.path.shift > 0.0
+    assert levels.shift > 0.0
     force = levels.to.force(100.0 * given.loads[0].vector)
     for share in (0.5, 1.0, -0.2):
         level = levels.next(level, share * force)
@@ -387,7 +388,7 @@ def test_the_loop_of_a_joint_is_that_of_its_slip_vectors():
 def test_another_solver_of_levels_can_take_the_place():
     """The driver takes friction in N from it, here a limit that rises with the load."""
 
-    class Rising(CoulombLevels):
+    class Rising(QuasiStatic):
         def next(self, last, force):
             limit = 60.0 + 0.5 * abs(force[0])
             trial = force[0] - 4e4 * last.u[0]

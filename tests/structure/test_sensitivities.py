@@ -249,9 +249,7 @@ def test_joints_that_share_points_add_up():
         whole, *single = sensitivities(one, [every, *each], system)
         np.testing.assert_allclose(whole.w, sum(part.w for part in single), rtol=1e-12)
         if one is shared:
-            np.testing.assert_allclose(
-                value_of(one, every) * whole.w, system.contact.w, rtol=1e-12
-            )
+            np.testing.assert_allclose(value_of(one, every) * whole.w, system.contact.w, rtol=1e-12)
 
 
 @pytest.mark.parametrize("key", ["joint[0].friction", "joint[0].pressure", "material.E",
