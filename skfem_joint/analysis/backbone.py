@@ -22,7 +22,7 @@ free of these assumptions, can be compared with the curve.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -38,7 +38,7 @@ from skfem_joint.analysis.gross_slip import (
     sticking_share,
 )
 from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
-from skfem_joint.analysis.stuck import Stuck
+from skfem_joint.analysis.stuck import Stuck, StuckMode
 from skfem_joint.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.progress import Progress, Tally, silent
@@ -342,7 +342,7 @@ class Factors:
             check_modes(system.serves, of_mode, of_mode, up_to)
         curves = []
         for k in numbers.tolist():
-            mode = _Mode(k, shapes, frequencies, to.system.M @ shapes[:, k - 1], stuck)
+            mode = StuckMode(k, frequencies, shapes, stuck)
             absolute = np.ndim(levels) > 0
             curve = _curve(system, to, closed, path, mode, shares, slips_at, absolute)
             curve = replace(curve, path=curve.path if keep_path else None)
@@ -376,48 +376,12 @@ def _same(A: Any, B: Any) -> bool:
     return A.format == B.format and all(map(np.array_equal, *parts))
 
 
-@dataclass(frozen=True)
-class _Mode:
-    """A mode with the contact stuck.
-
-    Attributes
-    ----------
-    number : int
-        From 1.
-    shapes : ndarray, shape (n, modes)
-        This mode, those below and some of those above, of unit modal mass, kg^(-1/2), in the
-        unknowns of the path.
-    frequencies : ndarray, shape (modes,)
-        Of all these, Hz.
-    force : ndarray, shape (n,)
-        Inertia M phi, the load of level 1, N.
-    stuck : Stuck
-        Structure that it is a mode of.
-    """
-
-    number: int
-    shapes: FloatArray
-    frequencies: FloatArray
-    force: FloatArray
-    stuck: Stuck
-
-    @property
-    def shape(self) -> FloatArray:
-        """Of the mode itself, (n,), kg^(-1/2)."""
-        return np.asarray(self.shapes[:, self.number - 1])
-
-    @property
-    def frequency(self) -> float:
-        """Frequency with the contact stuck, Hz."""
-        return float(self.frequencies[self.number - 1])
-
-
 def _curve(
     given: System,
     closed: Arranged,
     stays: QuasiStatic,
     path: CyclePath,
-    mode: _Mode,
+    mode: StuckMode,
     shares: FloatArray,
     slips_at: float | None,
     absolute: bool,
@@ -439,11 +403,12 @@ def _curve(
     frequency = omega / (2.0 * np.pi)
     slipping = stays.to.system.slipping(found.sliding)
     state = _stick_or_slip(stays, mode, shares, found, slipping, absolute)
-    notes = [f"Mode {mode.number}: {note}" for note in found.notes]
-    notes += _own_law(mode, system)
-    notes += _slips_as_a_whole(mode, shares, state, absolute)
-    notes += _no_slip(mode, shares, state, absolute) + _impacts(mode, found)
-    notes += _few_points(mode, slipping) + _excited_modes(mode, frequency, path.opens)
+    notes = [
+        *found.notes,
+        *_notes_of_levels(shares, state, slipping, absolute),
+        *_notes_of_law(system, found),
+        *_excited_modes(mode, frequency, path.opens),
+    ]
     middle = found.middle
     return Backbone(
         mode=mode.number,
@@ -462,35 +427,19 @@ def _curve(
         share=stays.to.system.slipping_share(found.sliding),
         state=state,
         masing_error=found.masing_error,
-        warnings=tuple(notes),
+        warnings=tuple(f"Mode {mode.number}: {note}" for note in notes),
         estimated=found.errors,
         friction=found.friction if springs else None,
         limits=found.limits if springs else None,
         middle=None if middle is None else to.outer(middle),
         offset=None if middle is None else middle @ force,
         opened=found.opened,
-        path=ModePath(
-            given, closed, mode.stuck, mode.frequencies, mode.shapes, mode.number - 1, shape, path,
-            found,
-        ),
-    )  # fmt: skip
-
-
-def _own_law(mode: _Mode, system: System) -> list[str]:
-    """Note that the curve is of Coulomb's law, where the system has another one."""
-    beta = system.contact.beta[system.contact.rubs & np.isfinite(system.contact.beta)]
-    if not beta.size:
-        return []
-    return [
-        f"Mode {mode.number}: the curve is of Coulomb's law. The joints' own, with beta = "
-        f"{beta.min():.3g} s/m, lets them creep where they would stick, which damps vibration more "
-        f"whose slip is slower than about {1.0 / beta.min():.2g} m/s. A ring-down and response "
-        "have it."
-    ]
+        path=ModePath(given, closed, mode, shape, path, found),
+    )
 
 
 def _check_levels(
-    path: QuasiStatic, mode: _Mode, shares: FloatArray, slips_at: float | None, absolute: bool
+    path: QuasiStatic, mode: StuckMode, shares: FloatArray, slips_at: float | None, absolute: bool
 ) -> float:
     """Level at which the first joint slips as a whole; computed if not given.
 
@@ -519,7 +468,7 @@ def _check_levels(
 
 def _stick_or_slip(
     path: QuasiStatic,
-    mode: _Mode,
+    mode: StuckMode,
     shares: FloatArray,
     found: RisingCycles,
     slipping: BoolArray,
@@ -548,57 +497,53 @@ def _text(level: float, absolute: bool) -> str:
     return f"{level:.4g} m/s² kg^1/2" if absolute else f"{level:.3g} of gross slip"
 
 
-def _slips_as_a_whole(
-    mode: _Mode, share: FloatArray, state: Sequence[str], absolute: bool
-) -> list[str]:
-    """Note of the levels at which a joint slips as a whole."""
-    gross = [value == "gross" for value in state]
-    if not any(gross):
-        return []
-    return [
-        f"Mode {mode.number}: from the level {_text(share[gross.index(True)], absolute)} on a "
-        "joint slips as a whole. The method keeps the inertia of the mode with stuck joints there, "
-        "whose shape free vibration leaves: frequency and damping at these levels may be wrong by "
-        "factors. Compare a ring-down, or response."
-    ]
-
-
-def _no_slip(mode: _Mode, share: FloatArray, state: Sequence[str], absolute: bool) -> list[str]:
-    """Note of a curve on which nothing slips, and how to go on."""
-    if any(value != "stick" for value in state):
-        return []
-    how = "higher levels" if absolute else "an up_to above it; above 1 a joint slips as a whole"
-    return [
-        f"Mode {mode.number}: nothing slips up to the highest level, "
-        f"{_text(share[-1], absolute)}, so that the curve has no damping by friction. A joint of a "
-        f"single slider, or of few, slips as a whole or not at all: ask for {how}."
-    ]
-
-
-def _impacts(mode: _Mode, found: RisingCycles) -> list[str]:
-    """Note that quasi-static cycles have no impacts, where contact opens."""
-    if found.opened is None or not found.opened.any():
-        return []
-    return [
-        f"Mode {mode.number}: contact opens from the level number "
-        f"{int(np.argmax(found.opened > 0.0)) + 1} on. The cycles are slow: what impacts take as "
-        "faces meet again is not in the damping. A ring-down has it (impact_work)."
-    ]
-
-
-def _few_points(mode: _Mode, slipping: BoolArray) -> list[str]:
-    """Note where so few points slip that the damping is rough."""
+def _notes_of_levels(
+    share: FloatArray, state: Sequence[str], slipping: BoolArray, absolute: bool
+) -> Iterator[str]:
+    """Notes of levels at which a joint slips as a whole, of few points or of none that slip."""
+    if "gross" in state:
+        yield (
+            f"from the level {_text(share[state.index('gross')], absolute)} on a "
+            "joint slips as a whole. The method keeps the inertia of the mode with stuck joints "
+            "there, whose shape free vibration leaves: frequency and damping at these levels may "
+            "be wrong by factors. Compare a ring-down, or response."
+        )
+    if set(state) == {"stick"}:
+        how = "higher levels" if absolute else "an up_to above it; above 1 a joint slips as a whole"
+        yield (
+            f"nothing slips up to the highest level, {_text(share[-1], absolute)}, so that the "
+            "curve has no damping by friction. A joint of a single slider, or of few, slips as a "
+            f"whole or not at all: ask for {how}."
+        )
     count = slipping.sum(axis=1)
     count = count[count > 0]
-    if not count.size or count[0] >= SETTINGS.fewest:
-        return []
-    return [
-        f"Mode {mode.number}: at the lowest level at which a point slips only {count[0]} do; below "
-        f"{SETTINGS.fewest} the damping is rough. Use smaller elements in the joint to resolve it."
-    ]
+    if count.size and count[0] < SETTINGS.fewest:
+        yield (
+            f"at the lowest level at which a point slips only {count[0]} do; below "
+            f"{SETTINGS.fewest} the damping is rough. Use smaller elements in the joint to resolve "
+            "it."
+        )
 
 
-def _excited_modes(mode: _Mode, frequency: FloatArray, opens: bool) -> list[str]:
+def _notes_of_law(system: System, found: RisingCycles) -> Iterator[str]:
+    """Notes of what slow cycles under Coulomb's law leave out: the joints' own law, and impacts."""
+    beta = system.beta[system.rubs & np.isfinite(system.beta)]
+    if beta.size:
+        yield (
+            "the curve is of Coulomb's law. The joints' own, with beta = "
+            f"{beta.min():.3g} s/m, lets them creep where they would stick, which damps vibration "
+            f"more whose slip is slower than about {1.0 / beta.min():.2g} m/s. A ring-down and "
+            "response have it."
+        )
+    if found.opened is not None and found.opened.any():
+        yield (
+            f"contact opens from the level number {int(np.argmax(found.opened > 0.0)) + 1} on. The "
+            "cycles are slow: what impacts take as faces meet again is not in the damping. A "
+            "ring-down has it (impact_work)."
+        )
+
+
+def _excited_modes(mode: StuckMode, frequency: FloatArray, opens: bool) -> Iterator[str]:
     """Note of higher modes near multiples of the frequencies (levels,), Hz, of a mode.
 
     Friction has odd harmonics; contact that ``opens`` has even ones too.
@@ -611,11 +556,10 @@ def _excited_modes(mode: _Mode, frequency: FloatArray, opens: bool) -> list[str]
         for k, other in enumerate(mode.frequencies[mode.number :], mode.number + 1)
         if any(m * low < other < m * high for m in multiples)
     ]
-    if not near:
-        return []
-    kind, what = ("", "contact excites") if opens else ("odd ", "friction excites")
-    return [
-        f"Mode {mode.number}: higher frequencies lie near {kind}multiples of its own "
-        f"({', '.join(near)}), so that {what} them: the true damping may be "
-        f"twice as large or more. {'' if opens else 'See its ring-down, or response.'}".rstrip()
-    ]
+    if near:
+        kind, what = ("", "contact excites") if opens else ("odd ", "friction excites")
+        yield (
+            f"higher frequencies lie near {kind}multiples of its own "
+            f"({', '.join(near)}), so that {what} them: the true damping may be "
+            f"twice as large or more. {'' if opens else 'See its ring-down, or response.'}"
+        ).rstrip()

@@ -24,7 +24,7 @@ import numpy as np
 
 from skfem_joint.analysis.cycles import CyclePath, RisingCycles, between, lowest
 from skfem_joint.analysis.mode_rates import mode_rates
-from skfem_joint.analysis.stuck import Stuck
+from skfem_joint.analysis.stuck import StuckMode
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.sensitivity import SystemSensitivity
@@ -48,12 +48,7 @@ class ModePath:
         That the curve is of.
     closed : Arranged
         The same with contact that stays closed, in whose unknowns modes are.
-    stuck : Stuck
-        Structure that they are modes of.
-    frequencies, shapes : ndarray, shape (modes,) and (n, modes)
-        Of the lowest modes, Hz and kg^(-1/2).
-    place : int
-        Which of them the mode is.
+    mode : StuckMode
     shape : ndarray, shape (n,)
         The mode in the unknowns of the path.
     cycles : CyclePath
@@ -64,10 +59,7 @@ class ModePath:
 
     system: System
     closed: Arranged
-    stuck: Stuck
-    frequencies: FloatArray
-    shapes: FloatArray
-    place: int
+    mode: StuckMode
     shape: FloatArray
     cycles: CyclePath
     found: RisingCycles
@@ -130,9 +122,11 @@ def in_unknowns(parameter: SystemSensitivity, T: Any) -> SystemSensitivity:
 
 def of_closed_system(
     parameters: Sequence[SystemSensitivity], system: System
-) -> list[SystemSensitivity]:
-    """Derivatives of `System.closed` of a system whose contact opens, in its unknowns."""
-    contact = system.contact.normal
+) -> Sequence[SystemSensitivity]:
+    """Derivatives of `System.closed`, in its unknowns."""
+    contact = system.opening
+    if contact is None:
+        return parameters
     T, closed = contact.closed_motions(), list[SystemSensitivity]()
     for parameter in parameters:
         part, K = parameter.opening, parameter.K
@@ -307,15 +301,9 @@ def backbone_sensitivity(
         raise InputError("derivatives of a backbone: found no path; give backbone keep_path = True")
     check_parameters(parameters, path.system)
     found, to, shape = path.found, path.cycles.to, path.shape
-    closed = list(parameters)
-    if path.cycles.opens:
-        closed = of_closed_system(parameters, path.system)
-    closed = _inside(closed, path.closed)
-    of_modes = path.frequencies, path.shapes, path.place
-    of_stuck, of_shape = mode_rates(path.closed.system, *of_modes, closed, path.stuck)
-    inside = closed
-    if path.cycles.opens:
-        inside = _inside(parameters, to)
+    closed = _inside(of_closed_system(parameters, path.system), path.closed)
+    of_stuck, of_shape = mode_rates(path.mode, closed)
+    inside = closed if to is path.closed else _inside(parameters, to)
     of_shape, system = path.cycles.of_closed(of_shape), to.system
     cycles = CycleRates(path.cycles, system.M @ shape, found, inside, system.M @ of_shape)
     of_shape = np.column_stack([of_shape, np.zeros(system.n)])

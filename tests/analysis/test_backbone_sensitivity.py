@@ -17,6 +17,7 @@ from skfem_joint.analysis import backbone as curves
 from skfem_joint.analysis.backbone import Backbone, backbone
 from skfem_joint.analysis.backbone_sensitivity import BackboneSensitivity, backbone_sensitivity
 from skfem_joint.analysis.mode_rates import mode_rates
+from skfem_joint.analysis.stuck import Stuck, StuckMode
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
@@ -344,7 +345,7 @@ def test_rates_of_modes_of_one_frequency():
         for (i, j), value in entries.items():
             change[i, j] = change[j, i] = value
         parameter = SystemSensitivity("p", K=sparse.csr_array(change))
-        return mode_rates(system, frequencies, shapes, 0, [parameter])
+        return mode_rates(StuckMode(1, frequencies, shapes, Stuck(system)), [parameter])
 
     of_frequency, of_shape = rates({(0, 0): 1.0, (1, 1): 3.0, (0, 2): 0.6})
     np.testing.assert_allclose(of_frequency, [0.5 / (2.0 * np.pi)])

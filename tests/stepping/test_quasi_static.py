@@ -13,6 +13,7 @@ import skfem_joint as sj
 from skfem_joint.linalg import schur
 from skfem_joint.minimise import choice, truncated_newton
 from skfem_joint.stepping import quasi_static
+from skfem_joint.stepping.levels import NoLevelError
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
 TAU, JOINT = 1.75e6, 0.2  # N/m, m
@@ -58,11 +59,8 @@ def test_a_level_held_back_that_does_not_converge_is_an_error(monkeypatch):
 
 
 def test_a_friction_limit_that_is_not_found_is_an_error(monkeypatch):
-    few = replace(quasi_static.SETTINGS, limit_iterations=1)
+    few = replace(quasi_static.SETTINGS, limit_iterations=1, least_squares=0)  # else at once
     monkeypatch.setattr(quasi_static, "SETTINGS", few)
-    monkeypatch.setattr(
-        QuasiStatic, "_least_of_rigid", lambda path, f: (np.inf, False)
-    )  # else at once
     system = bar(held=False)
     with pytest.raises(sj.ConvergenceError, match="what friction can hold was not found"):
         QuasiStatic(system).limit(2.0 * float(system.contact.w.sum()) * system.loads[0].vector)
@@ -175,10 +173,15 @@ def test_the_limit_of_rigid_motions_is_that_of_the_iteration(pull, monkeypatch):
     force, path = 1e3 * system.loads[0].vector, QuasiStatic(system, 1e-10)
     limit = path.limit(force)
     assert path.solves == 0
-    monkeypatch.setattr(QuasiStatic, "_least_of_rigid", lambda path, f: (np.inf, False))
+    no_least_squares = replace(quasi_static.SETTINGS, least_squares=0)
+    monkeypatch.setattr(quasi_static, "SETTINGS", no_least_squares)
     other = QuasiStatic(system, 1e-10)
     assert limit == pytest.approx(other.limit(force), rel=1e-5)
     assert other.solves > 0
+    # A level exists below it, and none above.
+    path.next(path.rest(), 0.99 * limit * force)
+    with pytest.raises(NoLevelError, match="times what supports and friction hold"):
+        path.next(path.rest(), 1.01 * limit * force)
 
 
 @pytest.mark.parametrize("seed", range(6))
