@@ -527,7 +527,7 @@ def _notes_of_levels(
 
 def _notes_of_law(system: System, found: RisingCycles) -> Iterator[str]:
     """Notes of what slow cycles under Coulomb's law leave out: the joints' own law, and impacts."""
-    beta = system.beta[system.rubs & np.isfinite(system.beta)]
+    beta = system.contact.beta[system.contact.rubs & np.isfinite(system.contact.beta)]
     if beta.size:
         yield (
             "the curve is of Coulomb's law. The joints' own, with beta = "

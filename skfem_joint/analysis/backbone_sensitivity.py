@@ -124,8 +124,8 @@ def of_closed_system(
     parameters: Sequence[SystemSensitivity], system: System
 ) -> Sequence[SystemSensitivity]:
     """Derivatives of `System.closed`, in its unknowns."""
-    contact = system.opening
-    if contact is None:
+    contact = system.contact.normal
+    if not system.contact.opens:
         return parameters
     T, closed = contact.closed_motions(), list[SystemSensitivity]()
     for parameter in parameters:

@@ -225,7 +225,7 @@ class CyclePath:
     ) -> None:
         self.levels, self.to, self.tally, self._keeps = closed, to, closed.tally, keeps
         self._closed, self._motions = to, None
-        if system.contact.normal is not None:
+        if system.contact.opens:
             self.levels = QuasiStatic(system, closed.tolerance)
             self.to, self._motions = self.levels.to, system.contact.normal.closed_motions()
 

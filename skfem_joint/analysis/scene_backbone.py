@@ -212,7 +212,7 @@ def _of_small_model(
     V, small = _small_model(name, scene, curve)
     report = partial(progress, f"{name} model, mode {curve.mode}")
     (own,) = backbone(small, (curve.mode,), table.levels, table.up_to, curve.slips_at, report)
-    slip = system.slip_norm((system.B @ (V @ own.states.T)).T)
+    slip = system.contact.slip_norm((system.contact.B @ (V @ own.states.T)).T)
     own = replace(own, slip=slip)
     return _OfMode(small, own, _released(scene, small)), notes_of_reduction(system, small)
 
