@@ -537,9 +537,9 @@ def _free(given: Sequence[str]) -> dict[str, tuple[float, float]]:
 def _measured(options: argparse.Namespace) -> list[MeasuredCurve]:
     """Curves of the files of ``--data``; InputError with all that is wrong in them."""
     from skfem_joint.analysis.measured import measured_curve
-    from skfem_joint.analysis.measured_table import KEYS
+    from skfem_joint.analysis.measured_table import Head
 
-    given = {name: getattr(options, name) for name in KEYS if name != "name"}
+    given = {name: getattr(options, name) for name in Head.model_fields if name != "name"}
     curves, problems = [], []
     for path in options.data:
         try:
