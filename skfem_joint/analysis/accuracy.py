@@ -43,8 +43,6 @@ class AccuracySettings:
     ----------
     rounds, most_vectors, most_halvings : int
         Rounds of refinement, vectors of a basis, and halvings of the step that are tried.
-    stalled : float
-        The search ends where two rounds leave more than this share of the error of earlier ones.
     worthwhile : float
         A source is refined from this share of the error asked for on.
     """
@@ -52,7 +50,6 @@ class AccuracySettings:
     rounds: int = 8
     most_vectors: int = 200
     most_halvings: int = 6
-    stalled: float = 0.9
     worthwhile: float = 0.4
 
 
@@ -247,7 +244,9 @@ def accurate_model(
         if errors[-1] <= 1.0:
             return AccurateModel(scene, basis, reduced, stands)
         sources = {s: excess(accuracy, stands, s) for s in ("basis", "law", "points", "time_step")}
-        if min(errors[-2:]) > SETTINGS.stalled * min(errors[:-2], default=np.inf):
+        # The search ends where two rounds leave more than this share of the error of earlier
+        # ones.
+        if min(errors[-2:]) > 0.9 * min(errors[:-2], default=np.inf):
             break
         least = min(SETTINGS.worthwhile, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}

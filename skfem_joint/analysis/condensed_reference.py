@@ -47,10 +47,6 @@ class ReferenceSettings:
         short, modes of residuals took 300 s for each estimate, and did not end.)
     modes : int
         Fixed-interface modes; all of them where there are fewer.
-    instants : int
-        Fewest instants of a run that missing modes are made of.
-    negligible : float
-        Singular values of missing modes below this share of the largest are left out.
     """
 
     rows: int = 700
@@ -58,8 +54,6 @@ class ReferenceSettings:
     work_smooth: float = 2e7
     shared: float = 4.0
     modes: int = 24
-    instants: int = 200
-    negligible: float = 1e-6
 
 
 SETTINGS = ReferenceSettings()
@@ -127,7 +121,8 @@ class CondensedReference:
         """Run of the condensed model with fields; made once for each plan."""
         key = plan.step, plan.n_steps, plan.until, plan.save.points
         if key not in self._runs:
-            every = max(1, plan.n_steps // SETTINGS.instants)
+            # Fewest instants of a run that missing modes are made of.
+            every = max(1, plan.n_steps // 200)
             self._runs[key] = verify(self.small, plan, fields_every=every)
         return self._runs[key]
 
@@ -158,7 +153,8 @@ class CondensedReference:
         for _ in range(2):  # twice, because of round-off
             X = X - V @ (V.T @ (M @ X))
         sizes, turn = np.linalg.eigh(X.T @ (stiffness @ X))
-        counting = np.flatnonzero(sizes > SETTINGS.negligible**2 * whole)[::-1]
+        # Singular values of missing modes below this share of the largest are left out.
+        counting = np.flatnonzero(sizes > 1e-6**2 * whole)[::-1]
         first = counting[: min(most, self.system.n - V.shape[1])]
         wide = np.hstack([V, orthonormal(X @ turn[:, first], M)]) if first.size else V
         return wide, np.asarray(run.v @ (self.V.T @ (M @ wide)))

@@ -38,18 +38,12 @@ class ErrorTimeSettings:
     own : int
         Steps in an interval of the finest run of each model, against which the error of its time
         step is measured.
-    longest_repeated : float
-        Longer runs are not repeated, s.
     levels : tuple of float
         Errors of the displacement history for which the report recommends the fastest model.
-    worthwhile : float
-        Run times closer than this ratio are the same.
     """
 
     own: int = 256
-    longest_repeated: float = 2.0
     levels: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
-    worthwhile: float = 1.2
 
 
 SETTINGS = ErrorTimeSettings()
@@ -201,7 +195,8 @@ def measure(
             errors[TIME_ERROR] = own
             errors[TO_FINE_MESH] = difference(reference.fine_mesh, first.results)[RMS]
         points.append(Point(job, first, errors, first.wall_s))
-    short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= SETTINGS.longest_repeated]
+    # Longer runs are not repeated, s.
+    short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= 2.0]
     walls: dict[int, list[float]] = {k: [] for k in short}
     rows.total += repeats * len(short)
     for done in range(repeats):
@@ -403,7 +398,8 @@ def advice(points: Sequence[Point], level: float) -> str:
             return start + "no model of this report reaches it."
         return f"{start}use {reduced}. Only reduced models reach it."
     saved = 0.0 if reduced is None else full.wall_s - reduced.wall_s
-    if reduced is not None and saved > (SETTINGS.worthwhile - 1.0) * reduced.wall_s:
+    # Run times closer than this share are the same.
+    if reduced is not None and saved > 0.2 * reduced.wall_s:
         runs = max(1, round(reduced.offline_s / saved))
         return (
             f"{start}use {reduced}. A reduction pays {full.wall_s / reduced.wall_s:.2g} times in "

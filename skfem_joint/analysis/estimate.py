@@ -98,16 +98,10 @@ class EstimateSettings:
     ----------
     settled : float
         Relative change of cycles below which they are alike.
-    fewest_cycles : int
-        Fewest cycles of a verification run.
     many : int
         Contact points beyond which they are merged in verification runs.
     merged : int
         Sets that they are merged into.
-    most_steps : int
-        Most steps of a correction for all points, unless one cycle has more.
-    at_once : int
-        Numbers that the correction takes at once.
     sure : float
         Largest error up to which the correction is believed.
     short : int
@@ -116,51 +110,25 @@ class EstimateSettings:
         Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as
         those of a slip front that the basis holds (each verification run frees the next points),
         and twice and four times as many where the changes do not fall.
-    most_runs : int
-        Most times that modes are added.
     enough : float
         Relative change by added modes below which no more are added.
     slowest : float
         Ratio of a change by added modes to the one before above which more are added. The rest is
         extrapolated with it where the ratio is not known, or where the change is less than
         ``enough``.
-    most : float
-        Largest ratio that the rest is extrapolated with.
-    step_least, step_most : float
-        Bounds of the ratio of the change by a quarter of the step to that by half of it: second
-        and first order.
     steeper : float
         Steepness of the law in its verification run over that of the model.
-    chance, at_least : float
-        The error of an energy or peak is no less than the first share of its largest part, and than
-        the second share of the error in the history of the point that moves most, without that of
-        the step: parts may cancel by chance. Changes by the step have the second bound by
-        themselves.
-    follows : float
-        The step is doubled where twice the step is at most this share of the longest step that the
-        load allows (20 steps in a period): longer ones may agree with each other and miss the
-        joint's higher harmonics.
     """
 
     settled: float = 0.01
-    fewest_cycles: int = 4
     many: int = MERGING.many
     merged: int = MERGING.merged
-    most_steps: int = 4000
-    at_once: int = 300_000
     sure: float = 5e-3
     short: int = 2
     added: int = 8
-    most_runs: int = 4
     enough: float = 1e-3
     slowest: float = 0.4
-    most: float = 0.75
-    step_least: float = 0.25
-    step_most: float = 0.5
     steeper: float = 10.0
-    chance: float = 0.7
-    at_least: float = 0.1
-    follows: float = 0.4
 
 
 SETTINGS = EstimateSettings()
@@ -505,7 +473,9 @@ def left_of_steps(before: Parts | None, last: Parts) -> Parts:
         Changes by half of the step, and by a quarter in place of half of it. Without the first of
         them the step is taken to be of second order.
     """
-    least, most = SETTINGS.step_least, SETTINGS.step_most
+    # Bounds of the ratio of the change by a quarter of the step to that by half of it: second and
+    # first order.
+    least, most = 0.25, 0.5
 
     def ratio(name: str, change: float) -> float:
         if before is None:
@@ -594,7 +564,8 @@ def _of_slow(
 
 def _settles(run: Run) -> int:
     """Cycles after which a run's energies and peak hardly change any more, or all of them."""
-    return cycles_to_settle(np.stack(by_cycle(run)), SETTINGS.settled, SETTINGS.fewest_cycles)
+    # Fewest cycles of a verification run.
+    return cycles_to_settle(np.stack(by_cycle(run)), SETTINGS.settled, 4)
 
 
 def cycles_to_settle(series: FloatArray, settled: float, fewest: int) -> int:
@@ -616,7 +587,10 @@ def by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _twice(system: System, plan: Plan) -> bool:
     """Whether twice the step of a plan still follows the loads, and ends where it does."""
     whole = plan.n_steps % 2 == 0 and (plan.cycle_steps is None or plan.cycle_steps % 2 == 0)
-    return whole and bool(2.0 * plan.step <= SETTINGS.follows * longest_step(system, plan.duration))
+    # The step is doubled where twice the step is at most this share of the longest step that the
+    # load allows (20 steps in a period): longer ones may agree with each other and miss the
+    # joint's higher harmonics.
+    return whole and bool(2.0 * plan.step <= 0.4 * longest_step(system, plan.duration))
 
 
 @dataclass(frozen=True)
@@ -694,7 +668,8 @@ def _merged(
     """
     if points.all_are_kept:
         return None, dict.fromkeys(QUANTITIES, 0.0)
-    V, cycle, most = points.basis.V, plan.cycle_steps, SETTINGS.most_steps
+    # Most steps of a correction for all points, unless one cycle has more.
+    V, cycle, most = points.basis.V, plan.cycle_steps, 4000
     unmerged, merged = points.everywhere(V, beta), points.model(V, beta)
     some = replace(plan, until="end").first(most if cycle is None else most // cycle)
     run = verify(merged, some, fields_every=1)
@@ -738,7 +713,8 @@ def _friction(system: System, run: Run) -> FloatArray:
 
         sigma = friction_along(system, run.u @ B.T, v @ B.T, run.field_times)
         return np.asarray((limits * sigma) @ B)
-    parts = np.array_split(v, 1 + len(v) * len(B) // SETTINGS.at_once)
+    # Numbers that the correction takes at once.
+    parts = np.array_split(v, 1 + len(v) * len(B) // 300_000)
     forces = (force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
     return np.vstack([(limits * force) @ B for force in forces])
 
@@ -754,8 +730,11 @@ def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Part
     for name in QUANTITIES[1:]:
         error = total[name]
         if error is not None:
-            others = (SETTINGS.chance * (part[name] or 0.0) for part in parts)
-            errors[name] = max(error, SETTINGS.at_least * (main or 0.0), *others)
+            others = (0.7 * (part[name] or 0.0) for part in parts)
+            # It is no less than a share of its largest part, and of the error in the history of
+            # the point that moves most, without that of the step: parts may cancel by chance.
+            # Changes by the step have the second bound by themselves.
+            errors[name] = max(error, 0.1 * (main or 0.0), *others)
     return errors
 
 
@@ -776,7 +755,8 @@ def _enriched(
     run = start.thinned(fields) if start else stored(points.model(V, beta))
     changes: list[tuple[Results, Results]] = []
     while len(changes) < 2 or (
-        len(changes) < SETTINGS.most_runs and (V.shape[1] < most or _is_slow(changes))
+        # Most times that modes are added.
+        len(changes) < 4 and (V.shape[1] < most or _is_slow(changes))
     ):
         before, more = results(run), SETTINGS.added * 2 ** max(0, len(changes) - 1)
         V = np.hstack([V, residual.missing_modes(V, run, more, known)])
@@ -812,7 +792,8 @@ def _left(changes: list[Parts]) -> Parts:
         last, ratio = changes[-1][name], SETTINGS.slowest
         if len(changes) > 1 and last is not None:
             before = changes[-2][name] or 0.0
-            most = SETTINGS.most if last > SETTINGS.enough else SETTINGS.slowest
+            # Largest ratio that the rest is extrapolated with.
+            most = 0.75 if last > SETTINGS.enough else SETTINGS.slowest
             ratio = min(last / before, most) if before > 0.0 else most
         errors[name] = None if last is None else _series(last, ratio)
     return errors

@@ -62,28 +62,19 @@ class FitSettings:
         Share of the width of the bounds by which a start on a bound is moved inside.
     level : float
         Confidence level of intervals and bands.
-    unlikely : float
-        A sum of squares that is larger with this probability says that the model misses the data.
-    shown : float
-        Share of the largest component from which on a value belongs to an undetermined direction.
     spread : tuple of int
         Values of a Latin hypercube of which the best is a start: so many, and more for each key.
     left : float
         Decrease of the sum of squares that derivatives may promise at a minimum, over the mean
         square of the residuals, but at least over 1.
-    halvings : int
-        Halvings of the range up to a bound, to find how far a value fits as well.
     """
 
     tolerance: float = 1e-6
     evaluations: int = 60
     inside: float = 1e-3
     level: float = 0.95
-    unlikely: float = 0.01
-    shown: float = 0.1
     spread: tuple[int, int] = (4, 2)
     left: float = 0.1
-    halvings: int = 4
 
 
 SETTINGS = FitSettings()
@@ -704,7 +695,8 @@ def _widened(squares: float, degrees: int) -> tuple[float, list[str]]:
         return 1.0, [f"There are {-degrees} values more than samples can determine."] * (
             degrees < 0
         )
-    if squares <= chi2.isf(SETTINGS.unlikely, degrees):
+    # A sum of squares that is larger with this probability says that the model misses the data.
+    if squares <= chi2.isf(0.01, degrees):
         return 1.0, []
     factor = float(np.sqrt(squares / degrees))
     return factor, [
@@ -796,7 +788,8 @@ def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened
     near, far = float(best[k]), float(problem.inner((problem.lowest, problem.highest)[side])[k])
     if fits(far):
         return far
-    for _ in range(SETTINGS.halvings):
+    # Halvings of the range up to a bound, to find how far a value fits as well.
+    for _ in range(4):
         middle = 0.5 * (near + far)
         near, far = (middle, far) if fits(middle) else (near, middle)
     return near
@@ -805,7 +798,8 @@ def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened
 def _names(problem: FitProblem, direction: FloatArray) -> IntArray:
     """Entries of the vector that belong to a direction of the variables, (k,), largest first."""
     size = np.round(np.abs(direction) / np.abs(direction).max(), 3)  # equal shares in given order
-    some = np.flatnonzero(size >= SETTINGS.shown)
+    # Share of the largest component from which on a value belongs to an undetermined direction.
+    some = np.flatnonzero(size >= 0.1)
     return np.asarray(some[np.argsort(-size[some], kind="stable")])
 
 

@@ -49,18 +49,12 @@ class FitModelSettings:
         one of an amplitude beyond the last level.
     trials : int
         Most curves that are computed to get there.
-    factor : float
-        Most that a level changes from one to the next.
-    less : float
-        Share of levels that friction does not hold at which a search goes on.
     """
 
     most: int = 20
     near: float = 1e-3
     apart: float = 0.02
     trials: int = 6
-    factor: float = 3.0
-    less: float = 0.5
 
 
 SETTINGS = FitModelSettings()
@@ -222,7 +216,8 @@ class FitModel:
                 # same amplitudes with slip are not.
                 refused = levels[-1]
                 if best is None:
-                    levels = _up_to(levels, SETTINGS.less ** (trial + 1) * refused)
+                    # Share of levels that friction does not hold at which a search goes on.
+                    levels = _up_to(levels, 0.5 ** (trial + 1) * refused)
                 else:
                     levels = _up_to(levels, np.sqrt(best.level[-1] * refused))
                 continue
@@ -283,7 +278,8 @@ class _Found:
         old, positive = self.values, (self.values > 0.0) & (values > 0.0)
         ratio = np.divide(values, old, out=np.ones_like(old), where=positive)
         change = np.where(positive, old * np.log(ratio), values - old)
-        largest = np.log(SETTINGS.factor)
+        # Most that a level changes from one to the next.
+        largest = np.log(3.0)
         apart = self.apart - self.rates[:, :-1] @ change
         change = np.clip(apart / self.rates[:, -1], -largest, largest)
         return np.asarray(self.curve.level * np.exp(change))

@@ -51,34 +51,13 @@ class ResponseSettings:
     ----------
     harmonics : int
         Harmonics of the steady vibration that results report.
-    most_added : int
-        Most frequencies that are added to those asked for, of each curve.
-    steep : float
-        A frequency is added between two whose amplitudes differ by more than this share of the
-        largest.
-    narrow : float
-        No frequency is added in intervals narrower than this share of the median interval.
-    close : float
-        No frequency is added at the peak if another one is nearer than this share of the peak's.
-    likely_added : int
-        Most frequencies that progress expects to be added to the first curve: a third of those
-        asked for up to this number. (Of a lapped solid with 30 frequencies 11, 8 and 8 were.)
     gross : int
         Periods in turn in which a joint slips as a whole after which a search is given up, see
         `Plan.gross_periods`.
-    alike : float
-        Where the amplitude of a coarse model differs by more than this share, the error of the step
-        is found on the larger model itself.
     """
 
     harmonics: int = 5
-    most_added: int = 24
-    steep: float = 0.15
-    narrow: float = 0.25
-    close: float = 2e-4
-    likely_added: int = 10
     gross: int = 10
-    alike: float = 0.1
 
 
 SETTINGS = ResponseSettings()
@@ -103,7 +82,9 @@ class Guide(NamedTuple):
 
     def error_of(self, amplitude: float) -> float:
         """Error of the step of an amplitude, nan if that of the reduced model is another one."""
-        alike = abs(self.amplitude - amplitude) <= SETTINGS.alike * amplitude
+        # Where the amplitude of a coarse model differs by more than this share, the error of the
+        # step is found on the larger model itself.
+        alike = abs(self.amplitude - amplitude) <= 0.1 * amplitude
         return self.step_error if alike else np.nan
 
 
@@ -423,13 +404,15 @@ def guided_response(
     by_model = estimated and system.serves is not None
     steps_per_cycle = suited_steps(system, steps_per_cycle)
     rows, tally = rows or Rows(), Tally(progress)
+    # Most frequencies that progress expects to be added to the first curve: a third of those
+    # asked for up to this number. (Of a lapped solid with 30 frequencies 11, 8 and 8 were.)
     expected = Expected(
         tally,
         rows,
         1 + (estimated and coarse is None) + by_model,
         len(levels),
         frequencies.size,
-        min(SETTINGS.likely_added, frequencies.size // 3) if refined else None,
+        min(10, frequencies.size // 3) if refined else None,
     )
     finer = half_steps(system, steps_per_cycle) if estimated else None
     of_coarse = None if coarse is None else finer
@@ -626,7 +609,8 @@ def _search(
         expect(complete=True, failed=frequencies.size)
         return Curve(level, tuple(points))
     refined = refined and len(points) >= frequencies.size
-    for _ in range(SETTINGS.most_added if refined else 0):
+    # Most frequencies that are added to those asked for, of each curve.
+    for _ in range(24 if refined else 0):
         added = next(_frequencies_to_add(Curve(level, tuple(points))), None)
         if added is None:
             break
@@ -667,11 +651,15 @@ def _frequencies_to_add(curve: Curve) -> Iterator[float]:
     if f.size < 3:
         return
     width = np.diff(f)
-    wide = width > SETTINGS.narrow * np.median(width)
-    for k in np.flatnonzero((np.abs(np.diff(A)) > SETTINGS.steep * A.max()) & wide):
+    # No frequency is added in intervals narrower than this share of the median interval.
+    wide = width > 0.25 * np.median(width)
+    # A frequency is added between two whose amplitudes differ by more than this share of the
+    # largest.
+    for k in np.flatnonzero((np.abs(np.diff(A)) > 0.15 * A.max()) & wide):
         yield float(0.5 * (f[k] + f[k + 1]))
     peak, _ = curve.peak
-    if np.abs(f - peak).min() > SETTINGS.close * peak:
+    # No frequency is added at the peak if another one is nearer than this share of the peak's.
+    if np.abs(f - peak).min() > 2e-4 * peak:
         yield peak
 
 

@@ -30,13 +30,9 @@ class FactorSettings:
     ----------
     large : int
         Unknowns from which on PARDISO is used where it is installed; with fewer SuperLU is as fast.
-    full : float
-        Share of entries from which on pivots come from a dense Cholesky factor: 3000 unknowns with
-        all entries take a tenth of SuperLU's time.
     """
 
     large: int = 5000
-    full: float = 0.25
 
 
 SETTINGS = FactorSettings()
@@ -203,7 +199,9 @@ def pivots(A: Any) -> FloatArray:
         If a pivot is zero.
     """
     entries, n = sparse.coo_array(A), A.shape[0]
-    if entries.nnz > SETTINGS.full * n**2:
+    # Share of entries from which on pivots come from a dense Cholesky factor: 3000 unknowns with
+    # all entries take a tenth of SuperLU's time.
+    if entries.nnz > 0.25 * n**2:
         factor, failed = linalg.lapack.dpotrf(entries.toarray(), clean=False, overwrite_a=True)
         return np.asarray(symmetric_lu(A).U.diagonal() if failed else factor.diagonal() ** 2)
     along = Band(entries.row, entries.col, n).factorised(entries.data)

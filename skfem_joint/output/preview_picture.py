@@ -99,7 +99,7 @@ def preview_figure(preview: Preview) -> Figure:
     if structure.dim == 1:
         panel.set_ylim(-1.0, size[1] + 1.0)
     _draw_bodies(panel, structure, nodes)
-    largest = max((float(np.max(mark.pressure)) for mark in joints), default=0.0)
+    largest = max((float(np.asarray(mark.pressure).max()) for mark in joints), default=0.0)
     colours = colors.LinearSegmentedColormap.from_list("", ["#fff8e6", "#f6b04a", "#c24e00"])
     pressures = cm.ScalarMappable(colors.Normalize(0.0, 1e-6 * largest or 1.0), colours)
     if joints:
