@@ -128,7 +128,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Point:
+class Measured:
     """A measured job: its first run, its errors, the median of ``repeats`` run times (s)."""
 
     job: Job
@@ -174,7 +174,7 @@ def measure(
     progress: Progress = silent,
     rows: Rows | None = None,
     of: str = "",
-) -> list[Point]:
+) -> list[Measured]:
     """Run jobs once, which warms them up, and compare their results with the reference.
 
     Those shorter than `ErrorTimeSettings.longest_repeated` are run again in ``repeats`` rounds,
@@ -194,7 +194,7 @@ def measure(
             own = None if job.own is None else difference(job.own, first.results)[RMS]
             errors[TIME_ERROR] = own
             errors[TO_FINE_MESH] = difference(reference.fine_mesh, first.results)[RMS]
-        points.append(Point(job, first, errors, first.wall_s))
+        points.append(Measured(job, first, errors, first.wall_s))
     # Longer runs are not repeated, s.
     short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= 2.0]
     walls: dict[int, list[float]] = {k: [] for k in short}
@@ -372,22 +372,22 @@ def _run(make: Callable[[], System], reference: Reference, parts: int) -> Outcom
     return Outcome(results(run), wall, work, offline_s=run.preparation_s)
 
 
-def front(points: Iterable[Point], error: str = RMS, total: bool = False) -> list[Point]:
+def front(points: Iterable[Measured], error: str = RMS, total: bool = False) -> list[Measured]:
     """Points that no other is both faster and more accurate than, fastest first."""
-    chosen: list[Point] = []
+    chosen: list[Measured] = []
     for point in sorted(points, key=lambda p: (p.seconds(total), p.error(error))):
         if point.counts and point.error(error) < (chosen[-1].error(error) if chosen else inf):
             chosen.append(point)
     return chosen
 
 
-def fastest(points: Iterable[Point], level: float) -> Point | None:
+def fastest(points: Iterable[Measured], level: float) -> Measured | None:
     """Fastest of the points whose displacement errs by no more than ``level``."""
     fit = (p for p in points if p.counts and p.error() <= level)
     return min(fit, key=lambda p: p.wall_s, default=None)
 
 
-def advice(points: Sequence[Point], level: float) -> str:
+def advice(points: Sequence[Measured], level: float) -> str:
     """Say which model to use for an error of the displacement, and whether a reduction pays."""
     small = [p for p in points if p.job.family in (REDUCED, FEW_POINTS)]
     others = [p for p in points if p.job.family not in (REDUCED, FEW_POINTS)]
@@ -435,7 +435,7 @@ class Report:
 
     title: str
     reference: Reference
-    points: list[Point]
+    points: list[Measured]
     sections: tuple[str, ...] = ()
 
     def table(self) -> tuple[list[str], list[list[Any]]]:
