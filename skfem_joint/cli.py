@@ -575,7 +575,7 @@ def _error_time(options: argparse.Namespace) -> int:
                 scene, repeats=options.repeats, quick=options.quick, progress=progress, rows=rows
             )
         files = folder.write_error_time(options.out, measured, notes)
-    for level in comparison.SETTINGS.levels:
+    for level in comparison.LEVELS:
         print(comparison.advice(measured.points, level), end="\n\n")
     return _print_notes(notes, options.out, files)
 

@@ -20,22 +20,9 @@ from skfem_joint.linalg.shifts import mean_square_frequency
 from skfem_joint.loads import Amplitude
 from skfem_joint.values import Kind, problems
 
-
-@dataclass(frozen=True)
-class ModeSettings:
-    """Numbers of searches for natural modes.
-
-    Attributes
-    ----------
-    searched : int
-        Lowest modes that are computed where the first three that strain are wanted: a body that
-        floats has up to six rigid motions.
-    """
-
-    searched: int = 12
-
-
-SETTINGS = ModeSettings()
+#: Lowest modes that are computed where the first three that strain are wanted: a body that floats
+#: has up to six rigid motions.
+SEARCHED = 12
 
 
 def eigenmodes(
@@ -76,7 +63,7 @@ def eigenmodes(
 
 
 def straining_modes(
-    K: Matrix, M: Matrix, held: IntArray, count: int = SETTINGS.searched
+    K: Matrix, M: Matrix, held: IntArray, count: int = SEARCHED
 ) -> tuple[FloatArray, FloatArray]:
     """Frequencies (Hz), (k,), and modes, (n, k), of those of the lowest modes that strain the body.
 

@@ -34,26 +34,12 @@ from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class AccuracySettings:
-    """Bounds of the search for a model that meets an accuracy.
-
-    Attributes
-    ----------
-    rounds, most_vectors, most_halvings : int
-        Rounds of refinement, vectors of a basis, and halvings of the step that are tried.
-    worthwhile : float
-        A source is refined from this share of the error asked for on.
-    """
-
-    rounds: int = 8
-    most_vectors: int = 200
-    most_halvings: int = 6
-    worthwhile: float = 0.4
-
-
-SETTINGS = AccuracySettings()
+#: Rounds of refinement, vectors of a basis, and halvings of the step that are tried.
+ROUNDS = 8
+MOST_VECTORS = 200
+MOST_HALVINGS = 6
+#: A source is refined from this share of the error asked for on.
+WORTHWHILE = 0.4
 
 
 @dataclass(frozen=True)
@@ -204,7 +190,7 @@ def with_steps_of(scene: Scene, basis: Basis) -> Scene:
         As `shorter`, or if a step does not converge.
     """
     reduced = reduced_system(scene.system(), basis)
-    for _ in range(SETTINGS.rounds):
+    for _ in range(ROUNDS):
         plan = plan_of(scene)
         run = estimate.verification_run(reduced, plan)
         finer = shorter(scene, step_estimate.of_full(reduced, run, plan))
@@ -234,8 +220,8 @@ def accurate_model(
     points, beta, halvings = options.friction_points, options.beta, 0
     reference = None if system.opening is not None else CondensedReference.of(system, shared=True)
     errors: list[float] = []
-    for done in range(SETTINGS.rounds):
-        report(done, SETTINGS.rounds)
+    for done in range(ROUNDS):
+        report(done, ROUNDS)
         own: dict[str, Any] = {"friction_points": points, "beta": beta}
         reduced = reduced_system(system, basis, **own, periodic=scene.periodic)
         step, plan = scene.time_step, plan_of(scene)
@@ -248,16 +234,16 @@ def accurate_model(
         # ones.
         if min(errors[-2:]) > 0.9 * min(errors[:-2], default=np.inf):
             break
-        least = min(SETTINGS.worthwhile, max(sources.values()))
+        least = min(WORTHWHILE, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}
         if "basis" in refined and stands.missing is not None:
-            if basis.V.shape[1] >= SETTINGS.most_vectors:
+            if basis.V.shape[1] >= MOST_VECTORS:
                 break
             V, velocities = stands.missing.V, stands.missing.velocities
-            most = slice(SETTINGS.most_vectors)  # the most important ones stand first
+            most = slice(MOST_VECTORS)  # the most important ones stand first
             basis = basis.enriched(system, V[:, most], velocities[:, most])
         elif "basis" in refined:
-            if 2 * basis.modes > SETTINGS.most_vectors:
+            if 2 * basis.modes > MOST_VECTORS:
                 break
             basis = remade(2 * basis.modes)
         if "points" in refined:
@@ -267,7 +253,7 @@ def accurate_model(
         if "time_step" in refined:
             more = min(max(_halvings(sources["time_step"]), 1), 3)
             halvings, scene = halvings + more, scene.finer(2**more)
-        if halvings > SETTINGS.most_halvings:
+        if halvings > MOST_HALVINGS:
             break
     worst = max(sources, key=lambda source: sources[source]).replace("_", " ")
     raise ConvergenceError(
@@ -315,7 +301,7 @@ def shorter(scene: Scene, errors: Estimate) -> Scene | None:
             "is more than what is asked for, however short the steps. Run 'full', or ask for less"
         )
     halvings = _halvings(ratio)
-    if halvings > SETTINGS.most_halvings:
+    if halvings > MOST_HALVINGS:
         raise ConvergenceError(
             f"accuracy: steps of {scene.time_step:.4g} s err by an estimated {stated(errors)}: the "
             "steps asked for are far too long. Give more steps, or ask for less"
@@ -354,7 +340,7 @@ def shortened_steps(
     run = integrate(plan_of(scene))
     if not scene.accuracy.is_given:
         return scene, run, None
-    for _ in range(SETTINGS.rounds):
+    for _ in range(ROUNDS):
         if run.interrupted:
             return scene, run, None
         errors = estimated(run, plan_of(scene))

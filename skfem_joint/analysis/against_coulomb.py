@@ -21,7 +21,7 @@ The same model is run under both laws from rest, until its cycles are alike:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -41,24 +41,10 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class LawSettings:
-    """Numbers of the comparison with Coulomb's law.
-
-    Attributes
-    ----------
-    settled : float
-        Relative change of the friction energy of cycles below which they are alike.
-    small : float
-        Steps times (unknowns + `overhead`) up to which the full model itself is run.
-    """
-
-    settled: float = 0.02
-    small: float = 1e6
-
-
-SETTINGS = LawSettings()
+#: Relative change of the friction energy of cycles below which they are alike.
+SETTLED = 0.02
+#: Steps times (unknowns + `overhead`) up to which the full model itself is run.
+SMALL = 1e6
 
 
 def against_coulomb(
@@ -114,7 +100,7 @@ def _settles(run: Run) -> int:
     """Cycles after which the energies and the peak of a run are alike, or all of them."""
     series = np.stack(by_cycle(run))
     # Fewest cycles that are compared.
-    return cycles_to_settle(series, SETTINGS.settled, 3)
+    return cycles_to_settle(series, SETTLED, 3)
 
 
 def _both(
@@ -202,7 +188,7 @@ def _of_full(
         system.is_dense or kind == "dense"
     ):  # as of points that share an unknown: it takes no set-valued law
         return verify(_laws(system)[0], plan), own
-    large = cost > SETTINGS.small and system.opening is None  # no reduced model has that
+    large = cost > SMALL and system.opening is None  # no reduced model has that
     if large and kind != "chain":
         both = _by_reduced(system, own, plan, verify)
         if both is not None:

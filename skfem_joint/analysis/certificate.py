@@ -41,22 +41,9 @@ from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class CertificateSettings:
-    """Numbers of certificates and references.
-
-    Attributes
-    ----------
-    per_cycle : int
-        Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without
-        cycles.
-    """
-
-    per_cycle: int = 25
-
-
-SETTINGS = CertificateSettings()
+#: Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without
+#: cycles.
+PER_CYCLE = 25
 
 
 @dataclass(frozen=True)
@@ -71,7 +58,7 @@ class Source:
         Errors by quantity.
     order : float, optional
         Observed order of convergence of the displacement history; None where nothing was halved
-        twice. Outside `CertificateSettings.orders` only the size of the extrapolated error can be
+        twice. Outside of what `kept` leaves only the size of the extrapolated error can be
         trusted.
     """
 
@@ -92,7 +79,7 @@ def extrapolated(first: float, second: float) -> tuple[float, float | None]:
 
 
 def kept(order: float | None) -> float:
-    """Order of convergence kept within `CertificateSettings.orders`; the highest if not known."""
+    """Order of convergence kept within what an extrapolation may use; the highest if not known."""
     # Orders of convergence that an extrapolation may use.
     least, most = 0.5, 2.0
     return most if order is None else min(max(order, least), most)
@@ -233,7 +220,7 @@ class Grid:
     @property
     def intervals(self) -> int:
         """Number of intervals."""
-        return 100 if self.cycles is None else SETTINGS.per_cycle * self.cycles
+        return 100 if self.cycles is None else PER_CYCLE * self.cycles
 
     def integrate(self, system: System, parts: int, fields: int = 0) -> Run:
         """Run of ``parts`` steps an interval, all unknowns stored ``fields`` times in each.
@@ -246,7 +233,7 @@ class Grid:
             n_steps,
             generalized_alpha(self.rho),
             Save(every=parts),
-            None if self.cycles is None else parts * SETTINGS.per_cycle,
+            None if self.cycles is None else parts * PER_CYCLE,
         )
         return verification_run(system, plan, fields_every=fields and max(1, parts // fields))
 
@@ -298,7 +285,7 @@ def make_reference(
     rows, most = rows or Rows(), 256 if quick else 2048
     mark = rows.mark("parts of an interval", origin_of(scene), most, bound)
     parts = rows.row(mark, partial(_finest_parts, system, grid, most, bound))
-    steps: dict[str, Any] = {"steps_per_cycle": parts // 4 * SETTINGS.per_cycle}
+    steps: dict[str, Any] = {"steps_per_cycle": parts // 4 * PER_CYCLE}
     if time.cycles is None:
         steps = {"step": grid.duration / (parts // 4 * grid.intervals)}
     coarse = scene.changed(

@@ -227,10 +227,7 @@ def _frequencies(
     The modes are those with the joints stuck; ``rubs`` is whether a joint carries friction.
     """
     values = draft.values
-    both = [
-        natural_modes(system, modes.SETTINGS.searched, joints=joints)
-        for joints in ("loose", "stuck")
-    ]
+    both = [natural_modes(system, modes.SEARCHED, joints=joints) for joints in ("loose", "stuck")]
     rigid, (loose, stuck) = [m.rigid_motions for m in both], [m.straining for m in both]
     values["frequencies_stuck_Hz"] = stuck.frequencies[:_SHOWN].tolist()
     values["frequencies_loose_Hz"] = loose.frequencies[:_SHOWN].tolist()

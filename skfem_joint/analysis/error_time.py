@@ -28,25 +28,13 @@ from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class ErrorTimeSettings:
-    """Numbers of error-time reports.
-
-    Attributes
-    ----------
-    own : int
-        Steps in an interval of the finest run of each model, against which the error of its time
-        step is measured.
-    levels : tuple of float
-        Errors of the displacement history for which the report recommends the fastest model.
-    """
-
-    own: int = 256
-    levels: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
+#: Steps in an interval of the finest run of each model, against which the error of its time step
+#: is measured.
+OWN = 256
+#: Errors of the displacement history for which the report recommends the fastest model.
+LEVELS: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
 
 
-SETTINGS = ErrorTimeSettings()
 #: Families of models, which are the curves of the report.
 FULL, STEEPNESS, COULOMB = "full", "full, another beta", "full, Coulomb"
 REDUCED, FEW_POINTS = "reduced, all nodes", "reduced, few points"
@@ -177,7 +165,7 @@ def measure(
 ) -> list[Measured]:
     """Run jobs once, which warms them up, and compare their results with the reference.
 
-    Those shorter than `ErrorTimeSettings.longest_repeated` are run again in ``repeats`` rounds,
+    Those shorter than two seconds are run again in ``repeats`` rounds,
     each in the opposite order of the round before; their time is the median of these. Each run is
     one of the ``rows``, if there are any, with the time that it took; ``of`` is a digest of what
     the jobs come from.
@@ -243,7 +231,7 @@ def other_jobs(
     rows: Rows | None = None,
 ) -> Iterator[Job]:
     """Another full model at several steps an interval, with a reference of its own."""
-    grid, finest, rows = reference.grid, min(SETTINGS.own, reference.parts), rows or Rows()
+    grid, finest, rows = reference.grid, min(OWN, reference.parts), rows or Rows()
     mark = rows.mark("own reference", system, grid, finest)
     own = rows.row(mark, lambda: results(grid.integrate(system, finest)))
     return at_steps(reference, parts, family, system, what, own=own)
@@ -471,7 +459,7 @@ class Report:
             "## How well the reference is known",
             self.certificate(),
             "## Which model to use",
-            "\n".join(f"- {advice(self.points, level)}" for level in SETTINGS.levels),
+            "\n".join(f"- {advice(self.points, level)}" for level in LEVELS),
             *self.sections,
             "## All points",
             "![error against run time](error-time.png)",

@@ -30,34 +30,18 @@ from skfem_joint.structure.sensitivities import sensitivities
 from skfem_joint.structure.structure import Structure
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class FitModelSettings:
-    """Numbers of curves for a fit.
-
-    Attributes
-    ----------
-    most : int
-        Most levels of a curve.
-    near : float
-        Relative distance of the amplitudes of the levels from those that are wanted. Curves have
-        kinks where the first points slip: at 0.02 a kink between a level and its sample moved
-        values by two of their standard deviations, and the search took longer. Smaller distances
-        take no more curves.
-    apart : float
-        Relative distance from a single wanted amplitude of the two levels beside it, and largest
-        one of an amplitude beyond the last level.
-    trials : int
-        Most curves that are computed to get there.
-    """
-
-    most: int = 20
-    near: float = 1e-3
-    apart: float = 0.02
-    trials: int = 6
-
-
-SETTINGS = FitModelSettings()
+#: Most levels of a curve.
+MOST = 20
+#: Relative distance of the amplitudes of the levels from those that are wanted. Curves have kinks
+#: where the first points slip: at 0.02 a kink between a level and its sample moved values by two
+#: of their standard deviations, and the search took longer. Smaller distances take no more
+#: curves.
+NEAR = 1e-3
+#: Relative distance from a single wanted amplitude of the two levels beside it, and largest one
+#: of an amplitude beyond the last level.
+APART = 0.02
+#: Most curves that are computed to get there.
+TRIALS = 6
 
 
 @dataclass(frozen=True)
@@ -176,9 +160,9 @@ class FitModel:
             along = np.array(weights)
             nodes = np.unique(np.concatenate([wanted[k] for k in own]))
             if nodes.size == 1:
-                nodes = nodes * np.array([1.0 - SETTINGS.apart, 1.0 + SETTINGS.apart])
-            if nodes.size > SETTINGS.most:
-                nodes = np.geomspace(nodes[0], nodes[-1], SETTINGS.most)
+                nodes = nodes * np.array([1.0 - APART, 1.0 + APART])
+            if nodes.size > MOST:
+                nodes = np.geomspace(nodes[0], nodes[-1], MOST)
             curve = self._curve(system, at, mode, along, nodes, parameters)
             for k in own:
                 found[k] = _interpolated(curve, system, along, wanted[k])
@@ -208,7 +192,7 @@ class FitModel:
             else _rising(known[0].levels(values))
         )
         best, found, least, refused = None, None, np.inf, np.inf
-        for trial in range(SETTINGS.trials):
+        for trial in range(TRIALS):
             try:
                 (curve,) = self._kept.backbone(system, (mode,), levels, parameters)
             except (InputError, ConvergenceError):
@@ -227,7 +211,7 @@ class FitModel:
             if (size := float(np.abs(apart).max())) < least:
                 best, least = curve, size
                 found = _Found(values, curve, apart, of_x)
-            if size <= SETTINGS.near:
+            if size <= NEAR:
                 break
             levels = _rising(_Found(values, curve, apart, of_x).levels(values))
             if levels[-1] >= refused:
@@ -321,7 +305,7 @@ def _interpolated(
     if np.count_nonzero(rises) < 2:
         raise ConvergenceError("fit: the amplitude of the point does not rise with the level")
     wanted = np.log(displacement)
-    at = np.clip(wanted, X[0] - SETTINGS.apart, X[-1] + SETTINGS.apart)
+    at = np.clip(wanted, X[0] - APART, X[-1] + APART)
     within = np.clip(wanted, X[0], X[-1])
     X, of_x, zeta = X[rises], of_x[rises], curve.damping_ratio[rises]
     of_zeta = rates.damping_ratio[rises] / zeta[:, np.newaxis]

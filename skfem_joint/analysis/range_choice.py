@@ -85,13 +85,13 @@ def _with_steps(scene: Scene, point: System, progress: Progress) -> tuple[Scene,
     longest = longest_step(point, scene.n_steps * scene.time_step)
     while scene.time_step > longest:
         scene = scene.finer(2)
-    for halvings in range(accuracy.SETTINGS.most_halvings + 1):
+    for halvings in range(accuracy.MOST_HALVINGS + 1):
         plan = plan_of(scene)
         run = verification_run(point, plan, progress=progress)
         errors = range_estimate.of_range(run, plan)
         in_time = accuracy.excess(scene.accuracy, errors, "time_step")
-        enough = in_time <= accuracy.SETTINGS.worthwhile
-        last = halvings == accuracy.SETTINGS.most_halvings
+        enough = in_time <= accuracy.WORTHWHILE
+        last = halvings == accuracy.MOST_HALVINGS
         if enough or last or accuracy.excess(scene.accuracy, errors) <= 1.0:
             break
         scene = scene.finer(2)

@@ -43,24 +43,11 @@ _log = logging.getLogger(__name__)
 State = tuple[FloatArray, FloatArray]
 
 
-@dataclass(frozen=True)
-class ResponseSettings:
-    """Numbers of frequency responses.
-
-    Attributes
-    ----------
-    harmonics : int
-        Harmonics of the steady vibration that results report.
-    gross : int
-        Periods in turn in which a joint slips as a whole after which a search is given up, see
-        `Plan.gross_periods`.
-    """
-
-    harmonics: int = 5
-    gross: int = 10
-
-
-SETTINGS = ResponseSettings()
+#: Harmonics of the steady vibration that results report.
+HARMONICS = 5
+#: Periods in turn in which a joint slips as a whole after which a search is given up, see
+#: `Plan.gross_periods`.
+GROSS = 10
 
 
 class Guide(NamedTuple):
@@ -267,7 +254,7 @@ def steady_plan(system: System, steps_per_cycle: int) -> Plan:
         n_steps=steps_per_cycle,
         cycle_steps=steps_per_cycle,
         until="steady",
-        gross_periods=SETTINGS.gross,
+        gross_periods=GROSS,
         exact_at=strongest.frequency,
     )
 
@@ -725,7 +712,7 @@ def _without_vibration(system: System, frequency: float, why: ConvergenceError) 
         frequency=frequency,
         amplitude=nothing,
         offset=nothing,
-        harmonics=np.full((nothing.size, SETTINGS.harmonics), np.nan + 0j),
+        harmonics=np.full((nothing.size, HARMONICS), np.nan + 0j),
         phase=nothing,
         friction_energy=np.nan,
         input_energy=np.nan,
@@ -743,7 +730,7 @@ def _harmonics(rows: FloatArray) -> FloatArray:
 
     Those from half the sampling rate on, which so few rows do not determine, are nan.
     """
-    harmonics = np.full((rows.shape[1], SETTINGS.harmonics), np.nan + 0j)
-    known = min((len(rows) - 1) // 2, SETTINGS.harmonics)
+    harmonics = np.full((rows.shape[1], HARMONICS), np.nan + 0j)
+    known = min((len(rows) - 1) // 2, HARMONICS)
     harmonics[:, :known] = 2.0 * np.fft.rfft(rows, axis=0)[1 : known + 1].T / len(rows)
     return harmonics

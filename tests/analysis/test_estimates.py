@@ -202,7 +202,7 @@ def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for():
 
 
 def test_an_accuracy_out_of_reach_is_refused(monkeypatch):
-    monkeypatch.setattr(accuracy, "SETTINGS", accuracy.AccuracySettings(rounds=1))
+    monkeypatch.setattr(accuracy, "ROUNDS", 1)
     with pytest.raises(ConvergenceError, match="still errs by an estimated") as caught:
         run_scene(bar_scene("reduced", accuracy={"energy": 1e-6}))
     assert caught.value.exit_status == 3
