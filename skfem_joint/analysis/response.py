@@ -19,7 +19,6 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from skfem_joint.analysis.expected_points import Expected
 from skfem_joint.analysis.history import relative
 from skfem_joint.analysis.peaks import parabola_vertex
 from skfem_joint.analysis.range_modes import check_whole
@@ -315,8 +314,7 @@ def response(
         Where levels are run side by side.
     progress : callable, optional
         Called with (vibrations found, vibrations in all), and between them, without an executor,
-        with a note on the search. Those in all include those of frequencies that are expected to be
-        added: as many as to the curves before.
+        with a note on the search. Those in all grow as frequencies are added.
     rows : Rows, optional
         Where steady vibrations are kept as they finish, and taken up again.
 
@@ -391,16 +389,14 @@ def guided_response(
     by_model = estimated and system.serves is not None
     steps_per_cycle = suited_steps(system, steps_per_cycle)
     rows, tally = rows or Rows(), Tally(progress)
-    # Most frequencies that progress expects to be added to the first curve: a third of those
-    # asked for up to this number. (Of a lapped solid with 30 frequencies 11, 8 and 8 were.)
-    expected = Expected(
-        tally,
-        rows,
-        1 + (estimated and coarse is None) + by_model,
-        len(levels),
-        frequencies.size,
-        min(10, frequencies.size // 3) if refined else None,
-    )
+    # Vibrations of each frequency: itself, with half the step, of a larger model.
+    each = 1 + (estimated and coarse is None) + by_model
+    tally.total = each * len(levels) * frequencies.size
+
+    def expect(count: int) -> None:
+        tally.total += count
+        rows.total += count
+
     finer = half_steps(system, steps_per_cycle) if estimated else None
     of_coarse = None if coarse is None else finer
     searches = [
@@ -409,9 +405,10 @@ def guided_response(
             _Request(float(frequencies[0]), level, steps_per_cycle, of_coarse),
             finer,
             refined,
-            partial(expected.of_curve, number),
+            expect,
+            each,
         )
-        for number, level in enumerate(levels)
+        for level in levels
     ]
     curves = _curves(searches, system, coarse, beside or SideBySide(), tally, rows)
     if not any(curve.found for curve in curves):
@@ -566,7 +563,8 @@ def _search(
     first: _Request,
     finer: int | None,
     refined: bool,
-    expect: Callable[..., None],
+    expect: Callable[[int], None],
+    each: int,
 ) -> _Search:
     """Request the points of a curve: those asked for, those added, then some with a finer step.
 
@@ -578,7 +576,8 @@ def _search(
         Number of steps in a period with which the error of the step is found where no coarse model
         has found it; None for no estimate.
     expect : callable
-        `Expected.of_curve` for this curve.
+        Called with the number of vibrations that are needed beyond ``each`` of the frequencies that
+        are asked for.
     """
     level = first.level
     points: list[SteadyPoint] = []
@@ -593,7 +592,7 @@ def _search(
         if points[-1].failure is not None and points[-1].periods > 0:
             break  # a search given up, as those of the frequencies that follow would be
     if not Curve(level, tuple(points)).found:
-        expect(complete=True, failed=frequencies.size)
+        expect(-frequencies.size * (each - 1))
         return Curve(level, tuple(points))
     refined = refined and len(points) >= frequencies.size
     # Most frequencies that are added to those asked for, of each curve.
@@ -601,18 +600,18 @@ def _search(
         added = next(_frequencies_to_add(Curve(level, tuple(points))), None)
         if added is None:
             break
-        expect(added=1)
+        expect(each)
         state = min(points, key=lambda point: abs(point.frequency - added)).state
         points.append((yield replace(first, frequency=added, start=state)))
         points.sort(key=lambda point: point.frequency)
     failed = sum(point.failure is not None for point in points)
     failed += max(0, frequencies.size - len(points))
-    expect(complete=True, failed=failed)
+    expect(-failed * (each - 1))
     if finer is None:
         return Curve(level, tuple(points))
     left = [k for k, p in enumerate(points) if p.failure is None and np.isnan(p.step_error)]
     if first.finer is not None:
-        expect(more=len(left))
+        expect(len(left))
     largest, steps = Curve(level, tuple(points)).largest, first.steps_per_cycle
     for k in left:
         point = points[k]
