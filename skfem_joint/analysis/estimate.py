@@ -34,9 +34,8 @@ time step
 
 A condensed model has the law and the points of the full one: only its basis and its time step err.
 Verification runs end with the cycle in which the reduced run has become steady; if it does not they
-are whole runs. If there are very many contact points, verification runs merge them. The friction
-that merging leaves out is evaluated at all points, with the velocities of such a run, and acts as a
-load when the run is repeated; if its effect is large, a run with all points replaces this.
+are whole runs. If there are very many contact points, verification runs merge them; the first
+cycles of a run with all points show what that causes.
 
 The verification runs lead step by step from the model asked for to the best one. Energies may rise
 and fall on that way, so that the total error is that of the whole way and not the sum of its parts,
@@ -67,7 +66,6 @@ from skfem_joint.analysis.history import (
     results,
 )
 from skfem_joint.arrays import FloatArray
-from skfem_joint.loads import Function
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import carrying, slips_first
 from skfem_joint.reduction.friction_points import SETTINGS as MERGING
@@ -79,7 +77,7 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.steady import odd_loads
-from skfem_joint.system import AppliedLoad, System
+from skfem_joint.system import System
 
 #: Sources of error, as a summary names them. The distance from Coulomb's law is in no total, see
 #: `skfem_joint.analysis.against_coulomb`.
@@ -102,10 +100,8 @@ class EstimateSettings:
         Contact points beyond which they are merged in verification runs.
     merged : int
         Sets that they are merged into.
-    sure : float
-        Largest error up to which the correction is believed.
     short : int
-        Cycles of a run with all points, where it is not.
+        Cycles of a run with all points.
     added : int
         Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as
         those of a slip front that the basis holds (each verification run frees the next points),
@@ -123,7 +119,6 @@ class EstimateSettings:
     settled: float = 0.01
     many: int = MERGING.many
     merged: int = MERGING.merged
-    sure: float = 5e-3
     short: int = 2
     added: int = 8
     enough: float = 1e-3
@@ -345,8 +340,8 @@ def of_reduced(
     periods, steeper = run.steady.periods if run.steady else 1, system.steepest > steepest
     if reference is not None and reference.affords(plan, periods, steeper):
         return _by_reference(points, reference, steepest, plan, base, verify, progress)
-    start, merged = _merged(points, steepest, plan, verify)
-    changes, V, last = _enriched(points, steepest, plan, start, verify)
+    merged = _merged(points, steepest, plan, verify)
+    changes, V, last = _enriched(points, steepest, plan, verify)
     (first, grown), best = changes[0], results(last)
     steep = best if len(changes) == 1 else changes[1][0]
     beta = last.system.steepest
@@ -658,65 +653,17 @@ class _Points:
         return shared_points(small, self.merged.shares, self.merged.w)
 
 
-def _merged(
-    points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]
-) -> tuple[Run | None, Parts]:
-    """Run with merged contact points, if it can be used again, and the error that merging causes.
+def _merged(points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]) -> Parts:
+    """Error that merged contact points cause, by the first cycles of a run with all of them.
 
-    The error is zero if no points are merged. A defect correction estimates it where it is small,
-    else the first cycles of a run with all points.
+    It is zero if no points are merged.
     """
     if points.all_are_kept:
-        return None, dict.fromkeys(QUANTITIES, 0.0)
-    # Most steps of a correction for all points, unless one cycle has more.
-    V, cycle, most = points.basis.V, plan.cycle_steps, 4000
-    unmerged, merged = points.everywhere(V, beta), points.model(V, beta)
-    some = replace(plan, until="end").first(most if cycle is None else most // cycle)
-    run = verify(merged, some, fields_every=1)
-    errors = _corrected(unmerged, run, some, verify)
-    if max((error for error in errors.values() if error is not None), default=0.0) > SETTINGS.sure:
-        some = plan.first(plan.n_steps // 2 if cycle is None else SETTINGS.short)
-        some = some.finer(0.5) if _twice(points.system, some) else some
-        errors = difference(*(results(verify(system, some)) for system in (unmerged, merged)))
-    whole = plan.until != "steady" and run.counters.steps == plan.n_steps
-    return run if whole else None, errors
-
-
-def _corrected(unmerged: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts:
-    """Error that merged points cause in the run of a model, by a defect correction.
-
-    The difference between the friction of all points and that of the merged ones, both at the
-    velocities of the run, acts as a load when the model is run again. That costs no iteration with
-    all points. It overestimates the error if points are merged that do not slip alike: within a
-    merged point no friction resists the load that stands for their differences.
-    """
-    merged = run.system
-    missing = _friction(unmerged, run) - _friction(merged, run)
-    courses = [Function(partial(np.interp, xp=run.field_times, fp=-force)) for force in missing.T]
-    added = map(AppliedLoad, np.eye(merged.n), courses)
-    corrected = verify(replace(merged, loads=(*merged.loads, *added)), replace(plan, until="end"))
-    work, own = corrected.cycles.input, len(merged.loads)
-    work = work[-1] if len(work) else corrected.input_work
-    raw = results(corrected)
-    lost = raw.friction_energy - float(work[own:].sum())
-    other = replace(raw, friction_energy=lost, loop_energy=float(work[:own].sum()))
-    return difference(other, results(run))
-
-
-def _friction(system: System, run: Run) -> FloatArray:
-    """Forces of friction (times, n), N, along the fields of a run of the same unknowns."""
-    from skfem_joint.minimise.law import force_vectors  # loads the compiler
-
-    v, B, limits = run.v, np.asarray(system.B), system.on_rows(system.w)
-    if system.has_springs:
-        from skfem_joint.minimise.springs import friction_along
-
-        sigma = friction_along(system, run.u @ B.T, v @ B.T, run.field_times)
-        return np.asarray((limits * sigma) @ B)
-    # Numbers that the correction takes at once.
-    parts = np.array_split(v, 1 + len(v) * len(B) // 300_000)
-    forces = (force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
-    return np.vstack([(limits * force) @ B for force in forces])
+        return dict.fromkeys(QUANTITIES, 0.0)
+    some = plan.first(plan.n_steps // 2 if plan.cycle_steps is None else SETTINGS.short)
+    some = some.finer(0.5) if _twice(points.system, some) else some
+    both = points.everywhere(points.basis.V, beta), points.model(points.basis.V, beta)
+    return difference(*(results(verify(system, some)) for system in both))
 
 
 def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
@@ -739,20 +686,19 @@ def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Part
 
 
 def _enriched(
-    points: _Points, beta: float, plan: Plan, start: Run | None, verify: Callable[..., Run]
+    points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]
 ) -> tuple[list[tuple[Results, Results]], FloatArray, Run]:
     """Results before and after each addition of missing modes, the last basis, and its run.
 
-    ``start`` is the first run with the fields of all steps, if it exists already. All later runs
-    have a steeper law, if the full model has one: with the law of a poor basis, points would still
-    creep although the added modes let them stick.
+    All runs but the first have a steeper law, if the full model has one: with the law of a poor
+    basis, points would still creep although the added modes let them stick.
     """
     V, known = points.basis.V, points.basis.followed
     residual = Residual(points.system, points.basis.stiffness)
     fields = stride(plan.n_steps, plan.cycle_steps)
     most, steeper = V.shape[1] + 2 * SETTINGS.added, points.system.steepest > beta
     stored = partial(verify, plan=plan, fields_every=fields)
-    run = start.thinned(fields) if start else stored(points.model(V, beta))
+    run = stored(points.model(V, beta))
     changes: list[tuple[Results, Results]] = []
     while len(changes) < 2 or (
         # Most times that modes are added.
