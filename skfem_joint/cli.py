@@ -713,10 +713,7 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
         yield rows
     except BaseException as error:
         if kept := Rows(rows.path).known:  # the last row may have been written at that moment
-            print(
-                f"{kept} of {max(rows.total, kept)} rows, as far as they are known, are finished "
-                f"and kept in {rows.path}."
-            )
+            print(f"{kept} rows are finished and kept in {rows.path}.")
         if isinstance(error, KeyboardInterrupt):
             print("The same command goes on.")
         raise

@@ -10,7 +10,6 @@ it is made anew with twice as many; full and condensed models find their steps b
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, log2
@@ -18,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis import estimate, opening_estimate, step_estimate
+from skfem_joint.analysis import estimate, opening_estimate
 from skfem_joint.analysis.condensed_reference import CondensedReference
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import ConvergenceError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis, reduced_system
 from skfem_joint.scene import Scene
@@ -108,8 +107,8 @@ class Choice:
 def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = silent) -> Choice:
     """Choose time steps, and a reduced model where one is run, for the accuracy asked for.
 
-    Without a reduced model the full one takes the step that a reduced one of it would need. Where
-    no accuracy is asked for, the scene is taken as it is. ``path`` is a quasi-static path of the
+    Without a reduced model only steps that are too long for the loads are changed. Where no
+    accuracy is asked for, the scene is taken as it is. ``path`` is a quasi-static path of the
     system, whose factors are used.
 
     Raises
@@ -122,18 +121,15 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     if not scene.accuracy.is_given:
         return Choice(scene)
     watch = Stopwatch()
-    structure, system, given = scene.structure(), scene.system(), scene
+    structure, system = scene.structure(), scene.system()
     scene = resolved(scene, system)
-    options, opens = options_of(scene), system.opening is not None
+    options = options_of(scene)
 
     def basis_for(modes: int | None = None, enriched: bool = False) -> Basis:
         chosen = options if modes is None else replace(options, modes=modes)
         return basis_of_scene(scene, structure, system, chosen, path, enriched=enriched)
 
-    if "reduced" not in given.models.run:
-        if not opens and system.contact_points and given.reduction.reference != "self":
-            with suppress(InputError):  # no reduced model: the full one's own estimate decides
-                scene = with_steps_of(scene, basis_for())
+    if "reduced" not in scene.models.run:
         return Choice(scene)
     basis = basis_for(enriched=True)
     accurate = accurate_model(
@@ -179,25 +175,6 @@ def resolved(scene: Scene, system: System) -> Scene:
     longest = longest_step(system, scene.n_steps * scene.time_step, vibrates)
     ratio = scene.time_step / longest
     return scene.finer(2 ** ceil(log2(ratio) - 1e-9)) if ratio > 1.0 else scene
-
-
-def with_steps_of(scene: Scene, basis: Basis) -> Scene:
-    """Scene with the step that a reduced model needs, which costs little to find.
-
-    Raises
-    ------
-    ConvergenceError
-        As `shorter`, or if a step does not converge.
-    """
-    reduced = reduced_system(scene.system(), basis)
-    for _ in range(ROUNDS):
-        plan = plan_of(scene)
-        run = estimate.verification_run(reduced, plan)
-        finer = shorter(scene, step_estimate.of_full(reduced, run, plan))
-        if finer is None:
-            break
-        scene = finer
-    return scene
 
 
 def accurate_model(

@@ -172,7 +172,6 @@ def measure(
     """
     jobs, points, rows = list(jobs), [], rows or Rows()
     marks = [rows.mark(of, k, job.family, job.what) for k, job in enumerate(jobs)]
-    rows.total = rows.done + len(jobs)
     for k, job in enumerate(jobs):
         progress("first runs", k, len(jobs))
         first = rows.row(marks[k], partial(_first, job))
@@ -186,7 +185,6 @@ def measure(
     # Longer runs are not repeated, s.
     short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= 2.0]
     walls: dict[int, list[float]] = {k: [] for k in short}
-    rows.total += repeats * len(short)
     for done in range(repeats):
         progress("timed rounds", done, repeats)
         for k in short if done % 2 == 0 else short[::-1]:
@@ -295,18 +293,6 @@ def reduced_jobs(
 def _families(scene: Scene) -> dict[str, str]:
     """Friction points of reduced models, by family; with contact that opens all are kept."""
     return {REDUCED: "all"} | ({} if scene.opens else {FEW_POINTS: "auto"})
-
-
-def _most_rows(scene: Scene, wanted: Mapping[str, tuple[Any, ...]]) -> int:
-    """Rows of a report before its timed rounds, if no step of it is too short."""
-    others = (
-        len(wanted["factors"]) + 1 if any(joint.law == "arctan" for joint in scene.joint) else 0
-    )
-    reference, reductions = 8, len(wanted["modes"])  # steps, mesh and law of the reference
-    runs = (1 + others) * len(wanted["parts"]) + len(_families(scene)) * reductions * len(
-        wanted["reduced_parts"]
-    )
-    return reference + others + reductions + runs
 
 
 def _made(reduction: _Reduction, family: str) -> System:
@@ -519,7 +505,6 @@ def error_time(
     check_options(scene, repeats, bound)
     what = (QUICK if quick else RANGE) | dict(wanted or {})
     rows = rows or Rows()
-    rows.total += _most_rows(scene, what)
     reference = make_reference(scene, quick, bound, progress, rows)
     full, reduced = full_jobs(reference, what, rows), reduced_jobs(scene, reference, what, rows)
     jobs = [*full, *reduced, *more(reference)]

@@ -75,7 +75,6 @@ from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
-from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.steady import odd_loads
 from skfem_joint.system import System
 
@@ -579,15 +578,6 @@ def by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
     return cycles.peak.max(axis=1, initial=0.0), cycles.friction, cycles.input.sum(axis=1)
 
 
-def _twice(system: System, plan: Plan) -> bool:
-    """Whether twice the step of a plan still follows the loads, and ends where it does."""
-    whole = plan.n_steps % 2 == 0 and (plan.cycle_steps is None or plan.cycle_steps % 2 == 0)
-    # The step is doubled where twice the step is at most this share of the longest step that the
-    # load allows (20 steps in a period): longer ones may agree with each other and miss the
-    # joint's higher harmonics.
-    return whole and bool(2.0 * plan.step <= 0.4 * longest_step(system, plan.duration))
-
-
 @dataclass(frozen=True)
 class _Points:
     """Contact points of verification runs: all of them, or merged ones where they are many.
@@ -661,7 +651,6 @@ def _merged(points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]
     if points.all_are_kept:
         return dict.fromkeys(QUANTITIES, 0.0)
     some = plan.first(plan.n_steps // 2 if plan.cycle_steps is None else SETTINGS.short)
-    some = some.finer(0.5) if _twice(points.system, some) else some
     both = points.everywhere(points.basis.V, beta), points.model(points.basis.V, beta)
     return difference(*(results(verify(system, some)) for system in both))
 

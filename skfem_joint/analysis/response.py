@@ -395,7 +395,6 @@ def guided_response(
 
     def expect(count: int) -> None:
         tally.total += count
-        rows.total += count
 
     finer = half_steps(system, steps_per_cycle) if estimated else None
     of_coarse = None if coarse is None else finer

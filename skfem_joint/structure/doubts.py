@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import product
 
 import numpy as np
 
@@ -117,32 +116,13 @@ def faces_apart(grid: Nodes, patches: Sequence[Patch]) -> Iterator[str]:
 
 
 def locking(body: Body) -> Iterator[str]:
-    """Sentence about elements of first order, which are too stiff in bending.
-
-    It says how many have corners on two opposite sides of the body.
-    """
+    """Sentence about elements of first order, which are too stiff in bending."""
     if body.dim == 1 or body.mesh.order > 1:
         return
-    mesh = body.mesh.mesh
-    part = body.facet_basis(mesh.boundary_facets())
-    # Directions of the corners, edges and faces of a cube; in reverse order they are opposite.
-    directions = np.array([*product((-1.0, 0.0, 1.0), repeat=body.dim)])
-    directions /= np.maximum(np.linalg.norm(directions, axis=1), 1.0)[:, np.newaxis]
-    cosines = part.normals[..., 0].T @ directions.T
-    largest = np.full((mesh.p.shape[1], len(directions)), -1.0)
-    for corner in mesh.facets[:, part.find]:
-        np.maximum.at(largest, corner, cosines)
-    # Sides are opposite if the cosines of their normals with a direction and with its opposite
-    # exceed this.
-    reached = largest[mesh.t].max(axis=0) > 0.85
-    share = (reached & reached[:, ::-1]).any(axis=1).mean()
     each = f"{body.cell.name}s".replace("hedrons", "hedra")
-    single = ""
-    if share > 0.05:
-        single = f", most where single ones reach from side to side, as {100.0 * share:.3g} % do"
     yield (
         f"The elements are {each} of first order, which bend too stiffly by tens of per cent (they "
-        f"lock){single}: where parts bend, frequencies are too high, displacements and friction "
+        "lock): where parts bend, frequencies are too high, displacements and friction "
         "energies too small by as much, which no estimated total counts but that of a full model "
         "with --certify. Take elements of second order (in Gmsh Mesh.ElementOrder = 2)."
     )

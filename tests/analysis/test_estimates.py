@@ -133,7 +133,7 @@ def test_the_error_of_merged_points_is_stated(sets, monkeypatch):
     stated = estimate.of_reduced(system, basis, few, plan).parts["points"]
     for name in QUANTITIES:
         one, other = stated[name] or 0.0, true[name] or 0.0
-        assert 0.5 * other - 1e-4 < one < 2.0 * other + 1e-3
+        assert 0.5 * other - 1e-4 < one < 2.0 * other + 5e-3
     assert max(stated[name] or 0.0 for name in QUANTITIES) > 1e-4
 
 
