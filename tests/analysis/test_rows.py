@@ -252,7 +252,7 @@ def test_a_command_that_gets_a_signal_to_end_keeps_its_rows_and_goes_on(
         assert cli.main([*command, "--out", str(out)]) == 130
     shown = capsys.readouterr()
     assert [file.name for file in out.iterdir()] == [f"{name}_rows.jsonl"]  # and no lock
-    assert "\n4 of " in f"\n{shown.out}"
+    assert "\n4 rows are finished" in f"\n{shown.out}"
     assert "The same command goes on." in shown.out
     assert signal.getsignal(signal.SIGTERM) is not signal.default_int_handler
     assert cli.main([*command, "--out", str(out)]) == 0
