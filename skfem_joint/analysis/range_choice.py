@@ -8,6 +8,7 @@ from pathlib import Path
 from skfem_joint.analysis import accuracy, range_estimate
 from skfem_joint.analysis.accuracy import Choice, InRange
 from skfem_joint.analysis.estimate import Estimate, verification_run
+from skfem_joint.analysis.range_modes import served_by
 from skfem_joint.analysis.scene_plan import plan_of
 from skfem_joint.analysis.scene_range import ServedScene, point_of, range_model
 from skfem_joint.errors import JointError
@@ -52,7 +53,7 @@ def choose_in_range(
             check_short_of_gross_slip(verification_run(point, plan_of(scene), progress=report))
     except JointError as error:
         return Choice(scene, notes=(_own(str(error)),))
-    short = model.serves.shortfall if model.serves is not None else None
+    short = served_by(model).shortfall
     chosen, notes = InRange(point), () if short is None else (f"{short}.",)
     if scene.accuracy.is_given:
         scene = shorter

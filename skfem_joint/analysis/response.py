@@ -21,8 +21,7 @@ import numpy as np
 
 from skfem_joint.analysis.history import relative
 from skfem_joint.analysis.peaks import parabola_vertex
-from skfem_joint.analysis.range_modes import check_whole
-from skfem_joint.analysis.range_response import larger_at, steady_in_range
+from skfem_joint.analysis.range_modes import alone, check_whole, served_by, steady_in_range
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, GrossSlipError, InputError
@@ -433,9 +432,8 @@ def _checked(
         raise InputError("response: nothing is observed; name a point")
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("response: no load acts; give one an amplitude above 0")
-    if system.serves is not None:
-        for frequency in frequencies[[0, -1]].tolist():
-            steady_in_range(system, frequency, 1.0)  # refuses what is outside
+    for frequency in frequencies[[0, -1]].tolist():
+        at_frequency(system, frequency)  # refuses what is outside of a range
     return frequencies, np.asarray(levels, dtype=float).tolist()
 
 
@@ -446,13 +444,13 @@ def _with_model_errors(
 
     The distance is multiplied with the factor that was found where the model was made.
     """
-    serves, largest, points = system.serves, curve.largest, []
-    factor = serves.factors.get("history", 1.0) if serves is not None else 1.0
+    largest, points = curve.largest, []
+    factor = served_by(system).factors.get("history", 1.0)
     origin = rows.mark("larger model", system, steps_per_cycle)
     for point in curve.points:
         at, found = (point.frequency, curve.level), point
         if point.failure is None:
-            loaded = larger_at(system, *at)
+            loaded = alone(steady_in_range(system, *at))
             compute = partial(_steady, loaded, at[0], steps_per_cycle, None, tally.within)
             other = rows.row(rows.mark(origin, at), compute)
             change = relative(point.amplitude[largest], other.amplitude[largest])
