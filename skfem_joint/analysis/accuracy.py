@@ -226,7 +226,7 @@ def accurate_model(
         if "points" in refined:
             points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
         if "law" in refined:
-            beta = min(estimate.SETTINGS.steeper * reduced.steepest, system.steepest)
+            beta = min(estimate.STEEPER * reduced.steepest, system.steepest)
         if "time_step" in refined:
             more = min(max(_halvings(sources["time_step"]), 1), 3)
             halvings, scene = halvings + more, scene.finer(2**more)

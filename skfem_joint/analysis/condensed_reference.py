@@ -29,34 +29,18 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class ReferenceSettings:
-    """Numbers of the condensed model.
-
-    Attributes
-    ----------
-    rows : int
-        Most slip rows that carry friction.
-    work, work_smooth : float
-        Largest product of the steps of a run and the square of its slip rows, where the full
-        model's law is steeper than the reduced model's, and where it is not.
-    shared : float
-        So many times as much work where several estimates share its runs, as in the search for a
-        model of some accuracy. (On a plate with six bolts, whose step had become eight times as
-        short, modes of residuals took 300 s for each estimate, and did not end.)
-    modes : int
-        Fixed-interface modes; all of them where there are fewer.
-    """
-
-    rows: int = 700
-    work: float = 6e8
-    work_smooth: float = 2e7
-    shared: float = 4.0
-    modes: int = 24
-
-
-SETTINGS = ReferenceSettings()
+#: Most slip rows that carry friction.
+ROWS = 700
+#: Largest product of the steps of a run and the square of its slip rows, where the full model's
+#: law is steeper than the reduced model's, and where it is not.
+WORK = 6e8
+WORK_SMOOTH = 2e7
+#: So many times as much work where several estimates share its runs, as in the search for a model
+#: of some accuracy. (On a plate with six bolts, whose step had become eight times as short, modes
+#: of residuals took 300 s for each estimate, and did not end.)
+SHARED = 4.0
+#: Fixed-interface modes; all of them where there are fewer.
+MODES = 24
 
 
 @dataclass(frozen=True)
@@ -87,13 +71,13 @@ class CondensedReference:
 
         ``shared`` is whether several estimates use its runs.
         """
-        if not 0 < _rows(system) <= SETTINGS.rows or system.is_dense:
+        if not 0 < _rows(system) <= ROWS or system.is_dense:
             return None
         try:
-            V = condensed_basis(system, SETTINGS.modes).V
+            V = condensed_basis(system, MODES).V
         except InputError:  # slip rows depend on each other: there is no condensed model
             return None
-        times = SETTINGS.shared if shared else 1.0
+        times = SHARED if shared else 1.0
         return CondensedReference(system, V, condensed_system(system, V), times)
 
     @staticmethod
@@ -114,7 +98,7 @@ class CondensedReference:
             Whether the full model's law is steeper than the reduced model's. Otherwise modes of
             residuals do well, and less is spent.
         """
-        most = SETTINGS.work if steeper else SETTINGS.work_smooth
+        most = WORK if steeper else WORK_SMOOTH
         return plan.n_steps * periods * _rows(self.system) ** 2 <= self.times * most
 
     def run(self, plan: Plan, verify: Callable[..., Run]) -> Run:

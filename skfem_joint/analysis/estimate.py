@@ -87,45 +87,26 @@ WITHOUT_MESH = "total without mesh"
 NAMES = {"coulomb": "against Coulomb's law"}
 
 
-@dataclass(frozen=True)
-class EstimateSettings:
-    """Numbers of the estimates.
+#: Relative change of cycles below which they are alike.
+SETTLED = 0.01
+#: Contact points beyond which they are merged in verification runs.
+MANY = MERGING.many
+#: Sets that they are merged into.
+MERGED = MERGING.merged
+#: Cycles of a run with all points.
+SHORT = 2
+#: Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as those
+#: of a slip front that the basis holds (each verification run frees the next points), and twice
+#: and four times as many where the changes do not fall.
+ADDED = 8
+#: Relative change by added modes below which no more are added.
+ENOUGH = 1e-3
+#: Ratio of a change by added modes to the one before above which more are added. The rest is
+#: extrapolated with it where the ratio is not known, or where the change is less than ``enough``.
+SLOWEST = 0.4
+#: Steepness of the law in its verification run over that of the model.
+STEEPER = 10.0
 
-    Attributes
-    ----------
-    settled : float
-        Relative change of cycles below which they are alike.
-    many : int
-        Contact points beyond which they are merged in verification runs.
-    merged : int
-        Sets that they are merged into.
-    short : int
-        Cycles of a run with all points.
-    added : int
-        Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as
-        those of a slip front that the basis holds (each verification run frees the next points),
-        and twice and four times as many where the changes do not fall.
-    enough : float
-        Relative change by added modes below which no more are added.
-    slowest : float
-        Ratio of a change by added modes to the one before above which more are added. The rest is
-        extrapolated with it where the ratio is not known, or where the change is less than
-        ``enough``.
-    steeper : float
-        Steepness of the law in its verification run over that of the model.
-    """
-
-    settled: float = 0.01
-    many: int = MERGING.many
-    merged: int = MERGING.merged
-    short: int = 2
-    added: int = 8
-    enough: float = 1e-3
-    slowest: float = 0.4
-    steeper: float = 10.0
-
-
-SETTINGS = EstimateSettings()
 
 #: Relative errors by quantity; None: not known, or zero in the result.
 Parts = dict[str, float | None]
@@ -344,7 +325,7 @@ def of_reduced(
     (first, grown), best = changes[0], results(last)
     steep = best if len(changes) == 1 else changes[1][0]
     beta = last.system.steepest
-    law = extrapolation(SETTINGS.steeper) - 1.0 if beta > steepest else 0.0
+    law = extrapolation(STEEPER) - 1.0 if beta > steepest else 0.0
     finer = Steps(last, *(verify(last.system, plan.finer(factor)) for factor in (2, 4)))
     truth = finer.finest
 
@@ -502,8 +483,8 @@ def _by_reference(
     every = results(verify(points.everywhere(V, beta), plan))
     steep, law = every, 1.0
     if system.steepest > beta:
-        steep = results(verify(points.everywhere(V, SETTINGS.steeper * beta), plan))
-        law = extrapolation(SETTINGS.steeper)
+        steep = results(verify(points.everywhere(V, STEEPER * beta), plan))
+        law = extrapolation(STEEPER)
     of_condensed = Verification(progress)
     run, *finer = (reference.run(plan.finer(factor), of_condensed) for factor in (1, 2, 4))
     steps, same = Steps(run, *finer), results(run)
@@ -520,7 +501,7 @@ def _by_reference(
     }
     total = steps.with_rest(finest, base)
     parts["total"] = at_least(total, same, base, *parts.values())
-    most = max(2 * SETTINGS.added, V.shape[1] // 2)
+    most = max(2 * ADDED, V.shape[1] // 2)
     wide, velocities = reference.missing_modes(V, run, most)
     missing = MissingModes(wide, velocities, _slips(system, wide[:, V.shape[1] :]))
     return Estimate(
@@ -559,7 +540,7 @@ def _of_slow(
 def _settles(run: Run) -> int:
     """Cycles after which a run's energies and peak hardly change any more, or all of them."""
     # Fewest cycles of a verification run.
-    return cycles_to_settle(np.stack(by_cycle(run)), SETTINGS.settled, 4)
+    return cycles_to_settle(np.stack(by_cycle(run)), SETTLED, 4)
 
 
 def cycles_to_settle(series: FloatArray, settled: float, fewest: int) -> int:
@@ -610,13 +591,13 @@ class _Points:
     @property
     def all_are_kept(self) -> bool:
         """Whether verification runs have all contact points, because they are not too many."""
-        return self.condensed or self.system.contact_points <= SETTINGS.many
+        return self.condensed or self.system.contact_points <= MANY
 
     @cached_property
     def merged(self) -> System:
         """Reduced model with merged points."""
         unmerged, points = self.projection(self.basis.V), np.flatnonzero(self.system.w)
-        return merged_points(unmerged, self.basis.history.velocities, points, SETTINGS.merged)
+        return merged_points(unmerged, self.basis.history.velocities, points, MERGED)
 
     def projection(self, V: FloatArray) -> System:
         """Projection on V, which begins with the basis and with all V before; made once."""
@@ -650,7 +631,7 @@ def _merged(points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]
     """
     if points.all_are_kept:
         return dict.fromkeys(QUANTITIES, 0.0)
-    some = plan.first(plan.n_steps // 2 if plan.cycle_steps is None else SETTINGS.short)
+    some = plan.first(plan.n_steps // 2 if plan.cycle_steps is None else SHORT)
     both = points.everywhere(points.basis.V, beta), points.model(points.basis.V, beta)
     return difference(*(results(verify(system, some)) for system in both))
 
@@ -685,7 +666,7 @@ def _enriched(
     V, known = points.basis.V, points.basis.followed
     residual = Residual(points.system, points.basis.stiffness)
     fields = stride(plan.n_steps, plan.cycle_steps)
-    most, steeper = V.shape[1] + 2 * SETTINGS.added, points.system.steepest > beta
+    most, steeper = V.shape[1] + 2 * ADDED, points.system.steepest > beta
     stored = partial(verify, plan=plan, fields_every=fields)
     run = stored(points.model(V, beta))
     changes: list[tuple[Results, Results]] = []
@@ -693,15 +674,15 @@ def _enriched(
         # Most times that modes are added.
         len(changes) < 4 and (V.shape[1] < most or _is_slow(changes))
     ):
-        before, more = results(run), SETTINGS.added * 2 ** max(0, len(changes) - 1)
+        before, more = results(run), ADDED * 2 ** max(0, len(changes) - 1)
         V = np.hstack([V, residual.missing_modes(V, run, more, known)])
         run = stored(points.model(V, beta))
         changes.append((before, results(run)))
         changed = difference(*reversed(changes[-1])).values()
         if steeper:
-            beta, steeper = SETTINGS.steeper * beta, False
+            beta, steeper = STEEPER * beta, False
             run = stored(points.model(V, beta))
-        if max((e for e in changed if e is not None), default=0.0) < SETTINGS.enough:
+        if max((e for e in changed if e is not None), default=0.0) < ENOUGH:
             break
     return changes, V, run
 
@@ -710,7 +691,7 @@ def _is_slow(changes: list[tuple[Results, Results]]) -> bool:
     """Whether the last change by added modes is no small share of the one before."""
     before, last = (difference(*reversed(pair)) for pair in changes[-2:])
     return any(
-        error is not None and error > max(SETTINGS.enough, SETTINGS.slowest * (before[name] or 0.0))
+        error is not None and error > max(ENOUGH, SLOWEST * (before[name] or 0.0))
         for name, error in last.items()
     )
 
@@ -724,11 +705,11 @@ def _left(changes: list[Parts]) -> Parts:
     """What is left after changes by added modes that go on as a geometric series."""
     errors: Parts = {}
     for name in QUANTITIES:
-        last, ratio = changes[-1][name], SETTINGS.slowest
+        last, ratio = changes[-1][name], SLOWEST
         if len(changes) > 1 and last is not None:
             before = changes[-2][name] or 0.0
             # Largest ratio that the rest is extrapolated with.
-            most = 0.75 if last > SETTINGS.enough else SETTINGS.slowest
+            most = 0.75 if last > ENOUGH else SLOWEST
             ratio = min(last / before, most) if before > 0.0 else most
         errors[name] = None if last is None else _series(last, ratio)
     return errors

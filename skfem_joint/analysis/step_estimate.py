@@ -32,7 +32,7 @@ quantities of 160 plates and solids 99 % were stated as above; 6 scenes in 179 t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -56,35 +56,19 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class StepSettings:
-    """Numbers of the estimate of a step.
-
-    Attributes
-    ----------
-    small : float
-        Steps of a run times (unknowns + `overhead`) up to which the full model itself is run with
-        half and quarter steps, some two seconds of its own run; chains, whose steps cost next to
-        nothing, always are.
-    points : int
-        Most contact points of the reduced model; more are merged. (With 150 in place of 1,408 that
-        friction energy is 1.8 % off.)
-    trusted : float
-        Largest difference between the reduced and the full model, over the error of the step, with
-        which the estimate is believed. (Of 293 quantities 7 had more than one, 3 of these were
-        stated wrongly; of the others 1.5 %.)
-    negligible : float
-        Such a difference that does not count.
-    """
-
-    small: float = 5e5
-    points: int = 500
-    trusted: float = 1.0
-    negligible: float = 1e-2
-
-
-SETTINGS = StepSettings()
+#: Steps of a run times (unknowns + `overhead`) up to which the full model itself is run with half
+#: and quarter steps, some two seconds of its own run; chains, whose steps cost next to nothing,
+#: always are.
+SMALL = 5e5
+#: Most contact points of the reduced model; more are merged. (With 150 in place of 1,408 that
+#: friction energy is 1.8 % off.)
+POINTS = 500
+#: Largest difference between the reduced and the full model, over the error of the step, with
+#: which the estimate is believed. (Of 293 quantities 7 had more than one, 3 of these were stated
+#: wrongly; of the others 1.5 %.)
+TRUSTED = 1.0
+#: Such a difference that does not count.
+NEGLIGIBLE = 1e-2
 
 
 def of_full(
@@ -150,7 +134,7 @@ def by_finer_steps(
 def is_small(system: System, plan: Plan) -> bool:
     """Whether half and quarter steps of the model itself cost little."""
     # Unknowns that cost as much as what a step costs anyhow.
-    if plan.n_steps * (system.n + 150) <= SETTINGS.small or system.is_dense:
+    if plan.n_steps * (system.n + 150) <= SMALL or system.is_dense:
         return True
     return system.contact_points > 0 and arranged(system).kind == "chain"
 
@@ -171,7 +155,7 @@ def _of_reduced(
             continue  # zero in both
         if error is None or distance is None:
             return None
-        if distance > max(SETTINGS.negligible, SETTINGS.trusted * error):
+        if distance > max(NEGLIGIBLE, TRUSTED * error):
             return None
     return errors
 
@@ -196,7 +180,7 @@ def reduced_for_steps(system: System, plan: Plan) -> System:
     small = reduced_system(
         system, wide, friction_points="all", periodic=plan.cycle_steps is not None
     )
-    if system.contact_points <= SETTINGS.points:
+    if system.contact_points <= POINTS:
         return small
     return shared_points(small, *_merged(system, basis))
 
@@ -204,7 +188,7 @@ def reduced_for_steps(system: System, plan: Plan) -> System:
 def _merged(system: System, basis: Basis) -> tuple[FloatArray, FloatArray]:
     """Shares and limits of contact points that slip alike in a basis."""
     narrow, carrying = system.project(basis.V), np.flatnonzero(system.w)
-    merged = merged_points(narrow, basis.history.velocities, carrying, SETTINGS.points)
+    merged = merged_points(narrow, basis.history.velocities, carrying, POINTS)
     return merged.shares, merged.w
 
 

@@ -128,8 +128,8 @@ def test_the_error_of_merged_points_is_stated(sets, monkeypatch):
     every = replace(every, beta=np.minimum(every.beta, small.beta.max()))
     few = merged_points(every, basis.history.velocities, np.flatnonzero(every.w), sets)
     true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
-    settings = replace(estimate.SETTINGS, many=0, merged=sets)
-    monkeypatch.setattr(estimate, "SETTINGS", settings)
+    monkeypatch.setattr(estimate, "MANY", 0)
+    monkeypatch.setattr(estimate, "MERGED", sets)
     stated = estimate.of_reduced(system, basis, few, plan).parts["points"]
     for name in QUANTITIES:
         one, other = stated[name] or 0.0, true[name] or 0.0

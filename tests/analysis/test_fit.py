@@ -412,7 +412,7 @@ def test_amplitudes_near_gross_slip_are_reached():
 
 
 def test_a_search_that_does_not_end_is_said(monkeypatch):
-    monkeypatch.setattr(fit_module, "SETTINGS", replace(fit_module.SETTINGS, evaluations=2))
+    monkeypatch.setattr(fit_module, "EVALUATIONS", 2)
     with pytest.raises(ConvergenceError, match="not found in 2 evaluations"):
         fitted()
 

@@ -163,8 +163,7 @@ def large(monkeypatch):
         return real(one, two, **options)
 
     monkeypatch.setattr(estimate, "integrate_plan", counted)
-    settings = replace(step_estimate.SETTINGS, small=0.0)
-    monkeypatch.setattr(step_estimate, "SETTINGS", settings)
+    monkeypatch.setattr(step_estimate, "SMALL", 0.0)
     return system, plan, run, taken
 
 
@@ -185,8 +184,8 @@ def test_a_large_model_without_a_good_reduced_one_is_run_with_half_the_step(
 ):
     system, plan, run, taken = large
     if why == "too poor":
-        settings = replace(step_estimate.SETTINGS, trusted=0.0, negligible=0.0)
-        monkeypatch.setattr(step_estimate, "SETTINGS", settings)
+        monkeypatch.setattr(step_estimate, "TRUSTED", 0.0)
+        monkeypatch.setattr(step_estimate, "NEGLIGIBLE", 0.0)
     else:
         free = sparse.csr_array((0, system.n))
         none = {"w": np.zeros(0), "beta": np.zeros(0), "directions": np.zeros(0, dtype=int)}
