@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.analysis.history import SLIPPING, States, slip_state
+from skfem_joint.analysis.history import GREY, GREY_REDUCED, States, slip_state
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.arrangement import picks_unknowns
@@ -77,7 +77,7 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
         repeats = run.steady is not None
         friction = friction_along(system, slip, rate, run.field_times, repeats)
         work = _spread(run, system, system.contact.slider_slip(slip, friction), friction)
-    grey = SLIPPING.grey if picks_unknowns(run.system.contact.B) else SLIPPING.grey_reduced
+    grey = GREY if picks_unknowns(run.system.contact.B) else GREY_REDUCED
     state = slip_state(system.contact.slip_norm(rate), system.contact.beta, grey)
     if system.contact.has_springs:
         slides = system.contact.slip_norm(friction) >= AT_LIMIT

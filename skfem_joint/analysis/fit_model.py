@@ -29,40 +29,18 @@ from skfem_joint.structure.sensitivities import sensitivities
 from skfem_joint.structure.structure import Structure
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class FitModelSettings:
-    """Numbers of curves for a fit.
-
-    Attributes
-    ----------
-    most : int
-        Most levels of a curve.
-    near : float
-        Relative distance of the amplitudes of the levels from those that are wanted. Curves have
-        kinks where the first points slip: at 0.02 a kink between a level and its sample moved
-        values by two of their standard deviations, and the search took longer. Smaller distances
-        take no more curves.
-    apart : float
-        Relative distance from a single wanted amplitude of the two levels beside it, and largest
-        one of an amplitude beyond the last level.
-    trials : int
-        Most curves that are computed to get there.
-    factor : float
-        Most that a level changes from one to the next.
-    less : float
-        Share of levels that friction does not hold at which a search goes on.
-    """
-
-    most: int = 20
-    near: float = 1e-3
-    apart: float = 0.02
-    trials: int = 6
-    factor: float = 3.0
-    less: float = 0.5
-
-
-SETTINGS = FitModelSettings()
+#: Most levels of a curve.
+MOST = 20
+#: Relative distance of the amplitudes of the levels from those that are wanted. Curves have kinks
+#: where the first points slip: at 0.02 a kink between a level and its sample moved values by two
+#: of their standard deviations, and the search took longer. Smaller distances take no more
+#: curves.
+NEAR = 1e-3
+#: Relative distance from a single wanted amplitude of the two levels beside it, and largest one
+#: of an amplitude beyond the last level.
+APART = 0.02
+#: Most curves that are computed to get there.
+TRIALS = 6
 
 
 @dataclass(frozen=True)
@@ -181,9 +159,9 @@ class FitModel:
             along = np.array(weights)
             nodes = np.unique(np.concatenate([wanted[k] for k in own]))
             if nodes.size == 1:
-                nodes = nodes * np.array([1.0 - SETTINGS.apart, 1.0 + SETTINGS.apart])
-            if nodes.size > SETTINGS.most:
-                nodes = np.geomspace(nodes[0], nodes[-1], SETTINGS.most)
+                nodes = nodes * np.array([1.0 - APART, 1.0 + APART])
+            if nodes.size > MOST:
+                nodes = np.geomspace(nodes[0], nodes[-1], MOST)
             curve = self._curve(system, at, mode, along, nodes, parameters)
             for k in own:
                 found[k] = _interpolated(*curve, system, along, wanted[k])
@@ -213,7 +191,7 @@ class FitModel:
             else _rising(known[0].levels(values))
         )
         found, least, refused = None, np.inf, np.inf
-        for trial in range(SETTINGS.trials):
+        for trial in range(TRIALS):
             try:
                 curve, rates = self._differentiated(system, mode, levels, parameters)
             except (InputError, ConvergenceError):
@@ -221,7 +199,8 @@ class FitModel:
                 # same amplitudes with slip are not.
                 refused = levels[-1]
                 if found is None:
-                    levels = _up_to(levels, SETTINGS.less ** (trial + 1) * refused)
+                    # Share of levels that friction does not hold at which a search goes on.
+                    levels = _up_to(levels, 0.5 ** (trial + 1) * refused)
                 else:
                     levels = _up_to(levels, np.sqrt(found.curve.level[-1] * refused))
                 continue
@@ -231,7 +210,7 @@ class FitModel:
             last = _Found(values, curve, rates, apart, of_x)
             if (size := float(np.abs(apart).max())) < least:
                 found, least = last, size
-            if size <= SETTINGS.near:
+            if size <= NEAR:
                 break
             levels = _rising(last.levels(values))
             if levels[-1] >= refused:
@@ -295,7 +274,8 @@ class _Found:
         old, positive = self.values, (self.values > 0.0) & (values > 0.0)
         ratio = np.divide(values, old, out=np.ones_like(old), where=positive)
         change = np.where(positive, old * np.log(ratio), values - old)
-        largest = np.log(SETTINGS.factor)
+        # Most that a level changes from one to the next.
+        largest = np.log(3.0)
         apart = self.apart - self.of_apart[:, :-1] @ change
         change = np.clip(apart / self.of_apart[:, -1], -largest, largest)
         return np.asarray(self.curve.level * np.exp(change))
@@ -339,7 +319,7 @@ def _interpolated(
     if np.count_nonzero(rises) < 2:
         raise ConvergenceError("fit: the amplitude of the point does not rise with the level")
     wanted = np.log(displacement)
-    at = np.clip(wanted, X[0] - SETTINGS.apart, X[-1] + SETTINGS.apart)
+    at = np.clip(wanted, X[0] - APART, X[-1] + APART)
     within = np.clip(wanted, X[0], X[-1])
     X, of_x, zeta = X[rises], of_x[rises], curve.damping_ratio[rises]
     of_zeta = rates.damping_ratio[rises] / zeta[:, np.newaxis]

@@ -19,10 +19,6 @@ class GrossSlipSettings:
 
     Attributes
     ----------
-    still : float
-        Points whose slip is below this share of the largest slip count as sticking. In dense
-        systems, which have fewer unknowns than points, points cannot stick exactly: there the share
-        is a thousandth.
     above : float
         The search begins this much, relative, above the load at which the forces on the stuck
         joint add up to its limit.
@@ -32,16 +28,12 @@ class GrossSlipSettings:
         Most trials, up to 190 times the first load.
     near : float
         Where friction alone holds, the level is found to this, relative.
-    below : float
-        Share of the load of limit analysis up to which joints are looked at one by one.
     """
 
-    still: float = 1e-9
     above: float = 0.01
     raised: float = 1.3
     trials: int = 20
     near: float = 0.02
-    below: float = 0.98
 
 
 SETTINGS = GrossSlipSettings()
@@ -49,7 +41,10 @@ SETTINGS = GrossSlipSettings()
 
 def still_share(path: QuasiStatic) -> float:
     """Share of the largest slip below which a point of a path counts as sticking."""
-    return THRESHOLD if path.to.kind == "dense" else SETTINGS.still
+    # Points whose slip is below this share of the largest slip count as sticking. In dense
+    # systems, which have fewer unknowns than points, points cannot stick exactly: there the share
+    # is a thousandth.
+    return THRESHOLD if path.to.kind == "dense" else 1e-9
 
 
 def sticking_share(path: QuasiStatic, slip: FloatArray, sliding: FloatArray | None = None) -> float:
@@ -173,7 +168,9 @@ class _Search:
 
     def free(self, nominal: float, limit: float, raised: bool) -> float:
         """Level where friction alone holds, up to ``limit``."""
-        low, high, last, state = 0.0, limit, SETTINGS.below * limit, self.path.rest()
+        state = self.path.rest()
+        # Share of the load of limit analysis up to which joints are looked at one by one.
+        low, high, last = 0.0, limit, 0.98 * limit
         level = min(nominal * (1.0 + SETTINGS.above), last)
         for _ in range(SETTINGS.trials):
             sticking, reached = self.sticking(level, (low, state))

@@ -43,23 +43,9 @@ from skfem_joint.analysis.measured_table import (
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import ConvergenceError, InputError, closest, first_of
 
-
-@dataclass(frozen=True)
-class MeasuredSettings:
-    """What is assumed of measurements that do not say how sure they are.
-
-    Attributes
-    ----------
-    frequency_deviation, damping_deviation : float
-        Standard deviation over the value. Frequencies repeat to about this from test to test with
-        the same bolts; of dampings, even careful tests repeat to some percent.
-    """
-
-    frequency_deviation: float = 1e-4
-    damping_deviation: float = 0.05
-
-
-SETTINGS = MeasuredSettings()
+#: Standard deviations over the values where nothing is said. Frequencies repeat to about this from
+#: test to test with the same bolts; of dampings, even careful tests repeat to some percent.
+_ASSUMED = {"frequency": 1e-4, "damping": 0.05}
 
 
 @dataclass(frozen=True)
@@ -343,7 +329,7 @@ def _curve(
     return MeasuredCurve(
         name=head.name or Path(samples.where).name,
         point=head.point,
-        direction=head.direction,
+        direction=None if head.direction is None else np.array(head.direction),
         mode=head.mode,
         quantity=quantity,
         amplitude=raw[rise] * AMPLITUDES[quantity][unit] * (0.5 if head.peak_to_peak else 1.0),
@@ -364,7 +350,7 @@ def _deviation(samples: Samples, name: str, share: float | None) -> tuple[FloatA
     deviation = samples.in_si(f"{name}_deviation") if share is None else np.full(value.size, np.nan)
     missing = ~np.isnan(value) & np.isnan(deviation)
     if share is None and missing.any():
-        share = float(getattr(SETTINGS, f"{name}_deviation"))
+        share = _ASSUMED[name]
         notes = [
             f"standard deviations of the {name} of {missing.sum()} samples are not given; "
             f"{100.0 * share:g} % of each value is assumed. State relative_{name}_deviation if "

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from skfem_joint import __version__, system_files
+from skfem_joint.analysis.range_modes import served_by
 from skfem_joint.array_files import fingerprint
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
@@ -119,9 +120,9 @@ def of_scene(scene: Scene, model: System) -> System:
     InputError
         If no load acts, or bolts of a joint have other factors than each other.
     """
-    table, serves = scene.reduction.range, model.serves
-    if table is None or serves is None:
-        raise InputError("reduction.range: missing, or the model serves no range")
+    table, serves = scene.reduction.range, served_by(model)
+    if table is None:
+        raise InputError("reduction.range: missing")
     level, known = _largest(scene), table.factors(scene.joint)
     factors = np.array([known.get(name, 1.0) for name in model.contact.joints])
     pairs = serves.range.limits.items()

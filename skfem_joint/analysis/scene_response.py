@@ -189,16 +189,7 @@ def scene_response(
         with announced(progress, f"linear response, {limit}"):
             limits.append(linear_response(system, fine, held))
     stuck, loose = limits
-    rows, of_a_curve = rows or Rows(), frequencies.size
-    if scene.accuracy.estimate:
-        of_a_curve += 1 + frequencies.size
-    rows.total += len(scene.models.run) * len(table.levels) * of_a_curve
-    if (
-        scene.accuracy.estimate
-        and "reduced" in scene.models.run
-        and served_scene(scene) is not None
-    ):
-        rows.total += len(table.levels) * frequencies.size  # of the larger model
+    rows = rows or Rows()
     resonance = float(frequencies[stuck[np.isin(fine, frequencies)].max(axis=1).argmax()])
     models = []
     for name in scene.models.run:
@@ -207,8 +198,6 @@ def scene_response(
             model = _with_coarse(
                 _prepared(name, scene, table, resonance, rows), scene, table, resonance
             )
-            if model.coarse is not None and scene.accuracy.estimate:
-                rows.total -= len(table.levels) * frequencies.size
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
         errors = _PeakErrors(model, scene, executor, workers, rows)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.error_time import RMS, Point, front
+from skfem_joint.analysis.error_time import RMS, Measured, front
 from skfem_joint.analysis.history import hysteresis_loop, steady_state
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
@@ -300,7 +300,7 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
     return figure
 
 
-def error_time_figure(points: Sequence[Point], total: bool = False) -> Figure:
+def error_time_figure(points: Sequence[Measured], total: bool = False) -> Figure:
     """Error against run time with the front, in ``total`` with off-line time."""
     figure, panels = _panels(6.5, 5.5, columns=2)
     families = dict.fromkeys(p.job.family for p in points if p.counts)

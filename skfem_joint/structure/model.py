@@ -43,10 +43,6 @@ class AnyStructure(Protocol):
         """Number of degrees of freedom, supported ones included."""
 
     @property
-    def n_entries(self) -> int:
-        """Number of entries that the matrices are assembled from."""
-
-    @property
     def identity(self) -> list[Any]:
         """Arrays and names that distinguish this structure from another."""
 

@@ -217,12 +217,6 @@ class Structure:
         return self.dim * self.n_nodes
 
     @property
-    def n_entries(self) -> int:
-        """Number of entries of all element matrices."""
-        in_element, elements = self.body.of_element.shape
-        return int(elements * (self.dim * in_element) ** 2)
-
-    @property
     def positions(self) -> FloatArray:
         """Positions of the nodes in space, (N, 3), m."""
         return self.body.positions

@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_array
 
 import skfem_joint as sj
-from skfem_joint.analysis.against_coulomb import SETTINGS, against_coulomb
+from skfem_joint.analysis.against_coulomb import SETTLED, against_coulomb
 
 STEPS = {"cycles": 5, "steps_per_cycle": 80}
 
@@ -69,7 +69,7 @@ def test_laws_are_compared_until_the_cycles_of_both_are_alike():
     true = run.cycles.friction[-1] / coulomb.cycles.friction[-1] - 1.0
     stated = against_coulomb(system, run, run.plan)["friction_energy"]
     assert true > 1.0
-    assert stated == pytest.approx(true, rel=SETTINGS.settled)
+    assert stated == pytest.approx(true, rel=SETTLED)
 
 
 @pytest.mark.parametrize("changed", ["C", "K"])

@@ -161,8 +161,7 @@ def large(monkeypatch):
         return real(one, two, **options)
 
     monkeypatch.setattr(estimate, "integrate_plan", counted)
-    settings = replace(step_estimate.SETTINGS, small=0.0)
-    monkeypatch.setattr(step_estimate, "SETTINGS", settings)
+    monkeypatch.setattr(step_estimate, "SMALL", 0.0)
     return system, plan, run, taken
 
 
@@ -183,8 +182,8 @@ def test_a_large_model_without_a_good_reduced_one_is_run_with_half_the_step(
 ):
     system, plan, run, taken = large
     if why == "too poor":
-        settings = replace(step_estimate.SETTINGS, trusted=0.0, negligible=0.0)
-        monkeypatch.setattr(step_estimate, "SETTINGS", settings)
+        monkeypatch.setattr(step_estimate, "TRUSTED", 0.0)
+        monkeypatch.setattr(step_estimate, "NEGLIGIBLE", 0.0)
     else:
         system = replace(system, contact=Contact.none(system.n))
         run = verification_run(system, plan)

@@ -22,7 +22,7 @@ from skfem_joint.reduction.ranges.points import (
     searched_level,
 )
 from skfem_joint.reduction.ranges.training import SETTINGS as TRAINING
-from skfem_joint.reduction.ranges.training import Place, Pool, scaled, spread
+from skfem_joint.reduction.ranges.training import Pool, Training, scaled, spread
 from skfem_joint.served import Point, Range, Served
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
@@ -140,7 +140,7 @@ def reduced_for_range(
 
 
 #: A point of the range at which models are run, and its level.
-_Checked = tuple[Place, float]
+_Checked = tuple[Training, float]
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ class _Maker:
         pairs = zip(places[count:], levels[count:], strict=True)
         return pool, known, rough, [self._inside(*pair) for pair in pairs]
 
-    def _inside(self, place: Place, level: float) -> _Checked:
+    def _inside(self, place: Training, level: float) -> _Checked:
         """A place with its share of slip in the range, and the level there."""
         low, high = self.range.slip
         slip = min(max(place.slip, low), high)
@@ -271,7 +271,7 @@ class _Maker:
         law, accuracy = pool.law(), self.accuracy
         return Served(self.range, larger, {}, accuracy, accuracy, law, self.period, known)
 
-    def _run(self, model: System, place: Place, level: float, fields: bool = False) -> Run:
+    def _run(self, model: System, place: Training, level: float, fields: bool = False) -> Run:
         point = point_of(model, Point(place.frequency, level, {}, place.slip), place.factors)
         steps, cycles = SETTINGS.steps, SETTINGS.cycles
         every = stride(steps * cycles, steps)
@@ -302,7 +302,7 @@ class _Maker:
         return max(history, energy / SETTINGS.energies)
 
     def _better(
-        self, residual: Residual, V: FloatArray, best: System, place: Place, level: float
+        self, residual: Residual, V: FloatArray, best: System, place: Training, level: float
     ) -> Run:
         """Run of the best model with the modes that its run misses, with all friction points."""
         run = self._run(best, place, level, fields=True)
@@ -316,7 +316,7 @@ class _Maker:
         return integrate(model, cycles=SETTINGS.cycles, steps_per_cycle=SETTINGS.steps)
 
 
-def _level(rough: System, place: Place) -> float:
+def _level(rough: System, place: Training) -> float:
     """Level at which the first joint slips as a whole, of a rough model, or a guess."""
     level, guess = searched_level(rough, place.frequency, place.factors)
     return TRAINING.missed * guess if level is None else level
