@@ -23,6 +23,7 @@ import numpy as np
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
+from skfem_joint.mesh.abaqus import check_inp
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
 from skfem_joint.mesh.gmsh import Groups, check_msh
 from skfem_joint.mesh.named import NamedMesh, check_finite, from_parts, merged, not_a_side
@@ -38,7 +39,8 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
 
     Gmsh files of format 2.2 or 4.1, ASCII or binary, are read: physical groups of the elements
     become regions, those of their sides boundaries, physical points points; of a bar several
-    points with one name are a boundary. Bodies that share no nodes, in the same
+    points with one name are a boundary. Bars are also read from Abaqus files (.inp), with element
+    sets as regions and node sets as points and boundaries. Bodies that share no nodes, in the same
     file or in several, stay separate even if they overlap. A file of lines is a straight bar in
     space; its first end is that with the lexicographically smaller position. Plane meshes lie in a
     plane z = const.
@@ -101,7 +103,8 @@ def _read(file: Path) -> meshio.Mesh:
     if not file.is_file():
         wrong = "not a file" if file.exists() else "no such mesh file"
         raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
-    data = read_whole(file)
+    data, inp = read_whole(file), file.suffix.lower() == ".inp"
+    content = check_inp(data.decode("utf-8-sig", "replace")).encode() if inp else data
     # Exceptions that meshio's parsers raise for damaged files, besides its own ReadError and exit.
     failures = (
         *(SystemExit, meshio.ReadError, struct.error),
@@ -119,11 +122,10 @@ def _read(file: Path) -> meshio.Mesh:
             # numpy 2 refuses such texts; version 1 warns and goes on with other numbers.
             for damage in ("string or file could not be read", "NumPy will stop allowing"):
                 warnings.filterwarnings("error", damage, DeprecationWarning)
-            content, tags, groups = check_msh(data)
-            with tempfile.TemporaryDirectory() as folder:
-                copy = Path(folder) / "mesh"
-                copy.write_bytes(content)
-                raw = meshio.read(copy, file_format="gmsh")
+            if inp:
+                return _inner_last(_through_meshio(content, "abaqus"))
+            content, tags, groups = check_msh(content)
+            raw = _through_meshio(content, "gmsh")
             raw.cell_sets = _members(raw, groups)
             order = np.argsort(tags)  # nodes are numbered as in the file
             raw.points = raw.points[order]
@@ -137,8 +139,32 @@ def _read(file: Path) -> meshio.Mesh:
             reason = f"it refers to something that it does not define ({error})"
         raise InputError(
             f"{file}: cannot be read as a mesh: {reason}. Readable are whole Gmsh files of format "
-            "2.2 or 4.1 (.msh)"
+            "2.2 or 4.1 (.msh) and Abaqus files (.inp)"
         ) from error
+    return raw
+
+
+def _through_meshio(content: bytes, file_format: str) -> meshio.Mesh:
+    """Mesh that meshio reads from a file with this content."""
+    import meshio
+
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "mesh"
+        copy.write_bytes(content)
+        return meshio.read(copy, file_format=file_format)
+
+
+def _inner_last(raw: meshio.Mesh) -> meshio.Mesh:
+    """Mesh of bars whose three-node lines have the node between the ends last, as in Gmsh.
+
+    Abaqus writes it between them, meshio last: the node opposite to the longest side is taken.
+    """
+    for block in raw.cells:
+        if block.type == "line3" and len(block.data):
+            x = raw.points[block.data]
+            opposite = np.linalg.norm(np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1), axis=-1)
+            order = np.array([[1, 2, 0], [0, 2, 1], [0, 1, 2]])[opposite.argmax(axis=1)]
+            block.data = np.take_along_axis(block.data, order, axis=1)
     return raw
 
 
@@ -228,10 +254,11 @@ def _groups(
     corners = len(cell.elements[0].refdom.facets[0])
     corners_of = {"line": 2, "tria": 3, "quad": 4}  # by the first letters of meshio's name
     regions: dict[str, IntArray] = {}
-    others: dict[str, IntArray] = {}
+    others = {name: np.reshape(nodes, (-1, 1)) for name, nodes in raw.point_sets.items()}
     left_out, lost = [], []
     for name, blocks in raw.cell_sets.items():
-        inside = [i for i, members in blocks.items() if len(members)]
+        blocks = blocks if isinstance(blocks, dict) else dict(enumerate(blocks))
+        inside = [i for i, members in blocks.items() if members is not None and len(members)]
         dim = raw.cells[inside[0]].dim if inside else -1
         if dim == cell.dim:
             regions[name] = np.concatenate([own[i][blocks[i]].ravel() for i in inside])

@@ -48,7 +48,7 @@ class MeshTable(SceneTable):
         by_form(Form.LIST, otherwise=Form.WORD),
     ] = key(
         "name of the mesh file, relative to the scene, or a list of files of several bodies; Gmsh "
-        ".msh of format 2.2 or 4.1, ASCII or binary"
+        ".msh of format 2.2 or 4.1, ASCII or binary; for bars also Abaqus .inp"
     )
     scale: Positive = key("length of the mesh's unit, m", 1.0)
 

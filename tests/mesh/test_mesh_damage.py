@@ -139,12 +139,14 @@ def test_a_file_cut_anywhere_is_refused_or_whole(tmp_path, kind):
 def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order):
     """No other exception, no warning, and every element has its size and direction."""
     rng = random.Random(f"{kind} {order}")
-    files = files_of_all_kinds(strip(kind, order), tmp_path)
+    files = [(data, "mesh.msh") for data in files_of_all_kinds(strip(kind, order), tmp_path)]
+    if kind == "line":
+        files.append((abaqus(), "mesh.inp"))
     refused, count = 0, 25 if kind in ("tetrahedron", "hexahedron") else 60
-    for data in files:
-        assert isinstance(mesh_or_refusal(saved(tmp_path, data)), NamedMesh)
+    for data, name in files:
+        assert isinstance(mesh_or_refusal(saved(tmp_path, data, name)), NamedMesh)
         for _ in range(count):
-            mesh = mesh_or_refusal(saved(tmp_path, damaged(data, rng, TOKENS)))
+            mesh = mesh_or_refusal(saved(tmp_path, damaged(data, rng, TOKENS), name))
             if isinstance(mesh, str):
                 refused += 1
                 continue
@@ -154,3 +156,12 @@ def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order)
                 assert tip_compliance(mesh) == pytest.approx(mesh.size, rel=1e-6)
                 assert math.dist(*mesh.coordinates[[0, -1]]) == pytest.approx(mesh.size, rel=1e-9)
     assert refused > count
+
+
+def abaqus() -> bytes:
+    text = "*HEADING\nbar\n*NODE\n"
+    text += "".join(f"{i + 1}, {0.05 * i!r}, 0.0, 0.0\n" for i in range(13))
+    text += "*ELEMENT, TYPE=T3D2\n"
+    text += "".join(f"{i}, {i}, {i + 1}\n" for i in range(1, 13))
+    text += "*NSET, NSET=fixed\n1\n*NSET, NSET=free_end\n13\n"
+    return (text + "*ELSET, ELSET=joint\n1, 2, 3,\n4, 5\n").encode()

@@ -243,6 +243,20 @@ def test_second_order_nodes_are_written_where_gmsh_wants_them(kind, order, tmp_p
     np.testing.assert_allclose(nodes[:, -len(edges) :], middles, atol=1e-15)
 
 
+def test_other_format_with_named_sets(tmp_path):
+    """Abaqus: element sets become regions, node sets of one node become points."""
+    text = "*NODE\n1, 0.0, 0.0, 0.0\n2, 0.1, 0.0, 0.0\n3, 0.3, 0.0, 0.0\n"
+    text += "*ELEMENT, TYPE=T3D2\n1, 1, 2\n2, 2, 3\n*NSET, NSET=FIXED\n1\n"
+    text += "*ELSET, ELSET=JOINT\n1\n"
+    bar = load_meshes([saved(tmp_path, text, "bar.inp")])
+    np.testing.assert_array_equal(bar.mesh.p[0], [0.0, 0.1, 0.3])
+    assert bar.points == {"FIXED": 0}
+    assert {name: elements.tolist() for name, elements in bar.regions.items()} == {"JOINT": [0]}
+    text = text.replace("TYPE=T3D2\n1, 1, 2\n2, 2, 3\n", "TYPE=S3\n1, 1, 2, 3\n")
+    with pytest.raises(InputError, match=r"plate\.inp: line 5: \*ELEMENT: type S3: from \.inp"):
+        load_meshes([saved(tmp_path, text, "plate.inp")])
+
+
 @pytest.mark.parametrize("end", [(0.36, 0.48, 0.0), (0.0, 0.0, 0.6), (-0.2, 0.4, -0.4)])
 def test_inclined_bar_is_measured_by_arc_length(tmp_path, end):
     along = np.array(end) / 0.6
@@ -561,7 +575,7 @@ def test_paths_that_hold_no_mesh_are_refused(tmp_path, capfd):
         load_meshes([tmp_path / "nowhere.msh"])
     with pytest.raises(InputError, match="not a file"):
         load_meshes([tmp_path])
-    for name in ("bar.vtk", "bar.msh"):
+    for name in ("bar.vtk", "bar.msh", "bar.inp"):
         with pytest.raises(InputError, match=name):
             load_meshes([saved(tmp_path, "something else\n", name)])
     assert capfd.readouterr() == ("", "")
