@@ -121,7 +121,7 @@ def _arranged_opening(system: System) -> Arranged:
                 "system, must be a full or condensed one, whose slips and approaches are unknowns"
             )
         return Arranged(system, "dense")
-    if not picks_unknowns(system.B):
+    if not slips_are_unknowns(system):
         system, slips = system.with_slips_as_unknowns()
         maps = (slips,)
     N = sparse.csr_array(cast("OpeningContact", system.opening).N)
