@@ -5,20 +5,19 @@
 - a chain (H tridiagonal, each slip an unknown):
   :class:`~skfem_joint.minimise.front_elimination.FrontElimination`;
 - any other H with each slip an unknown:
-  :class:`~skfem_joint.minimise.truncated_newton.TruncatedNewton`, or
-  :class:`~skfem_joint.minimise.condensed_newton.CondensedNewton` where that is cheaper;
+  :class:`~skfem_joint.minimise.contact_newton.ContactNewton`, or
+  :class:`~skfem_joint.minimise.condensed_newton.CondensedNewton` where that is cheaper, and always
+  where contact opens;
 - dense H with slips that depend on each other, as in reduced models:
   :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
 - no friction at all: :class:`~skfem_joint.minimise.problem.LinearProblem`.
 
-Where contact opens, points have pressure points beside those with friction:
-:class:`~skfem_joint.minimise.opening_newton.OpeningNewton` if slips and approaches are unknowns,
-else :class:`~skfem_joint.minimise.opening_dense.OpeningDense`.
+Few unknowns with contact that opens have :class:`~skfem_joint.minimise.opening_dense.OpeningDense`.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 from skfem_joint.linalg.schur import condensing_pays
 from skfem_joint.minimise.problem import ContactPoints, LinearProblem, StepProblem
@@ -45,29 +44,18 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
         from skfem_joint.minimise.front_elimination import FrontElimination
 
         return FrontElimination(H, points)
-    if points.normal is not None:
-        opening: StepProblem = _opening(H, points, kind)
-        return opening
     if kind == "dense":
+        if points.normal is not None:
+            from skfem_joint.minimise.opening_dense import OpeningDense
+
+            few: Any = OpeningDense(H, points)
+            return cast("StepProblem", few)
         from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
 
         return PrimalDualNewton(H, points)
     from skfem_joint.minimise.condensed_newton import CondensedNewton
-    from skfem_joint.minimise.truncated_newton import TruncatedNewton
+    from skfem_joint.minimise.contact_newton import ContactNewton
 
-    pays = condense and condensing_pays(H, points.limited)
-    return CondensedNewton(H, points) if pays else TruncatedNewton(H, points)
-
-
-def _opening(H: Any, points: ContactPoints, kind: str) -> Any:
-    if kind == "dense":
-        from skfem_joint.minimise.opening_dense import OpeningDense
-
-        return OpeningDense(H, points)
-    if points.flexible is not None:
-        from skfem_joint.minimise.opening_springs import OpeningOnSprings
-
-        return OpeningOnSprings(H, points)
-    from skfem_joint.minimise.opening_newton import OpeningNewton
-
-    return OpeningNewton(H, points)
+    opens = points.normal is not None
+    pays = opens or (condense and condensing_pays(H, points.limited))
+    return CondensedNewton(H, points) if pays else ContactNewton(H, points)

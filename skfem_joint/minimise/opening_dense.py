@@ -27,8 +27,8 @@ from scipy import linalg, sparse
 from skfem_joint.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.errors import InputError
 from skfem_joint.minimise import law
+from skfem_joint.minimise.limits import Renewal
 from skfem_joint.minimise.opening_loops import Gain, Rows, rows_of_tangent
-from skfem_joint.minimise.opening_newton import Renewal
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 
 if TYPE_CHECKING:

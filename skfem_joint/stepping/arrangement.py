@@ -120,7 +120,7 @@ def _arranged_opening(system: System) -> Arranged:
                 "system, must be a full or condensed one, whose slips and approaches are unknowns"
             )
         return Arranged(system, "dense")
-    if not picks_unknowns(system.contact.B):
+    if not slips_are_unknowns(system):
         system, slips = system.with_slips_as_unknowns()
         maps = (slips,)
     N = sparse.csr_array(system.contact.normal.N)
