@@ -188,7 +188,7 @@ def _of_full(
         system.is_dense or kind == "dense"
     ):  # as of points that share an unknown: it takes no set-valued law
         return verify(_laws(system)[0], plan), own
-    large = cost > SMALL and system.contact.normal is None  # no reduced model has that
+    large = cost > SMALL and not system.contact.opens  # no reduced model has that
     if large and kind != "chain":
         both = _by_reduced(system, own, plan, verify)
         if both is not None:

@@ -177,7 +177,7 @@ class _Matrix:
         problem = cast("Any", levels.problem)
         inner = problem.contact
         slips, approaches = inner.points.unknowns, inner.contact.pressing.place
-        rubs = levels.to.system.on_rows(touch[0])
+        rubs = levels.to.system.contact.on_rows(touch[0])
         kept = np.union1d(slips[rubs], approaches[touch[1]])
         at = np.full(len(inner.H), -1)
         at[kept] = np.arange(kept.size)
@@ -240,12 +240,14 @@ class LevelRates:
         self._seen, beside = self.matrix.restrict(looked_at)
         self._held = self.matrix.extend(np.zeros_like(self._seen), beside)
         self._held_of_force = self._held.T @ of_force
-        self.row_point = np.repeat(np.arange(self.system.w.size), self.system.directions)
-        self.flexibility = self.system.spring_flexibility
+        self.row_point = np.repeat(
+            np.arange(self.system.contact.w.size), self.system.contact.directions
+        )
+        self.flexibility = self.system.contact.spring_flexibility
         # Rows whose friction has springs in series.
         self._sprung: BoolArray | None = None
-        if self.system.has_springs:
-            self._sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
+        if self.system.contact.has_springs:
+            self._sprung = self.system.contact.on_rows(self.system.contact.sprung)[:, np.newaxis]
         self._rubs = np.flatnonzero(self.matrix.place >= 0)
         ones, size = np.ones(self._rubs.size), (self.matrix.A.shape[0], self.row_point.size)
         entries = ones, (self.matrix.place[self._rubs], self._rubs)
@@ -366,25 +368,42 @@ class LevelRates:
         begin = -last.slip
         if self._sprung is not None:
             begin += self.flexibility[:, np.newaxis] * last.friction
-        z, forces = np.zeros_like(right), friction.known + self._by_slip(friction, begin)
-        z[self.matrix.place[sticks]], fixed[self.matrix.place[sticks]] = last.slip[sticks], True
-        if self.contact is not None:
-            return self._next_opening(friction, after, right, held, z, forces, fixed)
+        forces = friction.known + self._by_slip(friction, begin)
+        if self.shift:  # one more right side, the unit force, to give back what mass was added
+            right = np.column_stack([right, self._right_of_force[:, -1]])
+            held = np.column_stack([held, self._held_of_force[:, -1]])
+        z, known = np.zeros_like(right), np.zeros_like(right)
+        known[:, : forces.shape[1]] = self._from_rows @ forces
+        z[self.matrix.place[sticks], : last.slip.shape[1]] = last.slip[sticks]
+        fixed[self.matrix.place[sticks]] = True
+        if self.opens:
+            return self._next_opening(friction, after, right, held, z, known, forces, fixed)
         if not fixed.all():
             ends = friction.diagonal[self._first], friction.diagonal[self._second]
             blocks = np.stack([ends[0], friction.beside[self._first], ends[1]], axis=1)
-            solve, r = self._factors.factorised(blocks, fixed), right - self._from_rows @ forces
+            solve, r = self._factors.factorised(blocks, fixed), right - known
             z += solve(r - self.matrix.A @ z if sticks.size else r)
         values, z = self._given_back(self._seen.T @ z + held, z)
         slip = self._on_rows(z)
         forces = self._of_springs(friction, forces, slip)
-        return Rates(self._seen.T @ z + held, slip, forces, last.limits, last.normal)
+        return Rates(values, slip, forces, last.limits, last.normal)
 
     def _of_springs(self, friction: _Friction, forces: FloatArray, slip: FloatArray) -> FloatArray:
         """Derivatives of the friction on springs, (rows, k), from what is known and the slips."""
         if self._sprung is None:
             return np.zeros_like(forces)
         return np.where(self._sprung, forces + self._by_slip(friction, slip), 0.0)
+
+    def _given_back(self, values: FloatArray, *others: FloatArray) -> tuple[FloatArray, ...]:
+        """Derivatives, (..., k), with the force given back that the mass added to K has.
+
+        Levels have no added mass, but the matrix has: the last column of ``values`` and others,
+        (..., k + 1), is by the unit force, which is the inertia of a mode of unit mass.
+        """
+        if not self.shift:
+            return values, *others
+        more = self.shift * values[0, :-1] / (1.0 - self.shift * values[0, -1])
+        return tuple(x[:, :-1] + np.outer(x[:, -1], more) for x in (values, *others))
 
     def _next_opening(
         self,
@@ -393,18 +412,12 @@ class LevelRates:
         right: FloatArray,
         held: FloatArray,
         z: FloatArray,
+        known: FloatArray,
         forces: FloatArray,
         fixed: BoolArray,
     ) -> Rates:
         """Of the next level with contact that opens; unknowns that are ``fixed`` have values."""
-        known = self._from_rows @ forces
-        if self.shift:  # one more right side, the unit force, to give back what mass was added
-            right, held = (
-                np.column_stack([x, y[:, -1]])
-                for x, y in ((right, self._right_of_force), (held, self._held_of_force))
-            )
-            z, known = (np.column_stack([x, np.zeros(len(x))]) for x in (z, known))
-        contact, A, at = cast("OpeningContact", self.contact), self.matrix.A, self.matrix.approach
+        contact, A, at = self.contact, self.matrix.A, self.matrix.approach
         normals = self._normals(after, right)
         elastic, closed = normals.elastic, at[normals.closed]
         z[closed, : self.gap.shape[1]], fixed[closed] = self.gap[normals.closed], True
@@ -445,7 +458,7 @@ class LevelRates:
     @cached_property
     def _gain_of_rows(self) -> sparse.csr_array:
         """Friction limit of each slip row by normal forces, (rows, q)."""
-        gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)
+        gain = sparse.csr_array(self.system.contact.gain)
         return sparse.csr_array(gain[self.row_point])
 
     @cached_property
@@ -476,10 +489,12 @@ class LevelRates:
         forces = np.array([level.friction for level in path])
         slips = np.array([level.slip for level in path])
         step = np.diff(slips, axis=0)
-        limits = np.array([system.w if level.limits is None else level.limits for level in levels])
+        limits = np.array(
+            [system.contact.w if level.limits is None else level.limits for level in levels]
+        )
         w = limits[:, rows]
         acts = (w > 0.0) & (place >= 0)
-        springs = system.on_rows(system.spring_constants)
+        springs = system.contact.on_rows(system.contact.spring_constants)
         sprung = springs > 0.0
         size, force, trial = (
             system.contact.slip_norm(x)[:, rows]
@@ -487,11 +502,11 @@ class LevelRates:
         )
         # Slips of points that stick differ by round-off, and of sliders by what forces err by, so
         # that it takes their friction too to say which they are.
-        whole = system.slip_norm(slips)[:, rows]
+        whole = system.contact.slip_norm(slips)[:, rows]
         size = np.where(size > ROUND_OFF * (whole[1:] + whole[:-1]), size, 0.0)
         largest = np.where(acts, size, 0.0).max(axis=1, initial=0.0, keepdims=True)
         slid = np.diff(slips - self.flexibility * forces, axis=0)
-        slides = system.slip_norm(slid)[:, rows] > SLID * self.flexibility * w
+        slides = system.contact.slip_norm(slid)[:, rows] > SLID * self.flexibility * w
         at_limit = force >= (1.0 - np.where(sprung & ~slides, STILL, TURNING)) * w
         moves = acts & at_limit & (sprung | (size > 0.0))
         # Points that hardly slip, or whose force hardly differs from the limit.
@@ -501,7 +516,10 @@ class LevelRates:
         direction = np.divide(forces[1:], force, out=np.zeros_like(w), where=moves)
         curved = np.divide(w, np.where(sprung, trial, size), out=np.zeros_like(w), where=moves)
         curved = np.where(sprung & acts, springs * np.where(moves, curved, 1.0), curved)
-        single, across = system.on_rows(system.directions == 1), direction[:, self._partner]
+        single, across = (
+            system.contact.on_rows(system.contact.directions == 1),
+            direction[:, self._partner],
+        )
         along = np.where(moves, 0.0, curved)
         diagonal, mixed, _ = slip_tangent(along, curved, direction, across, direction, across)
         given = self.given[rows]
