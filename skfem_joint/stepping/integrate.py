@@ -346,7 +346,7 @@ def _start(
 
 def _same_matrices(one: System, other: System) -> bool:
     """Whether two systems differ in loads, observed points and names at most."""
-    unnamed = {"J": None, "joints": (), "shares": None}
+    unnamed: dict[str, Any] = {"J": None, "joints": (), "shares": None}
     pairs = [(getattr(one, name), getattr(other, name)) for name in ("M", "C", "K")]
     pairs.append((replace(one.contact, **unnamed), replace(other.contact, **unnamed)))
     return all(a is b or fingerprint(a) == fingerprint(b) for a, b in pairs)
