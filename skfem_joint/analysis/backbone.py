@@ -359,13 +359,10 @@ class Factors:
 def _differ_in_law(one: Arranged, other: Arranged) -> bool:
     """Whether two systems differ in limits, springs and damping alone."""
     old, new = one.system, other.system
-    both = [(s.K, s.M, s.contact.B, s.contact.beta) for s in (old, new)]
-    alike = all(map(_same, *both))
-    return (
-        one.kind == other.kind
-        and alike
-        and np.array_equal(old.contact.w > 0.0, new.contact.w > 0.0)
-    )
+    law, new_law = old.contact, new.contact
+    pairs = (old.K, new.K), (old.M, new.M), (law.B, new_law.B), (law.beta, new_law.beta)
+    limited = np.array_equal(law.w > 0.0, new_law.w > 0.0)
+    return one.kind == other.kind and limited and all(_same(a, b) for a, b in pairs)
 
 
 def _same(A: Any, B: Any) -> bool:
