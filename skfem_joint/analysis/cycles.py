@@ -265,10 +265,12 @@ class CyclePath:
         states, rows, friction = _stacked(system, ends)
         sliders = system.slider_slip(rows, friction)
         slip, sliding = system.slip_norm(rows), system.slip_norm(sliders)
-        work, masing = 4.0 * sliding @ system.w, keeps_direction(system, sliders)
+        work, idle = 4.0 * sliding @ system.w, SETTINGS.idle * level * (states @ force)
+        work[work <= idle] = 0.0
+        along = np.cumsum(system.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
+        masing = bool(np.all(4.0 * along @ system.w <= np.maximum(SETTINGS.turned * work, idle)))
         followed = spread(level.size, SETTINGS.checked) if masing else np.arange(level.size)
-        energy = level * (states @ force)
-        followed = followed[work[followed] > SETTINGS.idle * energy[followed]]
+        followed = followed[work[followed] > 0.0]
         self.tally.total += SETTINGS.halved * (followed.size - min(SETTINGS.checked, level.size))
         turn, loops = np.linspace(1.0, -1.0, SETTINGS.halved + 1), [states[:0]]
         cycle = np.zeros(followed.size)
@@ -427,13 +429,6 @@ class CyclePath:
             errors=errors,
             notes=tuple(notes),
         )
-
-
-def keeps_direction(system: System, sliders: FloatArray) -> bool:
-    """Whether slips of sliders (levels, rows), m, keep their directions, as Masing's rule needs."""
-    along_the_path = np.cumsum(system.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
-    slip = system.slip_norm(sliders)
-    return bool(np.all(along_the_path @ system.w <= SETTINGS.turned * (slip @ system.w)))
 
 
 def _stacked(system: System, levels: list[Level]) -> tuple[FloatArray, FloatArray, FloatArray]:
