@@ -22,6 +22,7 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from skfem_joint.analysis.stuck import StuckMode
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.opening import OpeningContact
@@ -452,3 +453,30 @@ def _apart(
     left = cycle.slip_left * max(float(loss[0]), SETTINGS.least)
     frequency = HALVED * abs(float(np.sqrt(q[1] / q[0])) - 1.0)
     return frequency, (HALVED * abs(float(loss[0] - loss[1])) + left) / max(whole, SETTINGS.least)
+
+
+@dataclass(frozen=True)
+class ModePath:
+    """What a backbone was followed along.
+
+    Attributes
+    ----------
+    system : System
+        That the curve is of.
+    closed : Arranged
+        The same with contact that stays closed, in whose unknowns modes are.
+    mode : StuckMode
+    shape : ndarray, shape (n,)
+        The mode in the unknowns of the path.
+    cycles : CyclePath
+        The path.
+    found : RisingCycles
+        What was found on it.
+    """
+
+    system: System
+    closed: Arranged
+    mode: StuckMode
+    shape: FloatArray
+    cycles: CyclePath
+    found: RisingCycles
