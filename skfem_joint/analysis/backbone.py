@@ -30,8 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from skfem_joint.analysis.backbone_sensitivity import ModePath
-from skfem_joint.analysis.cycles import CyclePath, RisingCycles, items_of_work
+from skfem_joint.analysis.cycles import CyclePath, ModePath, RisingCycles, items_of_work
 from skfem_joint.analysis.gross_slip import (
     gross_slip_level,
     is_gross,

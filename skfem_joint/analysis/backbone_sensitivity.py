@@ -18,13 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from skfem_joint.analysis.backbone import Backbone
 from skfem_joint.analysis.cycles import CyclePath, RisingCycles, between, lowest
 from skfem_joint.analysis.mode_rates import mode_rates
-from skfem_joint.analysis.stuck import StuckMode
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.sensitivity import SystemSensitivity
@@ -33,36 +33,6 @@ from skfem_joint.stepping.level_rates import LevelRates, Rates
 from skfem_joint.stepping.levels import Level, Walk
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
-
-if TYPE_CHECKING:
-    from skfem_joint.analysis.backbone import Backbone
-
-
-@dataclass(frozen=True)
-class ModePath:
-    """What a backbone was followed along.
-
-    Attributes
-    ----------
-    system : System
-        That the curve is of.
-    closed : Arranged
-        The same with contact that stays closed, in whose unknowns modes are.
-    mode : StuckMode
-    shape : ndarray, shape (n,)
-        The mode in the unknowns of the path.
-    cycles : CyclePath
-        The path.
-    found : RisingCycles
-        What was found on it.
-    """
-
-    system: System
-    closed: Arranged
-    mode: StuckMode
-    shape: FloatArray
-    cycles: CyclePath
-    found: RisingCycles
 
 
 @dataclass(frozen=True)

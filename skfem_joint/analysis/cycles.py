@@ -22,6 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skfem_joint.analysis.stuck import StuckMode
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.stepping.arrangement import Arranged
@@ -262,12 +263,14 @@ class CyclePath:
         ways = [[way] for way in levels.walk(levels.rest(), force, np.append(0.0, level))]
         ends = [way[-1][1] for (way,) in ways]
         states, rows, friction = _stacked(system, ends)
-        sliders = system.contact.slider_slip(rows, friction)
-        slip, sliding = system.contact.slip_norm(rows), system.contact.slip_norm(sliders)
-        work, masing = 4.0 * sliding @ system.contact.w, keeps_direction(system, sliders)
+        sliders = system.slider_slip(rows, friction)
+        slip, sliding = system.slip_norm(rows), system.slip_norm(sliders)
+        work, idle = 4.0 * sliding @ system.w, SETTINGS.idle * level * (states @ force)
+        work[work <= idle] = 0.0
+        along = np.cumsum(system.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
+        masing = bool(np.all(4.0 * along @ system.w <= np.maximum(SETTINGS.turned * work, idle)))
         followed = spread(level.size, SETTINGS.checked) if masing else np.arange(level.size)
-        energy = level * (states @ force)
-        followed = followed[work[followed] > SETTINGS.idle * energy[followed]]
+        followed = followed[work[followed] > 0.0]
         self.tally.total += SETTINGS.halved * (followed.size - min(SETTINGS.checked, level.size))
         turn, loops = np.linspace(1.0, -1.0, SETTINGS.halved + 1), [states[:0]]
         cycle = np.zeros(followed.size)
@@ -430,17 +433,6 @@ class CyclePath:
         )
 
 
-def keeps_direction(system: System, sliders: FloatArray) -> bool:
-    """Whether slips of sliders (levels, rows), m, keep their directions, as Masing's rule needs."""
-    along_the_path = np.cumsum(
-        system.contact.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0
-    )
-    slip = system.contact.slip_norm(sliders)
-    return bool(
-        np.all(along_the_path @ system.contact.w <= SETTINGS.turned * (slip @ system.contact.w))
-    )
-
-
 def _stacked(system: System, levels: list[Level]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Displacements (levels, n), m, slips (levels, rows), m, and friction over its limits."""
     u, slip, friction = (np.array([one[k] for one in levels]) for k in (0, 2, 1))
@@ -465,3 +457,30 @@ def _apart(
     left = cycle.slip_left * max(float(loss[0]), SETTINGS.least)
     frequency = HALVED * abs(float(np.sqrt(q[1] / q[0])) - 1.0)
     return frequency, (HALVED * abs(float(loss[0] - loss[1])) + left) / max(whole, SETTINGS.least)
+
+
+@dataclass(frozen=True)
+class ModePath:
+    """What a backbone was followed along.
+
+    Attributes
+    ----------
+    system : System
+        That the curve is of.
+    closed : Arranged
+        The same with contact that stays closed, in whose unknowns modes are.
+    mode : StuckMode
+    shape : ndarray, shape (n,)
+        The mode in the unknowns of the path.
+    cycles : CyclePath
+        The path.
+    found : RisingCycles
+        What was found on it.
+    """
+
+    system: System
+    closed: Arranged
+    mode: StuckMode
+    shape: FloatArray
+    cycles: CyclePath
+    found: RisingCycles

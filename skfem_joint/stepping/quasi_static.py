@@ -76,6 +76,8 @@ class QuasiStaticSettings:
     round_off, left : float
         Share of the load that it may carry at last with constant limits, for which one more
         increment costs little, and else, or where repeating no longer halves it.
+    finer : float
+        Tolerance of a repeated level, over the share that the added mass carried before.
     unbalanced : float
         Share of the forces that may be left where the structure counts as not held, in place of as
         not found: round-off of motions of kilometres is what is left.
@@ -115,6 +117,7 @@ class QuasiStaticSettings:
     repeated: int = 40
     round_off: float = 1e-12
     left: float = 1e-9
+    finer: float = 1e-2
     unbalanced: float = 1e-3
     halvings: int = 6
     held: int = 5
@@ -432,7 +435,7 @@ class QuasiStatic:
         change = self._change(last, force)
         try_first = self._creeping if self._creeps else self._increment
         found, level, carried = try_first(last, force, self._guess(last, change))
-        moved, before = found.v, np.inf
+        before = np.inf
         for _ in range(SETTINGS.repeated):
             stays, constant = carried > 0.5 * before, not self.opens
             if carried <= (SETTINGS.round_off if constant and not stays else SETTINGS.left):
@@ -441,12 +444,11 @@ class QuasiStatic:
                 if (limit := self._known_limit(force)) <= 1.0:  # friction does not take it over
                     raise self._beyond(limit)
                 break
-            # What the added mass has carried is what is left of the load: once more from there.
             before = carried
-            found, level, carried = self._increment(level, force)
+            found, level, carried = self._increment(last, force, found.v, carried)
         else:
             raise self._beyond(self._known_limit(force))
-        return level._replace(moved=moved, work=float(change @ moved))
+        return level._replace(moved=found.v, work=float(change @ found.v))
 
     def _change(self, last: Level, force: FloatArray) -> FloatArray:
         """Change of the forces from a level to ``force``, (n,), N: what does not balance yet."""
@@ -468,11 +470,13 @@ class QuasiStatic:
         return np.asarray(longer * last.moved)
 
     def _increment(
-        self, last: Level, force: FloatArray, start: FloatArray | None = None
+        self, last: Level, force: FloatArray, start: FloatArray | None, carried: float = 0.0
     ) -> tuple[Minimum, Level, float]:
         """Minimum of an increment from a level, and the level after it under ``force``, (n,), N.
 
-        Also returns the share of the largest force that the added mass carries.
+        Also returns the share of the largest force that the added mass carries. Where it has
+        ``carried`` one on the way to ``start``, what it carries there is given back: so repeated,
+        this is the proximal point method for the increment without added mass.
         """
         system, contact, pressed = self.to.system, self.contact, None
         right, rate = force - self.K @ last.u, np.full(system.contact.w.size, np.inf)
@@ -485,10 +489,14 @@ class QuasiStatic:
                 rate[:] = 1.0 / self.creep
         offset = system.contact.spring_offset(np.zeros(system.n), last.friction)
         problem: StepProblem = self.whole or self.problem
-        found = problem.minimise(right, start, self.tolerance, rate, offset, pressed)
+        tolerance, given_back = self.tolerance, np.zeros(system.n)
+        if carried and start is not None:
+            tolerance, given_back = min(tolerance, SETTINGS.finer * carried), start
+        right = right + self.shift * (self.M @ given_back)
+        found = problem.minimise(right, start, tolerance, rate, offset, pressed)
         self._count(found.counts)
-        added = float(np.abs(self.shift * (self.M @ found.v)).max()) if self.shift else 0.0
-        other = found.p if self.opens else right
+        added = float(np.abs(self.shift * (self.M @ (found.v - given_back))).max(initial=0.0))
+        other = right if contact is None else found.p
         largest = float(max(np.abs(force).max(), np.abs(other).max(initial=0.0)))
         carried = added / largest if largest > 0.0 else 0.0
         if not found.converged:
