@@ -263,12 +263,14 @@ class CyclePath:
         ways = [[way] for way in levels.walk(levels.rest(), force, np.append(0.0, level))]
         ends = [way[-1][1] for (way,) in ways]
         states, rows, friction = _stacked(system, ends)
-        sliders = system.slider_slip(rows, friction)
-        slip, sliding = system.slip_norm(rows), system.slip_norm(sliders)
-        work, idle = 4.0 * sliding @ system.w, SETTINGS.idle * level * (states @ force)
+        sliders = system.contact.slider_slip(rows, friction)
+        slip, sliding = system.contact.slip_norm(rows), system.contact.slip_norm(sliders)
+        work, idle = 4.0 * sliding @ system.contact.w, SETTINGS.idle * level * (states @ force)
         work[work <= idle] = 0.0
-        along = np.cumsum(system.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
-        masing = bool(np.all(4.0 * along @ system.w <= np.maximum(SETTINGS.turned * work, idle)))
+        along = np.cumsum(system.contact.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
+        masing = bool(
+            np.all(4.0 * along @ system.contact.w <= np.maximum(SETTINGS.turned * work, idle))
+        )
         followed = spread(level.size, SETTINGS.checked) if masing else np.arange(level.size)
         followed = followed[work[followed] > 0.0]
         self.tally.total += SETTINGS.halved * (followed.size - min(SETTINGS.checked, level.size))

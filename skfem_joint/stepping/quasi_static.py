@@ -496,7 +496,7 @@ class QuasiStatic:
         found = problem.minimise(right, start, tolerance, rate, offset, pressed)
         self._count(found.counts)
         added = float(np.abs(self.shift * (self.M @ (found.v - given_back))).max(initial=0.0))
-        other = right if contact is None else found.p
+        other = found.p if self.opens else right
         largest = float(max(np.abs(force).max(), np.abs(other).max(initial=0.0)))
         carried = added / largest if largest > 0.0 else 0.0
         if not found.converged:
