@@ -45,7 +45,7 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
         from skfem_joint.minimise.front_elimination import FrontElimination
 
         return FrontElimination(H, points)
-    if points.normal is not None:
+    if points.normal is not None and kind != "dense":
         opening: StepProblem = _opening(H, points, kind)
         return opening
     if kind == "dense":
@@ -60,10 +60,6 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
 
 
 def _opening(H: Any, points: ContactPoints, kind: str) -> Any:
-    if kind == "dense":
-        from skfem_joint.minimise.opening_dense import OpeningDense
-
-        return OpeningDense(H, points)
     if points.flexible is not None:
         from skfem_joint.minimise.opening_springs import OpeningOnSprings
 
