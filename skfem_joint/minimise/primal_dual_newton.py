@@ -207,14 +207,15 @@ class PressureRows(NamedTuple):
         Tangent of the normal forces, and of friction by them.
     order : ndarray of int, shape (n,)
         Unknowns in the order of the factor.
-    pushed, tried, left, old_w, old_sigma, rows : ndarray
+    pushed, tried, left, old_w, old_sigma, slip, rows : ndarray
         Arrays to work in: by unknown, slip row and, the last one, pressure point.
     X, Y : ndarray, shape (n, q)
         Arrays to work in.
     listed : ndarray of int, shape (q,)
         Pressure points whose tangents changed.
     watch : ndarray, shape (3,)
-        Least residual up to now, N, iterations since it halved last, and residual that is enough.
+        Least residual up to now, N, iterations since it halved last, and of limits that follow the
+        largest normal force on an unknown, of others the residual that is enough, N.
     """
 
     N: Any
@@ -243,6 +244,7 @@ class PressureRows(NamedTuple):
     left: Any
     old_w: Any
     old_sigma: Any
+    slip: Any
     rows: Any
     X: Any
     Y: Any
@@ -342,7 +344,7 @@ def pressure_rows(points: ContactPoints, places: Places) -> PressureRows:
         for x, kind in zip((G.indptr, G.indices, G.data), (np.int64, np.int64, float), strict=True)
     ]
     flexible = np.zeros(0) if points.flexible is None else points.flexible[order]
-    sizes = q, m, m, *3 * [q], *2 * [rows], q, n * q, n * n, *3 * [n], *2 * [rows], q, *2 * [n * q]
+    sizes = q, m, m, *3 * [q], *2 * [rows], q, n * q, n * n, *3 * [n], *3 * [rows], q, *2 * [n * q]
     own = aligned(*sizes)
     bound, given, steep, over, p, d_over, change, held_change, pressed, held, U, *others = own
     *others, X, Y = others
@@ -657,6 +659,11 @@ def magnitude_of_pressures(problem, q, j):
     raise NotImplementedError
 
 
+def recall(problem, r):
+    """Take the residual found at the end of a step; returns as `add_pressures`, -1 if unknown."""
+    raise NotImplementedError
+
+
 def begin(problem, space):
     """Prepare for iterations, after the residual of the start."""
     raise NotImplementedError
@@ -695,6 +702,11 @@ def _add_no_pressures(problem, r):
 @compiled_for(magnitude_of_pressures, Dense, inlined=True)
 def _no_magnitude_of_pressures(problem, q, j):
     return 0.0
+
+
+@compiled_for(recall, Dense, Kept, inlined=True)
+def _recall_nothing(problem, r):
+    return -1.0
 
 
 @compiled_for(begin, Dense, inlined=True)
@@ -755,6 +767,16 @@ def _approach(normal, q):
 
 
 @compiled_inside
+def _follow(contact, normal):
+    """Friction limits that follow the normal forces."""
+    for f in range(normal.given.size):
+        limit = normal.given[f]
+        for e in range(normal.start[f], normal.start[f + 1]):
+            limit += normal.gain[e] * normal.p[normal.column[e]]
+        _set_limit(contact, normal, f, max(limit, 0.0))
+
+
+@compiled_inside
 def _set_limit(contact, normal, f, limit):
     """Give a point a friction limit, N."""
     m = contact.beta.size
@@ -768,13 +790,8 @@ def _set_limit(contact, normal, f, limit):
 
 @compiled_for(press, Following, inlined=True)
 def _press_and_follow(problem, q):
-    contact, normal = problem.contact, problem.normal
-    _approach(normal, q)
-    for f in range(normal.given.size):
-        limit = normal.given[f]
-        for e in range(normal.start[f], normal.start[f + 1]):
-            limit += normal.gain[e] * normal.p[normal.column[e]]
-        _set_limit(contact, normal, f, max(limit, 0.0))
+    _approach(problem.normal, q)
+    _follow(problem.contact, problem.normal)
 
 
 @compiled_for(press, Kept, inlined=True)
@@ -949,27 +966,46 @@ def _solve_kept(problem, space, r):
 @compiled_for(advance, Following, inlined=True)
 def _advance_following(problem, space, right, largest, linear, quadratic):
     contact, normal = problem.contact, problem.normal
-    q, direction, tried = space.velocity, space.r, normal.tried
-    w, sigma, predicted = contact.w, space.force, space.predicted
-    _predict(contact, sigma, space.d_slip, space)
+    q, direction, tried, left = space.velocity, space.r, normal.tried, normal.left
+    slip, trial, d_slip = space.slip, problem.normal.slip, space.d_slip
+    w, sigma, predicted, over = contact.w, space.force, space.predicted, normal.over
+    _predict(contact, sigma, d_slip, space)
+    combine_rows(normal.N, direction, normal.d_over)
     for i in range(w.size):
         normal.old_w[i], normal.old_sigma[i] = w[i], sigma[i]
+    for c in range(over.size):
+        normal.rows[c] = over[c]
     length, trials = 1.0, 0
     while trials < SETTINGS.shortened:
         trials += 1
         for i in range(q.size):
             tried[i] = q[i] + length * direction[i]
-        after = _residual(problem, space, right, tried, False, normal.left)[0]
-        if after <= SETTINGS.grows * largest:
+        for i in range(slip.size):
+            trial[i] = slip[i] + length * d_slip[i]
+        for c in range(over.size):
+            over[c] = normal.rows[c] + length * normal.d_over[c]
+        _press(normal)
+        _follow(contact, normal)
+        _evaluate(contact, trial, space.size, space.ratio, sigma)
+        normal.watch[2] = _add_forces(problem, space, right, tried, left)
+        if _largest(left)[0] <= SETTINGS.grows * largest:
             break
         length *= SETTINGS.shorter
     else:
         return 0.0, trials, False
     for i in range(w.size):
+        slip[i] = trial[i]
         before = normal.old_w[i] * normal.old_sigma[i]
         predicted[i] = w[i] * normal.old_sigma[i] + length * (predicted[i] - before)
     _limit(contact, predicted)
     return length, trials, True
+
+
+@compiled_for(recall, Following, inlined=True)
+def _recall(problem, r):
+    for j in range(r.size):
+        r[j] = problem.normal.left[j]
+    return problem.normal.watch[2]
 
 
 class _PressedLine(NamedTuple):
@@ -1023,28 +1059,24 @@ def _enough_or_at_rest(problem, largest):
 
 
 @inlined
-def _residual(problem, space, right, q, known, r):
-    """Residual of the forces at q in ``r``; its largest entry and unknown, and normal forces.
+def _add_forces(problem, space, right, q, r):
+    """Residual of the forces at q in ``r``; returns the largest normal force on an unknown."""
+    for i in range(q.size):
+        r[i] = sum_of_products(problem.H[i], q) - right[i]
+    for i in range(space.force.size):
+        space.trial[i] = problem.contact.w[i] * space.force[i]
+    add_row_products(problem.contact.B, space.trial, r)
+    return add_pressures(problem, r)
 
-    Unless they are ``known``, slips and friction of q are computed first.
-    """
-    H, contact, slip, sigma = problem.H, problem.contact, space.slip, space.force
-    n = q.size
-    for i in range(n):
-        r[i] = sum_of_products(H[i], q) - right[i]
-    if not known:
-        press(problem, q)
-        _slip_of_points(contact, space, q, slip)
-        _evaluate(contact, slip, space.size, space.ratio, sigma)
-    for i in range(sigma.size):
-        space.trial[i] = contact.w[i] * sigma[i]
-    add_row_products(contact.B, space.trial, r)
-    pressures = add_pressures(problem, r)
+
+@inlined
+def _largest(r):
+    """Largest magnitude, where it is, and once not a number it stays so."""
     largest, unknown = 0.0, 0
-    for i in range(n):
-        if not abs(r[i]) <= largest and largest == largest:  # once not a number, it stays so
+    for i in range(r.size):
+        if not abs(r[i]) <= largest and largest == largest:
             largest, unknown = abs(r[i]), i
-    return largest, unknown, pressures
+    return largest, unknown
 
 
 @inlined
@@ -1062,12 +1094,20 @@ def _minimise_from(problem, space, right, v, tolerance):
         scale = max(scale, _force_at_rest(contact, space))
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
-    evaluations, iteration, tangents, unknown, largest, converged = 0, 0, 0, 0, 0.0, False
+    evaluations, iteration, tangents, unknown, converged = 0, 0, 0, 0, False
+    largest = 0.0
     known = False  # whether slip and sigma belong to q
     for iteration in range(SETTINGS.iterations + 1):
         evaluations += not known
         last = largest
-        largest, unknown, pressures = _residual(problem, space, right, q, known, r)
+        if not known:
+            press(problem, q)
+            _slip_of_points(contact, space, q, slip)
+            _evaluate(contact, slip, space.size, space.ratio, sigma)
+        pressures = recall(problem, r) if known else -1.0
+        if pressures < 0.0:
+            pressures = _add_forces(problem, space, right, q, r)
+        largest, unknown = _largest(r)
         least = max(scale, pressures)
         converged = largest < inf and (
             largest <= tolerance * least
