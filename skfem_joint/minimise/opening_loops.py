@@ -20,7 +20,7 @@ from math import hypot, inf
 from typing import Any, NamedTuple
 
 from skfem_joint.compiling import compiled, compiled_for, compiled_inside
-from skfem_joint.minimise.law import across, resolvent, sigma, slope
+from skfem_joint.minimise.law import add_tangent, resolvent, sigma
 from skfem_joint.minimise.line_search import friction_slope, line_search
 
 
@@ -260,22 +260,12 @@ def tangents(rubbing, pressing, w, z, blocks, diagonal):
     """Blocks (11, 12, 22) of d(friction)/dz by point, and of the normal force by pressure point."""
     for f in range(rubbing.first.size):
         blocks[f, :] = 0.0
-        speed = _speed(rubbing, f, z)
-        if w[f] == 0.0 or (rubbing.beta[f] == inf and speed == 0.0):
-            continue
-        along = w[f] * slope(speed, rubbing.beta[f])
-        beside = w[f] * across(speed, rubbing.beta[f])
-        if rubbing.beta[f] == inf:
-            # Round-off of a much stiffer tangent would make the matrix singular along the slip.
-            beside = min(beside, 1e8 * rubbing.stiff[f])
-        blocks[f, 0] = blocks[f, 2] = along
         j = rubbing.second[f]
-        if j >= 0 and speed > 0.0:
-            x = z[rubbing.first[f]] / speed
-            y = z[j] / speed
-            blocks[f, 0] = beside + (along - beside) * x * x
-            blocks[f, 1] = (along - beside) * x * y
-            blocks[f, 2] = beside + (along - beside) * y * y
+        if w[f] > 0.0:
+            x = z[rubbing.first[f]]
+            y = z[j] if j >= 0 else 0.0
+            stiffest = 1e8 * rubbing.stiff[f]
+            add_tangent(w[f], x, y, j >= 0, rubbing.beta[f], 0.0, stiffest, blocks[f])
     for c in range(pressing.place.size):
         kappa = pressing.stiffness[c]
         pressed = kappa != inf and z[pressing.place[c]] > pressing.bound[c]

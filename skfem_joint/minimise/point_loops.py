@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from skfem_joint.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.kernels import subtract_column
-from skfem_joint.minimise.law import sprung_across, sprung_force, sprung_resolvent, sprung_slope
+from skfem_joint.minimise.law import add_tangent, sprung_force, sprung_resolvent, sprung_slope
 from skfem_joint.minimise.line_search import friction_slope, line_search
 
 
@@ -144,26 +144,10 @@ def tangent_blocks(points, stiff, v, out):
         j = points.second[q]
         out[q, :] = 0.0
         for p in range(points.start[q], points.start[q + 1]):
-            beta, soft, w = points.beta[p], points.soft[p], points.w[p]
             x = v[i] - points.x[p]
             y = v[j] - points.y[p] if j >= 0 else 0.0
-            speed = abs(x) if j < 0 else hypot(x, y)
-            if beta == inf and soft == 0.0 and speed == 0.0:
-                continue
-            along = w * sprung_slope(speed, beta, soft)
-            if j < 0 or speed == 0.0:
-                out[q, 0] += along
-                out[q, 2] += along
-                continue
-            beside = w * sprung_across(speed, beta, soft)
-            if beta == inf:
-                # Round-off of a much stiffer tangent would make the matrix singular along the slip.
-                beside = min(beside, 1e8 * stiff[q])
-            x /= speed
-            y /= speed
-            out[q, 0] += beside + (along - beside) * x * x
-            out[q, 1] += (along - beside) * x * y
-            out[q, 2] += beside + (along - beside) * y * y
+            law = points.beta[p], points.soft[p]
+            add_tangent(points.w[p], x, y, j >= 0, *law, 1e8 * stiff[q], out[q])
 
 
 class PointLine(NamedTuple):

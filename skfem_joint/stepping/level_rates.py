@@ -32,6 +32,7 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed
+from skfem_joint.minimise.law import slip_tangent
 from skfem_joint.minimise.opening_springs import OpeningOnSprings
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.opening import OpeningContact
@@ -528,6 +529,8 @@ class LevelRates:
         curved = np.divide(w, np.where(sprung, trial, size), out=np.zeros_like(w), where=moves)
         curved = np.where(sprung, springs * np.where(moves, curved, 1.0), curved)
         single, across = system.on_rows(system.directions == 1), direction[:, self._partner]
+        along = np.where(moves, 0.0, curved)
+        diagonal, mixed, _ = slip_tangent(along, curved, direction, across, direction, across)
         given = self.given[rows]
         if any(gain is not None for gain in self.gains):
             none = np.zeros_like(self.at_rest)
@@ -536,8 +539,8 @@ class LevelRates:
         found = _Friction(
             direction=direction,
             sticks=acts & ~moves & ~sprung,
-            diagonal=np.where(single & moves, 0.0, curved * (1.0 - direction**2)),
-            beside=np.where(single, 0.0, -curved * direction * across),
+            diagonal=np.where(single, along, diagonal),
+            beside=np.where(single, 0.0, mixed),
             known=direction[:, :, np.newaxis] * given,
             turning=turning.sum(axis=1),
         )

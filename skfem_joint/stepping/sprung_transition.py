@@ -137,23 +137,18 @@ def _tangent(points: ContactPoints, slip: FloatArray) -> FloatArray:
 
     Zero at rest under Coulomb friction without springs, where unknowns stick.
     """
-    from skfem_joint.minimise.law import force, force_slope  # loads the compiler
+    from skfem_joint.minimise.law import along_and_across, slip_tangent  # loads the compiler
 
     first, pair = points.first_row[:-1], points.directions == 2
     second = first[pair] + 1
     size = np.abs(slip[first])
     size[pair] = np.hypot(slip[first[pair]], slip[second])
-    laws = points.beta, points.soft
-    along = force_slope(size, *laws)
-    moves = size > 0.0
-    across = np.where(moves, force(size, *laws) / np.where(moves, size, 1.0), along)
-    sticks = np.isinf(along) | (points.w == 0.0)
-    along, across = (points.w * np.where(sticks, 0.0, part) for part in (along, across))
+    laws = along_and_across(size, points.beta, points.soft)
+    along, across = (points.w * part for part in laws)
     G = np.zeros((slip.size, slip.size))
     G[first, first] = along
-    x, y = (slip[rows] / np.where(moves, size, 1.0)[pair] for rows in (first[pair], second))
-    more = (along - across)[pair]
-    G[first[pair], first[pair]] = across[pair] + more * x * x
-    G[second, second] = across[pair] + more * y * y
-    G[first[pair], second] = G[second, first[pair]] = more * x * y
+    first, norm = first[pair], np.where(size > 0.0, size, 1.0)[pair]
+    x, y = slip[first] / norm, slip[second] / norm
+    own, mixed, G[second, second] = slip_tangent(along[pair], across[pair], x, y, x, y)
+    G[first, first], G[first, second], G[second, first] = own, mixed, mixed
     return G

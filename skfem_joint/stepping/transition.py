@@ -222,19 +222,6 @@ def _of_opening(
     return X
 
 
-def _across_and_along(size: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tangents of the law over the limit, s/m, across and along slips of some ``size``, m/s.
-
-    Zero at rest under Coulomb friction, where unknowns stick.
-    """
-    from skfem_joint.minimise.law import force, force_slope  # loads the compiler
-
-    along, moves = force_slope(size, beta), size > 0.0
-    across = np.where(moves, force(size, beta) / np.where(moves, size, 1.0), along)
-    sticks = np.isinf(along)
-    return np.where(sticks, 0.0, across), np.where(sticks, 0.0, along)
-
-
 class _FrictionTangent:
     """Adds the tangent of friction to dense matrices of some unknowns.
 
@@ -263,22 +250,21 @@ class _FrictionTangent:
     def added(self, H: FloatArray, v: FloatArray, limits: FloatArray | None = None) -> FloatArray:
         """H plus the tangent at the velocities v (n,) of all unknowns.
 
-        Along a slip vector it is the slope of the law, across it force over norm. ``limits`` (m,)
-        are those of all points, N, if not the constant ones.
+        ``limits`` (m,) are those of all points, N, if not the constant ones.
         """
         if not self.w.size:
             return H
+        from skfem_joint.minimise.law import along_and_across, slip_tangent  # loads the compiler
+
         w = self.w if limits is None else limits[self.rubs]
         slip, pairs = self.B @ v, self.pairs
         one, two = slip[self.first], slip[self.second]
         size = np.abs(one)
         size[pairs] = np.hypot(one[pairs], two)
-        across, along = (w * part for part in _across_and_along(size, self.beta))
+        along, across = (w * part for part in along_and_across(size, self.beta))
         norm = np.where(size > 0.0, size, 1.0)[pairs]
-        x, y, more = one[pairs] / norm, two / norm, (along - across)[pairs]
-        own = along
-        own[pairs] = across[pairs] + more * x**2
-        cross, other = more * x * y, across[pairs] + more * y**2
+        x, y, own = one[pairs] / norm, two / norm, along
+        own[pairs], cross, other = slip_tangent(along[pairs], across[pairs], x, y, x, y)
         if self.picks:
             T, i, j = H.copy(), self.i, self.j
             T[i, i] += own
@@ -305,6 +291,7 @@ def _of_chain(
 ) -> FloatArray:
     """Matrix of a transition of a chain, whose step matrices are tridiagonal, by elimination."""
     from skfem_joint.linalg.kernels import bands
+    from skfem_joint.minimise.law import along_and_across
     from skfem_joint.stepping.chain_transition import carry_through
 
     k, n, unknowns = moving.size, system.n, points.unknowns
@@ -312,7 +299,7 @@ def _of_chain(
     H = type(M)(*((2.0 / h) * m + c + (0.5 * h) * s for m, c, s in zip(M, C, K, strict=True)))
     tangents = np.zeros_like(velocities)
     rubs = points.w > 0.0
-    slopes = _across_and_along(np.abs(velocities[:, unknowns[rubs]]), points.beta[rubs])[1]
+    slopes = along_and_across(np.abs(velocities[:, unknowns[rubs]]), points.beta[rubs])[0]
     tangents[:, unknowns[rubs]] = points.w[rubs] * slopes
     tangents[resting] = np.inf
     p, r, work = np.zeros((3, n, 2 * k))
