@@ -11,9 +11,9 @@
   :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
 - no friction at all: :class:`~skfem_joint.minimise.problem.LinearProblem`.
 
-Where contact opens, points have pressure points beside those with friction:
-:class:`~skfem_joint.minimise.opening_newton.OpeningNewton` if slips and approaches are unknowns,
-else :class:`~skfem_joint.minimise.opening_dense.OpeningDense`.
+Where contact opens, points have pressure points beside those with friction. Dense problems are
+minimised by the same method, others by
+:class:`~skfem_joint.minimise.opening_newton.OpeningNewton`.
 """
 
 from __future__ import annotations

@@ -1347,6 +1347,8 @@ class PrimalDualNewton:
         factors = np.broadcast_to(np.asarray(pressed.gain, dtype=float), normal.bound.shape)
         normal.gain[:] = self._gains[0] * factors[normal.column]
         normal.point_gain[:] = self._gains[1] * np.repeat(factors, np.diff(normal.point_start))
+        if self.contact.soft.size:  # a force of springs to compare with
+            _keep_limits(self.contact, normal, self.points.w[np.argsort(places.point)])
         work: Counter[str] = Counter()
         outcome = self._follow(g, np.zeros(g.size) if start is None else start, tolerance, work)
         if not outcome.converged and np.isfinite(outcome.residual):

@@ -43,23 +43,9 @@ FACTOR = 10.0
 
 
 def elastic(system: System) -> System:
-    """System whose rigid contact that opens is elastic; itself if there is none.
-
-    Raises
-    ------
-    InputError
-        If there are springs in series with friction beside contact that opens.
-    """
+    """System whose rigid contact that opens is elastic; itself if there is none."""
     contact = system.opening
-    if contact is None:
-        return system
-    if system.opening is not None and system.has_springs:
-        raise InputError(
-            "reduced model: found springs in series with friction beside contact that opens, which "
-            "has full and condensed models alone; give sj.condense(system), or leave "
-            "tangential_stiffness out"
-        )
-    if not contact.rigid.any():
+    if contact is None or not contact.rigid.any():
         return system
     N = sparse.csr_array(contact.N)
     compliance = (N * N) @ (1.0 / np.asarray(system.K.diagonal()))

@@ -115,11 +115,6 @@ def _arranged_opening(system: System) -> Arranged:
     """
     maps: tuple[ChangeOfUnknowns, ...] = ()
     if isinstance(cast("OpeningContact", system.opening).N, np.ndarray):
-        if system.has_springs:
-            raise InputError(
-                "contact that opens: found springs in series with friction in a reduced or dense "
-                "system, must be a full or condensed one, whose slips and approaches are unknowns"
-            )
         return Arranged(system, "dense")
     if not picks_unknowns(system.B):
         system, slips = system.with_slips_as_unknowns()

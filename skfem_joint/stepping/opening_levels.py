@@ -11,7 +11,8 @@ carries nothing.
 
 A reduced model has fewer unknowns than slips, of which each cannot stick by itself. Its friction is
 w sigma(B d) with a law so steep that sticking points creep by a share `CREEP` of the largest slip
-of any increment before; contact is elastic there, see :mod:`skfem_joint.minimise.opening_dense`.
+of any increment before; contact is elastic there, see
+:mod:`skfem_joint.minimise.primal_dual_newton`. Points with springs have Coulomb's law.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ class OpeningLevels:
             M = as_dense(inner.M) if inner.is_dense else as_compressed(inner.M)
             self.added = self.shift * M
         self.H = K if self.added is None else K + self.added
-        self.few = isinstance(self.contact.N, np.ndarray)
+        self.few = self.to.kind == "dense"
         self.problem = step_problem(self.H, ContactPoints.of(inner), self.to.kind)
         self.largest_slip = 0.0
         self._friction = np.zeros(inner.B.shape[0])
@@ -191,7 +192,7 @@ class OpeningLevels:
         right = force + contact.N.T @ contact.force - self.K @ u
         steepness = 1.0 / self.creep if self.few else np.inf
         found = self.problem.minimise(
-            right, start, self.tolerance, np.full(self.constant.size, steepness),
+            right, start, self.tolerance, np.where(self.to.system.sprung, np.inf, steepness),
             self.to.system.spring_offset(np.zeros_like(u), self._friction),
             Pressed(bound, self.constant, touching=self.touching),
         )  # fmt: skip
