@@ -40,6 +40,25 @@ step stay 9.1, 8.0 and 16. What did not help, tried on steps of the plate and th
 - a start from the last velocity in place of the extrapolated one: half an iteration more.
 
 Set-valued Coulomb friction, for quasi-static increments, is the limit of ever steeper laws.
+
+Contact that opens adds a term of the approaches N v of pressure points, with a stiffness k,
+
+    sum k / 2 max(N v - bound, 0)^2,
+
+since they cannot all rest on their bounds either. Its slopes are the normal forces p, and friction
+limits follow them, w = max(0, given + gain p). `Dense` has constant limits, `Following` such as
+follow in each evaluation, and `Kept` such as are kept. All three run through `_minimise_from`;
+the functions above it that are not implemented are where they differ.
+
+The tangent of `Following` has the change of the friction F of each slip row by its limit,
+
+    H + B' D B + sum_c k_c (N_c + sum_f gain_fc B_f' dF_f/dw_f) N_c,    dF/dw = sigma (1 - soft d),
+
+over the pressure points c that are pressed, which is not symmetric; d is the slope of the law with
+its spring, so that friction of a slider that sticks does not change. There is no objective for a
+line search: steps are shortened where the residual grows much. Where that iteration stalls, limits
+are kept until the convex problem for them is solved, and then renewed by Anderson's acceleration.
+What does not balance with the limits of its own normal forces is not returned as converged.
 """
 
 # numba infers the types of compiled functions:
@@ -137,7 +156,7 @@ class PrimalDualSettings(NamedTuple):
     shortened: int = 8
     patience: int = 8
     inner: float = 0.1
-    again: float = 1e-2
+    again: float = 0.1
     renewals: int = 100
     steeper: tuple[float, ...] = (1e2, 1e4, 1e6)
     stiffest: float = 1e12
@@ -344,16 +363,13 @@ def pressure_rows(points: ContactPoints, places: Places) -> PressureRows:
         for x, kind in zip((G.indptr, G.indices, G.data), (np.int64, np.int64, float), strict=True)
     ]
     flexible = np.zeros(0) if points.flexible is None else points.flexible[order]
-    sizes = q, m, m, *3 * [q], *2 * [rows], q, n * q, n * n, *3 * [n], *3 * [rows], q, *2 * [n * q]
-    own = aligned(*sizes)
-    bound, given, steep, over, p, d_over, change, held_change, pressed, held, U, *others = own
-    *others, X, Y = others
-    held, X, Y = (x.reshape((n, q)) for x in (held, X, Y))
-    return PressureRows(
-        N, np.array(normal.stiffness, dtype=float), bound, *compressed, given, flexible, steep,
-        over, p, d_over, change, held_change, pressed, held, U.reshape((n, n)),
-        np.zeros(n, np.int64), *others, X, Y, np.zeros(q, np.int64), np.zeros(3),
-    )  # fmt: skip
+    own = aligned(q, m, m, *3 * [q], *2 * [rows], q, n * n, *3 * [n], *3 * [rows], q)
+    bound, given, steep, *forces, U, pushed, tried, left, old_w, old_sigma, slip, rows = own
+    held, X, Y = np.zeros((3, n, q))
+    arrays: list[Any] = [N, np.array(normal.stiffness, dtype=float), bound, *compressed, given]
+    arrays += [flexible, steep, *forces, held, U.reshape((n, n)), np.zeros(n, np.int64), pushed]
+    arrays += [tried, left, old_w, old_sigma, slip, rows, X, Y, np.zeros(q, np.int64), np.zeros(3)]
+    return PressureRows._make(arrays)
 
 
 def dense_workspace(n: int, rows: int, m: int) -> DenseWorkspace:
@@ -1111,9 +1127,7 @@ def _minimise_from(problem, space, right, v, tolerance):
         least = max(scale, pressures)
         converged = largest < inf and (
             largest <= tolerance * least
-            or (
-                largest <= 1e-6 * least and largest <= _round_off(problem, q, slip, sigma, space)
-            )
+            or (largest <= 1e-6 * least and largest <= _round_off(problem, q, slip, sigma, space))
         )
         if converged or not largest < inf or iteration == SETTINGS.iterations:
             break

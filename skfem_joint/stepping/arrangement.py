@@ -111,20 +111,29 @@ def arranged(system: System) -> Arranged:
 def _arranged_opening(system: System) -> Arranged:
     """Of a system with contact that opens: slips are unknowns, apart from those that approach.
 
-    Reduced models keep their unknowns.
+    Reduced models keep their unknowns, and so do small systems whose slips or approaches depend on
+    each other, if contact is elastic and friction smooth.
     """
+    given, contact = system, cast("OpeningContact", system.opening)
     maps: tuple[ChangeOfUnknowns, ...] = ()
-    if isinstance(cast("OpeningContact", system.opening).N, np.ndarray):
+    if isinstance(contact.N, np.ndarray):
         return Arranged(system, "dense")
-    if not picks_unknowns(system.B):
-        system, slips = system.with_slips_as_unknowns()
-        maps = (slips,)
-    N = sparse.csr_array(cast("OpeningContact", system.opening).N)
-    if np.isin(N.indices, sparse.csr_array(system.B).indices).any():
-        raise InputError(
-            "contact that opens: its normal motion and a slip are the same displacement; slips "
-            "must be perpendicular to what opens"
-        )
+    try:
+        if not picks_unknowns(system.B):
+            system, slips = system.with_slips_as_unknowns()
+            maps = (slips,)
+        N = sparse.csr_array(cast("OpeningContact", system.opening).N)
+        if np.isin(N.indices, sparse.csr_array(system.B).indices).any():
+            raise InputError(
+                "contact that opens: its normal motion and a slip are the same displacement; slips "
+                "must be perpendicular to what opens, or contact elastic (normal_stiffness) and "
+                "friction have springs (tangential_stiffness) or a finite beta"
+            )
+    except InputError:
+        smooth = np.isfinite(given.beta) | given.sprung | ~given.rubs
+        if contact.rigid.any() or not smooth.all() or given.n > MOST_DENSE:
+            raise
+        return Arranged(given, "dense")
     return Arranged(system, "contact", maps)
 
 
