@@ -30,7 +30,7 @@ import skfem_joint as sj
 from benchmarks import head, row
 from skfem_joint.analysis.history import compare
 from skfem_joint.linalg import schur
-from skfem_joint.minimise import truncated_newton
+from skfem_joint.minimise import contact_newton
 
 FREQUENCY, STEPS, CYCLES = 500.0, 200, 2
 BOLT_FORCE, PRESSURE, FRICTION = 20e3, 8e6, 0.7
@@ -87,8 +87,8 @@ def report(along, across, width, bolted):
         *("displacement, %", "friction energy, %"),
     )
     first = run(system, n_steps=60)
-    settings = truncated_newton.SETTINGS._replace(patience=0, sweeps=0)
-    patience = patch.object(truncated_newton, "SETTINGS", settings)
+    settings = contact_newton.SETTINGS._replace(patience=0, sweeps=0)
+    patience = patch.object(contact_newton, "SETTINGS", settings)
     with (
         patience,
         patch.object(

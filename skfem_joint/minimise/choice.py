@@ -5,15 +5,12 @@
 - a chain (H tridiagonal, each slip an unknown):
   :class:`~skfem_joint.minimise.front_elimination.FrontElimination`;
 - any other H with each slip an unknown:
-  :class:`~skfem_joint.minimise.truncated_newton.TruncatedNewton`, or
-  :class:`~skfem_joint.minimise.condensed_newton.CondensedNewton` where that is cheaper;
+  :class:`~skfem_joint.minimise.contact_newton.ContactNewton`, or
+  :class:`~skfem_joint.minimise.condensed_newton.CondensedNewton` where that is cheaper, and always
+  where contact opens;
 - dense H with slips that depend on each other, as in reduced models:
   :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
 - no friction at all: :class:`~skfem_joint.minimise.problem.LinearProblem`.
-
-Where contact opens, points have pressure points beside those with friction. Dense problems are
-minimised by the same method, others by
-:class:`~skfem_joint.minimise.opening_newton.OpeningNewton`.
 """
 
 from __future__ import annotations
@@ -45,25 +42,13 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
         from skfem_joint.minimise.front_elimination import FrontElimination
 
         return FrontElimination(H, points)
-    if points.normal is not None and kind != "dense":
-        opening: StepProblem = _opening(H, points, kind)
-        return opening
     if kind == "dense":
         from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
 
         return PrimalDualNewton(H, points)
     from skfem_joint.minimise.condensed_newton import CondensedNewton
-    from skfem_joint.minimise.truncated_newton import TruncatedNewton
+    from skfem_joint.minimise.contact_newton import ContactNewton
 
-    pays = condense and condensing_pays(H, points.limited)
-    return CondensedNewton(H, points) if pays else TruncatedNewton(H, points)
-
-
-def _opening(H: Any, points: ContactPoints, kind: str) -> Any:
-    if points.flexible is not None:
-        from skfem_joint.minimise.opening_springs import OpeningOnSprings
-
-        return OpeningOnSprings(H, points)
-    from skfem_joint.minimise.opening_newton import OpeningNewton
-
-    return OpeningNewton(H, points)
+    opens = points.normal is not None
+    pays = opens or (condense and condensing_pays(H, points.limited))
+    return CondensedNewton(H, points) if pays else ContactNewton(H, points)

@@ -59,7 +59,7 @@ pass through all that carries beta: the scene's `JointTable.law`; `Joint`, `cont
 `point_friction` (`skfem_joint.structure`); `SlipRows` (`skfem_joint.slips`); `System` with its
 projection and its file; the merging of points (`skfem_joint.reduction.friction_points`);
 `ContactPoints` (`skfem_joint.minimise.problem`); and the named tuples of the compiled loops,
-`Chain` and `DenseRows`, with the arguments of `point_loops`. The scalar functions then choose by
+`Chain` and `DenseRows`, with the arguments of `contact_loops`. The scalar functions then choose by
 it.
 """
 

@@ -96,8 +96,8 @@ from skfem_joint.linalg.kernels import (
 )
 from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, row_order, slips
 from skfem_joint.minimise.law import forces, potential, slope_of, sprung_force, sprung_slope
+from skfem_joint.minimise.limits import Renewal
 from skfem_joint.minimise.line_search import friction_slope, line_search
-from skfem_joint.minimise.opening_newton import Renewal
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
 
 

@@ -48,7 +48,7 @@ from skfem_joint.linalg.factors import factorised
 from skfem_joint.system import System
 
 if TYPE_CHECKING:
-    from skfem_joint.minimise.opening_loops import Hinges
+    from skfem_joint.minimise.limits import Hinges
     from skfem_joint.minimise.touching import Touching
 
 

@@ -119,7 +119,7 @@ def _arranged_opening(system: System) -> Arranged:
     if isinstance(contact.N, np.ndarray):
         return Arranged(system, "dense")
     try:
-        if not picks_unknowns(system.B):
+        if not slips_are_unknowns(system):
             system, slips = system.with_slips_as_unknowns()
             maps = (slips,)
         N = sparse.csr_array(cast("OpeningContact", system.opening).N)

@@ -9,7 +9,8 @@ same points sticking, slipping, closed and open, this is linear in the derivativ
 
 - a point that sticks moves on as it did at the level before, d(B u) = d(B u before);
 - one that slips by the increment s in the direction e has df = dw e + w / |s| (I - e e^T) ds, and
-  on a spring k in series the increment is that of the spring's force, q + k s, with q before it;
+  on a spring k in series the increment is that of the spring's force, q + k s, with q before it,
+  so that df = dq + k ds + dk s where the slider sticks;
 - a closed point keeps its gap, an open one has no force, an elastic one has its stiffness;
 - limits that follow the normal forces have dw = d(gain) p + gain dp.
 
@@ -33,7 +34,6 @@ from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed
 from skfem_joint.minimise.law import slip_tangent
-from skfem_joint.minimise.opening_springs import OpeningOnSprings
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.opening import OpeningContact
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
@@ -46,6 +46,8 @@ from skfem_joint.system import System
 ROUND_OFF = 1e-13
 #: A point on a spring slips in an increment if its force is less than this share below its limit.
 STILL = 1e-9
+#: What a slider slips by less, over what its spring takes at the limit, is an error of the forces.
+SLID = 1e-7
 #: Points that slip by less than this share of the largest slip of an increment may be turning, and
 #: others whose friction is less than this share below its limit. (Where friction holds a body, what
 #: has slipped is left as far below it as the added mass carries.)
@@ -60,9 +62,9 @@ class Rates(NamedTuple):
     values : ndarray, shape (f, k)
         Of the values that are looked at, such as displacements of points.
     slip : ndarray, shape (rows, k)
-        Of the slip of each row, m; with contact that opens of that of its slider.
+        Of the slip of each row, m.
     friction : ndarray, shape (rows, k)
-        Of the friction force of each row, N, where constant limits have springs in series; else 0.
+        Of the friction force of each row, N, where it has a spring in series; else 0.
     limits : ndarray, shape (m, k)
         Of the friction limits, N.
     normal : ndarray, shape (q, k)
@@ -142,8 +144,6 @@ class _Matrix:
         Unknown of A that is the approach of each pressure point; -1 where it is never pressed.
     restrict, extend : callable
         Right sides of A from those of all unknowns, with what `extend` needs beside it; and back.
-    sliders : int
-        Unknowns that follow those of the system: sliders of springs beside contact that opens.
     """
 
     A: Any
@@ -151,7 +151,6 @@ class _Matrix:
     approach: IntArray
     restrict: Callable[[FloatArray], tuple[FloatArray, Any]]
     extend: Callable[[FloatArray, Any], FloatArray]
-    sliders: int = 0
 
     @staticmethod
     def constant(path: QuasiStatic) -> _Matrix:
@@ -177,27 +176,25 @@ class _Matrix:
         ``touch`` are the contact points, (m,), and pressure points, (q,), that carry a force at any
         level: all others are eliminated.
         """
-        outer = cast("Any", levels.problem)
-        on_springs = isinstance(outer, OpeningOnSprings)
-        inner = outer.problem if on_springs else outer
+        problem = cast("Any", levels.problem)
+        inner = problem.contact
+        slips, approaches = inner.points.unknowns, inner.contact.pressing.place
         rubs = levels.to.system.on_rows(touch[0])
-        kept = np.flatnonzero(np.concatenate([rubs, touch[1]]))
-        at = np.full(inner.slips + touch[1].size, -1)
+        kept = np.union1d(slips[rubs], approaches[touch[1]])
+        at = np.full(len(inner.H), -1)
         at[kept] = np.arange(kept.size)
-        apart = SchurComplement(inner.whole.A, kept)
+        apart = SchurComplement(inner.H, kept)
 
         def restrict(g: FloatArray) -> tuple[FloatArray, Any]:
-            right, beside = inner.restrict(g)
+            right, beside = problem.restrict(g)
             right, others = apart.restrict(right)
             return right, (others, beside)
 
         def extend(z: FloatArray, beside: Any) -> FloatArray:
             others, inside = beside
-            return np.asarray(inner.extend(apart.extend(z, others), inside))
+            return np.asarray(problem.extend(apart.extend(z, others), inside))
 
-        sliders = outer.rows.size if on_springs else 0
-        places = at[: inner.slips], at[inner.slips :]
-        return _Matrix(apart.complement, *places, restrict, extend, sliders)
+        return _Matrix(apart.complement, at[slips], at[approaches], restrict, extend)
 
 
 class LevelRates:
@@ -245,17 +242,16 @@ class LevelRates:
             self.matrix, self.shift = _Matrix.constant(path), 0.0
         # A x = g is condensed once for all right sides and values: v x = z v' + v'' g, with v' the
         # restricted v, and v'' the displacement under v with the contact held.
-        of_force = self._padded(np.column_stack([force_rates, force]))
+        of_force = np.column_stack([force_rates, force])
         self._right_of_force = self.matrix.restrict(of_force)[0]
-        looked_at = self._padded(looked_at)
         self._seen, beside = self.matrix.restrict(looked_at)
         self._held = self.matrix.extend(np.zeros_like(self._seen), beside)
         self._held_of_force = self._held.T @ of_force
         self.row_point = np.repeat(np.arange(self.system.w.size), self.system.directions)
         self.flexibility = self.system.spring_flexibility
-        # Rows whose friction has springs in series, where limits are constant.
+        # Rows whose friction has springs in series.
         self._sprung: BoolArray | None = None
-        if self.contact is None and self.system.has_springs:
+        if self.system.has_springs:
             self._sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
         self._rubs = np.flatnonzero(self.matrix.place >= 0)
         ones, size = np.ones(self._rubs.size), (self.matrix.A.shape[0], self.row_point.size)
@@ -315,18 +311,12 @@ class LevelRates:
             normal, limits = self.at_rest, self._limits(self.contact.force, self.at_rest)
         return Rates(values, zeros, zeros, limits, normal)
 
-    def slips(self, levels: Sequence[Level]) -> FloatArray:
-        """Slips that `Rates.slip` are derivatives of, (levels, rows), m."""
-        slips = np.array([level.slip for level in levels])
-        if self.contact is None or not self.system.has_springs:
-            return slips
-        return np.asarray(slips - self.flexibility * [level.friction for level in levels])
-
     def sliders(
         self, levels: Sequence[Level], rates: Sequence[Rates]
     ) -> tuple[FloatArray, FloatArray]:
         """Slips of the sliders, (levels, rows), m, and their derivatives, (levels, rows, k)."""
-        slips, of_slips = self.slips(levels), np.array([one.slip for one in rates])
+        slips = np.array([level.slip for level in levels])
+        of_slips = np.array([one.slip for one in rates])
         if self._sprung is None:
             return slips, of_slips
         friction = np.array([level.friction for level in levels])
@@ -384,21 +374,23 @@ class LevelRates:
         if self._sprung is not None:
             begin += self.flexibility[:, np.newaxis] * last.friction
         z, forces = np.zeros_like(right), friction.known + self._by_slip(friction, begin)
-        known = self._from_rows @ forces
         z[self.matrix.place[sticks]], fixed[self.matrix.place[sticks]] = last.slip[sticks], True
         if self.contact is not None:
-            return self._next_opening(friction, after, right, held, z, known, fixed)
+            return self._next_opening(friction, after, right, held, z, forces, fixed)
         if not fixed.all():
             ends = friction.diagonal[self._first], friction.diagonal[self._second]
             blocks = np.stack([ends[0], friction.beside[self._first], ends[1]], axis=1)
-            solve, r = self._factors.factorised(blocks, fixed), right - known
+            solve, r = self._factors.factorised(blocks, fixed), right - self._from_rows @ forces
             z += solve(r - self.matrix.A @ z if sticks.size else r)
         slip = self._on_rows(z)
-        if self._sprung is not None:
-            forces = np.where(self._sprung, forces + self._by_slip(friction, slip), 0.0)
-        else:
-            forces = last.friction
+        forces = self._of_springs(friction, forces, slip)
         return Rates(self._seen.T @ z + held, slip, forces, last.limits, last.normal)
+
+    def _of_springs(self, friction: _Friction, forces: FloatArray, slip: FloatArray) -> FloatArray:
+        """Derivatives of the friction on springs, (rows, k), from what is known and the slips."""
+        if self._sprung is None:
+            return np.zeros_like(forces)
+        return np.where(self._sprung, forces + self._by_slip(friction, slip), 0.0)
 
     def _next_opening(
         self,
@@ -407,10 +399,11 @@ class LevelRates:
         right: FloatArray,
         held: FloatArray,
         z: FloatArray,
-        known: FloatArray,
+        forces: FloatArray,
         fixed: BoolArray,
     ) -> Rates:
         """Of the next level with contact that opens; unknowns that are ``fixed`` have values."""
+        known = self._from_rows @ forces
         if self.shift:  # one more right side, the unit force, to give back what mass was added
             right, held = (
                 np.column_stack([x, y[:, -1]])
@@ -421,7 +414,8 @@ class LevelRates:
         normals = self._normals(after, right)
         elastic, closed = normals.elastic, at[normals.closed]
         z[closed, : self.gap.shape[1]], fixed[closed] = self.gap[normals.closed], True
-        follows = self._along(self._from_rows @ friction.direction)
+        of_rows = self._along(friction.direction)
+        follows = self._from_rows @ of_rows
         J = A + follows @ normals.by_unknowns
         J[at[elastic], at[elastic]] += contact.stiffness[elastic]
         rubs = self._rubs
@@ -441,7 +435,8 @@ class LevelRates:
         slip = self._on_rows(z)
         limits = self._limits(cast("FloatArray", after.normal), normal)
         acts = cast("FloatArray", after.limits) > 0.0
-        return Rates(values, slip, 0.0 * slip, np.where(acts[:, np.newaxis], limits, 0.0), normal)
+        forces = self._of_springs(friction, forces + of_rows @ normal, slip)
+        return Rates(values, slip, forces, np.where(acts[:, np.newaxis], limits, 0.0), normal)
 
     def _on_rows(self, z: FloatArray) -> FloatArray:
         """Slips of all rows, (rows, k), from the unknowns (z, k)."""
@@ -457,31 +452,22 @@ class LevelRates:
         return forces
 
     @cached_property
-    def _gain_of_unknowns(self) -> sparse.csr_array:
-        """Friction limit of each unknown by normal forces, (z, q)."""
-        gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)[self.row_point]
-        return sparse.csr_array(self._from_rows @ gain)
-
-    def _padded(self, g: FloatArray) -> FloatArray:
-        """Forces on all unknowns with those on sliders beside contact that opens, which are 0."""
-        return np.vstack([g, np.zeros((self.matrix.sliders, g.shape[1]))])
+    def _gain_of_rows(self) -> sparse.csr_array:
+        """Friction limit of each slip row by normal forces, (rows, q)."""
+        gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)
+        return sparse.csr_array(gain[self.row_point])
 
     @cached_property
     def _pushing(self) -> IntArray:
         """Parameters that push the structure at a given level, beside the force."""
-        pushes = [p.K is not None or p.opening is not None for p in self.parameters]
-        if self.matrix.sliders:
-            pushes = [
-                a or p.stiffness is not None for a, p in zip(pushes, self.parameters, strict=True)
-            ]
-        return np.flatnonzero(pushes)
+        return np.flatnonzero([p.K is not None or p.opening is not None for p in self.parameters])
 
     def _pushed(self, levels: Sequence[Level]) -> FloatArray:
         """Right sides (n, levels x pushing) of what parameters push at some levels.
 
-        They are what K and springs beside contact that opens change by, and forces at rest.
+        They are what K changes by, and forces at rest.
         """
-        system, columns = self.system, list[FloatArray]()
+        columns = list[FloatArray]()
         u = np.array([level.u for level in levels]).T
         for j in self._pushing.tolist():
             parameter, g = self.parameters[j], np.zeros(u.shape)
@@ -489,12 +475,6 @@ class LevelRates:
                 g -= parameter.K @ u
             if self.contact is not None:
                 g += (self.contact.N.T @ self.at_rest[:, j])[:, np.newaxis]
-            if self.matrix.sliders:
-                forces = np.array([level.friction for level in levels]).T
-                rates = self.flexibility * self.spring_rates[self.row_point, j]
-                stiffer = rates[:, np.newaxis] * forces
-                g -= system.B.T @ stiffer
-                g = np.vstack([g, stiffer[system.on_rows(system.sprung)]])
             columns.append(g)
         return np.stack(columns, axis=2).reshape(len(columns[0]), -1) if columns else u[:, :0]
 
@@ -503,23 +483,24 @@ class LevelRates:
         system, rows, place = self.system, self.row_point, self.matrix.place
         path = before, *levels
         forces = np.array([level.friction for level in path])
-        step = np.diff(self.slips(path), axis=0)
+        slips = np.array([level.slip for level in path])
+        step = np.diff(slips, axis=0)
         limits = np.array([system.w if level.limits is None else level.limits for level in levels])
         w = limits[:, rows]
         acts = (w > 0.0) & (place >= 0)
-        springs = np.zeros(rows.size)
-        if self.contact is None:
-            springs = system.on_rows(system.spring_constants)
+        springs = system.on_rows(system.spring_constants)
         sprung = springs > 0.0
         size, force, trial = (
             system.slip_norm(x)[:, rows] for x in (step, forces[1:], forces[:-1] + springs * step)
         )
         # Slips of points that stick differ by round-off, and of sliders by what forces err by, so
         # that it takes their friction too to say which they are.
-        whole = system.slip_norm(np.array([level.slip for level in path]))[:, rows]
+        whole = system.slip_norm(slips)[:, rows]
         size = np.where(size > ROUND_OFF * (whole[1:] + whole[:-1]), size, 0.0)
         largest = np.where(acts, size, 0.0).max(axis=1, initial=0.0, keepdims=True)
-        at_limit = force >= (1.0 - np.where(sprung, STILL, TURNING)) * w
+        slid = np.diff(slips - self.flexibility * forces, axis=0)
+        slides = system.slip_norm(slid)[:, rows] > SLID * self.flexibility * w
+        at_limit = force >= (1.0 - np.where(sprung & ~slides, STILL, TURNING)) * w
         moves = acts & at_limit & (sprung | (size > 0.0))
         # Points that hardly slip, or whose force hardly differs from the limit.
         hardly = moves & (size < TURNING * largest)
@@ -527,7 +508,7 @@ class LevelRates:
         turning = system.by_point(1.0 * (hardly | near)) > 0.0
         direction = np.divide(forces[1:], force, out=np.zeros_like(w), where=moves)
         curved = np.divide(w, np.where(sprung, trial, size), out=np.zeros_like(w), where=moves)
-        curved = np.where(sprung, springs * np.where(moves, curved, 1.0), curved)
+        curved = np.where(sprung & acts, springs * np.where(moves, curved, 1.0), curved)
         single, across = system.on_rows(system.directions == 1), direction[:, self._partner]
         along = np.where(moves, 0.0, curved)
         diagonal, mixed, _ = slip_tangent(along, curved, direction, across, direction, across)
@@ -559,8 +540,8 @@ class LevelRates:
         return np.asarray(limits)
 
     def _along(self, direction: FloatArray) -> sparse.csr_array:
-        """Friction of each unknown by normal forces, (z, q), in the directions of slip (z,)."""
-        gain = self._gain_of_unknowns
+        """Friction of each slip row by normal forces, (rows, q), in the directions of slip."""
+        gain = self._gain_of_rows
         data = gain.data * np.repeat(direction, np.diff(gain.indptr))
         return sparse.csr_array((data, gain.indices, gain.indptr), shape=gain.shape)
 

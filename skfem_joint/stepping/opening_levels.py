@@ -5,7 +5,7 @@ The increment d of the displacement from the level before minimises
     1/2 d K d - (f + N^T force - K u) d + sum w |B d|    with    N d <= gap - N u,
 
 with the friction limits w of the normal forces at its end, see
-:mod:`skfem_joint.minimise.opening_newton`. Where bodies are held by friction or contact alone K is
+:mod:`skfem_joint.minimise.contact_newton`. Where bodies are held by friction or contact alone K is
 singular; a little of the mass is added to it, and each level is repeated until the added mass
 carries nothing.
 

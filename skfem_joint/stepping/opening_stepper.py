@@ -63,7 +63,7 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray, as_dense, check_like
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.choice import step_problem
-from skfem_joint.minimise.opening_loops import Hinges
+from skfem_joint.minimise.limits import Hinges
 from skfem_joint.minimise.problem import (
     ContactPoints,
     Minimum,

@@ -11,7 +11,7 @@ from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.linalg import schur
-from skfem_joint.minimise import choice, truncated_newton
+from skfem_joint.minimise import choice, contact_newton
 from skfem_joint.stepping import quasi_static
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
@@ -49,8 +49,8 @@ def test_a_body_that_friction_holds_slips_at_its_limit(multiple):
 
 
 def test_a_level_held_back_that_does_not_converge_is_an_error(monkeypatch):
-    few = truncated_newton.SETTINGS._replace(iterations=3)
-    monkeypatch.setattr(truncated_newton, "SETTINGS", few)
+    few = contact_newton.SETTINGS._replace(iterations=3)
+    monkeypatch.setattr(contact_newton, "SETTINGS", few)
     system = sj.condense(bar(20, held=False))
     beyond = 3.0 * float(system.w.sum()) * system.loads[0].vector
     with pytest.raises(sj.ConvergenceError, match="was not found: a force residual"):
