@@ -11,13 +11,11 @@
 - dense H with slips that depend on each other, as in reduced models:
   :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
 - no friction at all: :class:`~skfem_joint.minimise.problem.LinearProblem`.
-
-Few unknowns with contact that opens have :class:`~skfem_joint.minimise.opening_dense.OpeningDense`.
 """
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 from skfem_joint.linalg.schur import condensing_pays
 from skfem_joint.minimise.problem import ContactPoints, LinearProblem, StepProblem
@@ -45,11 +43,6 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
 
         return FrontElimination(H, points)
     if kind == "dense":
-        if points.normal is not None:
-            from skfem_joint.minimise.opening_dense import OpeningDense
-
-            few: Any = OpeningDense(H, points)
-            return cast("StepProblem", few)
         from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
 
         return PrimalDualNewton(H, points)

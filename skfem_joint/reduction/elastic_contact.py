@@ -37,20 +37,8 @@ FACTOR = 10.0
 
 
 def elastic(system: System) -> System:
-    """System whose rigid contact that opens is elastic; itself if there is none.
-
-    Raises
-    ------
-    InputError
-        If there are springs in series with friction beside contact that opens.
-    """
+    """System whose rigid contact that opens is elastic; itself if there is none."""
     contact = system.contact.normal
-    if system.contact.opens and system.contact.has_springs:
-        raise InputError(
-            "reduced model: found springs in series with friction beside contact that opens, which "
-            "has full and condensed models alone; give sj.condense(system), or leave "
-            "tangential_stiffness out"
-        )
     if not contact.rigid.any():
         return system
     N = sparse.csr_array(contact.N)

@@ -110,25 +110,29 @@ def arranged(system: System) -> Arranged:
 def _arranged_opening(system: System) -> Arranged:
     """Of a system with contact that opens: slips are unknowns, apart from those that approach.
 
-    Reduced models keep their unknowns.
+    Reduced models keep their unknowns, and so do small systems whose slips or approaches depend on
+    each other, if contact is elastic and friction smooth.
     """
+    given, contact = system, system.contact.normal
     maps: tuple[ChangeOfUnknowns, ...] = ()
-    if isinstance(system.contact.normal.N, np.ndarray):
-        if system.contact.has_springs:
-            raise InputError(
-                "contact that opens: found springs in series with friction in a reduced or dense "
-                "system, must be a full or condensed one, whose slips and approaches are unknowns"
-            )
+    if isinstance(contact.N, np.ndarray):
         return Arranged(system, "dense")
-    if not slips_are_unknowns(system):
-        system, slips = system.with_slips_as_unknowns()
-        maps = (slips,)
-    N = sparse.csr_array(system.contact.normal.N)
-    if np.isin(N.indices, sparse.csr_array(system.contact.B).indices).any():
-        raise InputError(
-            "contact that opens: its normal motion and a slip are the same displacement; slips "
-            "must be perpendicular to what opens"
-        )
+    try:
+        if not slips_are_unknowns(system):
+            system, slips = system.with_slips_as_unknowns()
+            maps = (slips,)
+        N = sparse.csr_array(system.contact.normal.N)
+        if np.isin(N.indices, sparse.csr_array(system.contact.B).indices).any():
+            raise InputError(
+                "contact that opens: its normal motion and a slip are the same displacement; slips "
+                "must be perpendicular to what opens, or contact elastic (normal_stiffness) and "
+                "friction have springs (tangential_stiffness) or a finite beta"
+            )
+    except InputError:
+        smooth = np.isfinite(given.contact.beta) | given.contact.sprung | ~given.contact.rubs
+        if contact.rigid.any() or not smooth.all() or given.n > MOST_DENSE:
+            raise
+        return Arranged(given, "dense")
     return Arranged(system, "contact", maps)
 
 

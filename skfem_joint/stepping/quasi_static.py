@@ -251,7 +251,7 @@ class QuasiStatic:
     @property
     def _creeps(self) -> bool:
         """Whether sticking points creep: with contact that opens, and fewer unknowns than slips."""
-        return self.opens and isinstance(self.contact.N, np.ndarray)
+        return self.opens and self.to.kind == "dense"
 
     @property
     def creep(self) -> float:
@@ -486,7 +486,7 @@ class QuasiStatic:
             bound[soft] -= contact.force[soft] / contact.stiffness[soft]
             pressed = Pressed(bound, system.contact.given, touching=self.touching)
             if self._creeps:
-                rate[:] = 1.0 / self.creep
+                rate = np.where(system.contact.sprung, np.inf, 1.0 / self.creep)
         offset = system.contact.spring_offset(np.zeros(system.n), last.friction)
         problem: StepProblem = self.whole or self.problem
         tolerance, given_back = self.tolerance, np.zeros(system.n)

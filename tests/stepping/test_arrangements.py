@@ -227,15 +227,6 @@ def test_stops_of_independent_means_are_not_refused():
     assert run.peak == pytest.approx([0.1, 0.1], abs=2e-3)  # half of a step
 
 
-def test_springs_beside_contact_that_opens_are_refused_in_a_dense_system():
-    system = _stops(
-        [[0.0, 1.0]], [0.1], 10.0, B=sparse.csr_array([[1.0, 0.0]]), given=[1.0], beta=inf
-    )  # fmt: skip
-    system = system.with_contact(stiffness=np.array([2.0])).project(np.eye(2))
-    with pytest.raises(sj.InputError, match="must be a full or condensed one"):
-        sj.integrate(system, step=0.1, n_steps=1)
-
-
 @pytest.mark.parametrize("directions", [1, 2])
 def test_springs_share_a_node_beside_a_stop_and_a_support(directions):
     # Degree of freedom 3 is held: the system is that without it.

@@ -4,12 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.slider import HOLDS, MASS, MU, PRESSED, SPRING, X, followed, loop_energy, slider
+from benchmarks.slider import (
+    HOLDS,
+    LIFTS,
+    MASS,
+    MU,
+    PRESSED,
+    SPRING,
+    X,
+    followed,
+    loop_energy,
+    slider,
+)
 from opening_blocks import block, loads
 from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.normal import NormalPart
+from skfem_joint.stepping.arrangement import arranged
 
 SCHEME = sj.generalized_alpha(0.5)
 
@@ -46,6 +58,41 @@ def test_vibration_that_is_slow_has_the_loop_of_the_closed_form():
     stiff = sj.integrate(slider(150.0, 0.0, 1e9), cycles=2, steps_per_cycle=400, scheme=SCHEME)
     rigid = sj.integrate(slider(150.0, 0.0, np.inf), cycles=2, steps_per_cycle=400, scheme=SCHEME)
     assert stiff.cycles.friction[-1] == pytest.approx(rigid.cycles.friction[-1], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("solve", "options"), [(sj.quasi_static, {}), (sj.integrate, {"scheme": SCHEME})]
+)
+def test_a_slider_in_unknowns_that_are_no_slips_has_the_loop_of_its_closed_form(solve, options):
+    """Elastic contact carries the share of the normal load that its stiffness has."""
+    system, stiffness, turned = slider(150.0, 0.0), 4.0 * LIFTS, np.array([[0.8, -0.6], [0.6, 0.8]])
+    contact = replace(system.opening, stiffness=np.full(1, stiffness))
+    small, errors = replace(system, opening=contact).project(turned), []
+    assert arranged(small).kind == "dense"
+    for steps in (50, 100, 200):
+        run = solve(small, cycles=2, steps_per_cycle=steps, **options)
+        errors.append(abs(run.cycles.friction[-1] / loop_energy(0.8 * 150.0) - 1.0))
+        assert run.energy_residual < 1e-9
+    assert errors[2] < 2e-3
+    assert 8.0 * errors[2] < errors[0]
+
+
+def test_sparse_matrices_whose_slip_and_approach_share_unknowns_are_stepped_as_dense_ones():
+    system, turned = slider(150.0, 0.0), np.array([[0.8, -0.6], [0.6, 0.8]])
+    rigid = system.project(turned)
+    contact = replace(rigid.opening, N=sparse.csr_array(rigid.opening.N))
+    values = {name: sparse.csr_array(getattr(rigid, name)) for name in ("M", "C", "K", "B", "P")}
+    rigid = replace(rigid, opening=contact, **values)
+    with pytest.raises(sj.InputError, match="or contact elastic"):
+        arranged(rigid)
+    soft = {"stiffness": np.full(1, 1e4)}
+    small = replace(rigid, opening=replace(contact, **soft))
+    assert arranged(small).kind == "dense"
+    whole = replace(system, opening=replace(system.opening, **soft))
+    for solve in (sj.integrate, sj.quasi_static):
+        runs = [solve(s, cycles=2, steps_per_cycle=60) for s in (whole, small)]
+        assert runs[1].friction_work == pytest.approx(runs[0].friction_work, rel=1e-7)
+        assert runs[1].slider_peak == pytest.approx(runs[0].slider_peak, rel=1e-7)
 
 
 def test_a_constant_normal_force_gives_the_slider_of_constant_contact():
