@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix, as_real
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix, as_real
 from skfem_joint.unknowns import selection
 
 
@@ -55,6 +55,10 @@ class OpeningContact:
         Of each pressure point, N/m; ``inf`` is rigid.
     area : ndarray, shape (q,)
         Area of each pressure point, m2.
+    shares : sparse array, shape (q, q_all), or None
+        Share of each pressure point of the structure in each pressure point of a reduced model,
+        which are means of these with their stiffness; rows add up to 1. None where both are the
+        same points.
     """
 
     N: Matrix
@@ -63,16 +67,20 @@ class OpeningContact:
     gain: Matrix
     stiffness: FloatArray
     area: FloatArray
+    shares: Matrix = None
 
     def __post_init__(self) -> None:
-        for name in ("N", "gap", "force", "gain", "stiffness", "area"):
-            object.__setattr__(self, name, as_real(getattr(self, name), f"opening: {name}"))
+        for name in ("N", "gap", "force", "gain", "stiffness", "area", "shares"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, as_real(value, f"opening: {name}"))
 
     def problems(self, m: int, n: int) -> list[str]:
         """What is wrong with shapes and values for ``m`` contact points and ``n`` unknowns."""
         q = self.gap.size
         shapes = {"N": (q, n), "gap": (q,), "force": (q,), "gain": (m, q)}
         shapes |= {"stiffness": (q,), "area": (q,)}
+        if self.shares is not None:
+            shapes["shares"] = (q, self.shares.shape[1])
         wrong = [
             f"opening: {name}: found shape {getattr(self, name).shape}, must be {right}"
             for name, right in shapes.items()
@@ -170,13 +178,34 @@ class OpeningContact:
         members = sparse.csr_array(sparse.csr_array(shares) > 0.0).astype(float)
         return replace(self, gain=sparse.csr_array(members @ self.gain))
 
+    def merged(self, shares: sparse.csr_array) -> OpeningContact:
+        """Contact whose pressure points are means of present ones, with ``shares`` (k, q).
+
+        Forces, stiffness and areas are summed. Where the shares are those of the stiffness, closed
+        points together have the force that each of them would have at its own approach.
+        """
+        members = sparse.csr_array(shares > 0.0).astype(float)
+        return OpeningContact(
+            N=shares @ self.N,
+            gap=shares @ self.gap,
+            force=members @ self.force,
+            gain=sparse.csr_array(self.gain @ shares.T),
+            stiffness=members @ self.stiffness,
+            area=members @ self.area,
+            shares=shares if self.shares is None else sparse.csr_array(shares @ self.shares),
+        )
+
+    def at_all(self, values: FloatArray | BoolArray) -> FloatArray:
+        """Values such as forces, (q,), shared among all pressure points of the structure."""
+        return np.asarray(values if self.shares is None else self.shares.T @ values, dtype=float)
+
     def gaps(self, u: FloatArray) -> FloatArray:
         """Gap of each pressure point, (..., q), m, from unknowns (..., n)."""
         return np.asarray(self.gap - (self.N @ u.T).T)
 
     def elastic_forces(self, u: FloatArray) -> FloatArray:
-        """Normal forces, (q,), N, of points with a stiffness; zero at rigid ones."""
-        over = np.asarray(self.N @ u) - self.gap
+        """Normal forces, (..., q), N, of points with a stiffness; zero at rigid ones."""
+        over = -self.gaps(u)
         stiffness = np.where(self.rigid, 0.0, self.stiffness)
         return np.where(self.rigid, 0.0, np.maximum(self.force + stiffness * over, 0.0))
 

@@ -35,7 +35,7 @@ from skfem_joint.system import AppliedLoad, System
 
 _KIND = {"kind": "skfem_joint system", "form": 2}  #: files of another form are refused
 _ARRAYS = ("M", "C", "K", "B", "w", "beta", "stiffness", "P", "directions", "T", "J", "shares")
-_OPENING = ("N", "gap", "force", "gain", "stiffness", "area")  #: of contact that opens
+_OPENING = ("N", "gap", "force", "gain", "stiffness", "area", "shares")  #: of contact that opens
 _NAMES = ("points", "joints", "notes")
 _NUMBERS = ("accuracy", "reached", "law", "period")  # of what a model for a range carries
 #: Shapes of loads that are numbers alone.

@@ -286,7 +286,9 @@ class OpeningPath:
         self, level: FloatArray, done: list[_Cycle], errors: dict[str, float], notes: list[str]
     ) -> Cycles:
         """Result of the cycles at all levels."""
-        system, pressed = self.to.system, self.solver.contact.force > 0.0
+        system, contact = self.to.system, self.solver.contact
+        pressed = max(int(np.count_nonzero(contact.at_all(contact.force))), 1)
+        opened = [np.count_nonzero(contact.at_all(cycle.opened)) for cycle in done]
         states = np.array([cycle.half for cycle in done])
         slip = system.slip_norm(np.asarray((system.B @ states.T).T))
         limits = np.array([cycle.end.limits for cycle in done])
@@ -315,7 +317,7 @@ class OpeningPath:
             friction=np.divide(forces, on_rows, out=np.zeros_like(forces), where=on_rows > 0.0),
             loops=np.zeros((0, system.n)),
             middle=np.array([cycle.middle for cycle in done]),
-            opened=np.array([cycle.opened.sum() / max(pressed.sum(), 1) for cycle in done]),
+            opened=np.array(opened) / pressed,
             limits=limits,
             errors=errors,
             notes=tuple(notes),
