@@ -204,11 +204,12 @@ class Basis:
 
         if count is not None:
             merged = merge(count)
+            points = merged.w.size if merged.opening is None else merged.opening.gap.size
             note = (
-                f"The reduced model has {merged.w.size} friction points instead of {count}: no "
+                f"The reduced model has {points} friction points instead of {count}: no "
                 "more of the joints' points slip apart from each other."
             )
-            if merged.w.size >= count:
+            if points >= count:
                 return merged
             return replace(merged, notes=(*merged.notes, note))
         opens = unmerged.opening is not None
