@@ -147,8 +147,9 @@ class Contact:
         return self.limits(self.normal.force) if self.opens else self.given
 
     def limits(self, p: FloatArray) -> FloatArray:
-        """Friction limits, (m,), N, under normal forces (q,), N."""
-        return np.asarray(np.maximum(self.given + self.gain @ p, 0.0))
+        """Friction limits, (m, ...), N, under normal forces (q, ...), N."""
+        limits = (self.gain @ p).T + self.given
+        return np.asarray(np.maximum(limits, 0.0).T)
 
     @property
     def opens(self) -> bool:

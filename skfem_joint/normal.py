@@ -49,6 +49,10 @@ class NormalPart:
         Of each pressure point, N/m; ``inf`` is rigid.
     area : ndarray, shape (q,)
         Area of each pressure point, m2.
+    shares : sparse array, shape (q, q_all), or None
+        Share of each pressure point of the structure in each pressure point of a reduced model,
+        which are means of these with their stiffness; rows add up to 1. None where both are the
+        same points.
     """
 
     N: Matrix
@@ -56,10 +60,12 @@ class NormalPart:
     force: FloatArray
     stiffness: FloatArray
     area: FloatArray
+    shares: Matrix = None
 
     def __post_init__(self) -> None:
-        for name in ("N", "gap", "force", "stiffness", "area"):
-            object.__setattr__(self, name, as_real(getattr(self, name), f"normal: {name}"))
+        for name in ("N", "gap", "force", "stiffness", "area", "shares"):
+            if (value := getattr(self, name)) is not None:
+                object.__setattr__(self, name, as_real(value, f"normal: {name}"))
 
     @staticmethod
     def none(n: int) -> NormalPart:
@@ -79,6 +85,8 @@ class NormalPart:
         """What is wrong with shapes and values for ``n`` unknowns."""
         q = self.gap.size
         shapes = {"N": (q, n)} | dict.fromkeys(("gap", "force", "stiffness", "area"), (q,))
+        if self.shares is not None:
+            shapes["shares"] = (q, self.shares.shape[1])
         wrong = [
             f"normal: {name}: found shape {getattr(self, name).shape}, must be {right}"
             for name, right in shapes.items()
@@ -156,13 +164,33 @@ class NormalPart:
             N.eliminate_zeros()
         return replace(self, N=N)
 
+    def merged(self, shares: sparse.csr_array) -> NormalPart:
+        """Contact whose pressure points are means of present ones, with ``shares`` (k, q).
+
+        Forces, stiffness and areas are summed. Where the shares are those of the stiffness, closed
+        points together have the force that each of them would have at its own approach.
+        """
+        members = sparse.csr_array(shares > 0.0).astype(float)
+        return NormalPart(
+            N=shares @ self.N,
+            gap=shares @ self.gap,
+            force=members @ self.force,
+            stiffness=members @ self.stiffness,
+            area=members @ self.area,
+            shares=shares if self.shares is None else sparse.csr_array(shares @ self.shares),
+        )
+
+    def at_all(self, values: FloatArray | BoolArray) -> FloatArray:
+        """Values such as forces, (q,), shared among all pressure points of the structure."""
+        return np.asarray(values if self.shares is None else self.shares.T @ values, dtype=float)
+
     def gaps(self, u: FloatArray) -> FloatArray:
         """Gap of each pressure point, (..., q), m, from unknowns (..., n)."""
         return np.asarray(self.gap - (self.N @ u.T).T)
 
     def elastic_forces(self, u: FloatArray) -> FloatArray:
-        """Normal forces, (q,), N, of points with a stiffness; zero at rigid ones."""
-        over = np.asarray(self.N @ u) - self.gap
+        """Normal forces, (..., q), N, of points with a stiffness; zero at rigid ones."""
+        over = -self.gaps(u)
         stiffness = np.where(self.rigid, 0.0, self.stiffness)
         return np.where(self.rigid, 0.0, np.maximum(self.force + stiffness * over, 0.0))
 

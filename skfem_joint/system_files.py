@@ -37,7 +37,7 @@ from skfem_joint.system import AppliedLoad, System
 _KIND = {"kind": "skfem_joint system", "form": 3}  #: files of another form are refused
 _ARRAYS = ("M", "C", "K", "P", "T")
 _CONTACT = ("B", "given", "beta", "stiffness", "directions", "gain", "J", "shares")
-_NORMAL = ("N", "gap", "force", "stiffness", "area")
+_NORMAL = ("N", "gap", "force", "stiffness", "area", "shares")
 _OPTIONAL = ("T", "shares")
 _NUMBERS = ("accuracy", "reached", "law", "period")  # of what a model for a range carries
 #: Shapes of loads that are numbers alone.

@@ -17,6 +17,8 @@ from scipy import sparse
 from skfem_joint.analysis.history import GREY, GREY_REDUCED, States, slip_state
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
+from skfem_joint.normal import NormalPart
+from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.energy import AT_LIMIT
 from skfem_joint.stepping.recording import Run
@@ -76,7 +78,8 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
     else:
         repeats = run.steady is not None
         friction = friction_along(system, slip, rate, run.field_times, repeats)
-        work = _spread(run, system, system.contact.slider_slip(slip, friction), friction)
+        limits = limits_of(system, normal_forces(structure, run))
+        work = _spread(run, system, system.contact.slider_slip(slip, friction), friction, limits)
     grey = GREY if picks_unknowns(run.system.contact.B) else GREY_REDUCED
     state = slip_state(system.contact.slip_norm(rate), system.contact.beta, grey)
     if system.contact.has_springs:
@@ -145,6 +148,37 @@ def slip_peaks_of(structure: Structure, run: Run) -> tuple[FloatArray, FloatArra
     return peak, system.contact.slider_peak(peak)
 
 
+def normal_forces(structure: Structure, run: Run) -> FloatArray:
+    """Normal forces of all pressure points of a structure at the stored fields, (frames, q), N.
+
+    Where points of a reduced model stand for several, they are those of elastic contact at the
+    displacements of the run. There are none where the run stored none.
+    """
+    opening = run.system.contact.normal
+    if opening.shares is None or not run.normal_force.size:
+        return run.normal_force
+    return _opening_of(structure).elastic_forces(run.u @ _unknowns(structure, run).T)
+
+
+def gaps_of(structure: Structure, run: Run) -> FloatArray:
+    """Gaps of all pressure points at the stored fields, (frames, q), m; zero where closed."""
+    opening, u = run.system.contact.normal, run.u
+    if opening.shares is not None:
+        opening, u = _opening_of(structure), u @ _unknowns(structure, run).T
+    return np.maximum(opening.gaps(u), 0.0)
+
+
+def _opening_of(structure: Structure) -> NormalPart:
+    """Contact that opens of a structure, elastic as in reduced models."""
+    return elastic(structure.unloaded).contact.normal
+
+
+def limits_of(system: System, forces: FloatArray) -> FloatArray:
+    """Friction limits, (frames, m) or (1, m), N, under the ``forces`` (frames, q), N, of a run."""
+    contact = system.contact
+    return np.asarray(contact.limits(forces.T).T if forces.size else contact.w[np.newaxis])
+
+
 def displacements(structure: Structure, run: Run) -> tuple[FloatArray, FloatArray]:
     """Stored displacement (m) and velocity (m/s) of all nodes, (frames, N, dim).
 
@@ -202,10 +236,15 @@ def _placed(run: Run, system: System, points: IntArray) -> tuple[FloatArray, Flo
     return friction, work
 
 
-def _spread(run: Run, system: System, slip: FloatArray, friction: FloatArray) -> FloatArray:
-    """Work in each joint, spread over points by their friction and slip, (frames, m), J."""
+def _spread(
+    run: Run, system: System, slip: FloatArray, friction: FloatArray, limits: FloatArray
+) -> FloatArray:
+    """Work in each joint, spread over points by their friction and slip, (frames, m), J.
+
+    ``limits``, (frames, m) or (1, m), N, are those of the points.
+    """
     parts = 0.5 * (friction[1:] + friction[:-1]) * np.diff(slip, axis=0)
-    parts *= system.contact.on_rows(system.contact.w)
+    parts *= np.repeat(limits[-len(parts) :], system.contact.directions, axis=1)
     spread = np.zeros((len(slip), system.contact.w.size))
     np.cumsum(np.maximum(system.contact.by_point(parts), 0.0), axis=0, out=spread[1:])
     total, known = spread @ system.contact.J.T, run.friction_work_rows @ run.system.contact.J.T

@@ -401,7 +401,9 @@ class CyclePath:
         notes: list[str],
     ) -> RisingCycles:
         """Result of the cycles at all levels."""
-        system, pressed = self.to.system, self._pressed
+        system, contact = self.to.system, self.levels.contact
+        pressed = max(int(np.count_nonzero(contact.at_all(contact.force))), 1)
+        opened = [np.count_nonzero(contact.at_all(cycle.opened)) for cycle in done]
         states = np.array([cycle.half for cycle in done])
         slip = system.contact.slip_norm(np.asarray((system.contact.B @ states.T).T))
         creep = SETTINGS.increments * self.levels.creep  # in half of a cycle
@@ -428,7 +430,7 @@ class CyclePath:
             loops=np.zeros((0, system.n)),
             ways=ways,
             middle=np.array([cycle.middle for cycle in done]),
-            opened=np.array([cycle.opened.sum() / max(pressed.sum(), 1) for cycle in done]),
+            opened=np.array(opened) / pressed,
             limits=np.array([cycle.end.limits for cycle in done]),
             errors=errors,
             notes=tuple(notes),

@@ -2,13 +2,13 @@
 
 A residual in the full equation would need the normal forces of points that the model does not
 follow. So a better model is run: the condensed one with more fixed-interface modes, whose contact
-is rigid where the full model's is. Its runs with the step, half and a quarter of it show what the
-basis, elastic contact, a less steep law of friction and the step have changed, together and with
-their signs: the distance of the run from the finest of them is its error, but for what that still
-misses. Where a quarter of the step would cost too much, the model itself is run with half of the
-step (a reduced one with a quarter too), and the better one with the step alone; the differences
-are added with their signs. A quasi-static run of a condensed model needs no better one: its statics
-are exact.
+is rigid where the full model's is, with all contact points. Its runs with the step, half and a
+quarter of it show what the basis, elastic contact, merged points, a less steep law of friction and
+the step have changed, together and with their signs: the distance of the run from the finest of
+them is its error, but for what that still misses. Where a quarter of the step would cost too much,
+the model itself is run with half of the step (a reduced one with a quarter too), and the better one
+with the step alone; the differences are added with their signs. A quasi-static run of a condensed
+model needs no better one: its statics are exact.
 """
 
 from __future__ import annotations

@@ -36,7 +36,8 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     run = model.run
     cycles = run.cycles
     has_cycles = cycles.friction.size > 0
-    state, opens = steady_state(run), run.normal_force_peak.size > 0
+    state, contact = steady_state(run), run.system.contact.normal
+    opens = run.system.contact.opens
     content: dict[str, Any] = {
         "dofs": run.system.n,
         "contact_points": run.system.contact.count,
@@ -61,8 +62,8 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "viscous_work_J": float(beyond_round_off(run, run.viscous_work)),
         "scheme_work_J": float(beyond_round_off(run, run.scheme_work)),
         "impact_energy_J": run.impact_work,
-        "largest_normal_force_N": float(run.normal_force_peak.max()) if opens else None,
-        "opened_fraction": float(np.mean(run.opened)) if opens else None,
+        "largest_normal_force_N": opens and float(contact.at_all(run.normal_force_peak).max()),
+        "opened_fraction": opens and float(np.mean(contact.at_all(run.opened) > 0.0)),
         "active_length_m": model.active_length,
         "active_area_fraction": model.active_area_fraction,
         "joints": _joints(study, model),

@@ -11,14 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.analysis.contact_history import check_fields, contact_history, displacements
+from skfem_joint.analysis.contact_history import (
+    check_fields,
+    contact_history,
+    displacements,
+    gaps_of,
+    limits_of,
+    normal_forces,
+)
 from skfem_joint.analysis.history import States
 from skfem_joint.analysis.stress import von_mises
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import AnyStructure, Structure
-from skfem_joint.system import System
 from skfem_joint.unknowns import selection
 
 #: Arrays of a series and their units, the same for every dimension; vectors and tensors in space.
@@ -252,7 +258,7 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
     slip, traction = np.zeros((2, *u.shape))
     density, present = np.zeros(u.shape[:2]), run.normal_force.size > 0
     pressure, gap = np.zeros((2, *u.shape[:2])) if present else (None, None)
-    limits = _limits(system, run)
+    limits = limits_of(system, forces := normal_forces(structure, run))
     states = np.full(u.shape[:2], -1, dtype=np.int8)
     for number, patch in enumerate(structure.patches):
         points, nodes = patch.points, patch.nodes
@@ -267,32 +273,32 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
         states[:, nodes] = contact.state[:, points]
         density[:, nodes] += contact.work[:, points] * own / patch.area
     if pressure is not None and gap is not None:
-        _open(structure, run, pressure, gap, states)
+        _open(structure, run, forces, pressure, gap, states)
     return Field(name, u, v, slip, traction, states, density, pressure, gap)
 
 
 def _open(
-    structure: Structure, run: Run, pressure: FloatArray, gap: FloatArray, states: States
+    structure: Structure,
+    run: Run,
+    forces: FloatArray,
+    pressure: FloatArray,
+    gap: FloatArray,
+    states: States,
 ) -> None:
-    """Enter pressures, Pa, gaps, m, and points that are apart into (frames, N) of all nodes."""
-    contact, start = run.system.contact.normal, 0
-    gaps = np.maximum(contact.gaps(run.u), 0.0)
+    """Enter pressures, Pa, gaps, m, and points that are apart into (frames, N) of all nodes.
+
+    ``forces``, (frames, q), N, are those of all pressure points.
+    """
+    start, gaps = 0, gaps_of(structure, run)
     for patch in structure.patches:
         if (face := patch.opening) is None:
             continue
         part = slice(start, start + int(np.count_nonzero(face.moves)))
         start = part.stop
         force, apart = (np.tile(x, (len(gaps), 1)) for x in (face.force, face.gap))
-        force[:, face.moves], apart[:, face.moves] = run.normal_force[:, part], gaps[:, part]
+        force[:, face.moves], apart[:, face.moves] = forces[:, part], gaps[:, part]
         apart = np.where(force > 0.0, 0.0, apart)
         pressure[:, face.nodes] = (face.means @ force.T).T / face.area
         gap[:, face.nodes] = apart
         closed = force > 0.0
         states[:, face.nodes] = np.where(closed, states[:, face.nodes], -1)
-
-
-def _limits(system: System, run: Run) -> FloatArray:
-    """Friction limits of all contact points at the stored fields, (frames, m) or (1, m), N."""
-    if not system.contact.opens or not run.normal_force.size:
-        return system.contact.w[np.newaxis]
-    return np.asarray(system.contact.given + (system.contact.gain @ run.normal_force.T).T)

@@ -4,7 +4,7 @@ From data to model: `excitation` (loads of the run to come), `static_path` (how 
 without a run of the full model), `elastic_contact` (the same with contact that opens), `pod`
 (proper orthogonal decomposition of snapshots), `interface_modes` (vibration without slip),
 `joint_slides` (joints that slip as a whole), `sources` (a basis of these), `basis` (the basis, and
-the reduced system on it), `friction_points` (fewer friction points), `missing_modes` (what a
+the reduced system on it), `friction_points` (fewer contact points), `missing_modes` (what a
 reduced run shows that its basis is missing). `condensed` keeps all of the contact and reduces the
 rest; `active_length` measures where joints slip. The paper's scaled modes are in `scaled`.
 
@@ -78,7 +78,8 @@ def reduce(
     run : Run, optional
         Own run with stored fields, ``save=Save(fields=True)``, to take modes of instead.
     friction_points : "auto", "all" or int
-        Most friction points; "auto" is as many as it takes. Points that slip alike are merged.
+        Most friction points; "auto" is as many as it takes. Points that slip, and are pressed,
+        alike are merged.
     beta : "auto" or float
         Steepness of the law of friction, s/m. "auto" is that of the system, but no steeper than
         the modes resolve.
@@ -93,8 +94,9 @@ def reduce(
     quasi_static : bool
         Whether the run to come is one of `quasi_static`, without inertia and damping.
 
-    Contact that opens becomes elastic where it was rigid, so that few unknowns suffice, and keeps
-    all its points; see `skfem_joint.reduction.elastic_contact`.
+    Contact that opens becomes elastic where it was rigid, so that few unknowns suffice, see
+    `skfem_joint.reduction.elastic_contact`. Its pressure points are merged with the friction points
+    that they limit.
 
     Returns
     -------

@@ -16,7 +16,7 @@ import numpy as np
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import Uncondensed
-from skfem_joint.reduction.elastic_contact import check_points, elastic
+from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.reduction.friction_points import NO_FRICTION, friction_lost, merged_points
 from skfem_joint.reduction.pod import ProperModes, orthonormal, thinned
 from skfem_joint.system import System
@@ -33,8 +33,10 @@ class BasisSettings:
     most_times : int
         Most times of a run that its modes, and the friction points, are made from.
     merged_per_mode : tuple of int
-        Merged friction points for each vector of the basis: the second and third number are tried
+        Merged contact points for each vector of the basis: the second and third number are tried
         while the first loses too much.
+    merged_if_open : tuple of int
+        The same with contact that opens, whose steps cost more for each point.
     most_lost : float
         Share of the friction power that merging may lose.
     resolved : float
@@ -52,6 +54,7 @@ class BasisSettings:
     scaled_modes: int = 5
     most_times: int = 300
     merged_per_mode: tuple[int, ...] = (3, 6, 12)
+    merged_if_open: tuple[int, ...] = (3, 4, 6, 12)
     most_lost: float = 3e-3
     resolved: float = 1e-4
     decaying: float = 100.0
@@ -121,8 +124,8 @@ class SlipHistory:
 
     Attributes
     ----------
-    velocities : ndarray, shape (times, j)
-        Velocities of the coordinates q, by which friction points are merged.
+    velocities, displacements : ndarray, shape (times, j)
+        Velocities of the coordinates q, and these themselves, by which contact points are merged.
     slip_velocity : float
         Largest slip velocity, m/s.
     slip_peak : ndarray, shape (m,)
@@ -136,6 +139,7 @@ class SlipHistory:
     """
 
     velocities: FloatArray
+    displacements: FloatArray
     slip_velocity: float
     slip_peak: FloatArray
     active: IntArray
@@ -192,19 +196,28 @@ class Basis:
         ``unmerged`` is the projection on V with all contact points. Its ``notes`` say so if fewer
         than ``count`` points are left, because no more of them slip apart from each other.
         """
-        velocities, active = self.history.velocities, self.history.active
+        history = self.history
+
+        def merge(most: int) -> System:
+            known = history.velocities, history.active, most, history.displacements
+            return merged_points(unmerged, *known)
+
         if count is not None:
-            merged = merged_points(unmerged, velocities, active, count)
+            merged = merge(count)
+            contact = merged.contact
+            points = contact.normal.gap.size if contact.opens else contact.w.size
             note = (
-                f"The reduced model has {merged.contact.w.size} friction points instead of "
-                f"{count}: no more of the joints' points slip apart from each other."
+                f"The reduced model has {points} friction points instead of {count}: no "
+                "more of the joints' points slip apart from each other."
             )
-            if merged.contact.w.size >= count:
+            if points >= count:
                 return merged
             return replace(merged, notes=(*merged.notes, note))
-        for each in SETTINGS.merged_per_mode:
-            merged = merged_points(unmerged, velocities, active, each * unmerged.n)
-            if friction_lost(unmerged, merged, velocities) <= SETTINGS.most_lost:
+        opens = unmerged.contact.opens
+        for each in SETTINGS.merged_if_open if opens else SETTINGS.merged_per_mode:
+            merged = merge(each * unmerged.n)
+            lost = friction_lost(unmerged, merged, history.velocities, history.displacements)
+            if lost <= SETTINGS.most_lost:
                 break
         return merged
 
@@ -213,8 +226,12 @@ class Basis:
 
         All points of the joints may slip in it.
         """
-        active = np.flatnonzero(system.contact.w > 0.0)
-        history = replace(self.history, velocities=velocities, active=active)
+        history = replace(
+            self.history,
+            velocities=velocities,
+            displacements=np.zeros((0, V.shape[1])),
+            active=np.flatnonzero(system.contact.w > 0.0),
+        )
         return replace(self, V=V, history=history)
 
     def judged(self, options: Options, notes: list[str], enriched: bool) -> Basis:
@@ -288,11 +305,12 @@ def basis_of(
     V = orthonormal(orthonormal(V, system.M), system.M)  # once leaves what is nearly dependent
     velocities = np.asarray(v @ (system.M @ V))
     u = thinned(u, SETTINGS.most_times)
-    left = u - (u @ (system.M @ V)) @ V.T
+    followed = np.asarray(u @ (system.M @ V))
+    left = u - followed @ V.T
     energies = [float(np.vdot(x, (system.K @ x.T).T)) for x in (left, u)]
     missed = float(np.sqrt(energies[0] / energies[1])) if energies[1] > 0.0 else 0.0
-    points = np.flatnonzero(system.contact.w > 0.0 if active is None else active)
-    history = SlipHistory(velocities, slip_velocity, slip_peak, points, missed)
+    points = np.flatnonzero(system.contact.rubs if active is None else active)
+    history = SlipHistory(velocities, followed, slip_velocity, slip_peak, points, missed)
     return Basis(V, modes, proper, history)
 
 
@@ -333,9 +351,6 @@ def reduced_system(
         raise InputError(NO_FRICTION)
     system = elastic(system)
     reduced = system.project(basis.V)
-    if system.contact.opens:
-        check_points(friction_points)
-        friction_points = "all"
     count = None if isinstance(friction_points, str) else friction_points
     if count is not None and count < 1:
         raise InputError(f"reduction.friction_points: found {count}, must be >= 1")

@@ -103,6 +103,7 @@ def condensed_basis(
     V = V if forward is None else np.asarray(forward @ V)
     history = SlipHistory(
         velocities=np.zeros((0, V.shape[1])),
+        displacements=np.zeros((0, V.shape[1])),
         slip_velocity=0.0,
         slip_peak=np.zeros(system.contact.w.size),
         active=np.flatnonzero(system.contact.rubs),

@@ -58,18 +58,6 @@ def check_reference(system: System, reference: str) -> None:
         )
 
 
-def check_points(friction_points: str | int) -> None:
-    """Refuse fewer friction points in a model with contact that opens, which keeps all of them.
-
-    Points that slip alike may still be pressed and let go at different times.
-    """
-    if not isinstance(friction_points, str):
-        raise InputError(
-            f"friction_points: found {friction_points}, must be 'auto' or 'all' with contact that "
-            "opens: all points are kept, as each has a normal force of its own"
-        )
-
-
 def strain_norm(system: System) -> Matrix:
     """Stiffness, (n, n), in whose norm modes are made: with that of elastic contact at rest.
 

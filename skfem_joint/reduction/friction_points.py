@@ -1,4 +1,4 @@
-"""Fewer friction points for reduced models: points that slip alike are merged.
+"""Fewer contact points for reduced models: points that slip and are pressed alike are merged.
 
 A merged point slips as the mean of its parts, weighted with their friction limits, and its limit is
 their sum, as is the stiffness of its spring. So weights are positive, which keeps every step
@@ -11,16 +11,30 @@ hundreds of points it creeps where it should stick, and dissipates too much.
 Points slip alike if their histories of y / sqrt(|y|) are close, y being the slip velocity: the
 squared distance of two of these is about the friction power that merging them loses.
 ``docs/verification/reduction.md`` compares other ways to choose points.
+
+With contact that opens a friction point and the pressure point that gives it its limit are merged
+with other such pairs. The pressure point of them all approaches by the mean of its parts, weighted
+with their stiffness, and has their forces at rest, areas and stiffness together: it is an elastic
+point as any other, which cannot create energy. While all its parts are closed it has the sum of
+their forces. Slips are weighted with the mean limits of the training, as those at rest may be zero.
+Parts have the same gain, so that limits at rest, and their change with the forces, are sums too.
+Pairs are alike if, beside their slips, their histories of what they are pressed into each other are
+close: the squared distance times the stiffness is the elastic energy that merging loses.
+
+Points that are apart at rest slip far while they touch: one of them may have a twentieth of the
+friction energy of a joint of hundreds. Each is left for itself. Those whose faces do not come near
+each other in the training are left out.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.reduction.pod import thinned
 from skfem_joint.system import System
 
@@ -46,6 +60,12 @@ class MergingSettings:
         Principal directions of the histories that are kept.
     rounds : int
         Most rounds of the iteration for the sets of points.
+    pressed : float
+        Weight of the share of elastic energy that merging loses over that of friction power.
+    near : float
+        Points that are apart at rest are left out if they stay apart by this share of their gap.
+    apart : float
+        Largest share of such points in the number of points; more of them are merged as others.
     """
 
     many: int = 1000
@@ -53,83 +73,101 @@ class MergingSettings:
     times: int = 150
     directions: int = 40
     rounds: int = 200
+    pressed: float = 3.0
+    near: float = 0.02
+    apart: float = 0.75
 
 
 SETTINGS = MergingSettings()
 
 
-def friction_lost(unmerged: System, merged: System, velocities: FloatArray) -> float:
+def friction_lost(
+    unmerged: System,
+    merged: System,
+    velocities: FloatArray,
+    displacements: FloatArray | None = None,
+) -> float:
     """Share of the friction power that merging loses, both systems at the same velocities.
 
     Parameters
     ----------
     unmerged, merged : System
         The same reduced system with all contact points and with merged ones.
-    velocities : ndarray, shape (times, n)
-        Velocities of the unknowns.
+    velocities, displacements : ndarray, shape (times, n)
+        Of the unknowns; with contact that opens limits are means over these displacements.
     """
     rates = thinned(velocities, SETTINGS.times)
     all_of_it, rest = (
         float(
             (
-                system.contact.slip_norm(rates @ np.asarray(system.contact.B).T) @ system.contact.w
+                system.contact.slip_norm(rates @ np.asarray(system.contact.B).T)
+                @ _States.of(system, displacements).limits
             ).sum()
         )
         for system in (unmerged, merged)
     )
-    return 1.0 - rest / all_of_it if all_of_it > 0.0 else 0.0
+    return abs(1.0 - rest / all_of_it) if all_of_it > 0.0 else 0.0
 
 
-def merged_points(system: System, velocities: FloatArray, points: IntArray, count: int) -> System:
-    """System with contact points that slip alike merged into at most ``count``.
+def merged_points(
+    system: System,
+    velocities: FloatArray,
+    points: IntArray,
+    count: int,
+    displacements: FloatArray | None = None,
+) -> System:
+    """System with contact points that slip and are pressed alike merged into at most ``count``.
 
     Points of different joints, numbers of slip directions or values of beta are not merged, nor
-    those with springs and those without: at least one point of each kind is left. Kinds get points
-    in proportion to their friction power.
+    those with springs and those without, those whose limits follow their normal forces differently,
+    or those that are pressed at rest and those that are apart: at least one point of each kind is
+    left. Kinds get points in proportion to their friction power. Points that limit each other in
+    other ways than one by one are left as they are.
 
     Parameters
     ----------
     system : System
+        Contact that opens has a stiffness.
     velocities : ndarray, shape (times, n)
         Velocities of the unknowns in a run that is typical of the runs to come.
     points : ndarray of int
-        Contact points to merge; others are dropped.
+        Friction points to merge; others are dropped.
     count : int
+    displacements : ndarray, shape (times, n), optional
+        Unknowns in that run, by which contact opens; at rest if not given.
 
     Returns
     -------
     System
         Row k of its ``shares`` holds the weights of the old points in the new point k.
     """
-    points = points[system.contact.w[points] > 0.0]
-    joints = sparse.csr_array(system.contact.J)[:, points].toarray() > 0.0
-    laws = system.contact.directions, system.contact.beta, np.isfinite(system.contact.stiffness)
-    kinds = np.vstack([joints, *(law[points] for law in laws)]).T
-    sets = [points[np.all(kinds == kind, axis=1)] for kind in np.unique(kinds, axis=0)]
-    rates = thinned(velocities, SETTINGS.times)
-    histories = [_histories(system, rates, members) for members in sets]
-    power = [
-        system.contact.w[p] @ (x * x).sum(axis=1) for p, x in zip(sets, histories, strict=True)
-    ]
+    states = _States.of(system, displacements)
+    units = _Units.of(system, points, states, count)
+    sets = units.sets
+    histories = units.histories(system, states, thinned(velocities, SETTINGS.times), sets)
+    weights = [units.weight[members] for members in sets]
+    single = np.array([units.alone[members[0]] for members in sets])
+    power = np.array([w @ (x * x).sum(axis=1) for w, x in zip(weights, histories, strict=True)])
+    power[single], left = 0.0, count - int(single.sum())
     sizes = np.array([members.size for members in sets])
-    share = np.array(power) / (sum(power) or 1.0)
-    wanted = np.clip((count * share).astype(int), 1, sizes)
+    share = power / (sum(power) or 1.0)
+    wanted = np.clip((left * share).astype(int), 1, sizes)
     # Points that are left over go to kinds with members to spare, in proportion to these.
     spare = sizes - wanted
     wanted += np.minimum(spare, max(count - wanted.sum(), 0) * spare // max(spare.sum(), 1))
-    owner, total = np.zeros(system.contact.w.size, dtype=np.intp), 0
-    for members, x, most in zip(sets, histories, wanted, strict=True):
-        owner[members] = total + partition(x, system.contact.w[members], int(most))
+    owner, total = np.zeros(units.weight.size, dtype=np.intp), 0
+    for members, w, x, most in zip(sets, weights, histories, wanted, strict=True):
+        owner[members] = total + partition(x, w, int(most))
         total = int(owner[members].max()) + 1
-    place = owner[points], points
-    limits = sparse.csr_array(
-        (system.contact.w[points], place), shape=(total, system.contact.w.size)
-    )
-    w = np.asarray(limits.sum(axis=1))
-    return shared_points(system, sparse.csr_array(sparse.diags_array(1.0 / w) @ limits), w)
+    return units.merged(system, states, owner)
 
 
-def shared_points(system: System, shares: sparse.csr_array, given: FloatArray) -> System:
+def shared_points(
+    system: System,
+    shares: sparse.csr_array,
+    given: FloatArray,
+    pressed: sparse.csr_array | None = None,
+) -> System:
     """System whose contact points are weighted means of old points with equal beta.
 
     The old points of a mean must have the same number of slip directions, too. The ``shares`` of
@@ -142,6 +180,8 @@ def shared_points(system: System, shares: sparse.csr_array, given: FloatArray) -
         Weights of the old points in each new one.
     given : ndarray, shape (new points,)
         Friction limits of the new points, N, without those of normal forces that change.
+    pressed : sparse array, shape (new pressure points, q), optional
+        Shares of the old pressure points in the new ones; they stay as they are if not given.
     """
     contact = system.contact
     like = shares.indices[shares.indptr[:-1]]  # an old point of each new one
@@ -157,20 +197,177 @@ def shared_points(system: System, shares: sparse.csr_array, given: FloatArray) -
     else:
         alike["stiffness"] = np.full(given.size, np.inf)
     of_all = shares if contact.shares is None else sparse.csr_array(shares @ contact.shares)
-    gain = sparse.csr_array((shares > 0.0).astype(float) @ sparse.csr_array(contact.gain))
+    normal, gain = contact.normal, sparse.csr_array(contact.gain)
+    gain = sparse.csr_array((shares > 0.0).astype(float) @ gain)
+    if pressed is not None:
+        normal, gain = normal.merged(pressed), sparse.csr_array(gain @ pressed.T)
     J = contact.J @ shares.T
-    changes = {"B": B, "given": given, "J": J, "shares": of_all, "gain": gain}
+    changes = {"B": B, "given": given, "J": J, "shares": of_all, "gain": gain, "normal": normal}
     return system.with_contact(**changes, **alike)
 
 
-def _histories(system: System, velocities: FloatArray, points: IntArray) -> FloatArray:
-    """Histories of y / sqrt(|y|) of points with equal directions, in their principal axes."""
+class _States(NamedTuple):
+    """What contact does at rest and at the displacements of a training run.
+
+    Attributes
+    ----------
+    reach : ndarray, shape (times, q)
+        How far the faces are beyond their bound at each pressure point, m; negative apart.
+    limits : ndarray, shape (m,)
+        Means of the friction limits of all friction points, N.
+    """
+
+    reach: FloatArray
+    limits: FloatArray
+
+    @classmethod
+    def of(cls, system: System, displacements: FloatArray | None) -> _States:
+        """States of a system whose contact that opens has a stiffness."""
+        contact = system.contact.normal
+        if not system.contact.opens:
+            return cls(np.zeros((1, 0)), system.contact.w)
+        u = np.zeros((1, system.n))
+        if displacements is not None:
+            u = np.vstack([u, thinned(displacements, SETTINGS.times)])
+        reach = contact.force / contact.stiffness - contact.gaps(u)
+        limits = system.contact.limits(contact.elastic_forces(u).mean(axis=0))
+        # Those of points that are pressed at no time are not zero, as they are weights.
+        return cls(reach, np.maximum(limits, 1e-9 * limits.max(initial=0.0)))
+
+
+class _Units(NamedTuple):
+    """What may be merged: friction points, pressure points, and pairs of one of each.
+
+    Attributes
+    ----------
+    slider, presser : ndarray of int, shape (u,)
+        Friction point and pressure point of each unit; -1 for none.
+    kinds : ndarray, shape (u, k)
+        Units with equal rows may be merged.
+    alone : ndarray of bool, shape (u,)
+        Whether a unit is left for itself.
+    weight : ndarray, shape (u,)
+        Weight in the partition: the stiffness, N/m, or the friction limit, N, without one.
+    """
+
+    slider: IntArray
+    presser: IntArray
+    kinds: FloatArray
+    alone: BoolArray
+    weight: FloatArray
+
+    @classmethod
+    def of(cls, system: System, points: IntArray, states: _States, count: int) -> _Units:
+        """Units of some friction points of a system, and of all pressure points that touch."""
+        points = points[system.contact.rubs[points]]
+        contact, given = system.contact.normal, system.contact.given
+        if not system.contact.opens:
+            none = np.full(points.size, -1)
+            kinds, alone = _laws(system, points), np.zeros(points.size, dtype=bool)
+            return cls(points, none, kinds, alone, system.contact.w[points])
+        gain = sparse.csr_array(system.contact.gain, copy=True)
+        gain.eliminate_zeros()
+        pressing, limited = np.diff(gain.indptr), np.bincount(gain.indices, minlength=gain.shape[1])
+        pairs = np.flatnonzero(pressing == 1)
+        pairs = pairs[limited[gain.indices[gain.indptr[pairs]]] == 1]
+        partner = np.full(pressing.size, -1)
+        partner[pairs] = gain.indices[gain.indptr[pairs]]
+        pressed, closed = contact.force > 0.0, states.reach.max(axis=0)
+        touches = pressed | (closed + SETTINGS.near * contact.gap >= 0.0)
+        kept = (pressing != 1) | (partner < 0) | touches[partner] | (given > 0.0)
+        points = points[kept[points]]
+        presser = np.where(touches[partner[points]], partner[points], -1)
+        others = np.setdiff1d(np.flatnonzero(touches), presser)
+        slider = np.concatenate([points, np.full(others.size, -1)])
+        presser = np.concatenate([presser, others])
+        linked = np.where(slider < 0, limited[presser] > 0, (pressing[slider] > 0) & (presser < 0))
+        apart = (presser >= 0) & ~pressed[presser]
+        few = np.count_nonzero(apart) <= SETTINGS.apart * count
+        alone = linked | (apart & few)
+        pair = (slider >= 0) & (presser >= 0)
+        slopes = np.where(pair, gain.sum(axis=1)[slider], 0.0)
+        with np.errstate(invalid="ignore"):
+            slopes = np.round(slopes / slopes.max(initial=0.0), 9)
+        own = np.where(alone, np.arange(1, slider.size + 1), 0)
+        kinds = np.stack([presser >= 0, apart, slopes, own]).T
+        weight = np.where(presser >= 0, contact.stiffness[presser], states.limits[slider])
+        kinds = np.hstack([_laws(system, slider), kinds])
+        return cls(slider, presser, kinds, alone, weight)
+
+    @property
+    def sets(self) -> list[IntArray]:
+        """Numbers of the units of each kind."""
+        return [
+            np.flatnonzero(np.all(self.kinds == kind, axis=1))
+            for kind in np.unique(self.kinds, axis=0)
+        ]
+
+    def histories(
+        self, system: System, states: _States, rates: FloatArray, sets: list[IntArray]
+    ) -> list[FloatArray]:
+        """Coordinates of the units of each of some sets, by which they are alike."""
+        slips, presses, lost = [], [], [0.0, 0.0]
+        for members in sets:
+            slider, presser = self.slider[members], self.presser[members]
+            x = over = np.zeros((members.size, 0))
+            if slider[0] >= 0:
+                x = _slips(system, rates, slider)
+            if presser[0] >= 0:
+                x = x * np.sqrt(states.limits[slider] / self.weight[members])[:, np.newaxis]
+                over = np.maximum(states.reach[:, presser], 0.0).T
+            slips.append(x)
+            presses.append(over)
+            moved = over - over.sum(axis=1, keepdims=True) / len(states.reach)
+            for k, part in enumerate((x, moved)):
+                lost[k] += float(self.weight[members] @ (part * part).sum(axis=1))
+        scale = np.sqrt(SETTINGS.pressed * lost[0] / lost[1]) if min(lost) > 0.0 else 1.0
+        parts = zip(slips, presses, strict=True)
+        return [_along_axes(np.hstack([x, scale * over])) for x, over in parts]
+
+    def merged(self, system: System, states: _States, owner: IntArray) -> System:
+        """System whose points merge the units with the same number, (u,)."""
+        slides, presses = self.slider >= 0, self.presser >= 0
+        slider = owner[slides], self.slider[slides]
+        given = np.asarray(_members(*slider, system.contact.given).sum(axis=1))
+        shares = _means(*slider, states.limits)
+        if not system.contact.opens:
+            return shared_points(system, shares, given)
+        pressed = _means(owner[presses], self.presser[presses], system.contact.normal.stiffness)
+        return shared_points(system, shares, given, pressed)
+
+
+def _members(owner: IntArray, points: IntArray, weights: FloatArray) -> sparse.csr_array:
+    """Matrix of the weights (m,) of some points in the sets that own them, (sets, m)."""
+    number = np.unique(owner, return_inverse=True)[1]
+    shape = int(number.max(initial=-1)) + 1, weights.size
+    return sparse.csr_array((weights[points], (number, points)), shape=shape)
+
+
+def _means(owner: IntArray, points: IntArray, weights: FloatArray) -> sparse.csr_array:
+    """The same, with the sum 1 in each row."""
+    members = _members(owner, points, weights)
+    return sparse.csr_array(sparse.diags_array(1.0 / np.asarray(members.sum(axis=1))) @ members)
+
+
+def _laws(system: System, points: IntArray) -> FloatArray:
+    """Joints, directions, law and springs of friction points, (k, ...); zero for the number -1."""
+    joints = sparse.csr_array(system.contact.J)[:, points].toarray() > 0.0
+    laws = system.contact.directions, system.contact.beta, np.isfinite(system.contact.stiffness)
+    return np.where(points >= 0, np.vstack([joints, *(law[points] for law in laws)]), 0.0).T
+
+
+def _slips(system: System, velocities: FloatArray, points: IntArray) -> FloatArray:
+    """Histories of y / sqrt(|y|) of points with equal directions."""
     rows = system.contact.first_row[points][:, np.newaxis] + np.arange(
         system.contact.directions[points[0]]
     )
     slip = np.asarray(system.contact.B)[rows] @ velocities.T  # (points, directions, times)
     size = np.sqrt((slip * slip).sum(axis=1, keepdims=True))
-    x = (slip / np.sqrt(np.where(size > 0.0, size, 1.0))).reshape(points.size, -1)
+    return (slip / np.sqrt(np.where(size > 0.0, size, 1.0))).reshape(points.size, -1)
+
+
+def _along_axes(x: FloatArray) -> FloatArray:
+    """Coordinates (m, d) in their principal axes, those that count."""
     axes = np.linalg.eigh(x.T @ x)[1]
     return np.asarray(x @ axes[:, -SETTINGS.directions :])
 

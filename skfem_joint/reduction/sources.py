@@ -198,8 +198,12 @@ def static_basis(
         system, V, modes, proper, u=u, v=path.V.T, slip_peak=slip, slip_velocity=velocity
     )
     # Its history has the coordinates of the preliminary basis: from these to those of the run.
-    velocities = thinned(run.v, bases.SETTINGS.most_times) @ basis.history.velocities
-    history = replace(basis.history, velocities=velocities, resolved=1e-5)
+    displacements, velocities = (
+        thinned(x, bases.SETTINGS.most_times) @ basis.history.velocities for x in (run.u, run.v)
+    )
+    history = replace(
+        basis.history, velocities=velocities, displacements=displacements, resolved=1e-5
+    )
     return replace(basis, history=history, stiffness=path.stiffness)
 
 

@@ -1,0 +1,184 @@
+"""Contact points that open and slip alike are merged: friction and pressure points together."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from opening_blocks import block, loads
+from scipy import sparse
+
+import skfem_joint as sj
+from skfem_joint.analysis.contact_history import normal_forces
+from skfem_joint.analysis.history import difference, results
+from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.friction_points import merged_points
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TIMING = {"cycles": 1, "steps_per_cycle": 100}
+
+
+@pytest.fixture(scope="module")
+def model():
+    """Reduced model with all points, and its run."""
+    small = sj.reduce(block(elements=24).system(loads(up=150e3)), modes=8, friction_points="all")
+    return small, sj.integrate(small, **TIMING, save=sj.Save(fields=True))
+
+
+def _merged(small, run, count):
+    return merged_points(small, run.v, np.flatnonzero(small.rubs), count, run.u)
+
+
+def _apart(small, gaps):
+    """The same model with pressure points that are apart at rest by ``gaps``, (q,), m."""
+    contact = small.opening
+    opening = replace(contact, gap=gaps, force=np.where(gaps > 0.0, 0.0, contact.force))
+    return replace(small, opening=opening, w=opening.limits_at_rest)
+
+
+def _halved(small):
+    """The same model with each contact point as two of half its size at the same place."""
+    contact, m = small.opening, small.w.size
+    twice, pressed = (
+        sparse.kron(sparse.eye_array(k), np.ones((2, 1)), format="csr")
+        for k in (m, contact.gap.size)
+    )
+    values = ("force", "area", "stiffness")
+    opening = replace(
+        contact,
+        N=pressed @ contact.N,
+        gap=pressed @ contact.gap,
+        gain=sparse.csr_array(sparse.kron(contact.gain, np.eye(2))),
+        **{name: 0.5 * (pressed @ getattr(contact, name)) for name in values},
+    )
+    return replace(
+        small,
+        B=twice @ small.B,
+        w=0.5 * (twice @ small.w),
+        beta=twice @ small.beta,
+        directions=np.ones(2 * m, dtype=int),
+        J=small.J @ twice.T,
+        stiffness=None,
+        shares=None,
+        opening=opening,
+    )
+
+
+def test_forces_limits_stiffness_and_areas_at_rest_are_sums(model):
+    small, run = model
+    few, contact = _merged(small, run, 7), small.opening
+    merged = few.opening
+    assert (few.w.size, merged.gap.size) == (6, 7)  # a point at a support does not slip
+    np.testing.assert_allclose(merged.shares.sum(axis=1), 1.0, rtol=1e-12)
+    members = (merged.shares > 0.0).astype(float)
+    for name in ("force", "stiffness", "area"):
+        known = members @ getattr(contact, name)
+        np.testing.assert_allclose(getattr(merged, name), known, rtol=1e-12)
+    np.testing.assert_allclose(few.w, (few.shares > 0.0) @ small.w, rtol=1e-12)
+    np.testing.assert_allclose(few.w, merged.limits_at_rest, rtol=1e-12)
+    assert few.w.sum() == pytest.approx(small.w.sum(), rel=1e-12)
+
+
+def test_closed_points_have_the_forces_and_limits_of_their_parts_together(model):
+    small, run = model
+    few = _merged(small, run, 7)
+    u = np.random.default_rng(0).normal(size=(5, small.n))
+    contact = small.opening
+    pressed_in = contact.force / contact.stiffness
+    u *= 0.5 / np.abs((contact.N @ u.T).T / pressed_in).max()
+    every, merged = (system.opening.elastic_forces(u) for system in (small, few))
+    assert every.min() > 0.0
+    members = (few.opening.shares > 0.0).astype(float)
+    np.testing.assert_allclose(merged, (members @ every.T).T, rtol=1e-9)
+    limits = [(system.opening.gain @ p.T).T for system, p in ((small, every), (few, merged))]
+    np.testing.assert_allclose(limits[1], ((few.shares > 0.0) @ limits[0].T).T, rtol=1e-9)
+
+
+def test_points_that_are_alike_are_merged_without_an_error(model):
+    small, run = model
+    one = sj.integrate(replace(small, origin=None), **TIMING)
+    few = _merged(_halved(small), run, small.opening.gap.size)
+    assert (few.w.size, few.opening.gap.size) == (small.w.size, small.opening.gap.size)
+    other = sj.integrate(few, **TIMING)
+    np.testing.assert_allclose(other.point_u, one.point_u, atol=1e-9 * one.peak.max())
+    assert other.friction_work.sum() == pytest.approx(one.friction_work.sum(), rel=1e-8)
+    assert other.normal_force_peak.max() == pytest.approx(one.normal_force_peak.max(), rel=1e-8)
+
+
+def test_merged_points_create_no_energy(model):
+    """Released while a part of it is lifted off, the structure loses energy in every step."""
+    small, run = model
+    few = replace(_merged(small, run, 7), loads=())
+    free = sj.integrate(
+        few, duration=1e-4, step=5e-7, initial=(run.u[25], run.v[25]),
+        scheme=sj.generalized_alpha(0.0), save=sj.Save(fields=True),
+    )  # fmt: skip
+    energy = np.array([few.stored_energy(*state) for state in zip(free.u, free.v, strict=True)])
+    assert free.normal_force.min() == 0.0
+    assert np.diff(energy).max() < 0.0
+    assert energy[-1] < 0.5 * energy[0]
+    lost = free.friction_work.sum() + free.viscous_work + free.scheme_work
+    assert energy[0] - energy[-1] == pytest.approx(lost, rel=1e-9)
+    assert free.friction_work.min() > 0.0
+
+
+def test_points_apart_at_rest_stay_alone_or_are_left_out(model):
+    small, run = model
+    reach = (small.opening.N @ run.u.T).max(axis=1)
+    gaps = np.zeros(reach.size)
+    near, far = np.argsort(reach)[[-1, -2]], np.argsort(reach)[[0, 1]]
+    gaps[near], gaps[far] = 0.9 * reach[near], 2.0 * np.abs(reach[far]) + 1e-6
+    few = _merged(_apart(small, gaps), run, 8)
+    members = few.opening.shares.toarray() > 0.0
+    assert not members[:, far].any()
+    assert np.all(members[members[:, near].any(axis=1)].sum(axis=1) == 1)
+    assert sorted(few.opening.gap[few.opening.gap > 0.0]) == pytest.approx(sorted(gaps[near]))
+    pressed = np.flatnonzero(gaps == 0.0)
+    assert np.array_equal(np.flatnonzero(members.any(axis=0)), np.union1d(pressed, near))
+
+
+def test_pressures_of_all_points_follow_from_the_motion_of_a_merged_model(model):
+    small, run = model
+    structure = block(elements=24)
+    np.testing.assert_allclose(normal_forces(structure, run), run.normal_force, rtol=1e-12)
+    few = sj.integrate(_merged(small, run, 12), **TIMING, save=sj.Save(fields=True))
+    forces = normal_forces(structure, few)
+    assert forces.shape == run.normal_force.shape
+    assert few.normal_force.shape[1] == 12
+    away = np.linalg.norm(forces - run.normal_force) / np.linalg.norm(run.normal_force)
+    assert away < 0.02
+
+
+def test_few_points_give_history_and_energy_of_all(model):
+    small, run = model
+    system = small.origin.system
+    auto = sj.reduce(system, modes=8)
+    assert auto.w.size == small.w.size  # fewer than three for each unknown
+    errors = []
+    for count in (4, 12):
+        few = reduced_system(system, small.origin.basis, friction_points=count)
+        errors.append(difference(results(run), results(sj.integrate(few, **TIMING))))
+        assert few.opening.gap.size == count
+    assert errors[1]["displacement_rms"] < 0.005
+    assert errors[1]["friction_energy"] < 0.02
+    assert errors[0]["displacement_rms"] > 2.0 * errors[1]["displacement_rms"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["pull", "bend"])
+def test_two_bolted_solid_plates_are_those_of_all_points(kind):
+    """The shipped plates, pulled along or bent at 60 % of what makes them slip as a whole."""
+    structure = sj.load_scene(EXAMPLES / "solid_lap_joint.toml").structure()
+    joints = [replace(joint, contact="unilateral") for joint in structure.joints]
+    load = sj.Load("lower_end", sj.Harmonic(6e3, 200.0), (1.0, 0.0, 0.0))
+    free = {}
+    if kind == "bend":
+        load = sj.Load("lower_end", sj.Harmonic(423.0, 40.0), (0.0, 0.0, 1.0))
+        free = {"fixed_y": [], "fixed_z": []}
+    system = replace(structure, joints=joints, **free).system([load])
+    small = sj.reduce(system, modes=30)
+    every = reduced_system(system, small.origin.basis, friction_points="all")
+    assert small.w.size == small.opening.gap.size <= 4 * small.n < every.w.size // 3
+    whole, run = (sj.integrate(one, cycles=3, steps_per_cycle=100) for one in (every, small))
+    assert difference(results(whole), results(run))["displacement_rms"] < 0.01
+    np.testing.assert_allclose(run.cycles.friction, whole.cycles.friction, rtol=0.02)
