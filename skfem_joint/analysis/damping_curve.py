@@ -129,7 +129,8 @@ def damping_curve(
     t, x = _checked(time, signal, quantity)
     check_some(POSITIVE, frequency=frequency)
     step = float(t[-1] - t[0]) / (t.size - 1)
-    f = frequency or _main_frequency(x, step)
+    spectrum, power = periodogram(x, 1.0 / step)
+    f = frequency or float(spectrum[power.argmax()])
     if f * step * _FEWEST_SAMPLES > 1.0:
         raise InputError(
             f"damping_curve: found {1.0 / (f * step):.3g} samples in a period of {f:.4g} Hz, must "
@@ -233,12 +234,6 @@ def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatAr
     if np.ptp(x) == 0.0:
         raise InputError("damping_curve: the signal does not change")
     return t, x
-
-
-def _main_frequency(x: FloatArray, step: float) -> float:
-    """Frequency of the highest peak of the spectrum, Hz."""
-    f, power = periodogram(x, 1.0 / step)
-    return float(f[power.argmax()])
 
 
 class _Windows(NamedTuple):

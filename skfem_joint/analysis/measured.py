@@ -133,37 +133,32 @@ class MeasuredCurve:
             If the system has no such point, or several and none is given, or the direction does
             not fit.
         """
-        names, where = [*points], f"{self.name}: point"
-        shown, vector = first_of(names, 20), np.zeros(3)
+        names, shown = [*points], first_of([*points], 20)
         point = self.point or (names[0] if len(names) == 1 else "")
-        rows = [names.index(row) for c in "xyz" if (row := f"{point}.{c}") in names]
-        if not point:
-            raise InputError(f"{where}: not given, must be one of {shown}")
+        vector = np.ones(1) if self.direction is None else self.direction
+        rows = [row for c in "xyz" if (row := f"{point}.{c}") in names]
         if point in names and (self.direction is None or not rows):  # a load may have its name
-            rows, vector[0] = [names.index(point)], 1.0
-            if self.direction is not None and np.any(self.direction[1:]):
-                raise InputError(
-                    f"{where}: found {point!r} and a direction, must be one row alone; leave the "
-                    "direction out"
-                )
+            rows = [point]
+        problem = ""
+        if not point:
+            problem = f"not given, must be one of {shown}"
         elif not rows:
-            raise InputError(
-                f"{where}: found {point!r}, must be one of {shown}{closest(point, names)}"
+            problem = f"found {point!r}, must be one of {shown}{closest(point, names)}"
+        elif self.direction is None and rows != [point]:
+            problem = (
+                f"found {point!r} without a direction; give direction, such as x, or one of "
+                f"{', '.join(rows)} as the point"
             )
-        elif self.direction is None:
-            raise InputError(
-                f"{where}: found {point!r} without a direction; give direction, such as x, or one "
-                f"of {', '.join(names[row] for row in rows)} as the point"
+        elif np.any(vector[len(rows) :]):
+            problem = (
+                f"found {point!r} and direction {vector.tolist()}, must be of as many components "
+                f"as the system has there, {', '.join(rows)}"
             )
-        else:
-            vector[: self.direction.size] = self.direction
-        if np.any(vector[len(rows) :]):
-            raise InputError(
-                f"{where}: found direction {vector.tolist()}, must be of {len(rows)} components, "
-                "as the structure has"
-            )
+        if problem:
+            raise InputError(f"{self.name}: point: {problem}")
         weights = np.zeros(len(names))
-        weights[rows] = vector[: len(rows)]
+        for row, share in zip(rows, vector, strict=False):
+            weights[names.index(row)] = share
         return weights
 
 

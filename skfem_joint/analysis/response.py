@@ -270,11 +270,6 @@ def suited_steps(system: System, steps_per_cycle: int) -> int:
     return steps_per_cycle + 1 - steps_per_cycle % 2
 
 
-def half_steps(system: System, steps_per_cycle: int) -> int:
-    """Number of steps of half the length, or slightly less, that suits the search."""
-    return suited_steps(system, 2 * steps_per_cycle)
-
-
 def response(
     system: System,
     frequencies: FloatArray,
@@ -395,7 +390,7 @@ def guided_response(
     def expect(count: int) -> None:
         tally.total += count
 
-    finer = half_steps(system, steps_per_cycle) if estimated else None
+    finer = suited_steps(system, 2 * steps_per_cycle) if estimated else None
     of_coarse = None if coarse is None else finer
     searches = [
         _search(

@@ -87,7 +87,9 @@ def served_scene(scene: Scene) -> ServedScene | None:
     names = TABLES_OF_STRUCTURE | {"load"}
     content = middle.model_dump(mode="json", include=set(names), warnings=False)
     asked_for = range_, table.values(), scene.reduction.modes, accuracy, middle.output.points
-    mark = fingerprint(__version__, content, asked_for, _identity(scene))
+    # A mesh is not assembled for what distinguishes it.
+    identity = scene.structure().identity if scene.matrices else scene.named_mesh.identity
+    mark = fingerprint(__version__, content, asked_for, identity)
     return ServedScene(mark, middle, range_, accuracy)
 
 
@@ -203,11 +205,6 @@ def make_missing(scenes: Iterable[Scene], folder: Path, progress: Progress = sil
         progress("models for ranges", done, len(missing))
         range_model(served, folder)
     return len(missing)
-
-
-def _identity(scene: Scene) -> list[Any]:
-    """What distinguishes a scene's mesh, or matrices, from others; a mesh is not assembled."""
-    return scene.structure().identity if scene.matrices else scene.named_mesh.identity
 
 
 def _parts(load: AnyLoad) -> tuple[Harmonic, ...]:

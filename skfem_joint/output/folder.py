@@ -149,11 +149,6 @@ def _hysteresis_name(number: int, on: str, loads: int) -> str:
     return f"hysteresis_{safe_name(on)}{f'_load_{number}' * (loads > 1)}.png"
 
 
-def _write_loops(path: Path, runs: Mapping[str, Run]) -> None:
-    """Table of the loops of quasi-static runs."""
-    write_csv(path, report.loop_rows(runs))
-
-
 def curves(study: Study) -> dict[str, Writer]:
     """Writers, by the names of their files, of the histories and curves that a scene asks for."""
     scene, system = study.scene, study.system
@@ -162,7 +157,7 @@ def curves(study: Study) -> dict[str, Writer]:
     if scene.output.history:
         plan["history.npz"] = partial(report.write_history, runs=runs)
         if scene.time.quasi_static:
-            plan["joint_loops.csv"] = partial(_write_loops, runs=runs)
+            plan["joint_loops.csv"] = lambda path: write_csv(path, report.loop_rows(runs))
     if not scene.output.plots:
         return plan
 

@@ -112,7 +112,9 @@ def preview_figure(preview: Preview) -> Figure:
         _label(
             panel, marks[k], places[k], (0.04 + 0.92 * (rank + 0.5) / len(marks), row), rank % rows
         )
-    heading = f"{('Bars', 'Plates', 'Solids')[structure.dim - 1]}: {structure.overview()}"
+    extent = " x ".join(f"{1e3 * x:.4g}" for x in np.ptp(structure.nodes, axis=0))
+    kind = ("Bars", "Plates", "Solids")[structure.dim - 1]
+    heading = f"{kind}, {extent} mm: {structure.overview()}"
     for y, text, points, weight in (
         (height - 0.33, preview.title, 14, "bold"),
         (height - 0.58, heading, 10, "normal"),
@@ -156,7 +158,7 @@ def _draw_bodies(panel: Any, structure: Structure, nodes: FloatArray) -> None:
     low, high = low - 0.05 * size.max(), low + size + 0.05 * size.max()
     panel.imshow(_image(structure, low, high), extent=(low[0], high[0], low[1], high[1]))
     panel.set_axis_off()
-    for name, axis in zip(("x, mm", "y", "z"), np.eye(3), strict=True):
+    for name, axis in zip("xyz", np.eye(3), strict=True):
         end = low + 0.08 * size.max() * (axis @ _PAPER.T)
         panel.annotate(name, low, end, arrowprops={"arrowstyle": "<-"}, annotation_clip=False)
 

@@ -11,16 +11,12 @@ import numpy as np
 
 from skfem_joint.mesh.cells import CONFORMING
 from skfem_joint.structure.body import SECTION, Body
-from skfem_joint.structure.clamps import Clamp
-from skfem_joint.structure.joints import Joint
 from skfem_joint.structure.nodes import Nodes, feet
 from skfem_joint.structure.patch import Patch
 from skfem_joint.system import System
 
 #: Least number of elements in the length of a wave.
 _PER_WAVELENGTH = 6
-#: Change of an area or a mass by straight edges above which smaller elements are advised.
-_STRAIGHTENED = 0.01
 
 
 def unusual_values(body: Body) -> Iterator[str]:
@@ -126,50 +122,3 @@ def locking(body: Body) -> Iterator[str]:
         "energies too small by as much, which no estimated total counts but that of a full model "
         "with --certify. Take elements of second order (in Gmsh Mesh.ElementOrder = 2)."
     )
-
-
-def straightened(
-    body: Body, joints: Sequence[Joint], bolts: Sequence[Clamp], loads: Sequence[str]
-) -> Iterator[str]:
-    """Sentences about areas and mass that change because curved edges are made straight.
-
-    These are the mass and the size of each part that is a joint, is pressed by a bolt, or is
-    loaded; ``loads`` are names of `AppliedLoad`.
-    """
-    mesh, change = body.mesh, body.mesh.straightened
-    if change is None:
-        return
-    straight = body.basis.dx.sum(axis=1)
-    by_size = body.properties["density"] * body.across
-    mass = body.total_mass
-    changes = {"the mass": mass / (mass + float(by_size @ change.lost)) - 1.0}
-    uses = [("joint", name) for j in joints for name in (j.on, j.against)]
-    uses += [(key, name) for bolt in bolts for key, name in bolt.surfaces]
-    for name in loads:  # ".2" is a second direction
-        known = name in mesh.boundaries or name in mesh.regions
-        uses.append(("load", name if known else name.rpartition(".")[0]))
-    roles: dict[str, list[str]] = {}
-    for role, used in uses:
-        if used in mesh.boundaries or used in mesh.regions:
-            roles.setdefault(str(used), []).append(role)
-    sizes = ("length", "area", "volume")
-    for name, given in roles.items():
-        where = f"of {name!r} ({', '.join(dict.fromkeys(given))})"
-        if name in mesh.boundaries:
-            changes[f"the {sizes[mesh.dim - 2]} {where}"] = change.boundaries[name]
-        else:
-            own = mesh.regions[name]
-            size = float(straight[own].sum())
-            ratio = size / (size + float(change.lost[own].sum()))
-            changes[f"the {sizes[mesh.dim - 1]} {where}"] = ratio - 1.0
-    by_how_much = ", ".join(
-        f"{what} by {100.0 * x:.2g} %" for what, x in changes.items() if abs(x) > 1e-9
-    )
-    yield f"Edges that were curved are straight here, which changes {by_how_much or 'no size'}."
-    much = [what for what, x in changes.items() if abs(x) > _STRAIGHTENED]
-    if much:
-        yield (
-            f"Straight edges in place of curved ones change {', '.join(much)} by more than "
-            f"{100.0 * _STRAIGHTENED:g} %: use smaller elements there (in Gmsh "
-            "Mesh.MeshSizeFromCurvature = 36, elements a turn)."
-        )

@@ -267,10 +267,8 @@ class Structure:
 
     def unusual(self, system: System) -> list[str]:
         """Sentences about mesh, values and size that suggest a mistake of the user."""
-        loads = [load.on for load in system.loads]
         return [
             *self.mesh.notes,
-            *doubts.straightened(self.body, self.joints, self.bolts, loads),
             *doubts.unusual_values(self.body),
             *doubts.locking(self.body),
         ]
