@@ -285,7 +285,7 @@ def estimate_errors(study: Study, result: ModelResult, progress: Progress) -> Mo
     if model is None or model.estimate is None or model.errors is None:
         return result
     runs = results(study.models["full"].run), results(model.run)
-    joints = joint_differences(*runs, study.system.joints)
+    joints = joint_differences(*runs, study.system.contact.joints)
     beside = model.estimate.beside(difference(*runs), joints)
     return replace(result, model=replace(model, estimate=beside))
 
