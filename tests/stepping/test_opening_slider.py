@@ -66,8 +66,8 @@ def test_vibration_that_is_slow_has_the_loop_of_the_closed_form():
 def test_a_slider_in_unknowns_that_are_no_slips_has_the_loop_of_its_closed_form(solve, options):
     """Elastic contact carries the share of the normal load that its stiffness has."""
     system, stiffness, turned = slider(150.0, 0.0), 4.0 * LIFTS, np.array([[0.8, -0.6], [0.6, 0.8]])
-    contact = replace(system.opening, stiffness=np.full(1, stiffness))
-    small, errors = replace(system, opening=contact).project(turned), []
+    contact = replace(system.contact.normal, stiffness=np.full(1, stiffness))
+    small, errors = system.with_contact(normal=contact).project(turned), []
     assert arranged(small).kind == "dense"
     for steps in (50, 100, 200):
         run = solve(small, cycles=2, steps_per_cycle=steps, **options)
@@ -80,15 +80,16 @@ def test_a_slider_in_unknowns_that_are_no_slips_has_the_loop_of_its_closed_form(
 def test_sparse_matrices_whose_slip_and_approach_share_unknowns_are_stepped_as_dense_ones():
     system, turned = slider(150.0, 0.0), np.array([[0.8, -0.6], [0.6, 0.8]])
     rigid = system.project(turned)
-    contact = replace(rigid.opening, N=sparse.csr_array(rigid.opening.N))
-    values = {name: sparse.csr_array(getattr(rigid, name)) for name in ("M", "C", "K", "B", "P")}
-    rigid = replace(rigid, opening=contact, **values)
+    contact = replace(rigid.contact.normal, N=sparse.csr_array(rigid.contact.normal.N))
+    values = {name: sparse.csr_array(getattr(rigid, name)) for name in ("M", "C", "K", "P")}
+    rigid = rigid.with_contact(B=sparse.csr_array(rigid.contact.B), normal=contact)
+    rigid = replace(rigid, **values)
     with pytest.raises(sj.InputError, match="or contact elastic"):
         arranged(rigid)
     soft = {"stiffness": np.full(1, 1e4)}
-    small = replace(rigid, opening=replace(contact, **soft))
+    small = rigid.with_contact(normal=replace(contact, **soft))
     assert arranged(small).kind == "dense"
-    whole = replace(system, opening=replace(system.opening, **soft))
+    whole = system.with_contact(normal=replace(system.contact.normal, **soft))
     for solve in (sj.integrate, sj.quasi_static):
         runs = [solve(s, cycles=2, steps_per_cycle=60) for s in (whole, small)]
         assert runs[1].friction_work == pytest.approx(runs[0].friction_work, rel=1e-7)

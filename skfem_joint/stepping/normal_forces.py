@@ -52,28 +52,22 @@ friction has its limit from that force: they have no impacts.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
-from itertools import pairwise
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, as_dense, check_like
-from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.minimise.choice import step_problem
+from skfem_joint.arrays import FloatArray
 from skfem_joint.minimise.limits import Hinges
-from skfem_joint.minimise.problem import (
-    ContactPoints,
-    Minimum,
-    Pressed,
-    PressurePoints,
-    StepProblem,
-)
+from skfem_joint.minimise.problem import Minimum, Pressed, PressurePoints, StepProblem
 from skfem_joint.minimise.touching import Touching
+from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import Coefficients, State
-from skfem_joint.stepping.steppers import FailedStep, PythonStepper, Saved
+from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.stepping.steppers import PythonStepper, Saved
 
 #: Gaps below this share of the largest displacement or gap are closed.
 CLOSED = 64 * float(np.finfo(np.float64).eps)
@@ -129,8 +123,10 @@ class FrictionState(NamedTuple):
         return cls(*np.repeat(force[None], 5, axis=0))
 
 
-class OpeningStepper(PythonStepper):
-    """Steps of a system with contact that opens, see the module.
+class NormalForces:
+    """Normal forces from step to step, and friction that follows them, see the module.
+
+    It is what `skfem_joint.stepping.steppers.ConstantForces` is where contact does not open.
 
     Attributes
     ----------
@@ -140,103 +136,82 @@ class OpeningStepper(PythonStepper):
         Friction limits now, N, w1 in the module.
     """
 
-    COUNTS = (*PythonStepper.COUNTS, "renewed_limits")
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        contact = self.system.contact.normal
-        self.contact = contact
+    def __init__(self, system: System) -> None:
+        self.system, self.contact = system, system.contact.normal
+        contact = self.contact
         self.rigid = contact.rigid
         self.normal = NormalState(*np.repeat(contact.force[None], 3, axis=0))
-        self.limits = np.array(self.system.contact.w)
-        self.constant = self.system.contact.given
-        self.gain = sparse.csr_array(self.system.contact.gain)
+        self.limits = np.array(system.contact.w)
+        self.gain = sparse.csr_array(system.contact.gain)
         # Points that rigid contact presses, whose friction is an impulse unless they have springs.
         follows = (self.gain != 0.0) @ self.rigid
-        self.sprung = follows & self.system.contact.sprung
-        self.impulsive = follows & ~self.system.contact.sprung
-        self.impulsive_rows = self.system.contact.on_rows(self.impulsive)
-        self.friction = FrictionState.at(np.zeros(self.system.contact.B.shape[0]))
+        self.sprung = follows & system.contact.sprung
+        self.impulsive = follows & ~system.contact.sprung
+        self.impulsive_rows = system.contact.on_rows(self.impulsive)
+        self.friction = FrictionState.at(np.zeros(system.contact.B.shape[0]))
         self.touching = Touching(contact.force > 0.0)
+        # Of the step that is done: mean forces before it, and what its end and works need.
+        self._last = self.normal, self.friction
+        self._known = self._lowest = np.zeros(0)
+        self._hinges_now = cast("Hinges", None)
+        self._of_mass: StepProblem | None = None
 
-    def new_problem(self, c: Coefficients) -> Any:
-        """See `Stepper`."""
-        s = self.system
-        return self._problem(c.c_M * s.M + s.C + c.c_K * s.K, self.of_step(c))
+    def restart(self, stepper: PythonStepper, amplitudes: FloatArray) -> Minimum:
+        """Acceleration and friction over its limit that are consistent with the loads now.
 
-    def _problem(self, H: Any, points: ContactPoints) -> StepProblem:
-        H = as_dense(H) if isinstance(H, np.ndarray) else as_compressed(H)
-        return step_problem(H, points, self.kind)
-
-    @property
-    def limits_now(self) -> FloatArray:
-        """See `Stepper`."""
-        return self.limits
-
-    def set_limits(self, limits: FloatArray) -> None:
-        """See `Stepper`."""
-        self.limits = np.array(limits)
-
-    def restart(self, amplitudes: FloatArray) -> bool:
-        """Make acceleration and normal forces consistent with the loads now."""
-        s, contact, (u, v) = self.system, self.contact, self.now[:2]
+        The stepper is at rest in them if what was found has converged.
+        """
+        s, contact, (u, v) = self.system, self.contact, stepper.now[:2]
+        on_rows = s.contact.on_rows
         if not self.rigid.any():  # else forces are not known before the first step
             self.limits = s.contact.limits(contact.elastic_forces(u))
         slip = s.contact.B @ v
         moving = s.contact.slip_norm(slip) > 0.0
-        right = self.recorder.vectors @ amplitudes - s.C @ v - s.K @ u
+        right = stepper.recorder.vectors @ amplitudes - s.C @ v - s.K @ u
         right += contact.N.T @ (contact.force - contact.elastic_forces(u))
-        sigma = np.zeros(slip.size)
-        given = self.constant.copy()
+        sigma, given = np.zeros(slip.size), s.contact.given.copy()
         free = moving | np.isfinite(s.contact.beta) | s.contact.sprung
         if free.any():
             from skfem_joint.minimise.law import force_vectors
 
-            sigma = np.asarray(
-                force_vectors(slip, s.contact.beta, s.contact.directions)
-            ) * s.contact.on_rows(free)
-            sigma = np.where(
-                s.contact.on_rows(s.contact.sprung), self.now.sigma, sigma
-            )  # springs do not jump
+            law = s.contact.beta, s.contact.directions
+            sigma = np.asarray(force_vectors(slip, *law)) * on_rows(free)
+            sigma = np.where(on_rows(s.contact.sprung), stepper.now.sigma, sigma)  # do not jump
             given[free] = NEVER_RUBS
         closed = self.rigid & (self._gaps(u) <= 0.0) & (contact.N @ v >= 0.0)
-        bound = np.where(closed, 0.0, np.inf)
-        limits = self.limits
+        pressed = Pressed(np.where(closed, 0.0, np.inf), given)
+        problem, limits = self._still(stepper), self.limits
         for _ in range(RENEWALS):
-            own = right - s.contact.B.T @ (s.contact.on_rows(limits) * sigma)
-            minimum = self._still.minimise(own, None, self.tolerance, pressed=Pressed(bound, given))
+            own = right - s.contact.B.T @ (on_rows(limits) * sigma)
+            minimum = problem.minimise(own, None, stepper.tolerance, pressed=pressed)
             if not minimum.converged:
-                self.failure = FailedStep(minimum.residual, minimum.where)
-                return False
+                return minimum
             p = np.where(self.rigid, minimum.p, contact.elastic_forces(u))
-            before, follow = limits, self.constant + self.gain @ p
+            before, follow = limits, s.contact.given + self.gain @ p
             limits = np.where(free, np.where(s.contact.sprung, before, follow), minimum.w)
             change = np.where(free, np.abs(limits - before), 0.0)
             if change.max(initial=0.0) <= RENEWED * limits.max(initial=0.0):
                 break
         else:
-            self.failure = FailedStep(float(change.max()), int(self.points.unknowns[0]))
-            return False
+            return replace(minimum, converged=False, residual=float(change.max()))
         self.normal, self.limits = NormalState(p, p.copy(), p.copy()), limits
         # Sliding points have the friction of their law, not that of an acceleration besides.
-        sigma = np.where(s.contact.on_rows(free), sigma, minimum.sigma) * s.contact.on_rows(
-            limits > 0.0
-        )
-        self.friction = FrictionState.at(s.contact.on_rows(limits) * sigma)
-        self.started(minimum.v, sigma)
-        return True
+        sigma = np.where(on_rows(free), sigma, minimum.sigma) * on_rows(limits > 0.0)
+        self.friction = FrictionState.at(on_rows(limits) * sigma)
+        return replace(minimum, sigma=sigma)
 
-    @cached_property
-    def _still(self) -> StepProblem:
+    def _still(self, stepper: PythonStepper) -> StepProblem:
         """Problem of an acceleration; elastic pressure points have known forces in it."""
-        normal = cast("PressurePoints", self.points.normal)
-        normal = replace(normal, stiffness=np.where(self.rigid, np.inf, 1e-300))
-        points = replace(self.points, normal=normal)
-        if self.system.contact.has_springs:
-            # Sliders without friction follow: their springs, of whatever stiffness, are forceless.
-            unit = 1.0 / float(self.system.M.diagonal().mean())
-            points = replace(points, flexible=np.where(self.system.contact.sprung, unit, 0.0))
-        return self._problem(self.system.M, points)
+        if self._of_mass is None:
+            normal = cast("PressurePoints", stepper.points.normal)
+            normal = replace(normal, stiffness=np.where(self.rigid, np.inf, 1e-300))
+            points = replace(stepper.points, normal=normal)
+            if self.system.contact.has_springs:
+                # Sliders without friction follow: springs of any stiffness are forceless then.
+                unit = 1.0 / float(self.system.M.diagonal().mean())
+                points = replace(points, flexible=np.where(self.system.contact.sprung, unit, 0.0))
+            self._of_mass = stepper.made(self.system.M, points)
+        return self._of_mass
 
     def _gaps(self, u: FloatArray) -> FloatArray:
         """Gap of each pressure point, m; what is round-off counts as closed."""
@@ -245,88 +220,68 @@ class OpeningStepper(PythonStepper):
         gap[np.abs(gap) <= CLOSED * scale] = 0.0
         return gap
 
+    def before(
+        self, c: Coefficients, u: FloatArray, predictor: FloatArray
+    ) -> tuple[FloatArray, Pressed]:
+        """What a step from displacements ``u`` has of contact.
+
+        Returns
+        -------
+        right : ndarray, shape (n,)
+            Forces on its right side, N.
+        pressed : Pressed
+            See `StepProblem.minimise`.
+        """
+        contact, share = self.contact, _share(c)
+        # Mean force over the step: m = (share of the force at its end) + (rest).
+        rest = _rest(c, self.normal.end, self.normal.filtered)
+        self._lowest = np.where(self.rigid, -rest / share, 0.0)
+        right = contact.N.T @ (contact.force - self._lowest)
+        self._known = -_rest(c, self.friction.end, self.friction.filtered) / share
+        right -= self.system.contact.B.T @ np.where(self.impulsive_rows, self._known, 0.0)
+        self._hinges_now = self._hinges(c, self._pressing())
+        factors = np.where(self.rigid, share, 1.0)
+        bound, given = self._bounds(c, predictor, u), self.system.contact.given
+        return right, Pressed(bound, given, factors, self._hinges_now, self.touching)
+
+    def after(self, c: Coefficients, minimum: Minimum) -> None:
+        """Take over the forces of a step that was found."""
+        self._last, before = (self.normal, self.friction), self._pressing()
+        self.touching.follow(minimum.p)
+        end = self._lowest + minimum.p
+        filtered = _filtered(c, end, *self.normal[:2])
+        self.normal = NormalState(end, filtered, np.where(self.rigid, _share(c) * minimum.p, end))
+        self._take_over_friction(c, minimum, before)
+
+    def works(self, recorder: Recorder, before: State, now: State) -> dict[str, Any]:
+        """Add what the scheme and impacts take in the last step; returns its friction and limits.
+
+        They are arguments of `Recorder.add_step`.
+        """
+        normal, friction = self._last
+        self._add_scheme_work(recorder, before, now, friction)
+        self._add_normal_work(recorder, before, now, normal)
+        mean = self.friction.mean
+        forces = np.where(self.impulsive_rows, mean, friction.mean), mean
+        return {"forces": forces, "limits": self.limits}
+
+    def store(self, recorder: Recorder, row: int) -> None:
+        """Store the normal forces."""
+        recorder.store_normal(row, self.normal.mean)
+
     @property
     def beside(self) -> FloatArray:
         """Normal forces, friction and friction limits in a row."""
         return np.concatenate([*self.friction, *self.normal, self.limits])
 
-    def go_on(self, now: State, beside: FloatArray) -> None:
-        """See `Stepper`; mean forces and limits that a mixture makes negative are none."""
+    def go_on(self, beside: FloatArray) -> None:
+        """Go on from such numbers; mean forces and limits that are negative in a mixture are 0."""
         sizes = [part.size for part in (*self.friction, *self.normal)]
         *parts, limits = (part.copy() for part in np.split(beside, np.cumsum(sizes)))
         self.friction = FrictionState(*parts[:5])
         end, filtered, mean = parts[5:]
         self.normal = NormalState(end, filtered, np.maximum(mean, 0.0))
         self.limits = np.maximum(limits, 0.0)
-        self.now, self.v_before = now, now.v
-
-    def store_start(self) -> None:
-        """Store the normal forces of the start."""
-        self.recorder.store_normal(0, self.normal.mean)
-
-    def prepare(self, h: float) -> None:
-        """Prepare what steps of ``h`` need; after :meth:`restart`."""
-        self.problem(self.coefficients(h))
-
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
-        """Do the steps."""
-        c, recorder, done = self.coefficients(h), self.recorder, 0
-        for ends in pairwise(amplitudes.T):
-            before, normal, friction = self.now, self.normal, self.friction
-            if not self._step(c, ends[1]):
-                break
-            self.v_before = before.v
-            now, impulsive = self.friction.mean, self.impulsive_rows
-            forces = np.where(impulsive, now, friction.mean), now
-            recorder.add_step(h, ends, before, self.now, c.trapezoidal, forces, self.limits)
-            self._add_scheme_work(before, friction)
-            self._add_normal_work(before, normal)
-            done += 1
-            self.frequency = 0.0
-            if store:
-                recorder.store(first_step + done, self.now, self.limits)
-                recorder.store_normal(first_step + done, self.normal.mean)
-        return done
-
-    def _step(self, c: Coefficients, amplitudes: FloatArray) -> bool:
-        """Do one step; False, and nothing changed, if it does not converge."""
-        s, contact = self.system, self.contact
-        problem = self.problem(c)
-        u, v, a, d, _ = self.now
-        predictor = u + c.u_v * v + c.u_a * a
-        right = self.recorder.vectors @ amplitudes - s.K @ predictor
-        right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-        # Mean force over the step: m = (share of the force at its end) + (rest).
-        share = self._share(c)
-        rest = self._rest(c, self.normal.end, self.normal.filtered)
-        lowest = np.where(self.rigid, -rest / share, 0.0)
-        right += contact.N.T @ (contact.force - lowest)
-        bound = self._bounds(c, predictor, u)
-        known = -self._rest(c, self.friction.end, self.friction.filtered) / share
-        right -= s.contact.B.T @ np.where(self.impulsive_rows, known, 0.0)
-        before = self._pressing()
-        hinges = self._hinges(c, before)
-        factors = np.where(self.rigid, share, 1.0)
-        pressed = Pressed(bound, self.constant, factors, hinges, self.touching)
-        force = s.contact.on_rows(self.limits) * self.now.sigma
-        offset = s.contact.spring_offset(predictor - u, force, c.c_K)
-        minimum = problem.minimise(
-            right, 2.0 * v - self.v_before, self.tolerance, offset=offset, pressed=pressed
-        )
-        self._count(minimum.counts)
-        if not minimum.converged:
-            self.failure = FailedStep(minimum.residual, minimum.where)
-            return False
-        self.touching.follow(minimum.p)
-        end = lowest + minimum.p
-        filtered = self._filtered(c, end, *self.normal[:2])
-        self.normal = NormalState(end, filtered, np.where(self.rigid, share * minimum.p, end))
-        self._take_over_friction(c, minimum, hinges, known, before)
-        v_new = minimum.v
-        a_new = c.a_v * (v_new - v) + c.a_a * a
-        d_new = c.d_a * a_new + c.d_a0 * a + c.d_d0 * d
-        self.now = State(predictor + c.c_K * v_new, v_new, a_new, d_new, minimum.sigma)
-        return True
 
     def _pressing(self) -> FloatArray:
         """What the forces of rigid points, over the last step, give to limits, (m,), N."""
@@ -337,12 +292,9 @@ class OpeningStepper(PythonStepper):
 
         The force at the end is the mean f, without what earlier forces give to it, over its share.
         """
-        share, friction, limits = (
-            self._share(c),
-            self.friction,
-            self.system.contact.on_rows(self.limits),
-        )
-        rest = self._rest(c, friction.smooth, friction.smooth_filtered)
+        limits = self.system.contact.on_rows(self.limits)
+        share, friction = _share(c), self.friction
+        rest = _rest(c, friction.smooth, friction.smooth_filtered)
         bias = np.divide(rest, share * limits, out=np.zeros_like(rest), where=limits > 0.0)
         follows, none = self.impulsive | self.sprung, np.full(before.size, np.inf)
         return Hinges(
@@ -354,19 +306,10 @@ class OpeningStepper(PythonStepper):
             bias=np.where(self.impulsive_rows, bias, 0.0),
         )
 
-    def _take_over_friction(
-        self,
-        c: Coefficients,
-        minimum: Minimum,
-        hinges: Hinges,
-        known: FloatArray,
-        before: FloatArray,
-    ) -> None:
-        """Take over friction and its limits after a step.
-
-        ``known`` (rows,), N, is what is known of the force at its end, ``before`` as in `_hinges`.
-        """
-        on_rows, last, share = self.system.contact.on_rows, self.friction, self._share(c)
+    def _take_over_friction(self, c: Coefficients, minimum: Minimum, before: FloatArray) -> None:
+        """Take over friction and its limits after a step; ``before`` as in `_hinges`."""
+        hinges, known = self._hinges_now, self._known
+        on_rows, last, share = self.system.contact.on_rows, self.friction, _share(c)
         impact = np.where(self.impulsive, np.maximum(self._pressing() - 2.0 * before, 0.0), 0.0)
         self.limits = minimum.w - (1.0 / share - 1.0) * impact
         smooth = on_rows(self.limits) * minimum.sigma
@@ -374,27 +317,12 @@ class OpeningStepper(PythonStepper):
         end = on_rows(minimum.w) * minimum.sigma + kept
         mean = np.where(self.impulsive_rows, share * end, end)
         end = np.where(self.impulsive_rows, end + known, end)
-        filtered = self._filtered(c, end, last.end, last.filtered)
-        of_smooth = self._filtered(c, smooth, last.smooth, last.smooth_filtered)
+        filtered = _filtered(c, end, last.end, last.filtered)
+        of_smooth = _filtered(c, smooth, last.smooth, last.smooth_filtered)
         anew = on_rows(impact > 0.0)
         self.friction = FrictionState(
             end, filtered, smooth, np.where(anew, smooth, of_smooth), mean
         )
-
-    def _share(self, c: Coefficients) -> float:
-        """Share of the force at the end of a step in the mean force over it."""
-        return 1.0 / (c.d_a * c.a_v * c.h)
-
-    def _rest(self, c: Coefficients, end: FloatArray, filtered: FloatArray) -> FloatArray:
-        """What earlier forces give to the mean force over a step; arguments are those before it."""
-        earlier = -(c.d_a0 * filtered + c.d_d0 * end) / c.d_a
-        return (earlier - c.a_a * filtered) / (c.a_v * c.h)
-
-    def _filtered(
-        self, c: Coefficients, now: FloatArray, end: FloatArray, filtered: FloatArray
-    ) -> FloatArray:
-        """What the auxiliary acceleration has of a force ``now``, from what it was before."""
-        return (now - c.d_a0 * filtered - c.d_d0 * end) / c.d_a
 
     def _bounds(self, c: Coefficients, predictor: FloatArray, u: FloatArray) -> FloatArray:
         """Largest velocity of approach of each pressure point at the end of a step, m/s.
@@ -410,54 +338,59 @@ class OpeningStepper(PythonStepper):
             bound[soft] = apart[soft] / c.c_K
         return np.asarray(bound)
 
-    def _add_scheme_work(self, before: State, friction: FrictionState) -> None:
+    def _add_scheme_work(
+        self, recorder: Recorder, before: State, now: State, friction: FrictionState
+    ) -> None:
         """Add what the scheme takes of the work of friction that is an impulse."""
         beside = 0.5 * (friction.end + self.friction.end) - self.friction.mean
-        moved = self.system.contact.B @ (self.now.u - before.u)
-        self.recorder.dissipated[1] += float((beside * moved)[self.impulsive_rows].sum())
+        moved = self.system.contact.B @ (now.u - before.u)
+        recorder.dissipated[1] += float((beside * moved)[self.impulsive_rows].sum())
 
-    def _add_normal_work(self, before: State, normal: NormalState) -> None:
+    def _add_normal_work(
+        self, recorder: Recorder, before: State, now: State, normal: NormalState
+    ) -> None:
         """Add the work that impacts take; a rest that belongs to the scheme goes to its own row."""
-        moved = np.asarray(self.contact.N @ (self.now.u - before.u))
+        moved = np.asarray(self.contact.N @ (now.u - before.u))
         rigid = self.rigid
         lost = float(self.normal.mean[rigid] @ moved[rigid])
         trapezoidal = float((0.5 * (normal.end + self.normal.end)) @ moved)
-        stored = self.contact.potential(self.now.u) - self.contact.potential(before.u)
+        stored = self.contact.potential(now.u) - self.contact.potential(before.u)
         stored += float(self.contact.force @ moved)  # of elastic points alone
-        self.recorder.impact_work += lost
-        self.recorder.dissipated[1] += trapezoidal - lost - stored
+        recorder.impact_work += lost
+        recorder.dissipated[1] += trapezoidal - lost - stored
         # Approaches of closed points are zero but for the round-off of the displacements.
-        round_off = 1e-9 * float(np.abs(self.now.u - before.u).max())
+        round_off = 1e-9 * float(np.abs(now.u - before.u).max())
         if lost < -round_off * float(self.normal.mean[rigid].sum()):
             raise ArithmeticError(
                 f"contact that opens: its normal forces did a work of {-lost:.3g} J in a step"
             )
 
     def saved(self) -> dict[str, NDArray[Any]]:
-        """All that steps depend on; problems keep nothing from step to step."""
-        return self._own()
-
-    def _own(self) -> dict[str, NDArray[Any]]:
+        """All that steps depend on, for a checkpoint."""
         own = {"normal": np.array(self.normal), "friction": np.array(self.friction)}
-        own["limits"] = np.array(self.limits)
-        return super()._own() | own | self.touching.saved()
-
-    def check(self, saved: Saved) -> None:
-        """See `Stepper`."""
-        steps = saved.get("steps")
-        if steps is None:
-            raise ValueError("stepper/steps is missing")
-        check_like(dict(saved), self._own() | {"steps": steps}, "stepper")
+        return own | {"limits": np.array(self.limits)} | self.touching.saved()
 
     def restore(self, saved: Saved) -> None:
-        """Take up a saved state."""
-        self.now = State._make([*map(np.array, saved["state"]), np.array(saved["sigma"])])
-        self.frequency = float(saved["frequency"])
-        for row in saved["steps"].tolist():
-            self.problem(Coefficients._make([*row[:-1], bool(row[-1])]))
-        self.counts = dict(zip(self.counts, saved["counts"].tolist(), strict=True))
-        self.v_before = np.array(saved["before"])
+        """Take up what :meth:`saved` gave."""
         self.normal = NormalState(*map(np.array, saved["normal"]))
         self.friction = FrictionState(*map(np.array, saved["friction"]))
         self.limits = np.array(saved["limits"])
         self.touching.restore(saved)
+
+
+def _share(c: Coefficients) -> float:
+    """Share of the force at the end of a step in the mean force over it."""
+    return 1.0 / (c.d_a * c.a_v * c.h)
+
+
+def _rest(c: Coefficients, end: FloatArray, filtered: FloatArray) -> FloatArray:
+    """What earlier forces give to the mean force over a step; arguments are those before it."""
+    earlier = -(c.d_a0 * filtered + c.d_d0 * end) / c.d_a
+    return (earlier - c.a_a * filtered) / (c.a_v * c.h)
+
+
+def _filtered(
+    c: Coefficients, now: FloatArray, end: FloatArray, filtered: FloatArray
+) -> FloatArray:
+    """What the auxiliary acceleration has of a force ``now``, from what it was before."""
+    return (now - c.d_a0 * filtered - c.d_d0 * end) / c.d_a
