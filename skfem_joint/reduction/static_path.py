@@ -345,9 +345,10 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
     points are merged as they slip on the path.
     """
     small, merging = system.project(V), friction_points.SETTINGS
-    if system.contact_points > merging.many and system.opening is None:
-        rates = path @ (system.M @ V)
-        small = merged_points(small, rates, np.flatnonzero(system.w), merging.merged)
+    if system.contact_points > merging.many:
+        known = path @ (system.M @ V)  # of contact that opens states, and then as many increments
+        points, states = np.flatnonzero(system.rubs), known[: len(known) // 2]
+        small = merged_points(small, known, points, merging.merged, states)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
     steepest = SETTINGS.resolved / max(velocity, SETTINGS.slow)
     small = small.no_steeper(steepest)
