@@ -41,8 +41,8 @@ structure = sj.Structure(
 )
 pull = sj.Load("upper_right", sj.Harmonic(4.5e3, 500.0), direction=(1.0, 0.0))
 system = structure.system([pull], points=["upper_right"])
-print(f"{system.n} unknowns, {system.contact_points} contact points")
-print(f"friction limit: {system.w.sum():.0f} N")
+print(f"{system.n} unknowns, {system.contact.count} contact points")
+print(f"friction limit: {system.contact.w.sum():.0f} N")
 
 # %%
 # Two periods under three quarters of the friction limit.

@@ -49,11 +49,12 @@ system = structure.system([load], points=["first_edge", "second_edge"])
 # run itself; the loops of its points together have the same area.
 run = sj.integrate(system, cycles=3, steps_per_cycle=200, save=sj.Save(fields=True))
 figure, panel = plt.subplots(figsize=(6.5, 4.2), layout="constrained")
-for number, (name, limits) in enumerate(zip(system.joints, system.limits_by_joint, strict=True)):
+contact = system.contact
+for number, (name, limits) in enumerate(zip(contact.joints, contact.limits_by_joint, strict=True)):
     force = run.sigma[-201:] @ limits  # along a bar, a row of B is a point
     edge = run.point(f"{name}_edge")[-201:]
     lost = run.cycles.by_joint[-1, number]
-    slip = run.u[-201:] @ system.B.T
+    slip = run.u[-201:] @ contact.B.T
     loops = np.trapezoid(run.sigma[-201:] * limits, slip, axis=0).sum()  # as large as `lost`
     print(f"{name}: holds {1e-3 * limits.sum():.1f} kN,", end=" ")
     print(f"carries {1e-3 * abs(force).max():.1f} kN, takes {1e3 * lost:.1f} mJ a cycle,", end=" ")

@@ -42,7 +42,7 @@ study = sj.run_scene(scene)
 # They are relative to the full model.
 for name, model in study.models.items():
     system, run = model.run.system, model.run
-    print(f"{name}: {system.n} unknowns, {system.contact_points} friction points")
+    print(f"{name}: {system.n} unknowns, {system.contact.count} friction points")
     print(f"    the free end moves by {1e6 * run.peak_of('free_end'):.2f} µm")
     print(f"    friction takes {1e3 * run.cycles.friction[-1]:.2f} mJ in the last cycle")
 errors = study.models["reduced"].errors

@@ -50,7 +50,7 @@ full = sj.integrate(system, cycles=6, steps_per_cycle=200)
 small = sj.reduce(system, modes=10)
 reduced = sj.integrate(small, cycles=6, steps_per_cycle=200)
 print(f"unknowns: {system.n} full, {small.n} reduced")
-print(f"friction points: {system.contact_points} full, {small.contact_points} reduced")
+print(f"friction points: {system.contact.count} full, {small.contact.count} reduced")
 
 # %%
 # Its errors relative to the full model.

@@ -48,7 +48,7 @@ print(f"{touching:.0f} % of the overlap touches, the gap is up to {1e6 * pressed
 # %%
 # What both models give, and the errors of the reduced one relative to the full one.
 for name, run in study.runs.items():
-    print(f"{name}: {run.system.n} unknowns, {run.system.contact_points} friction points")
+    print(f"{name}: {run.system.n} unknowns, {run.system.contact.count} friction points")
     print(f"    the pulled end moves by {1e6 * run.peak_of('lower_end'):.2f} µm")
     print(f"    friction takes {1e3 * run.cycles.friction[-1]:.3f} mJ in the last cycle")
 errors = study.models["reduced"].errors

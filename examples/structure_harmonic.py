@@ -47,7 +47,7 @@ full, reduced = study.runs["full"], study.runs["reduced"]
 for name, model in study.models.items():
     run, error = model.run, model.estimate.parts["total"]
     peak, friction = 1e6 * run.peak_of("free_end"), run.cycles.friction[-1]
-    print(f"{name}: {run.system.n} unknowns, {run.system.contact_points} friction points")
+    print(f"{name}: {run.system.n} unknowns, {run.system.contact.count} friction points")
     print(f"    peak {peak:.2f} µm, error {100 * error['peak_displacement']:.3f} %,", end=" ")
     print(f"friction {friction:.4f} J a cycle, error {100 * error['friction_energy']:.3f} %")
 errors = study.models["reduced"].errors

@@ -186,10 +186,10 @@ def resonance(model, run=None):
     What slips in the run moves freely, the rest of the joint is held, as in the paper's "length of
     the structure experiencing displacement"; without a run nothing slips.
     """
-    system, slips = model.system, np.zeros(model.system.w.size, dtype=bool)
+    system, slips = model.system, np.zeros(model.system.contact.w.size, dtype=bool)
     if run is not None:
         slips = run.slip_peak > THRESHOLD * run.slip_peak.max()
-    held = system.B.indices[~system.on_rows(slips)]
+    held = system.contact.B.indices[~system.contact.on_rows(slips)]
     # Free bars have a rigid motion besides, which these loads leave alone.
     frequency, modes = straining_modes(system.K, system.M, held, 40)
     load = system.load_vectors() @ [np.sign(load.amplitude.amplitude) for load in system.loads]

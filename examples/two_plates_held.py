@@ -33,7 +33,7 @@ study = sj.run_scene(scene.changed(accuracy={"estimate": False}))
 # %%
 # Both models, and the errors of the reduced one relative to the full one.
 for name, run in study.runs.items():
-    print(f"{name}: {run.system.n} unknowns, {run.system.contact_points} friction points, ", end="")
+    print(f"{name}: {run.system.n} unknowns, {run.system.contact.count} friction points, ", end="")
     print(f"the pulled end moves by {1e6 * run.peak_of('lower_end'):.1f} µm")
 errors = study.models["reduced"].errors
 print(f"error of the displacement {100 * errors.displacement_rms:.2f} %,", end=" ")

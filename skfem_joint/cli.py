@@ -372,7 +372,7 @@ def _check(options: argparse.Namespace) -> int:
             print(form.format(sentence), flush=True)
 
     print(
-        f"{options.scene}: valid. {system.n} unknowns, {system.contact_points} contact points, "
+        f"{options.scene}: valid. {system.n} unknowns, {system.contact.count} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}.",
         flush=True,
     )
@@ -537,9 +537,9 @@ def _free(given: Sequence[str]) -> dict[str, tuple[float, float]]:
 def _measured(options: argparse.Namespace) -> list[MeasuredCurve]:
     """Curves of the files of ``--data``; InputError with all that is wrong in them."""
     from skfem_joint.analysis.measured import measured_curve
-    from skfem_joint.analysis.measured_table import KEYS
+    from skfem_joint.analysis.measured_table import Head
 
-    given = {name: getattr(options, name) for name in KEYS if name != "name"}
+    given = {name: getattr(options, name) for name in Head.model_fields if name != "name"}
     curves, problems = [], []
     for path in options.data:
         try:
@@ -575,7 +575,7 @@ def _error_time(options: argparse.Namespace) -> int:
                 scene, repeats=options.repeats, quick=options.quick, progress=progress, rows=rows
             )
         files = folder.write_error_time(options.out, measured, notes)
-    for level in comparison.SETTINGS.levels:
+    for level in comparison.LEVELS:
         print(comparison.advice(measured.points, level), end="\n\n")
     return _print_notes(notes, options.out, files)
 
@@ -713,10 +713,7 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
         yield rows
     except BaseException as error:
         if kept := Rows(rows.path).known:  # the last row may have been written at that moment
-            print(
-                f"{kept} of {max(rows.total, kept)} rows, as far as they are known, are finished "
-                f"and kept in {rows.path}."
-            )
+            print(f"{kept} rows are finished and kept in {rows.path}.")
         if isinstance(error, KeyboardInterrupt):
             print("The same command goes on.")
         raise

@@ -37,21 +37,21 @@ def read_table(path: str | Path) -> Table:
     rows: list[list[float]] = []
     mistakes = Mistakes(path)
     try:
-        for row in rows_of(lines):
-            values = [number_in(cell) for cell in row.cells]
+        for number, text, cells in rows_of(lines):
+            values = [number_in(cell) for cell in cells]
             if values == [None, None] and not rows and not mistakes:  # a header
                 continue
             match values:
                 case [float(time), float(force)] if abs(time) <= largest and abs(force) <= largest:
                     if rows and not time - rows[-1][0] >= 1.0 / largest:
                         mistakes.add(
-                            f"{path}: line {row.number}: found time {time:g}, "
+                            f"{path}: line {number}: found time {time:g}, "
                             f"must be > {rows[-1][0]:g}, the time before it"
                         )
                     rows.append([time, force])
                 case _:
                     mistakes.add(
-                        f"{path}: line {row.number}: found {row.text[:60]!r}, must be two finite "
+                        f"{path}: line {number}: found {text[:60]!r}, must be two finite "
                         "numbers separated by a comma: time in s, force in N; none larger than "
                         f"{largest:g}"
                     )

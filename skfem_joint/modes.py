@@ -20,28 +20,9 @@ from skfem_joint.linalg.shifts import mean_square_frequency
 from skfem_joint.loads import Amplitude
 from skfem_joint.values import Kind, problems
 
-
-@dataclass(frozen=True)
-class ModeSettings:
-    """Numbers of searches for natural modes.
-
-    Attributes
-    ----------
-    searched : int
-        Lowest modes that are computed where the first three that strain are wanted: a body that
-        floats has up to six rigid motions.
-    singular : float
-        Pivots below this share of the largest are zero.
-    same : float
-        Frequencies that differ by less than this share are the same.
-    """
-
-    searched: int = 12
-    singular: float = 1e-11
-    same: float = 0.1
-
-
-SETTINGS = ModeSettings()
+#: Lowest modes that are computed where the first three that strain are wanted: a body that floats
+#: has up to six rigid motions.
+SEARCHED = 12
 
 
 def eigenmodes(
@@ -82,7 +63,7 @@ def eigenmodes(
 
 
 def straining_modes(
-    K: Matrix, M: Matrix, held: IntArray, count: int = SETTINGS.searched
+    K: Matrix, M: Matrix, held: IntArray, count: int = SEARCHED
 ) -> tuple[FloatArray, FloatArray]:
     """Frequencies (Hz), (k,), and modes, (n, k), of those of the lowest modes that strain the body.
 
@@ -117,7 +98,8 @@ def is_singular(K: Matrix) -> bool:
         each = pivots(K)
     except RuntimeError:  # exactly singular
         return True
-    return bool(np.min(each) <= SETTINGS.singular * np.max(each))
+    # Pivots below this share of the largest are zero.
+    return bool(np.min(each) <= 1e-11 * np.max(each))
 
 
 def lowest_modes(
@@ -213,7 +195,8 @@ def rayleigh_fit(K: Matrix, M: Matrix, stuck: IntArray, loads: Iterable[Amplitud
         )
     harmonics = [h.frequency for amplitude in loads for h in amplitude.harmonics]
     first, second, mode = own[0], max(harmonics, default=own[0]), None
-    if abs(second - first) <= SETTINGS.same * first:
+    # Frequencies that differ by less than this share are the same.
+    if abs(second - first) <= 0.1 * first:
         last = min(3, own.size) - 1
         second, mode = own[last], shapes[:, last]
     return RayleighFit(2.0 * np.pi * np.array([first, second]), (shapes[:, 0], mode), joints)

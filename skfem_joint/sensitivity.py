@@ -15,7 +15,7 @@ from skfem_joint.arrays import FloatArray, Matrix
 
 @dataclass(frozen=True)
 class OpeningSensitivity:
-    """Derivatives of contact that opens, see `skfem_joint.opening.OpeningContact`.
+    """Derivatives of contact that opens, see `skfem_joint.normal.NormalPart`.
 
     Each is None where it is zero.
 

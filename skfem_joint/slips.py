@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.contacts import Contact
 from skfem_joint.errors import InputError
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
     change_of_unknowns,
@@ -39,13 +40,16 @@ class NormalRows:
         Approach of the faces at each node, m.
     pivots : ndarray of int, shape (k,)
         Degree of freedom that each row determines.
-    contact : OpeningContact
+    part : NormalPart
         A pressure point for each node; its ``N``, shape (k, k), takes the approaches of the nodes.
+    gain : sparse array, shape (m, k)
+        Friction limit of each contact point by the normal force of each pressure point.
     """
 
     D: Matrix
     pivots: IntArray
-    contact: OpeningContact
+    part: NormalPart
+    gain: Matrix
 
     def without(self, free: FloatArray, keep: NDArray[np.bool_]) -> NormalRows | None:
         """Rows that are left where degrees of freedom (N,) are ``free`` (1) or held (0), if any.
@@ -58,9 +62,8 @@ class NormalRows:
         moves = np.flatnonzero(np.diff(D.indptr) > 0)
         if not moves.size:
             return None
-        contact = self.contact.among(moves)
-        contact = replace(contact, gain=sparse.csr_array(contact.gain[np.flatnonzero(keep)]))
-        return NormalRows(D[moves], self.pivots[moves], contact)
+        gain = sparse.csr_array(sparse.csc_array(self.gain)[:, moves])[np.flatnonzero(keep)]
+        return NormalRows(D[moves], self.pivots[moves], self.part.among(moves), gain)
 
 
 @dataclass(frozen=True)
@@ -76,7 +79,7 @@ class SlipRows:
     B : sparse array, shape (rows, N)
         Slip from the displacements; the rows of a contact point follow each other.
     w : ndarray, shape (m,)
-        Friction limit of each contact point, N.
+        Friction limit of each contact point, N; with contact that opens that at rest.
     beta : ndarray, shape (m,)
         Steepness of the law of friction of each point, s/m; ``inf`` is Coulomb.
     directions : ndarray of int, shape (m,)
@@ -137,7 +140,7 @@ class SlipRows:
     def change_of_unknowns(self, fixed: IntArray) -> ChangeOfUnknowns:
         """Unknowns in which slips, and approaches of contact that opens, are unknowns.
 
-        Its ``slips`` are of the rows of ``B``, then those of approaches, see :meth:`opening_in`.
+        Its ``slips`` are of the rows of ``B``, then those of approaches.
         Points with springs and the same row share an unknown.
         """
         n, h = self.B.shape[1], self.closed.shape[0]
@@ -152,12 +155,27 @@ class SlipRows:
         new = change_of_unknowns(n, fixed, self.closed, stacked(rows, n), pivots)
         return replace(new, slips=np.concatenate([new.slips[place], new.slips[kept.size :]]))
 
-    def opening_in(self, new: ChangeOfUnknowns) -> OpeningContact | None:
-        """Contact that opens in the unknowns of :meth:`change_of_unknowns`."""
-        if self.normal is None:
-            return None
-        places = selection(new.slips[self.B.shape[0] :], new.forward.shape[1])
-        return self.normal.contact.in_unknowns(places)
+    def contact_in(self, new: ChangeOfUnknowns) -> Contact:
+        """Contact in the unknowns of :meth:`change_of_unknowns`."""
+        n, rows = new.forward.shape[1], self.B.shape[0]
+        joints, J = self.joints
+        given, normal, gain = self.w, NormalPart.none(n), None
+        if self.normal is not None:
+            normal = self.normal.part.in_unknowns(selection(new.slips[rows:], n))
+            gain = self.normal.gain
+            given = given - gain @ normal.force
+            given[given <= 1e-12 * self.w] = 0.0  # round-off
+        return Contact(
+            B=selection(new.slips[:rows], n),
+            given=given,
+            beta=self.beta,
+            directions=self.directions,
+            stiffness=self.stiffness,
+            normal=normal,
+            gain=gain,
+            J=J,
+            joints=joints,
+        )
 
     def __add__(self, other: SlipRows) -> SlipRows:
         """Slip rows of ``self``, then those of ``other``."""
@@ -239,20 +257,12 @@ def _both_normal(a: SlipRows, b: SlipRows) -> NormalRows | None:
     some = [normal for normal, _ in parts if normal is not None]
     if not some:
         return None
-    gains = [
-        sparse.csr_array((m, 0)) if normal is None else normal.contact.gain for normal, m in parts
-    ]
-    contacts = [normal.contact for normal in some]
-    values = {
-        name: np.concatenate([getattr(contact, name) for contact in contacts])
-        for name in ("gap", "force", "stiffness", "area")
-    }
-    N = sparse.csr_array(sparse.block_diag([contact.N for contact in contacts]))
-    gain = sparse.csr_array(sparse.block_diag(gains))
+    gains = [sparse.csr_array((m, 0)) if normal is None else normal.gain for normal, m in parts]
     return NormalRows(
         stacked([normal.D for normal in some], a.B.shape[1]),
         np.concatenate([normal.pivots for normal in some]),
-        OpeningContact(N=N, gain=gain, **values),
+        NormalPart.joined([normal.part for normal in some]),
+        sparse.csr_array(sparse.block_diag(gains)),
     )
 
 

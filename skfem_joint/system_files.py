@@ -26,17 +26,19 @@ from skfem_joint.array_files import (
     sparse_array,
     sparse_parts,
 )
+from skfem_joint.contacts import Contact
 from skfem_joint.errors import InputError
 from skfem_joint.files import replacing
 from skfem_joint.loads import Amplitude, Harmonic, MultiHarmonic, Scaled, Table
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 from skfem_joint.served import Point, Range, Served
 from skfem_joint.system import AppliedLoad, System
 
-_KIND = {"kind": "skfem_joint system", "form": 2}  #: files of another form are refused
-_ARRAYS = ("M", "C", "K", "B", "w", "beta", "stiffness", "P", "directions", "T", "J", "shares")
-_OPENING = ("N", "gap", "force", "gain", "stiffness", "area", "shares")  #: of contact that opens
-_NAMES = ("points", "joints", "notes")
+_KIND = {"kind": "skfem_joint system", "form": 3}  #: files of another form are refused
+_ARRAYS = ("M", "C", "K", "P", "T")
+_CONTACT = ("B", "given", "beta", "stiffness", "directions", "gain", "J", "shares")
+_NORMAL = ("N", "gap", "force", "stiffness", "area", "shares")
+_OPTIONAL = ("T", "shares")
 _NUMBERS = ("accuracy", "reached", "law", "period")  # of what a model for a range carries
 #: Shapes of loads that are numbers alone.
 _PLAIN = {
@@ -56,9 +58,9 @@ def save(system: System, path: str | Path) -> Path:
     """Save a system to a file: matrices, contact, loads, names and basis.
 
     Contact that opens is kept with the system. A model for a range keeps what it needs to serve it
-    and to state its errors. A reduced or
-    condensed system keeps its ``T``, which expands its runs to the structure, and the
-    ``shares`` of its contact points. The system that `load` returns integrates to the same bits.
+    and to state its errors. A reduced or condensed system keeps its ``T``, which expands its runs
+    to the structure, and the ``shares`` of its contact points. The system that `load` returns
+    integrates to the same bits.
 
     Parameters
     ----------
@@ -137,22 +139,23 @@ def load(path: str | Path) -> System:
 
 def _content(system: System, prefix: str, arrays: dict[str, Any]) -> dict[str, Any]:
     """Description of a system as JSON takes it; its arrays go to the ``arrays``."""
-    for name in _ARRAYS:
-        if name == "stiffness" and not np.isfinite(system.stiffness).any():
-            continue  # as in files of versions that knew no springs
-        if (value := getattr(system, name)) is not None:
-            arrays |= _members(prefix + name, value)
-    if system.opening is not None:
-        for name in _OPENING:
-            arrays |= _members(f"{prefix}opening {name}", getattr(system.opening, name))
+    contact = system.contact
+    for of, owner, names in _parts(system, contact, contact.normal):
+        for name in names:
+            if (value := getattr(owner, name)) is not None:
+                arrays |= _members(f"{prefix}{of}{name}", value)
     described = []
     for number, load in enumerate(system.loads):
         member = f"{prefix}load {number}"
         arrays[member] = load.vector
         shape = _described(load.amplitude, member, load.on, arrays)
         described.append({"on": load.on, "amplitude": shape})
-    texts: dict[str, Any] = {name: list(getattr(system, name)) for name in _NAMES}
-    content = texts | {"loads": described, "made_for": system.made_for}
+    texts = {"points": list(system.points), "notes": list(system.notes)}
+    content: dict[str, Any] = texts | {
+        "joints": list(contact.joints),
+        "loads": described,
+        "made_for": system.made_for,
+    }
     if system.serves is not None:
         content["serves"] = _serves_content(system.serves, arrays)
     return content
@@ -215,25 +218,27 @@ def _system(
 ) -> System:
     """System from a description and arrays, which are removed from the mapping as they are used."""
     size = sum(array.nbytes for array in arrays.values())
-    values: dict[str, Any] = {name: _matrix(prefix + name, arrays, size) for name in _ARRAYS}
-    for name in ("M", "C", "K", "B", "w", "beta", "P", "directions", "J"):
-        if values[name] is None:
-            raise KeyError(name)
-    names = {name: tuple(content[name]) for name in _NAMES}
+    values: list[dict[str, Any]] = []
+    for of, _, names in _parts(System, Contact, NormalPart):
+        values.append({name: _matrix(f"{prefix}{of}{name}", arrays, size) for name in names})
+        for name in names:
+            if values[-1][name] is None and name not in _OPTIONAL:
+                raise KeyError(of + name)
+    own, of_contact, of_normal = values
+    texts = {name: tuple(content[name]) for name in ("points", "joints", "notes")}
+    contact = Contact(joints=texts.pop("joints"), normal=NormalPart(**of_normal), **of_contact)
     applied = tuple(
         _load(described, f"{prefix}load {number}", arrays)
         for number, described in enumerate(content["loads"])
     )
-    values["opening"] = _opening(prefix, arrays, size)
     if not prefix and "serves" in content:
-        values["serves"] = _served(content["serves"], arrays)
-    return System(loads=applied, made_for=content["made_for"], **(values | names))
+        own["serves"] = _served(content["serves"], arrays)
+    return System(contact=contact, loads=applied, made_for=content["made_for"], **(own | texts))
 
 
-def _opening(prefix: str, arrays: dict[str, NDArray[Any]], size: int) -> OpeningContact | None:
-    """Contact that opens from arrays, which are removed as they are used; None if there is none."""
-    values = {name: _matrix(f"{prefix}opening {name}", arrays, size) for name in _OPENING}
-    return None if values["N"] is None else OpeningContact(**values)
+def _parts(system: Any, contact: Any, normal: Any) -> tuple[tuple[str, Any, tuple[str, ...]], ...]:
+    """Prefix and names of the arrays of a system, of its contact and of its normal part."""
+    return ("", system, _ARRAYS), ("contact ", contact, _CONTACT), ("normal ", normal, _NORMAL)
 
 
 def _served(content: Mapping[str, Any], arrays: dict[str, NDArray[Any]]) -> Served:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
 
 from skfem_joint.errors import InputError
 
@@ -13,26 +12,11 @@ SEPARATORS = {",": "','", ";": "';'", "\t": "tab"}
 MOST_LISTED = 10
 
 
-class Row(NamedTuple):
-    """Cells of a line.
+def rows_of(lines: Iterable[str]) -> Iterator[tuple[int, str, list[str]]]:
+    """Rows of a table: number of the line from 1, its text, and its cells without spaces.
 
-    Attributes
-    ----------
-    number : int
-        Of the line in the file, from 1.
-    text : str
-        The line without its comment.
-    cells : list of str
-        Without spaces around them; a line that ends with a separator has an empty last one.
-    """
-
-    number: int
-    text: str
-    cells: list[str]
-
-
-def rows_of(lines: Iterable[str]) -> Iterator[Row]:
-    """Rows of a table; empty lines and comments after ``#`` are left out.
+    Empty lines and comments after ``#`` are left out; a line that ends with a separator has an
+    empty last cell.
 
     The separator of all lines is that of the first line that has one: a comma, a semicolon or a
     tab.
@@ -57,7 +41,7 @@ def rows_of(lines: Iterable[str]) -> Iterator[Row]:
                 )
             separator = found[0] if found else None
         cells = text.split(separator) if separator else [text]
-        yield Row(number, text.strip(), [cell.strip() for cell in cells])
+        yield number, text.strip(), [cell.strip() for cell in cells]
 
 
 def number_in(cell: str) -> float | None:

@@ -62,7 +62,7 @@ def test_any_valid_scene_keeps_the_invariants(part):
         assert run.energy_residual < 1e-8, seed
         assert [said for holds, said in law_checks(run) if not holds] == [], seed
         # A joint takes power at every moment.
-        power = system.by_point(run.sigma * (system.B @ run.v.T).T)
+        power = system.contact.by_point(run.sigma * (system.contact.B @ run.v.T).T)
         assert np.all(power >= 0.0), seed
         if scene.time.rho_infinity == 1.0:
             # Otherwise displacement and velocity part within a step, and works have no sign of

@@ -149,7 +149,7 @@ def test_numbers_of_numpy_do_as_well_as_others():
     assert np.float32(2.0) in values.POSITIVE
     assert np.array(2.0) in values.POSITIVE
     assert sj.reduce(SYSTEM, modes=np.int64(2), beta=np.float32(1e4)).n <= 6
-    assert replace(SYSTEM, notes=()).with_beta(INF).beta[0] == INF
+    assert replace(SYSTEM, notes=()).with_beta(INF).contact.beta[0] == INF
 
 
 def test_tables_and_lists_hold_real_numbers():

@@ -78,13 +78,13 @@ def balanced(system, harmonics):
     (load,) = system.loads
     force, omega = load.amplitude.amplitude, 2.0 * math.pi * load.amplitude.frequency
     end = int(np.flatnonzero(load.vector)[0])
-    nodes = sparse.csr_array(system.B).indices
+    nodes = sparse.csr_array(system.contact.B).indices
     # Newton's method ends at this residual (N) and this change of an unknown (m).
     newton = {"tol_residual": 1e-6 * force, "tol_delta_x": 1e-9, "max_iter": 100}
     pull = {"type": "SinusForcing", "connect": {"bar": [end]}, "dirs": [0], "amp": force}
     study = {"study": "frf", "solver": "NewtonRaphson", "solver_options": newton}
     study |= {"puls_inf": omega, "puls_sup": omega}
-    law = {"type": "arctan", "nodes": nodes, "w": system.w, "beta": system.beta}
+    law = {"type": "arctan", "nodes": nodes, "w": system.contact.w, "beta": system.contact.beta}
     matrices = {name: getattr(system, name).toarray() for name in "MCK"}
     task = {
         "system": {"type": "Base", "nh": harmonics, "nti": 128},  # times in a period

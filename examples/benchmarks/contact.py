@@ -27,7 +27,6 @@ from scipy import sparse
 import skfem_joint as sj
 from benchmarks import EXAMPLES, head, row
 from skfem_joint.mesh import merged, named
-from skfem_joint.opening import OpeningContact
 from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.structure.pressure_space import pressure_space
 
@@ -113,13 +112,11 @@ def bar(elements, lumped):
     for i in range(elements):
         K[i : i + 2, i : i + 2] += BAR["E"] * BAR["area"] / h * np.array([[1, -1], [-1, 1]])
         M[i : i + 2, i : i + 2] += BAR["density"] * BAR["area"] * h * cell
+    M, K = sparse.csr_array(M), sparse.csr_array(K)
     N = sparse.csr_array(([1.0], ([0], [elements])), shape=(1, n))
-    zero, none = np.zeros(1), sparse.csr_array((0, 1))
-    contact = OpeningContact(N, zero, zero, none, np.array([np.inf]), np.array([BAR["area"]]))
-    return sj.System(
-        M=sparse.csr_array(M), C=None, K=sparse.csr_array(K), B=sparse.csr_array((0, n)),
-        w=np.zeros(0), beta=np.zeros(0), P=N, points=("end",), opening=contact,
-    )  # fmt: skip
+    wall = sj.NormalPart(N, np.zeros(1), np.zeros(1), np.array([np.inf]), np.array([BAR["area"]]))
+    contact = sj.Contact(sparse.csr_array((0, n)), [], [], normal=wall)
+    return sj.System(M, None, K, contact, P=N, points=("end",))
 
 
 def hit(elements, rho, lumped, steps=400):
@@ -284,16 +281,16 @@ def press(structure, normal, pulled, steps):
     (joint,), (patch,) = structure.joints, structure.patches
     sizes = structure.body.properties
     space = pressure_space(structure.body, joint, sizes["width"], sizes["thickness"])
-    nodes, area = space.nodes, system.opening.area
+    nodes, area = space.nodes, system.contact.normal.area
     order = np.argsort(structure.nodes[nodes, 0])
     point = np.full(len(structure.nodes), -1)
     point[patch.nodes] = patch.points
     # slips are those of the upper body; forces are means over corners, as friction limits are
-    limits = (system.opening.gain @ run.normal_force.T).T
+    limits = (system.contact.gain @ run.normal_force.T).T
     of_points = run.normal_force, (-run.sigma * limits)[:, point[nodes]]
     means = space.means(np.zeros(area.size))
     p, q = ((means @ force.T).T / area for force in of_points)
-    slip = -np.asarray((system.B @ run.u.T).T)[:, point[nodes]]
+    slip = -np.asarray((system.contact.B @ run.u.T).T)[:, point[nodes]]
     by_x = (values[:, order] for values in (p, q, slip))
     return Pressed(structure.nodes[nodes[order], 0], area[order], *by_x, run)
 

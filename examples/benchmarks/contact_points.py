@@ -53,11 +53,11 @@ def report(elements):
     pays = schur.condensing_pays(to.K, kept)
     step, before = run(system)
     other = ""
-    if pays and system.contact_points <= SPARSE:
+    if pays and system.contact.count <= SPARSE:
         with patch.object(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0)):
             other = f"{1e3 * run(system)[0]:.0f}"
     row(
-        *(system.n, system.contact_points, kept.size, "yes" if pays else "no"),
+        *(system.n, system.contact.count, kept.size, "yes" if pays else "no"),
         *(f"{made:.1f}", f"{checked:.1f}", f"{before:.2f}", f"{1e3 * step:.1f}", other),
     )
 

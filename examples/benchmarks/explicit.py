@@ -29,14 +29,15 @@ def stable_step(system):
     systems use bounds from their extreme eigenvalues instead. `InputError`: set-valued Coulomb
     friction, whose slope is infinite.
     """
-    slope = np.where(system.w > 0.0, law.force_slope(0.0, system.beta), 0.0)
+    contact = system.contact
+    slope = np.where(contact.w > 0.0, law.force_slope(0.0, contact.beta), 0.0)
     if np.any(np.isinf(slope)):
         raise InputError(
             "explicit integration: set-valued Coulomb friction has no stable step; use the "
             "implicit integrator, or a finite beta"
         )
-    B = sparse.csr_array(system.B)
-    sticks = sparse.csc_array(B.T @ sparse.diags_array(system.on_rows(system.w * slope)) @ B)
+    B = sparse.csr_array(contact.B)
+    sticks = sparse.csc_array(B.T @ sparse.diags_array(contact.on_rows(contact.w * slope)) @ B)
     M, C, K = (sparse.csc_array(A) for A in (system.M, system.C, system.K))
     if system.n <= DENSE_LIMIT:
         M, K, n = M.toarray(), K.toarray(), system.n
@@ -85,15 +86,15 @@ def runge_kutta(system, *, step, n_steps, save=None, cycle_steps=None, check=Tru
             "smaller beta, or the implicit integrator."
         )
     recorder = Recorder(system, save or Save(), n_steps, step)
-    solve, rubs = factorised(system.M), bool(system.contact_points)
-    w = system.on_rows(system.w)
+    solve, contact = factorised(system.M), system.contact
+    w, rubs = contact.on_rows(contact.w), bool(contact.count)
 
     def friction(v):
-        return law.force_vectors(system.B @ v, system.beta, system.directions)
+        return law.force_vectors(contact.B @ v, contact.beta, contact.directions)
 
     def acceleration(u, v, amplitudes):
         right = recorder.vectors @ amplitudes - system.K @ u - system.C @ v
-        return solve(right - system.B.T @ (w * friction(v)) if rubs else right)
+        return solve(right - contact.B.T @ (w * friction(v)) if rubs else right)
 
     begin = time.perf_counter()
     loads = system.load_amplitudes(0.5 * step * np.arange(2 * n_steps + 1))  # of half steps

@@ -85,17 +85,18 @@ class FirstOrder:
     """First-order form of a tridiagonal system of the arctan law, one unknown in a slip row."""
 
     def __init__(self, system):
-        if system.is_dense or np.any(np.diff(sparse.csr_array(system.B).indptr) != 1):
+        points, B = system.contact, sparse.csr_array(system.contact.B)
+        if system.is_dense or np.any(np.diff(B.indptr) != 1):
             raise InputError("first-order form: must be given a bar, one unknown in each slip row")
         if np.abs(np.subtract(*system.K.nonzero())).max() > 1:
             raise InputError("first-order form: must be given nodes numbered along the bar")
-        if np.any(np.isinf(system.beta[system.w > 0.0])):
+        if np.any(np.isinf(points.beta[points.w > 0.0])):
             raise InputError("first-order form: set-valued Coulomb friction has no Jacobian")
         self.system, self.size = system, 2 * system.n
-        contact, unit = sparse.csr_array(system.B).indices, sparse.eye_array(system.n)
+        contact, unit = B.indices, sparse.eye_array(system.n)
         self.w, self.beta = np.zeros(system.n), np.ones(system.n)
-        self.w[contact] = system.w
-        self.beta[contact] = np.where(system.w > 0.0, system.beta, 1.0)
+        self.w[contact] = points.w
+        self.beta[contact] = np.where(points.w > 0.0, points.beta, 1.0)
         order = np.arange(self.size).reshape(2, -1).T.ravel()
         A = sparse.block_diag([unit, system.M], format="csr")
         G = sparse.block_array([[None, -unit], [system.K, system.C]], format="csr")
@@ -145,7 +146,8 @@ class FirstOrder:
 
 def slip_work(system, u, v):
     """Friction energy (J) between samples of all unknowns, (samples, n), trapezoidal rule."""
-    force, slip = (system.w * law.force((system.B @ v.T).T, system.beta)), system.B @ u.T
+    contact = system.contact
+    force, slip = contact.w * law.force((contact.B @ v.T).T, contact.beta), contact.B @ u.T
     return float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(slip.T, axis=0)))
 
 

@@ -105,12 +105,13 @@ def states(curve):
 def differences(given, loads, key, levels):
     """Levels of the same states at both ends, all levels, and the largest error by a key."""
     system, value = given.system(loads), value_of(given, key)
-    (found,) = sj.backbone(system, levels=levels, parameters=sensitivities(given, [key], system))
+    (found,) = sj.backbone(system, levels=levels, keep_path=True)
+    rates = sj.backbone_sensitivity(found, sensitivities(given, [key], system))
     changed = (with_values(given, {key: value * (1.0 + h)}) for h in (STEP, -STEP))
     ends = [sj.backbone(one.system(loads), levels=levels)[0] for one in changed]
     same, errors = (states(ends[0]) == states(ends[1])).all(axis=1), []
     for name in ("amplitude", "frequency", "damping_ratio"):
-        rate = getattr(found.sensitivity, name)[:, 0]
+        rate = getattr(rates, name)[:, 0]
         known = (getattr(ends[0], name) - getattr(ends[1], name)) / (2.0 * STEP * value)
         size = max(np.abs(known).max(), SMALL * getattr(found, name).max() / value)
         errors.append(np.abs(rate - known)[same].max(initial=0.0) / size)
@@ -130,8 +131,9 @@ def times(given, loads, keys, levels, repeats=5):
     """
 
     def curve(system, of=None):
-        known = sensitivities(of, keys, system) if of else ()
-        sj.backbone(system, levels=levels, parameters=known)
+        (found,) = sj.backbone(system, levels=levels, keep_path=of is not None)
+        if of is not None:
+            sj.backbone_sensitivity(found, sensitivities(of, keys, system))
 
     def anew(differentiated):
         new = with_values(given, {key: value_of(given, key) * (1.0 + 1e-9) for key in keys})
@@ -179,7 +181,7 @@ def gradients(quick):
             same = "" if key is None else f"{found[0]} of {found[1]}"
             error = "" if key is None else f"{found[2]:.0e}"
             row(
-                *(name, system.n, system.contact_points, contact, what),
+                *(name, system.n, system.contact.count, contact, what),
                 *(same, error, f"{alone:.3f}", *(f"{ratio:.2f}" for ratio in ratios)),
             )
 
@@ -278,7 +280,7 @@ def fitted(name, given, loads, keys, point, contact):
         for key, value in truth.items()
     )
     row(
-        *(name, contact, system.n, system.contact_points, found.evaluations, found.computed),
+        *(name, contact, system.n, system.contact.count, found.evaluations, found.computed),
         *(f"{found.seconds:.0f}", f"{cpu:.0f}", *off),
     )
 

@@ -269,10 +269,16 @@ def curve(system, levels=6, **how):
     return found
 
 
+class Differentiated(NamedTuple):
+    curve: sj.Backbone
+    rates: sj.BackboneSensitivity
+
+
 def differentiated(made, keys, levels=4):
     structure, system = made
+    found = curve(system, levels=levels, keep_path=True)
     by = sj.sensitivities(structure, keys, system)
-    return curve(system, levels=levels, parameters=by)
+    return Differentiated(found, sj.backbone_sensitivity(found, by))
 
 
 def ring(system, cycles=8):
@@ -354,6 +360,15 @@ def _(result):
 
 @content.register(sj.Backbone)
 def _(result):
+    return of_curve(result)
+
+
+@content.register(Differentiated)
+def _(result):
+    return of_curve(*result)
+
+
+def of_curve(result, by=None):
     ends = slice(None, None, max(1, result.level.size - 1))
     names = "level", "amplitude", "frequency", "friction_damping", "viscous_damping", "share"
     columns = {name: getattr(result, name) for name in names}
@@ -365,7 +380,7 @@ def _(result):
         "slip": np.linalg.norm(result.slip, axis=1)[ends],
     }
     arrays = (*columns.values(), result.displacement, result.slip)
-    if (by := result.sensitivity) is not None:
+    if by is not None:
         # The last column is that by the level.
         rates = {
             f"{name} by parameters": getattr(by, name)[-1]

@@ -30,7 +30,7 @@ import skfem_joint as sj
 from benchmarks import head, row
 from skfem_joint.analysis.history import compare
 from skfem_joint.linalg import schur
-from skfem_joint.minimise import truncated_newton
+from skfem_joint.minimise import contact_newton
 
 FREQUENCY, STEPS, CYCLES = 500.0, 200, 2
 BOLT_FORCE, PRESSURE, FRICTION = 20e3, 8e6, 0.7
@@ -79,7 +79,7 @@ def report(along, across, width, bolted):
     system = system_of(along, across, width, bolted)
     print(
         f"\n{'Two bolts' if bolted else 'Pressed evenly'}: {system.n} unknowns, "
-        f"{system.contact_points} contact points, {STEPS} steps a period, {CYCLES} periods, arctan "
+        f"{system.contact.count} contact points, {STEPS} steps a period, {CYCLES} periods, arctan "
         "law, beta = 1e5 s/m.\n"
     )
     head(
@@ -87,8 +87,8 @@ def report(along, across, width, bolted):
         *("displacement, %", "friction energy, %"),
     )
     first = run(system, n_steps=60)
-    settings = truncated_newton.SETTINGS._replace(patience=0, sweeps=0)
-    patience = patch.object(truncated_newton, "SETTINGS", settings)
+    settings = contact_newton.SETTINGS._replace(patience=0, sweeps=0)
+    patience = patch.object(contact_newton, "SETTINGS", settings)
     with (
         patience,
         patch.object(
@@ -108,7 +108,7 @@ def report(along, across, width, bolted):
         off = 100 * compare(full, runs[0]).displacement_max
         energy = 100 * (runs[0].cycles.friction[-1] / full.cycles.friction[-1] - 1.0)
         kind = "condensed" if make is sj.condense else "reduced"
-        name = f"{kind}, {small.n} unknowns, {small.w.size} points"
+        name = f"{kind}, {small.n} unknowns, {small.contact.w.size} points"
         line(name, base, runs, offline, (f"{off:.3f}", f"{energy:+.3f}"))
 
 

@@ -23,8 +23,6 @@ from pathlib import Path
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from dataclasses import replace
-
 import numpy as np
 
 import skfem_joint as sj
@@ -57,7 +55,7 @@ def bar(fineness=10):
 def plate():
     """The plate with two bolts of ``plates.py``, 19,880 unknowns, under Coulomb's law."""
     system = plates.system_of(*plates.SIZES[1][0], True)
-    return replace(system, beta=np.full(system.w.size, np.inf))
+    return system.with_contact(beta=np.full(system.contact.w.size, np.inf))
 
 
 STRUCTURES = {
@@ -84,14 +82,15 @@ def drawn(system, first, count, seed):
     """Frequencies, shares of slip and factors of points; ``first`` natural frequency."""
     rng = np.random.default_rng(seed)
     for _ in range(count):
-        factors = FACTORS[0] * (FACTORS[1] / FACTORS[0]) ** rng.uniform(size=len(system.joints))
-        limits = dict(zip(system.joints, map(float, factors), strict=True))
+        joints, (low, high) = system.contact.joints, FACTORS
+        factors = low * (high / low) ** rng.uniform(size=len(joints))
+        limits = dict(zip(joints, map(float, factors), strict=True))
         yield first * rng.uniform(*FREQUENCY), rng.uniform(*SLIP), limits
 
 
 def gross(truth):
     """Whether a joint slips as a whole in a run of an exact model."""
-    return truth.system.least_share(truth.slip_peak <= 1e-3 * truth.slip_peak.max()) < 0.01
+    return truth.system.contact.least_share(truth.slip_peak <= 1e-3 * truth.slip_peak.max()) < 0.01
 
 
 def report(name, system, count, seed):
@@ -100,7 +99,7 @@ def report(name, system, count, seed):
     served = {
         "slip": SLIP,
         "frequency": (FREQUENCY[0] * first, fastest),
-        "limits": dict.fromkeys(system.joints, FACTORS),
+        "limits": dict.fromkeys(system.contact.joints, FACTORS),
     }
     begin = time.process_time()
     small = sj.reduce(system, range=served)
@@ -145,7 +144,7 @@ def report(name, system, count, seed):
         name,
         system.n,
         small.n,
-        small.contact_points,
+        small.contact.count,
         f"{made:.0f}",
         f"{made / single:.1f}",
         f"{full_ms:.2f}",

@@ -24,7 +24,7 @@ from benchmarks.explicit import runge_kutta, stable_step
 from benchmarks.first_order import FirstOrder, lumped, slip_work
 from benchmarks.integrators import FORMS, QUICK_FORMS, Task, solve
 from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.certificate import SETTINGS
+from skfem_joint.analysis.certificate import PER_CYCLE
 from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome
 from skfem_joint.analysis.history import Results, results
 from skfem_joint.output.folder import kept, write_error_time
@@ -43,7 +43,7 @@ COARSE = (10, 20, 50, 100)
 def sampled(reference, u, v):
     """Results from samples of all unknowns, shape (samples, n), by the trapezoidal rule."""
     cycles, system = reference.grid.cycles, reference.system
-    first = 0 if cycles is None else (cycles - 1) * SETTINGS.per_cycle * SAMPLES
+    first = 0 if cycles is None else (cycles - 1) * PER_CYCLE * SAMPLES
     point_u, u, v = (system.P @ u.T).T, u[first:], v[first:]
     load = system.load_amplitudes(sample_times(reference)[first:])
     way = system.load_vectors().T @ np.diff(u, axis=0).T
@@ -59,7 +59,7 @@ def sample_times(reference):
 
 def has_arctan_law(system):
     """Whether no point has set-valued Coulomb friction."""
-    return np.all(np.isfinite(system.beta[system.w > 0.0]))
+    return np.all(np.isfinite(system.contact.beta[system.contact.w > 0.0]))
 
 
 def ready_made_jobs(reference, bound, forms=FORMS):
@@ -67,7 +67,7 @@ def ready_made_jobs(reference, bound, forms=FORMS):
     if not has_arctan_law(reference.system):
         return
     models = [FirstOrder(reference.system), FirstOrder(lumped(reference.system))]
-    light = reference.grid.integrate(models[1].system, min(et.SETTINGS.own, reference.parts))
+    light = reference.grid.integrate(models[1].system, min(et.OWN, reference.parts))
     own = [reference.results, results(light)]
     finest = reference.grid.integrate(reference.system, reference.parts, fields=SAMPLES)
     truth, times = sampled(reference, finest.u, finest.v), sample_times(reference)
@@ -127,7 +127,7 @@ def _explicit(reference, parts, longest):
     wall = (time.perf_counter() - begin) * n_steps / piece
     if wall > longest:
         return Outcome(None, wall, {"steps": n_steps}, status="extrapolated")
-    cycle = None if grid.cycles is None else parts * SETTINGS.per_cycle
+    cycle = None if grid.cycles is None else parts * PER_CYCLE
     begin = time.perf_counter()
     result = run(n_steps=n_steps, save=Save(every=parts), cycle_steps=cycle)
     return Outcome(results(result), time.perf_counter() - begin, {"steps": n_steps})
@@ -177,7 +177,7 @@ def ratios(points):
         (et.COULOMB, RMS, "full, Coulomb / ready-made, error"),
         (et.COULOMB, TIME_ERROR, "the same, Coulomb's own time-step error"),
     ):
-        for level in et.SETTINGS.levels:
+        for level in et.LEVELS:
             ours = time_at(curves.get(family, []), level, error)
             times = [time for curve in made if (time := time_at(curve, level, TIME_ERROR))]
             theirs = min(times, default=None)
@@ -228,7 +228,7 @@ def main(arguments=None):
         report = et.error_time(scene, bound=options.bound, quick=quick, more=others)
         report = replace(report, sections=(section(report.points, bound),))
         files = write_error_time(options.out, report)
-    advice = (et.advice(report.points, level) for level in et.SETTINGS.levels)
+    advice = (et.advice(report.points, level) for level in et.LEVELS)
     print(*advice, *report.sections, sep="\n\n")
     print(f"\nWritten to {options.out}: {', '.join(file.name for file in files)}")
     return 0

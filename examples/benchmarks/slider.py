@@ -20,7 +20,6 @@ from scipy import sparse
 
 import skfem_joint as sj
 from benchmarks import head, row
-from skfem_joint.opening import OpeningContact
 
 #: Stiffness of the spring, N/m, amplitude of the slip, m, friction, and constant normal load, N.
 SPRING, X, MU, PRESSED = 2e5, 1e-3, 0.4, 250.0
@@ -30,20 +29,17 @@ HOLDS, LIFTS, MASS = 1e10, 1e3, 1e-3
 
 def slider(varies, phase, spring=SPRING):
     """System of a point driven by X sin(2 pi t) under PRESSED + varies sin(2 pi t + phase), N."""
-    contact = OpeningContact(
-        sparse.csr_array([[0.0, 1.0]]), np.zeros(1), np.array([PRESSED]),
-        sparse.csr_array([[MU]]), np.full(1, np.inf), np.ones(1),
-    )  # fmt: skip
+    N, one = sparse.csr_array([[0.0, 1.0]]), np.ones(1)
+    pressed = sj.NormalPart(N, gap=0.0 * one, force=PRESSED * one, stiffness=np.inf * one, area=one)
     K, M = sparse.diags_array([HOLDS, LIFTS]).tocsr(), MASS * sparse.eye_array(2, format="csr")
     loads = [
         sj.AppliedLoad(np.array([1.0, 0.0]), sj.Harmonic(HOLDS * X, 1.0), "along"),
         sj.AppliedLoad(np.array([0.0, 1.0]), sj.Harmonic(varies, 1.0, phase), "across"),
     ]
-    B, w = sparse.csr_array([[1.0, 0.0]]), np.array([MU * PRESSED])
-    return sj.System(
-        M, 1e-3 * M, K, B, w, np.inf, stiffness=np.array([spring]), loads=loads,
-        P=sparse.csr_array(np.eye(2)), points=("along", "across"), opening=contact,
-    )  # fmt: skip
+    B, gain = sparse.csr_array([[1.0, 0.0]]), sparse.csr_array([[MU]])
+    contact = sj.Contact(B, [0.0], np.inf, stiffness=spring * one, normal=pressed, gain=gain)
+    P, points = sparse.eye_array(2, format="csr"), ("along", "across")
+    return sj.System(M, 1e-3 * M, K, contact, loads=loads, P=P, points=points)
 
 
 def loop_energy(varies):

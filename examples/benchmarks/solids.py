@@ -66,7 +66,7 @@ def report(scene, made):
     """Print a scene that took ``made`` (s) to build: table, damping curves and memory taken."""
     system = scene.system()
     print(
-        f"{system.n} unknowns, {system.contact_points} contact points, made in {made:.1f} s with "
+        f"{system.n} unknowns, {system.contact.count} contact points, made in {made:.1f} s with "
         f"the modes that the damping ratio needs\n"
     )
     head(

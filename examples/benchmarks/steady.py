@@ -94,7 +94,7 @@ def backbones(quick):
             (curve,) = sj.backbone(system)
             spent = time.perf_counter() - begin
         error = "-" if curve.masing_error is None else f"{100 * curve.masing_error:.2g} %"
-        row(name, system.contact_points, f"{spent:.3g}", error)
+        row(name, system.contact.count, f"{spent:.3g}", error)
 
 
 def periods(systems, memory):
@@ -170,7 +170,7 @@ def light(quick):
         for ratio in (1e-4, 1e-5):
             system, first = lightly_damped(given, ratio)
             force = abs(system.loads[0].amplitude.peak_value)
-            limit = float(system.w.sum()) / force
+            limit = float(system.contact.w.sum()) / force
             for near in (1.0, 1.0 + ratio):
                 level, begin = 1e-3 * 2.0 * ratio * limit, time.perf_counter()
                 point = response.steady_point(system, near * first, level, 100)

@@ -10,7 +10,7 @@ from paper.page import printed
 from scipy import linalg
 from scipy.optimize import bisect
 
-from skfem_joint import ConvergenceError, RampAndHold, Save, integrate
+from skfem_joint import Contact, ConvergenceError, RampAndHold, Save, integrate
 
 CASE = CASES["reference"]
 MODES, CYCLES, STEPS = 15, 3, 200
@@ -30,11 +30,10 @@ def systems(modes=5):
 
 def without_friction(system, damped):
     """Linear part of a system, with or without C, under a step load."""
-    contact = {name: getattr(system, name)[:0] for name in ("B", "w", "beta", "directions")}
     step_load = RampAndHold(CASE.force, 1e-12)
     loads = tuple(replace(load, amplitude=step_load) for load in system.loads)
     C = system.C if damped else 0.0 * system.C
-    return replace(system, **contact, J=None, C=C, loads=loads)
+    return replace(system, contact=Contact.none(system.n), C=C, loads=loads)
 
 
 def largest_frequency(system):
@@ -68,8 +67,8 @@ def chatter(system, step):
     n_steps = min(2000, int(0.2 / CASE.frequency / step))
     run = runge_kutta(system, step=step, n_steps=n_steps, **NO_ROWS)
     exact = integrate(system, step=step * n_steps / STEPS, n_steps=STEPS, save=Save(points=False))
-    slip = system.B @ exact.final[1]
-    return 100.0 * np.abs(system.B @ run.final[1] - slip).max() / np.abs(slip).max()
+    slip = system.contact.B @ exact.final[1]
+    return 100.0 * np.abs(system.contact.B @ run.final[1] - slip).max() / np.abs(slip).max()
 
 
 def operations_full(n):
@@ -137,7 +136,7 @@ def _add_times(item, quick, computed, chattering):
     gauss = np.array([_implicit(system, repeats) for system in few])
     explicit = np.array([_explicit(system, repeats) for system in projected])
     five = int(np.flatnonzero(counts == 5)[0])
-    points, micro = few[five].w.size, (every[five, 0], gauss[five, 0], explicit[five])
+    points, micro = few[five].contact.w.size, (every[five, 0], gauss[five, 0], explicit[five])
     item.say("section7.5.times", **locals())
     for label, times in (("all nodes", every[:, 0]), ("Gauss points", gauss[:, 0])):
         most, last = max(counts[times < full_time], default=0), counts[-1]

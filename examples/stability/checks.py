@@ -34,9 +34,9 @@ def energy_bound(case, run):
         return ENERGY
     peak = np.abs(run.u).max(axis=0)
     share = ROUND_OFF * 4.0 * case.periods * (peak @ (abs(system.K) @ peak)) / in_play
-    if system.is_dense and system.contact_points:
-        fastest = np.abs(system.B @ run.v.T).max()
-        share += min(1e-6, SLIP_ROUND_OFF * system.beta.max() * fastest)
+    if system.is_dense and system.contact.count:
+        fastest = np.abs(system.contact.B @ run.v.T).max()
+        share += min(1e-6, SLIP_ROUND_OFF * system.contact.beta.max() * fastest)
     return max(ENERGY, share)
 
 
@@ -45,22 +45,22 @@ def law_checks(run):
 
     At each point it is a vector against the slip vector.
     """
-    system, acts = run.system, run.system.w > 0.0
+    contact, acts = run.system.contact, run.system.contact.w > 0.0
     if not np.any(acts):
         return []
-    slip = (system.B @ run.v.T).T
-    speed, size = system.slip_norm(slip), system.slip_norm(run.sigma)
+    slip = (contact.B @ run.v.T).T
+    speed, size = contact.slip_norm(slip), contact.slip_norm(run.sigma)
     # Where modes share a point its slip is a sum with round-off, which a steep law magnifies: the
     # force must lie on the law within the round-off of the largest slip.
-    noise = SLIP_ROUND_OFF * speed[:, acts].max(initial=0.0) if system.is_dense else 0.0
+    noise = SLIP_ROUND_OFF * speed[:, acts].max(initial=0.0) if run.system.is_dense else 0.0
     moves = acts & (speed > 0.0)
     divisor = np.where(moves, speed, 1.0)
-    aligned = np.repeat(size / divisor, system.directions, axis=-1) * slip
-    with_slip = system.slip_norm(run.sigma - aligned) <= ROUND_OFF + 2.0 * noise / divisor
-    low = force(np.maximum(speed - noise, 0.0), system.beta)
-    high = force(speed + noise, system.beta)
+    aligned = np.repeat(size / divisor, contact.directions, axis=-1) * slip
+    with_slip = contact.slip_norm(run.sigma - aligned) <= ROUND_OFF + 2.0 * noise / divisor
+    low = force(np.maximum(speed - noise, 0.0), contact.beta)
+    high = force(speed + noise, contact.beta)
     on_law = (low - 1e-12 <= size) & (size <= high + 1e-12)
-    coulomb = acts & np.isinf(system.beta)
+    coulomb = acts & np.isinf(contact.beta)
     return [
         (np.all(size[:, acts] <= 1.0 + ROUND_OFF), "friction force beyond its limit"),
         (not np.any(moves & coulomb & (size < 1.0 - ROUND_OFF)), "sticking points creep"),
@@ -94,7 +94,8 @@ def motion_checks(case, run, bound):
         return []
     system, u, v = run.system, run.u.T, run.v.T
     loads = system.load_vectors() @ system.load_amplitudes(run.field_times)
-    friction = system.B.T @ (system.on_rows(system.w)[:, np.newaxis] * run.sigma.T)
+    contact = system.contact
+    friction = contact.B.T @ (contact.on_rows(contact.w)[:, np.newaxis] * run.sigma.T)
     forces = loads - system.C @ v - system.K @ u - friction
     h, momentum = run.field_times[1], system.M @ np.diff(v, axis=1)
     if case.rho == 1.0:

@@ -99,7 +99,7 @@ def system_of(case):
     structure = structure_of(case)
     direction = tuple(_turn(case) @ DIRECTIONS[case.direction]) if case.is_plate else None
     system = structure.system([sj.Load("right", amplitude_of(case, 1.0), direction)], ["right"])
-    w = system.w.copy()
+    w = system.contact.w.copy()
     if case.pressed == "one node":
         w[np.arange(w.size) != w.size // 2] = 0.0
     elif case.pressed == "alternating":
@@ -110,7 +110,7 @@ def system_of(case):
     P = system.P.toarray()
     if case.turned != 0.0:
         P[1:] = _turn(case).T @ P[1:]
-    return replace(system, w=w, loads=(load,), P=P)
+    return replace(system.with_contact(given=w), loads=(load,), P=P)
 
 
 def amplitude_of(case, peak):

@@ -90,7 +90,7 @@ def reference(case, result, system):
         early = u[100 * case.steps : 101 * case.steps]
         later = np.resize(early, (u.shape[0] - 100 * case.steps, u.shape[1]))
         return "its 100th period", np.concatenate([u[: 100 * case.steps], later]), SAME
-    if system.contact_points == 0 and case.load == "harmonic":
+    if system.contact.count == 0 and case.load == "harmonic":
         return "closed form", linear_response(case, system, result.times), bound
     if case.axis == "slow":
         # Each branch of the loop ends somewhere inside an element.

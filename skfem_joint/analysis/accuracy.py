@@ -10,7 +10,6 @@ it is made anew with twice as many; full and condensed models find their steps b
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, log2
@@ -18,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis import estimate, opening_estimate, step_estimate
+from skfem_joint.analysis import estimate, opening_estimate
 from skfem_joint.analysis.condensed_reference import CondensedReference
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.errors import ConvergenceError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.basis import Basis, reduced_system
 from skfem_joint.scene import Scene
@@ -34,29 +33,12 @@ from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class AccuracySettings:
-    """Bounds of the search for a model that meets an accuracy.
-
-    Attributes
-    ----------
-    rounds, most_vectors, most_halvings : int
-        Rounds of refinement, vectors of a basis, and halvings of the step that are tried.
-    stalled : float
-        The search ends where two rounds leave more than this share of the error of earlier ones.
-    worthwhile : float
-        A source is refined from this share of the error asked for on.
-    """
-
-    rounds: int = 8
-    most_vectors: int = 200
-    most_halvings: int = 6
-    stalled: float = 0.9
-    worthwhile: float = 0.4
-
-
-SETTINGS = AccuracySettings()
+#: Rounds of refinement, vectors of a basis, and halvings of the step that are tried.
+ROUNDS = 8
+MOST_VECTORS = 200
+MOST_HALVINGS = 6
+#: A source is refined from this share of the error asked for on.
+WORTHWHILE = 0.4
 
 
 @dataclass(frozen=True)
@@ -125,8 +107,8 @@ class Choice:
 def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = silent) -> Choice:
     """Choose time steps, and a reduced model where one is run, for the accuracy asked for.
 
-    Without a reduced model the full one takes the step that a reduced one of it would need. Where
-    no accuracy is asked for, the scene is taken as it is. ``path`` is a quasi-static path of the
+    Without a reduced model only steps that are too long for the loads are changed. Where no
+    accuracy is asked for, the scene is taken as it is. ``path`` is a quasi-static path of the
     system, whose factors are used.
 
     Raises
@@ -139,18 +121,15 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     if not scene.accuracy.is_given:
         return Choice(scene)
     watch = Stopwatch()
-    structure, system, given = scene.structure(), scene.system(), scene
+    structure, system = scene.structure(), scene.system()
     scene = resolved(scene, system)
-    options, opens = options_of(scene), system.opening is not None
+    options = options_of(scene)
 
     def basis_for(modes: int | None = None, enriched: bool = False) -> Basis:
         chosen = options if modes is None else replace(options, modes=modes)
         return basis_of_scene(scene, structure, system, chosen, path, enriched=enriched)
 
-    if "reduced" not in given.models.run:
-        if not opens and system.contact_points and given.reduction.reference != "self":
-            with suppress(InputError):  # no reduced model: the full one's own estimate decides
-                scene = with_steps_of(scene, basis_for())
+    if "reduced" not in scene.models.run:
         return Choice(scene)
     basis = basis_for(enriched=True)
     accurate = accurate_model(
@@ -158,10 +137,11 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     )
     # What a basis misses before it is enriched is of no concern.
     notes = basis.notes if accurate.basis is basis else ()
+    contact = accurate.system.contact
     said = (
         f"For the accuracy asked for the reduced model has {accurate.system.n} vectors, "
-        f"{accurate.system.w.size} friction points, beta = {accurate.system.steepest:.3g} s/m "
-        f"and steps of {accurate.scene.time_step:.4g} s; it errs by an estimated "
+        f"{contact.w.size} friction points, beta = {contact.steepest:.3g} s/m and "
+        f"steps of {accurate.scene.time_step:.4g} s; it errs by an estimated "
         f"{stated(accurate.estimate)}."
     )
     seconds, compiled = watch.read()
@@ -198,25 +178,6 @@ def resolved(scene: Scene, system: System) -> Scene:
     return scene.finer(2 ** ceil(log2(ratio) - 1e-9)) if ratio > 1.0 else scene
 
 
-def with_steps_of(scene: Scene, basis: Basis) -> Scene:
-    """Scene with the step that a reduced model needs, which costs little to find.
-
-    Raises
-    ------
-    ConvergenceError
-        As `shorter`, or if a step does not converge.
-    """
-    reduced = reduced_system(scene.system(), basis)
-    for _ in range(SETTINGS.rounds):
-        plan = plan_of(scene)
-        run = estimate.verification_run(reduced, plan)
-        finer = shorter(scene, step_estimate.of_full(reduced, run, plan))
-        if finer is None:
-            break
-        scene = finer
-    return scene
-
-
 def accurate_model(
     scene: Scene,
     basis: Basis,
@@ -235,10 +196,10 @@ def accurate_model(
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
-    reference = None if system.opening is not None else CondensedReference.of(system, shared=True)
+    reference = None if system.contact.opens else CondensedReference.of(system, shared=True)
     errors: list[float] = []
-    for done in range(SETTINGS.rounds):
-        report(done, SETTINGS.rounds)
+    for done in range(ROUNDS):
+        report(done, ROUNDS)
         own: dict[str, Any] = {"friction_points": points, "beta": beta}
         reduced = reduced_system(system, basis, **own, periodic=scene.periodic)
         step, plan = scene.time_step, plan_of(scene)
@@ -247,34 +208,40 @@ def accurate_model(
         if errors[-1] <= 1.0:
             return AccurateModel(scene, basis, reduced, stands)
         sources = {s: excess(accuracy, stands, s) for s in ("basis", "law", "points", "time_step")}
-        if min(errors[-2:]) > SETTINGS.stalled * min(errors[:-2], default=np.inf):
+        # The search ends where two rounds leave more than this share of the error of earlier
+        # ones.
+        if min(errors[-2:]) > 0.9 * min(errors[:-2], default=np.inf):
             break
-        least = min(SETTINGS.worthwhile, max(sources.values()))
+        least = min(WORTHWHILE, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}
         if "basis" in refined and stands.missing is not None:
-            if basis.V.shape[1] >= SETTINGS.most_vectors:
+            if basis.V.shape[1] >= MOST_VECTORS:
                 break
             V, velocities = stands.missing.V, stands.missing.velocities
-            most = slice(SETTINGS.most_vectors)  # the most important ones stand first
+            most = slice(MOST_VECTORS)  # the most important ones stand first
             basis = basis.enriched(system, V[:, most], velocities[:, most])
         elif "basis" in refined:
-            if 2 * basis.modes > SETTINGS.most_vectors:
+            if 2 * basis.modes > MOST_VECTORS:
                 break
             basis = remade(2 * basis.modes)
         if "points" in refined:
-            points = 2 * reduced.w.size if 2 * reduced.w.size < system.contact_points else "all"
+            points = (
+                2 * reduced.contact.w.size
+                if 2 * reduced.contact.w.size < system.contact.count
+                else "all"
+            )
         if "law" in refined:
-            beta = min(estimate.SETTINGS.steeper * reduced.steepest, system.steepest)
+            beta = min(estimate.STEEPER * reduced.contact.steepest, system.contact.steepest)
         if "time_step" in refined:
             more = min(max(_halvings(sources["time_step"]), 1), 3)
             halvings, scene = halvings + more, scene.finer(2**more)
-        if halvings > SETTINGS.most_halvings:
+        if halvings > MOST_HALVINGS:
             break
     worst = max(sources, key=lambda source: sources[source]).replace("_", " ")
     raise ConvergenceError(
-        f"accuracy: a reduced model of {reduced.n} vectors and {reduced.w.size} friction points "
-        f"with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of it from "
-        f"its {worst}. Ask for less, or run 'full' alone"
+        f"accuracy: a reduced model of {reduced.n} vectors and {reduced.contact.w.size} friction "
+        f"points with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of "
+        f"it from its {worst}. Ask for less, or run 'full' alone"
     )
 
 
@@ -286,7 +253,7 @@ def _estimate(
     reference: CondensedReference | None,
 ) -> Estimate:
     """Estimated errors of a reduced model, which is run for them."""
-    if system.opening is None:
+    if not system.contact.opens:
         return estimate.of_reduced(system, basis, reduced, plan, reference=reference)
     run = estimate.verification_run(reduced, plan)
     return opening_estimate.of_reduced(system, run, plan)
@@ -316,7 +283,7 @@ def shorter(scene: Scene, errors: Estimate) -> Scene | None:
             "is more than what is asked for, however short the steps. Run 'full', or ask for less"
         )
     halvings = _halvings(ratio)
-    if halvings > SETTINGS.most_halvings:
+    if halvings > MOST_HALVINGS:
         raise ConvergenceError(
             f"accuracy: steps of {scene.time_step:.4g} s err by an estimated {stated(errors)}: the "
             "steps asked for are far too long. Give more steps, or ask for less"
@@ -355,7 +322,7 @@ def shortened_steps(
     run = integrate(plan_of(scene))
     if not scene.accuracy.is_given:
         return scene, run, None
-    for _ in range(SETTINGS.rounds):
+    for _ in range(ROUNDS):
         if run.interrupted:
             return scene, run, None
         errors = estimated(run, plan_of(scene))

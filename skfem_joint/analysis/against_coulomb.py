@@ -21,7 +21,7 @@ The same model is run under both laws from rest, until its cycles are alike:
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -41,43 +41,10 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class LawSettings:
-    """Numbers of the comparison with Coulomb's law.
-
-    Attributes
-    ----------
-    steeper : float
-        Steepness that stands for Coulomb's law in a reduced model, over the largest of the system.
-    settled : float
-        Relative change of the friction energy of cycles below which they are alike.
-    fewest_cycles : int
-        Fewest cycles that are compared.
-    small : float
-        Steps times (unknowns + `overhead`) up to which the full model itself is run.
-    overhead : int
-        Unknowns that cost as much as what a step costs anyhow.
-    trusted : float
-        Largest difference of the friction energy of a large full model from that of its reduced
-        one, over the difference between the laws.
-    negligible : float
-        Such a difference that does not count.
-    nothing : float
-        Share of the own law's value below which Coulomb's is taken to be zero.
-    """
-
-    steeper: float = 1e3
-    settled: float = 0.02
-    fewest_cycles: int = 3
-    small: float = 1e6
-    overhead: int = 1000
-    trusted: float = 1.0
-    negligible: float = 0.02
-    nothing: float = 1e-4
-
-
-SETTINGS = LawSettings()
+#: Relative change of the friction energy of cycles below which they are alike.
+SETTLED = 0.02
+#: Steps times (unknowns + `overhead`) up to which the full model itself is run.
+SMALL = 1e6
 
 
 def against_coulomb(
@@ -116,7 +83,7 @@ def against_coulomb(
     KeyboardInterrupt
         If a run is interrupted.
     """
-    if np.isinf(system.beta[system.rubs]).all():
+    if np.isinf(system.contact.beta[system.contact.rubs]).all():
         return None
     verify = partial(verification_run, progress=progress)
     whole = plan
@@ -132,7 +99,8 @@ def against_coulomb(
 def _settles(run: Run) -> int:
     """Cycles after which the energies and the peak of a run are alike, or all of them."""
     series = np.stack(by_cycle(run))
-    return cycles_to_settle(series, SETTINGS.settled, SETTINGS.fewest_cycles)
+    # Fewest cycles that are compared.
+    return cycles_to_settle(series, SETTLED, 3)
 
 
 def _both(
@@ -149,7 +117,7 @@ def _both(
         return verify(steep, plan), results(verify(larger, plan))
     if basis is None:
         return _of_full(system, run, plan, verify)
-    if picks_unknowns(run.system.B):
+    if picks_unknowns(run.system.contact.B):
         return verify(run.system.with_beta(np.inf), plan), _until(run, plan)
     steep, own = _on(system, basis, basis.V if V is None else V)
     return verify(steep, plan), results(verify(own, plan))
@@ -177,7 +145,8 @@ def _apart(coulomb: Run, own: Results) -> Parts:
     parts = difference(reference, own)
     for name in QUANTITIES[1:]:
         under, value = abs(getattr(reference, name)), abs(getattr(own, name))
-        if value > 0.0 and under < SETTINGS.nothing * value:
+        # Share of the own law's value below which Coulomb's is taken to be zero.
+        if value > 0.0 and under < 1e-4 * value:
             parts[name] = 1.0
     return parts
 
@@ -188,20 +157,21 @@ def _laws(system: System, steepest: float = 0.0) -> tuple[System, System]:
     A dense system takes no set-valued law: where its own is Coulomb's, the steep one stands for it
     in both. ``steepest`` is the steepness, s/m, that the velocities of such joints ask for.
     """
-    carries = system.rubs
-    finite = np.isfinite(system.beta) & carries
+    carries = system.contact.rubs
+    finite = np.isfinite(system.contact.beta) & carries
     least = 0.0 if finite.any() and finite[carries].all() else steepest
-    steep = SETTINGS.steeper * max(float(system.beta[finite].max(initial=0.0)), least)
-    return system.with_beta(steep), replace(system, beta=np.minimum(system.beta, steep))
+    # Steepness that stands for Coulomb's law in a reduced model, over the largest of the system.
+    steep = 1e3 * max(float(system.contact.beta[finite].max(initial=0.0)), least)
+    return system.with_beta(steep), system.with_contact(beta=np.minimum(system.contact.beta, steep))
 
 
 def _on(system: System, basis: Basis, V: FloatArray) -> tuple[System, System]:
     """Reduced models on vectors V under both laws, very many points merged."""
     small = elastic(system).project(V)
-    if system.contact_points > MERGING.many and system.opening is None:
-        narrow, carrying = system.project(basis.V), np.flatnonzero(system.w)
+    if system.contact.count > MERGING.many and not system.contact.opens:
+        narrow, carrying = system.project(basis.V), np.flatnonzero(system.contact.w)
         merged = merged_points(narrow, basis.history.velocities, carrying, MERGING.merged)
-        small = shared_points(small, merged.shares, merged.w)
+        small = shared_points(small, merged.contact.shares, merged.contact.w)
     fastest = basis.history.slip_velocity
     return _laws(small, 1.0 / fastest if fastest else 0.0)
 
@@ -211,13 +181,14 @@ def _of_full(
 ) -> tuple[Run, Results]:
     """Both of a full model: by itself where it is small, else by a reduced one."""
     own = _until(run, plan)
-    cost = plan.n_steps * (system.n + SETTINGS.overhead)
+    # Unknowns that cost as much as what a step costs anyhow.
+    cost = plan.n_steps * (system.n + 1000)
     kind = arranged(system).kind
     if (
         system.is_dense or kind == "dense"
     ):  # as of points that share an unknown: it takes no set-valued law
         return verify(_laws(system)[0], plan), own
-    large = cost > SETTINGS.small and system.opening is None  # no reduced model has that
+    large = cost > SMALL and not system.contact.opens  # no reduced model has that
     if large and kind != "chain":
         both = _by_reduced(system, own, plan, verify)
         if both is not None:
@@ -243,5 +214,8 @@ def _by_reduced(
     poor, apart = difference(own, first)[energy], _apart(coulomb, first)[energy]
     if poor is None or apart is None:
         return None
-    trusted = poor <= max(SETTINGS.negligible, SETTINGS.trusted * apart)
+    # Largest difference of the friction energy of a large full model from that of its reduced
+    # one, over the difference between the laws.
+    # Such a difference that does not count.
+    trusted = poor <= max(0.02, 1.0 * apart)
     return (coulomb, first) if trusted else None

@@ -10,9 +10,9 @@ amplitude q = phi^T M u, and
 
 where D is the work of friction in a cycle of that amplitude, with exact Coulomb friction.
 
-Where limits are constant and slip keeps its direction D follows from loading alone
-(:mod:`skfem_joint.analysis.masing_cycles`). With contact that opens a cycle is followed at each
-level, and q is half of peak to peak (:mod:`skfem_joint.analysis.opening_cycles`).
+Cycles are those of :mod:`skfem_joint.analysis.cycles`. Where limits are constant and slip keeps its
+direction D follows from loading alone. With contact that opens a cycle is followed at each level,
+and q is half of peak to peak.
 
 The method takes for granted that the mode keeps its shape and that other modes do not respond.
 Where a higher frequency lies near an odd multiple of the mode's own, friction excites it and the
@@ -22,7 +22,7 @@ free of these assumptions, can be compared with the curve.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -30,29 +30,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from skfem_joint.analysis.backbone_sensitivity import (
-    BackboneSensitivity,
-    CycleRates,
-    backbone_sensitivity,
-    check_parameters,
-    in_unknowns,
-    of_closed_system,
-)
-from skfem_joint.analysis.cycles import Cycles
+from skfem_joint.analysis.cycles import CyclePath, ModePath, RisingCycles, items_of_work
 from skfem_joint.analysis.gross_slip import (
     gross_slip_level,
     is_gross,
     sticking_share,
 )
-from skfem_joint.analysis.masing_cycles import levels_to_follow, masing_cycles
-from skfem_joint.analysis.mode_rates import mode_rates
-from skfem_joint.analysis.opening_cycles import OpeningPath, cycles_to_follow
 from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
-from skfem_joint.analysis.stuck import Stuck
+from skfem_joint.analysis.stuck import Stuck, StuckMode
 from skfem_joint.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.progress import Progress, Tally, silent
-from skfem_joint.sensitivity import SystemSensitivity
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
@@ -157,13 +145,13 @@ class Backbone:
         The same as a modal displacement, m kg^1/2.
     opened : ndarray, shape (levels,), optional
         Share of the pressure points pressed at rest that opened in the cycle.
-    sensitivity : BackboneSensitivity, optional
-        Derivatives by parameters, where they were asked for.
     limits : ndarray, shape (levels, m), optional
         With contact that opens: the friction limits of ``friction``, N.
     differs : ndarray of bool, shape (levels,), optional
         Levels at which a ring-down differs by more than both stated errors, from
         `skfem_joint.analysis.ring_down.RingDown.beside`; None if there is none beside the curve.
+    path : ModePath, optional
+        What the curve was followed along, if it is kept.
     """
 
     mode: int
@@ -188,9 +176,9 @@ class Backbone:
     middle: FloatArray | None = None
     offset: FloatArray | None = None
     opened: FloatArray | None = None
-    sensitivity: BackboneSensitivity | None = None
     limits: FloatArray | None = None
     differs: BoolArray | None = None
+    path: ModePath | None = field(default=None, repr=False, compare=False)
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -230,7 +218,7 @@ def backbone(
     up_to: float = 0.7,
     slips_at: float | None = None,
     progress: Progress = silent,
-    parameters: Sequence[SystemSensitivity] = (),
+    keep_path: bool = False,
 ) -> list[Backbone]:
     """Natural frequency and damping ratio of some modes over their amplitude.
 
@@ -254,8 +242,9 @@ def backbone(
     progress : callable, optional
         Called with (levels done, levels in all as far as they are known), increments of cycles
         included; with contact that opens, with cycles.
-    parameters : sequence of SystemSensitivity
-        By which the curves are differentiated, from :func:`skfem_joint.sensitivities`.
+    keep_path : bool
+        Whether `Backbone.path` is kept, which `backbone_sensitivity` computes derivatives from. It
+        has factors of the stiffness, and with contact that opens all levels that were computed.
 
     Returns
     -------
@@ -271,61 +260,7 @@ def backbone(
     ConvergenceError
         If a level does not converge, or with contact that opens the first one has no state.
     """
-    return _backbone(Kept(), system, modes, levels, up_to, slips_at, progress, parameters)
-
-
-def _backbone(
-    kept: Kept,
-    system: System,
-    modes: Sequence[int],
-    levels: int | ArrayLike,
-    up_to: float,
-    slips_at: float | None,
-    progress: Progress,
-    parameters: Sequence[SystemSensitivity],
-) -> list[Backbone]:
-    """As `backbone`, with factors that are kept."""
-    system.check_any_load("backbone")
-    check_whole(system, "backbone")
-    if not system.contact_points:
-        raise InputError(
-            "backbone: needs friction, no contact point carries any: frequency and damping do not "
-            "depend on amplitude"
-        )
-    check_each("backbone: modes", modes, COUNT)
-    check_parameters(parameters, system)
-    shares, slips_at = _shares(levels, up_to, slips_at)
-    numbers, opens = np.asarray(modes, dtype=int), system.opening is not None
-    tally = Tally(progress, len(modes) * levels_of_a_curve(shares.size, opens))
-    to = arranged(system.closed())
-    path = kept.path_of(to, tally)
-    opening = None
-    if opens:
-        opening = OpeningPath(system, SETTINGS.tolerance, tally, bool(parameters))
-    count = int(numbers.max()) + SETTINGS.higher_modes
-    stuck = Stuck(to.system, path)
-    frequencies, shapes = stuck.modes(count)
-    refuse(
-        f"backbone: found mode {k}, there are {frequencies.size} with the contact stuck"
-        for k in numbers.tolist()
-        if k > frequencies.size
-    )
-    if system.serves is not None:
-        of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
-        check_modes(system.serves, of_mode, of_mode, up_to)
-    curves = []
-    for k in numbers.tolist():
-        mode = _Mode(k, shapes, frequencies, to.system.M @ shapes[:, k - 1], stuck)
-        absolute = np.ndim(levels) > 0
-        curve = _curve(to, path, opening, mode, shares, slips_at, parameters, absolute)
-        curves.append(replace(curve, slips_at=np.nan) if absolute else curve)
-    if system.serves is None:
-        return curves
-    larger = alone(system)
-    for k, curve in enumerate(curves):
-        (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
-        curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
-    return curves
+    return Factors().backbone(system, modes, levels, up_to, slips_at, progress, keep_path)
 
 
 def _shares(
@@ -350,31 +285,21 @@ def _shares(
     return level, 1.0
 
 
-def levels_of_a_curve(levels: int, opens: bool = False) -> int:
-    """Items of work of a curve with so many points, as far as they are known before slip turns.
-
-    They are quasi-static levels, increments of cycles included, or, with contact that ``opens``,
-    cycles.
-    """
-    return cycles_to_follow(levels) if opens else levels_to_follow(levels)
-
-
-class Kept:
+class Factors:
     """Factors of the stiffness that curves of other limits, springs and damping use again."""
 
     def __init__(self) -> None:
         self._path: QuasiStatic | None = None
 
-    def path_of(self, to: Arranged, tally: Tally) -> QuasiStatic:
+    def _path_of(self, to: Arranged, tally: Tally) -> QuasiStatic:
         """Quasi-static path of a system at rest, with the factors kept where they are its own."""
         path, self._path = self._path, None
         if path is not None and path.whole is not None and _differ_in_law(path.to, to):
-            path = path.limited(to)
+            path = path.limited(Arranged(to.system, to.kind))
             path.tally = tally
         else:
             del path  # two factors at once may be too large
             path = QuasiStatic(to.system, SETTINGS.tolerance, tally)
-            path.spare_rigid()
         self._path = path
         return path
 
@@ -382,19 +307,61 @@ class Kept:
         self,
         system: System,
         modes: Sequence[int],
-        levels: ArrayLike,
-        parameters: Sequence[SystemSensitivity] = (),
+        levels: int | ArrayLike,
+        up_to: float = 1.0,
+        slips_at: float | None = None,
+        progress: Progress = silent,
+        keep_path: bool = False,
     ) -> list[Backbone]:
-        """Curves at given levels, as the function `backbone` returns them."""
-        return _backbone(self, system, modes, levels, 1.0, None, silent, parameters)
+        """Curves as the function `backbone` returns them."""
+        system.check_any_load("backbone")
+        check_whole(system, "backbone")
+        if not system.contact.count:
+            raise InputError(
+                "backbone: needs friction, no contact point carries any: frequency and damping do "
+                "not depend on amplitude"
+            )
+        check_each("backbone: modes", modes, COUNT)
+        shares, slips_at = _shares(levels, up_to, slips_at)
+        numbers, tally = np.asarray(modes, dtype=int), Tally(progress)
+        to = arranged(system.closed())
+        closed = self._path_of(to, tally)
+        path = CyclePath(system, to, closed, keep_path)
+        tally.total = len(modes) * items_of_work(shares.size, path.opens)
+        count = int(numbers.max()) + SETTINGS.higher_modes
+        stuck = Stuck(to.system, closed)
+        frequencies, shapes = stuck.modes(count)
+        refuse(
+            f"backbone: found mode {k}, there are {frequencies.size} with the contact stuck"
+            for k in numbers.tolist()
+            if k > frequencies.size
+        )
+        if system.serves is not None:
+            of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
+            check_modes(system.serves, of_mode, of_mode, up_to)
+        curves = []
+        for k in numbers.tolist():
+            mode = StuckMode(k, frequencies, shapes, stuck)
+            absolute = np.ndim(levels) > 0
+            curve = _curve(system, to, closed, path, mode, shares, slips_at, absolute)
+            curve = replace(curve, path=curve.path if keep_path else None)
+            curves.append(replace(curve, slips_at=np.nan) if absolute else curve)
+        if system.serves is None:
+            return curves
+        larger = alone(system)
+        for k, curve in enumerate(curves):
+            (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
+            curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
+        return curves
 
 
 def _differ_in_law(one: Arranged, other: Arranged) -> bool:
     """Whether two systems differ in limits, springs and damping alone."""
     old, new = one.system, other.system
-    names = "K", "M", "B", "beta"
-    alike = all(_same(getattr(old, name), getattr(new, name)) for name in names)
-    return one.kind == other.kind and alike and np.array_equal(old.w > 0.0, new.w > 0.0)
+    law, new_law = old.contact, new.contact
+    pairs = (old.K, new.K), (old.M, new.M), (law.B, new_law.B), (law.beta, new_law.beta)
+    limited = np.array_equal(law.w > 0.0, new_law.w > 0.0)
+    return one.kind == other.kind and limited and all(_same(a, b) for a, b in pairs)
 
 
 def _same(A: Any, B: Any) -> bool:
@@ -405,82 +372,39 @@ def _same(A: Any, B: Any) -> bool:
     return A.format == B.format and all(map(np.array_equal, *parts))
 
 
-@dataclass(frozen=True)
-class _Mode:
-    """A mode with the contact stuck.
-
-    Attributes
-    ----------
-    number : int
-        From 1.
-    shapes : ndarray, shape (n, modes)
-        This mode, those below and some of those above, of unit modal mass, kg^(-1/2), in the
-        unknowns of the path.
-    frequencies : ndarray, shape (modes,)
-        Of all these, Hz.
-    force : ndarray, shape (n,)
-        Inertia M phi, the load of level 1, N.
-    stuck : Stuck
-        Structure that it is a mode of.
-    """
-
-    number: int
-    shapes: FloatArray
-    frequencies: FloatArray
-    force: FloatArray
-    stuck: Stuck
-
-    @property
-    def shape(self) -> FloatArray:
-        """Of the mode itself, (n,), kg^(-1/2)."""
-        return np.asarray(self.shapes[:, self.number - 1])
-
-    @property
-    def frequency(self) -> float:
-        """Frequency with the contact stuck, Hz."""
-        return float(self.frequencies[self.number - 1])
-
-
 def _curve(
-    to: Arranged,
-    path: QuasiStatic,
-    opening: OpeningPath | None,
-    mode: _Mode,
+    given: System,
+    closed: Arranged,
+    stays: QuasiStatic,
+    path: CyclePath,
+    mode: StuckMode,
     shares: FloatArray,
     slips_at: float | None,
-    parameters: Sequence[SystemSensitivity],
     absolute: bool,
 ) -> Backbone:
     """Backbone of a mode at some shares of the level at which the first joint slips as a whole.
 
-    The shares may be ``absolute`` levels, of a ``slips_at`` of 1.
+    The shares may be ``absolute`` levels, of a ``slips_at`` of 1. Whether joints slip as a whole is
+    asked of the path of contact that ``stays`` closed.
     """
-    slips_at = _check_levels(path, mode, shares, slips_at, absolute)
-    level, force, shape = shares * slips_at, mode.force, mode.shape
-    closed = to
-    if opening is None:
-        found = masing_cycles(path, force, level)
-    else:
-        shape, to = opening.of_closed(to.outer(shape)), opening.to
-        force = np.asarray(to.system.M @ shape)
-        found = opening.follow(force, level, float(shape @ (to.system.C @ shape)))
-    sensitivity = None
-    if parameters:
-        sensitivity = _sensitivity(closed, opening or path, mode, shape, found, parameters)
-    system, level, states = to.system, found.level, found.states
-    springs = system.has_springs
+    slips_at = _check_levels(stays, mode, shares, slips_at, absolute)
+    to, shape = path.to, path.of_closed(mode.shape)
+    system = to.system
+    force = np.asarray(system.M @ shape)
+    found = path.follow(force, shares * slips_at, float(shape @ (system.C @ shape)))
+    level, states = found.level, found.states
+    springs = system.contact.has_springs
     q = states @ force
-    carried = found.carried(q)
-    omega = np.sqrt(carried / q)
+    omega = np.sqrt(level / q)
     frequency = omega / (2.0 * np.pi)
-    friction_damping = found.work / (2.0 * np.pi * carried * q)
-    slipping = path.to.system.slipping(found.sliding)
-    state = _stick_or_slip(path, mode, shares, found, slipping, absolute)
-    notes = [f"Mode {mode.number}: {note}" for note in found.notes]
-    notes += _own_law(mode, system)
-    notes += _slips_as_a_whole(mode, shares, state, absolute)
-    notes += _no_slip(mode, shares, state, absolute) + _impacts(mode, opening, found)
-    notes += _few_points(mode, slipping) + _excited_modes(mode, frequency, opening is not None)
+    slipping = stays.to.system.slipping(found.sliding)
+    state = _stick_or_slip(stays, mode, shares, found, slipping, absolute)
+    notes = [
+        *found.notes,
+        *_notes_of_levels(shares, state, slipping, absolute),
+        *_notes_of_law(system, found),
+        *_excited_modes(mode, frequency, path.opens),
+    ]
     middle = found.middle
     return Backbone(
         mode=mode.number,
@@ -490,70 +414,28 @@ def _curve(
         level=level,
         amplitude=q,
         frequency=frequency,
-        friction_damping=friction_damping,
+        friction_damping=found.work / (2.0 * np.pi * level * q),
         viscous_damping=float(shape @ (system.C @ shape)) / (2.0 * omega),
         displacement=np.abs((system.P @ states.T).T),
         states=to.outer(states),
         loops=to.outer(found.loops),
         slip=found.slip,
-        share=path.to.system.slipping_share(found.sliding),
+        share=stays.to.system.slipping_share(found.sliding),
         state=state,
         masing_error=found.masing_error,
-        warnings=tuple(notes),
+        warnings=tuple(f"Mode {mode.number}: {note}" for note in notes),
         estimated=found.errors,
         friction=found.friction if springs else None,
         limits=found.limits if springs else None,
         middle=None if middle is None else to.outer(middle),
         offset=None if middle is None else middle @ force,
         opened=found.opened,
-        sensitivity=sensitivity,
+        path=ModePath(given, closed, mode, shape, path, found),
     )
 
 
-def _sensitivity(
-    to: Arranged,
-    path: QuasiStatic | OpeningPath,
-    mode: _Mode,
-    shape: FloatArray,
-    found: Cycles,
-    parameters: Sequence[SystemSensitivity],
-) -> BackboneSensitivity:
-    """Derivatives of a curve, from its cycles and its ``shape`` in the unknowns of its path."""
-    closed = list(parameters)
-    of_modes = mode.frequencies, mode.shapes, mode.number - 1
-    if isinstance(path, OpeningPath):
-        closed = of_closed_system(parameters, path.given)
-    closed = _inside(closed, to)
-    of_stuck, of_shape = mode_rates(to.system, *of_modes, closed, mode.stuck)
-    inside, system = closed, path.to.system
-    if isinstance(path, OpeningPath):
-        inside, of_shape = _inside(parameters, path.to), path.of_closed(to.outer(of_shape.T).T)
-    cycles = CycleRates(path, system.M @ shape, found, inside, system.M @ of_shape)
-    return backbone_sensitivity(system, found, cycles, inside, (shape, of_shape, of_stuck))
-
-
-def _inside(parameters: Sequence[SystemSensitivity], to: Arranged) -> list[SystemSensitivity]:
-    """Derivatives in the unknowns of a path."""
-    for change in to.maps:
-        parameters = [in_unknowns(parameter, change.forward) for parameter in parameters]
-    return list(parameters)
-
-
-def _own_law(mode: _Mode, system: System) -> list[str]:
-    """Note that the curve is of Coulomb's law, where the system has another one."""
-    beta = system.beta[system.rubs & np.isfinite(system.beta)]
-    if not beta.size:
-        return []
-    return [
-        f"Mode {mode.number}: the curve is of Coulomb's law. The joints' own, with beta = "
-        f"{beta.min():.3g} s/m, lets them creep where they would stick, which damps vibration more "
-        f"whose slip is slower than about {1.0 / beta.min():.2g} m/s. A ring-down and response "
-        "have it."
-    ]
-
-
 def _check_levels(
-    path: QuasiStatic, mode: _Mode, shares: FloatArray, slips_at: float | None, absolute: bool
+    path: QuasiStatic, mode: StuckMode, shares: FloatArray, slips_at: float | None, absolute: bool
 ) -> float:
     """Level at which the first joint slips as a whole; computed if not given.
 
@@ -582,9 +464,9 @@ def _check_levels(
 
 def _stick_or_slip(
     path: QuasiStatic,
-    mode: _Mode,
+    mode: StuckMode,
     shares: FloatArray,
-    found: Cycles,
+    found: RisingCycles,
     slipping: BoolArray,
     absolute: bool,
 ) -> tuple[str, ...]:
@@ -611,57 +493,53 @@ def _text(level: float, absolute: bool) -> str:
     return f"{level:.4g} m/s² kg^1/2" if absolute else f"{level:.3g} of gross slip"
 
 
-def _slips_as_a_whole(
-    mode: _Mode, share: FloatArray, state: Sequence[str], absolute: bool
-) -> list[str]:
-    """Note of the levels at which a joint slips as a whole."""
-    gross = [value == "gross" for value in state]
-    if not any(gross):
-        return []
-    return [
-        f"Mode {mode.number}: from the level {_text(share[gross.index(True)], absolute)} on a "
-        "joint slips as a whole. The method keeps the inertia of the mode with stuck joints there, "
-        "whose shape free vibration leaves: frequency and damping at these levels may be wrong by "
-        "factors. Compare a ring-down, or response."
-    ]
-
-
-def _no_slip(mode: _Mode, share: FloatArray, state: Sequence[str], absolute: bool) -> list[str]:
-    """Note of a curve on which nothing slips, and how to go on."""
-    if any(value != "stick" for value in state):
-        return []
-    how = "higher levels" if absolute else "an up_to above it; above 1 a joint slips as a whole"
-    return [
-        f"Mode {mode.number}: nothing slips up to the highest level, "
-        f"{_text(share[-1], absolute)}, so that the curve has no damping by friction. A joint of a "
-        f"single slider, or of few, slips as a whole or not at all: ask for {how}."
-    ]
-
-
-def _impacts(mode: _Mode, opening: OpeningPath | None, found: Cycles) -> list[str]:
-    """Note that quasi-static cycles have no impacts, where contact opens."""
-    if opening is None or found.opened is None or not found.opened.any():
-        return []
-    return [
-        f"Mode {mode.number}: contact opens from the level number "
-        f"{int(np.argmax(found.opened > 0.0)) + 1} on. The cycles are slow: what impacts take as "
-        "faces meet again is not in the damping. A ring-down has it (impact_work)."
-    ]
-
-
-def _few_points(mode: _Mode, slipping: BoolArray) -> list[str]:
-    """Note where so few points slip that the damping is rough."""
+def _notes_of_levels(
+    share: FloatArray, state: Sequence[str], slipping: BoolArray, absolute: bool
+) -> Iterator[str]:
+    """Notes of levels at which a joint slips as a whole, of few points or of none that slip."""
+    if "gross" in state:
+        yield (
+            f"from the level {_text(share[state.index('gross')], absolute)} on a "
+            "joint slips as a whole. The method keeps the inertia of the mode with stuck joints "
+            "there, whose shape free vibration leaves: frequency and damping at these levels may "
+            "be wrong by factors. Compare a ring-down, or response."
+        )
+    if set(state) == {"stick"}:
+        how = "higher levels" if absolute else "an up_to above it; above 1 a joint slips as a whole"
+        yield (
+            f"nothing slips up to the highest level, {_text(share[-1], absolute)}, so that the "
+            "curve has no damping by friction. A joint of a single slider, or of few, slips as a "
+            f"whole or not at all: ask for {how}."
+        )
     count = slipping.sum(axis=1)
     count = count[count > 0]
-    if not count.size or count[0] >= SETTINGS.fewest:
-        return []
-    return [
-        f"Mode {mode.number}: at the lowest level at which a point slips only {count[0]} do; below "
-        f"{SETTINGS.fewest} the damping is rough. Use smaller elements in the joint to resolve it."
-    ]
+    if count.size and count[0] < SETTINGS.fewest:
+        yield (
+            f"at the lowest level at which a point slips only {count[0]} do; below "
+            f"{SETTINGS.fewest} the damping is rough. Use smaller elements in the joint to resolve "
+            "it."
+        )
 
 
-def _excited_modes(mode: _Mode, frequency: FloatArray, opens: bool) -> list[str]:
+def _notes_of_law(system: System, found: RisingCycles) -> Iterator[str]:
+    """Notes of what slow cycles under Coulomb's law leave out: the joints' own law, and impacts."""
+    beta = system.contact.beta[system.contact.rubs & np.isfinite(system.contact.beta)]
+    if beta.size:
+        yield (
+            "the curve is of Coulomb's law. The joints' own, with beta = "
+            f"{beta.min():.3g} s/m, lets them creep where they would stick, which damps vibration "
+            f"more whose slip is slower than about {1.0 / beta.min():.2g} m/s. A ring-down and "
+            "response have it."
+        )
+    if found.opened is not None and found.opened.any():
+        yield (
+            f"contact opens from the level number {int(np.argmax(found.opened > 0.0)) + 1} on. The "
+            "cycles are slow: what impacts take as faces meet again is not in the damping. A "
+            "ring-down has it (impact_work)."
+        )
+
+
+def _excited_modes(mode: StuckMode, frequency: FloatArray, opens: bool) -> Iterator[str]:
     """Note of higher modes near multiples of the frequencies (levels,), Hz, of a mode.
 
     Friction has odd harmonics; contact that ``opens`` has even ones too.
@@ -674,11 +552,10 @@ def _excited_modes(mode: _Mode, frequency: FloatArray, opens: bool) -> list[str]
         for k, other in enumerate(mode.frequencies[mode.number :], mode.number + 1)
         if any(m * low < other < m * high for m in multiples)
     ]
-    if not near:
-        return []
-    kind, what = ("", "contact excites") if opens else ("odd ", "friction excites")
-    return [
-        f"Mode {mode.number}: higher frequencies lie near {kind}multiples of its own "
-        f"({', '.join(near)}), so that {what} them: the true damping may be "
-        f"twice as large or more. {'' if opens else 'See its ring-down, or response.'}".rstrip()
-    ]
+    if near:
+        kind, what = ("", "contact excites") if opens else ("odd ", "friction excites")
+        yield (
+            f"higher frequencies lie near {kind}multiples of its own "
+            f"({', '.join(near)}), so that {what} them: the true damping may be "
+            f"twice as large or more. {'' if opens else 'See its ring-down, or response.'}"
+        ).rstrip()

@@ -1,15 +1,15 @@
 """Derivatives of a backbone by parameters of the structure.
 
-Each level of a curve is differentiated implicitly (:mod:`skfem_joint.stepping.level_rates`), and so
+They are computed from the path that a curve was followed along, which `backbone` keeps where it is
+asked to. Each level is differentiated implicitly (:mod:`skfem_joint.stepping.level_rates`), and so
 are the mode and its inertia (:mod:`skfem_joint.analysis.mode_rates`). Frequency, damping and
 amplitude follow by the chain rule from
 
     omega = sqrt(alpha / q),    zeta = D / (2 pi alpha q) + phi^T C phi / (2 omega),
 
-with alpha less what a shift carries, if there is one (`Cycles.carried`), and the work D of a cycle,
-by Masing's rule and its correction or along the cycle that was followed. The derivatives are at
-fixed levels alpha. A measured curve is known over the amplitude: a level changes with the parameter
-there, so that with the derivatives by the levels themselves
+with the work D of a cycle, by Masing's rule and its correction or along the cycle that was
+followed. The derivatives are at fixed levels alpha. A measured curve is known over the amplitude: a
+level changes with the parameter there, so that with the derivatives by the levels themselves
 
     d(omega) at a fixed amplitude x  =  d(omega) - d(omega)/d(ln alpha) dx / (dx/d(ln alpha)).
 """
@@ -18,21 +18,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis.cycles import Cycles
-from skfem_joint.analysis.masing_cycles import SETTINGS as MASING
-from skfem_joint.analysis.masing_cycles import between
-from skfem_joint.analysis.opening_cycles import OpeningPath, lowest
+from skfem_joint.analysis.backbone import Backbone
+from skfem_joint.analysis.cycles import CyclePath, RisingCycles, between, lowest
+from skfem_joint.analysis.mode_rates import mode_rates
 from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import InputError
-from skfem_joint.opening import OpeningContact
 from skfem_joint.sensitivity import SystemSensitivity
+from skfem_joint.stepping.arrangement import Arranged
 from skfem_joint.stepping.level_rates import LevelRates, Rates
-from skfem_joint.stepping.levels import Level
-from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.levels import Level, Walk
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
 
@@ -94,9 +92,11 @@ def in_unknowns(parameter: SystemSensitivity, T: Any) -> SystemSensitivity:
 
 def of_closed_system(
     parameters: Sequence[SystemSensitivity], system: System
-) -> list[SystemSensitivity]:
-    """Derivatives of `System.closed` of a system whose contact opens, in its unknowns."""
-    contact = cast("OpeningContact", system.opening)
+) -> Sequence[SystemSensitivity]:
+    """Derivatives of `System.closed`, in its unknowns."""
+    contact = system.contact.normal
+    if not system.contact.opens:
+        return parameters
     T, closed = contact.closed_motions(), list[SystemSensitivity]()
     for parameter in parameters:
         part, K = parameter.opening, parameter.K
@@ -109,15 +109,15 @@ def of_closed_system(
 
 def check_parameters(parameters: Sequence[SystemSensitivity], system: System) -> None:
     """InputError for derivatives whose shapes do not fit a system, or of a reduced system."""
-    if parameters and isinstance(system.B, np.ndarray):
+    if isinstance(system.contact.B, np.ndarray):
         raise InputError(
-            "backbone: parameters: found a reduced system, must be a full or condensed one, among "
-            "whose unknowns slips are"
+            "derivatives of a backbone: found that of a reduced system, must be that of a full or "
+            "condensed one, among whose unknowns slips are"
         )
-    n, m = system.n, system.w.size
+    n, m = system.n, system.contact.w.size
     shapes = {"K": (n, n), "C": (n, n), "w": (m,), "stiffness": (m,)}
-    if system.opening is not None:
-        q = system.opening.gap.size
+    if system.contact.opens:
+        q = system.contact.normal.gap.size
         shapes |= {"gap": (q,), "force": (q,), "opening.stiffness": (q,), "gain": (m, q)}
     for parameter in parameters:
         parts: dict[str, Any] = {f.name: getattr(parameter, f.name) for f in fields(parameter)}
@@ -134,17 +134,20 @@ def check_parameters(parameters: Sequence[SystemSensitivity], system: System) ->
                 )
 
 
-def shift_rates(
-    system: System, shift: float, parameters: Sequence[SystemSensitivity]
-) -> FloatArray:
-    """Derivatives of a shift that is a share of the mean square frequency, (k,)."""
-    diagonal = system.K.diagonal()
-    share = shift * np.sign(diagonal) / np.abs(diagonal).sum()
-    return np.array([0.0 if p.K is None else share @ p.K.diagonal() for p in parameters])
-
-
 class CycleRates:
     """Derivatives of what cycles of a force at rising levels give.
+
+    Parameters
+    ----------
+    path : CyclePath
+    force : ndarray, shape (n,)
+        N.
+    found : RisingCycles
+        Its cycles.
+    parameters : sequence of SystemSensitivity
+        In the unknowns of the path.
+    force_rates : ndarray, shape (n, k)
+        Derivatives of the force, N.
 
     Attributes
     ----------
@@ -154,169 +157,139 @@ class CycleRates:
         Of the named points, m, with their signs.
     work : ndarray, shape (levels, k + 1)
         Of the work of friction in a cycle, J.
-    shift : ndarray, shape (k,)
-        Of the shift of the stiffness, 1/s2, see `Cycles.shift`.
     turning : list of int
         Points that may turn, at each level.
     """
 
     def __init__(
         self,
-        path: QuasiStatic | OpeningPath,
+        path: CyclePath,
         force: FloatArray,
-        found: Cycles,
+        found: RisingCycles,
         parameters: Sequence[SystemSensitivity],
         force_rates: FloatArray,
     ) -> None:
-        solver = path.solver if isinstance(path, OpeningPath) else path
         self.system, self.turning = path.to.system, list[int]()
+        self.rest = path.levels.rest()
         points = as_dense(self.system.P).reshape(-1, force.size)
         looked_at = np.vstack([force, points]).T
-        touch = path.touched() if isinstance(path, OpeningPath) else None
-        self.shift = np.zeros(len(parameters))
-        if found.shift:
-            self.shift = shift_rates(self.system, found.shift, parameters)
-            parameters = [
-                p if p.K is None else replace(p, K=p.K + rate * self.system.M)
-                for p, rate in zip(parameters, self.shift.tolist(), strict=True)
-            ]
-        self.rates = LevelRates(solver, force, parameters, force_rates, looked_at, touch)
-        if isinstance(path, OpeningPath):
-            values, self.work = self._opening(path, found)
-        else:
-            values, self.work = self._masing(found)
+        touch = None
+        if path.opens:
+            walked = [one for ways in found.ways for walk in ways for _, one in walk]
+            touch = (
+                np.any(np.array([one.limits for one in walked]) > 0.0, axis=0),
+                np.any(np.array([one.normal for one in walked]) > 0.0, axis=0),
+            )
+        self.rates = LevelRates(path.levels, force, parameters, force_rates, looked_at, touch)
+        of_found = self._around if path.opens else self._by_masings_rule
+        values, self.work = of_found(found)
         self.amplitude, self.displacement = values[:, 0], values[:, 1:]
 
-    def _masing(self, found: Cycles) -> tuple[FloatArray, FloatArray]:
-        """Of constant limits, see `skfem_joint.analysis.masing_cycles`."""
-        rest = Level(*np.zeros((1, self.system.n)), *np.zeros((2, self.system.B.shape[0])))
-        levels = self._levels(found.states, found.friction)
-        rates = self.rates.follow(
-            self.rates.rest(), rest, [*zip(found.level.tolist(), levels, strict=True)]
-        )
-        slips, of_slips = self.rates.sliders(levels, rates)
-        work, of_work = (4.0 * x for x in self._work(slips, of_slips))
-        self.turning = self.rates.turning
-        values = np.array([of_level.values for of_level in rates])
-        followed = found.followed
+    def _by_masings_rule(self, found: RisingCycles) -> tuple[FloatArray, FloatArray]:
+        """Of values and work, of constant limits."""
+        chain = self._chain((self.rest, self.rates.rest()), [x for w in found.ways for x in w[0]])
+        ends = np.cumsum([len(ways[0]) for ways in found.ways])
+        self.turning = [self.rates.turning[end - 1] for end in ends]
+        chains = [[chain[0], chain[end]] for end in ends]
+        values = np.array([last.values for _, (_, last) in chains])
+        work, of_work = (4.0 * np.array(x) for x in zip(*map(self._work, chains), strict=True))
+        followed = np.flatnonzero([len(ways) > 1 for ways in found.ways])
         if not followed.size:
             return values, of_work
-        halves = np.split(np.arange(len(found.loops)), followed.size)
-        ratios, of_ratios = [], []
-        for k, half in zip(followed.tolist(), halves, strict=True):
-            done, of_done = self._half_cycle(found, k, half, levels[k], rates[k])
-            ratios.append(2.0 * done / work[k])
-            of_ratios.append((2.0 * of_done - ratios[-1] * of_work[k]) / work[k])
-        whole = found.work / between(found.level, followed, np.array(ratios))
-        of_ratio = between(found.level, followed, np.array(of_ratios))
-        ratio = between(found.level, followed, np.array(ratios))[:, np.newaxis]
-        return values, of_work * ratio + whole[:, np.newaxis] * of_ratio
+        ratios, of_ratios = np.zeros(followed.size), np.zeros((followed.size, values.shape[2]))
+        for j, k in enumerate(followed.tolist()):
+            half = self._chain(chains[k][1], found.ways[k][1])
+            self.turning[k] = max(self.turning[k], *self.rates.turning)
+            done, of_done = self._work(half)
+            ratios[j] = 2.0 * done / work[k]
+            of_ratios[j] = (2.0 * of_done - ratios[j] * of_work[k]) / work[k]
+        ratio, of_ratio = (between(found.level, followed, x) for x in (ratios, of_ratios))
+        whole = found.work / ratio
+        return values, of_work * ratio[:, np.newaxis] + whole[:, np.newaxis] * of_ratio
 
-    def _half_cycle(
-        self, found: Cycles, k: int, half: IntArray, before: Level, last: Rates
-    ) -> tuple[float, FloatArray]:
-        """Work of friction in the half cycle from a level, J, and its derivatives, (k + 1,)."""
-        turns = np.linspace(1.0, -1.0, MASING.increments + 1)[1:]
-        u = before.u + np.cumsum(found.loops[half], axis=0)
-        friction = found.friction[k] + np.cumsum(cast("FloatArray", found.turned)[half], axis=0)
-        levels, alpha = self._levels(u, friction), turns * float(found.level[k])
-        rates = self.rates.follow(last, before, [*zip(alpha.tolist(), levels, strict=True)])
-        self.turning[k] = max(self.turning[k], *self.rates.turning)
-        slips, of_slips = self.rates.sliders([before, *levels], [last, *rates])
-        work, of_work = self._work(np.diff(slips, axis=0), np.diff(of_slips, axis=0))
-        return float(work.sum()), np.asarray(of_work.sum(axis=0))
-
-    def _levels(self, u: FloatArray, sigma: FloatArray) -> list[Level]:
-        """Levels (levels, n) with the friction ``sigma``, (levels, rows), over its limits."""
-        system = self.system
-        slip, friction = np.asarray((system.B @ u.T).T), system.on_rows(system.w) * sigma
-        return [Level(*parts) for parts in zip(u, friction, slip, strict=True)]
-
-    def _work(
-        self, slips: FloatArray, of_slips: FloatArray, limits: FloatArray | None = None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Sums of w |slip|, (levels,), J, and their derivatives by the slips, (levels, k).
-
-        Slips are (levels, rows), their derivatives (levels, rows, k). Constant limits have a part
-        by their own derivatives; others, (levels, m), are given.
-        """
-        system = self.system
-        size = system.slip_norm(slips)
-        rows = size[:, self.rates.row_point]
-        along = np.divide(slips, rows, out=np.zeros_like(rows), where=rows > 0.0)
-        of_size = system.by_point(np.swapaxes(along[:, :, np.newaxis] * of_slips, 1, 2))
-        w = np.broadcast_to(system.w, size.shape) if limits is None else limits
-        of_work = np.einsum("lkm,lm->lk", of_size, w)
-        if limits is None:
-            of_work += size @ self.rates.given
-        return np.einsum("lm,lm->l", w, size), of_work
-
-    def _opening(self, path: OpeningPath, found: Cycles) -> tuple[FloatArray, FloatArray]:
-        """Of contact that opens, see `skfem_joint.analysis.opening_cycles`."""
-        before, last = path.solver.rest(), self.rates.rest()
+    def _around(self, found: RisingCycles) -> tuple[FloatArray, FloatArray]:
+        """Of values and work, of contact that opens."""
+        start = self.rest, self.rates.rest()
         values, work = list[FloatArray](), list[FloatArray]()
-        for walks in path.walked[: found.level.size]:
-            for walk in walks:
-                rates = self.rates.follow(last, before, walk)
-                chain = [(before, last), *zip((level for _, level in walk), rates, strict=True)]
-                before, last = chain[-1]
-            low = rates[lowest(walks[-1])]
-            values.append(0.5 * (last.values - low.values))
-            work.append(self._work_around(chain))
+        for ways in found.ways:
+            for walk in ways:
+                chain = self._chain(start, walk)
+                start = chain[-1]
+            low = chain[1 + lowest(ways[-1])][1]
+            values.append(0.5 * (start[1].values - low.values))
+            work.append(self._work(chain)[1])
             self.turning.append(max(self.rates.turning))
         return np.array(values), np.array(work)
 
-    def _work_around(self, chain: list[tuple[Level, Rates]]) -> FloatArray:
-        """Derivatives of the work of a cycle, (k + 1,): of mean limits times slips."""
+    def _chain(self, start: tuple[Level, Rates], walk: Walk) -> list[tuple[Level, Rates]]:
+        """Levels of a walk with their derivatives, after those that it starts from."""
+        rates = self.rates.follow(start[1], start[0], walk)
+        return [start, *zip((level for _, level in walk), rates, strict=True)]
+
+    def _work(self, chain: list[tuple[Level, Rates]]) -> tuple[float, FloatArray]:
+        """Work of the mean friction limits on the slips of levels that follow each other, J.
+
+        Also returns its derivatives, (k + 1,).
+        """
+        system = self.system
         levels, rates = zip(*chain, strict=True)
-        slips, of_slips = self.rates.sliders(levels, rates)
-        limits, of_limits = (np.array([one.limits for one in part]) for part in (levels, rates))
-        step = np.diff(slips, axis=0)
-        mean, of_mean = (0.5 * (x[1:] + x[:-1]) for x in (limits, of_limits))
-        _, of_work = self._work(step, np.diff(of_slips, axis=0), mean)
-        by_limits = np.einsum("lm,lmk->k", self.system.slip_norm(step), of_mean)
-        return np.asarray(of_work.sum(axis=0) + by_limits)
+        slips, of_slips = (np.diff(x, axis=0) for x in self.rates.sliders(levels, rates))
+        limits = [system.contact.w if one.limits is None else one.limits for one in levels]
+        w, of_w = (
+            0.5 * (x[1:] + x[:-1]) for x in map(np.array, (limits, [r.limits for r in rates]))
+        )
+        size = system.contact.slip_norm(slips)
+        rows = size[:, self.rates.row_point]
+        along = np.divide(slips, rows, out=np.zeros_like(rows), where=rows > 0.0)
+        of_size = system.contact.by_point(np.swapaxes(along[:, :, np.newaxis] * of_slips, 1, 2))
+        of_work = np.einsum("lkm,lm->k", of_size, w) + np.einsum("lm,lmk->k", size, of_w)
+        return float((w * size).sum()), of_work
 
 
 def backbone_sensitivity(
-    system: System,
-    found: Cycles,
-    cycles: CycleRates,
-    parameters: Sequence[SystemSensitivity],
-    mode: tuple[FloatArray, FloatArray, FloatArray],
+    curve: Backbone, parameters: Sequence[SystemSensitivity]
 ) -> BackboneSensitivity:
-    """Derivatives of a curve from those of its cycles and of its mode.
+    """Derivatives of a curve by parameters of its structure.
 
     Parameters
     ----------
-    system : System
-        In whose unknowns all else is.
-    found : Cycles
-        Cycles of the curve.
-    cycles : CycleRates
-        Their derivatives.
+    curve : Backbone
+        With its path: of `backbone` with ``keep_path``.
     parameters : sequence of SystemSensitivity
-    mode : tuple of ndarray
-        Shape, (n,), its derivatives, (n, k), and those of its frequency, (k,), Hz.
+        From :func:`skfem_joint.sensitivities`.
+
+    Raises
+    ------
+    InputError
+        If the curve has no path, or is that of a reduced system, parameters have another shape than
+        the system, or mix modes of the same frequency.
+    ConvergenceError
+        If the derivative of the mode's shape is not found.
     """
-    shape, of_shape, of_stuck = mode
+    path = curve.path
+    if path is None:
+        raise InputError("derivatives of a backbone: found no path; give backbone keep_path = True")
+    check_parameters(parameters, path.system)
+    found, to, shape = path.found, path.cycles.to, path.shape
+    closed = _inside(of_closed_system(parameters, path.system), path.closed)
+    of_stuck, of_shape = mode_rates(path.mode, closed)
+    inside = closed if to is path.closed else _inside(parameters, to)
+    of_shape, system = path.cycles.of_closed(of_shape), to.system
+    cycles = CycleRates(path.cycles, system.M @ shape, found, inside, system.M @ of_shape)
     of_shape = np.column_stack([of_shape, np.zeros(system.n)])
-    force, C = np.asarray(system.M @ shape), system.C
+    force, C, level = np.asarray(system.M @ shape), system.C, found.level
     q = found.states @ force
-    level = found.carried(q)
     of_q = cycles.amplitude + found.states @ (system.M @ of_shape)
-    of_level = -found.shift * of_q
-    of_level[:, -1] += found.level  # by the logarithm
-    of_level[:, :-1] -= np.outer(q, cycles.shift)
-    of_level /= level[:, np.newaxis]
     relative = of_q / q[:, np.newaxis]
+    by_logarithm = np.zeros(of_shape.shape[1])
+    by_logarithm[-1] = 1.0
     omega = np.sqrt(level / q)[:, np.newaxis]
-    of_omega = 0.5 * omega * (of_level - relative)
+    of_omega = 0.5 * omega * (by_logarithm - relative)
     energy = (2.0 * np.pi * level * q)[:, np.newaxis]
     friction = cycles.work / energy
-    friction -= (found.work[:, np.newaxis] / energy) * (of_level + relative)
+    friction -= (found.work[:, np.newaxis] / energy) * (by_logarithm + relative)
     of_c = 2.0 * (C @ shape) @ of_shape
-    of_c[:-1] += [0.0 if p.C is None else shape @ (p.C @ shape) for p in parameters]
+    of_c[:-1] += [0.0 if p.C is None else shape @ (p.C @ shape) for p in inside]
     viscous = of_c / (2.0 * omega) - float(shape @ (C @ shape)) * of_omega / (2.0 * omega**2)
     signs = np.sign(np.asarray((system.P @ found.states.T).T))
     return BackboneSensitivity(
@@ -329,3 +302,10 @@ def backbone_sensitivity(
         stuck_frequency=np.append(of_stuck, 0.0),
         turning=np.array(cycles.turning, dtype=np.intp),
     )
+
+
+def _inside(parameters: Sequence[SystemSensitivity], to: Arranged) -> list[SystemSensitivity]:
+    """Derivatives in the unknowns of a path."""
+    for change in to.maps:
+        parameters = [in_unknowns(parameter, change.forward) for parameter in parameters]
+    return list(parameters)

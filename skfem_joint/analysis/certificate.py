@@ -19,9 +19,9 @@ extrapolated to step zero. Its own errors by time step, mesh and law are estimat
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from math import log2
 from typing import Any
@@ -41,38 +41,9 @@ from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class CertificateSettings:
-    """Numbers of certificates and references.
-
-    Attributes
-    ----------
-    orders : tuple of float
-        Orders of convergence that an extrapolation may use.
-    halvings : dict of int to int
-        How often elements are halved, by the dimension of the mesh.
-    short : int
-        Cycles of a short full run.
-    per_cycle, per_run : int
-        Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without
-        cycles.
-    finest, finest_quick, coarsest : int
-        Steps in an interval of a reference's finest run: the most, the most in a quick report, and
-        the fewest.
-    """
-
-    orders: tuple[float, float] = (0.5, 2.0)
-    halvings: Mapping[int, int] = field(default_factory=lambda: {1: 2, 2: 1, 3: 1})
-    short: int = 2
-    per_cycle: int = 25
-    per_run: int = 100
-    finest: int = 2048
-    finest_quick: int = 256
-    coarsest: int = 16
-
-
-SETTINGS = CertificateSettings()
+#: Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without
+#: cycles.
+PER_CYCLE = 25
 
 
 @dataclass(frozen=True)
@@ -87,7 +58,7 @@ class Source:
         Errors by quantity.
     order : float, optional
         Observed order of convergence of the displacement history; None where nothing was halved
-        twice. Outside `CertificateSettings.orders` only the size of the extrapolated error can be
+        twice. Outside of what `kept` leaves only the size of the extrapolated error can be
         trusted.
     """
 
@@ -108,8 +79,9 @@ def extrapolated(first: float, second: float) -> tuple[float, float | None]:
 
 
 def kept(order: float | None) -> float:
-    """Order of convergence kept within `CertificateSettings.orders`; the highest if not known."""
-    least, most = SETTINGS.orders
+    """Order of convergence kept within what an extrapolation may use; the highest if not known."""
+    # Orders of convergence that an extrapolation may use.
+    least, most = 0.5, 2.0
     return most if order is None else min(max(order, least), most)
 
 
@@ -159,7 +131,8 @@ def mesh_and_law(
     With ``law = False`` the law is left out.
     """
     steep = law and any(joint.law == "arctan" for joint in scene.joint)
-    halvings = SETTINGS.halvings[scene.named_mesh.dim] if scene.matrices is None else 0
+    # How often elements are halved, by the dimension of the mesh.
+    halvings = {1: 2, 2: 1, 3: 1}[scene.named_mesh.dim] if scene.matrices is None else 0
     scenes, runs = [scene], [base]
     for _ in range(halvings):
         points: dict[str, Any] = {"points": scene.output_points}
@@ -220,7 +193,8 @@ def certify(
 def _short(study: Study, model: Model, executor: Executor | None) -> Parts:
     """Difference of a reduced model from the full one in its first cycles, or its first fifth."""
     plan = plan_of(study.scene)
-    plan = plan.first(plan.n_steps // 5 if plan.cycle_steps is None else SETTINGS.short)
+    # Cycles of a short full run.
+    plan = plan.first(plan.n_steps // 5 if plan.cycle_steps is None else 2)
     systems = study.system, model.run.system
     return difference(*(executor.map if executor else map)(partial(_results, plan), systems))
 
@@ -246,7 +220,7 @@ class Grid:
     @property
     def intervals(self) -> int:
         """Number of intervals."""
-        return SETTINGS.per_run if self.cycles is None else SETTINGS.per_cycle * self.cycles
+        return 100 if self.cycles is None else PER_CYCLE * self.cycles
 
     def integrate(self, system: System, parts: int, fields: int = 0) -> Run:
         """Run of ``parts`` steps an interval, all unknowns stored ``fields`` times in each.
@@ -259,7 +233,7 @@ class Grid:
             n_steps,
             generalized_alpha(self.rho),
             Save(every=parts),
-            None if self.cycles is None else parts * SETTINGS.per_cycle,
+            None if self.cycles is None else parts * PER_CYCLE,
         )
         return verification_run(system, plan, fields_every=fields and max(1, parts // fields))
 
@@ -307,10 +281,11 @@ def make_reference(
     check_slips(scene)
     system, time = scene.system(), scene.time
     grid = Grid(scene.n_steps * scene.time_step, time.cycles, time.rho_infinity)
-    rows, most = rows or Rows(), SETTINGS.finest_quick if quick else SETTINGS.finest
+    # Most steps in an interval of a reference's finest run.
+    rows, most = rows or Rows(), 256 if quick else 2048
     mark = rows.mark("parts of an interval", origin_of(scene), most, bound)
     parts = rows.row(mark, partial(_finest_parts, system, grid, most, bound))
-    steps: dict[str, Any] = {"steps_per_cycle": parts // 4 * SETTINGS.per_cycle}
+    steps: dict[str, Any] = {"steps_per_cycle": parts // 4 * PER_CYCLE}
     if time.cycles is None:
         steps = {"step": grid.duration / (parts // 4 * grid.intervals)}
     coarse = scene.changed(
@@ -330,7 +305,7 @@ def make_reference(
 def check_slips(scene: Scene) -> None:
     """Raise InputError if a scene has no friction or no load: its models would be alike."""
     system = scene.system()
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         raise InputError(
             "error-time: nothing slips in this scene, every model is the same linear one; "
             "give it a joint with friction and pressure"
@@ -341,7 +316,8 @@ def check_slips(scene: Scene) -> None:
 
 def _finest_parts(system: System, grid: Grid, most: int, bound: float) -> int:
     """Steps of an interval of a reference's finest run: ``most``, or what ``bound`` s allow."""
-    parts, longest = SETTINGS.coarsest, longest_step(system, grid.duration)
+    # Fewest steps in an interval of a reference's finest run.
+    parts, longest = 16, longest_step(system, grid.duration)
     while grid.duration > longest * (parts // 4) * grid.intervals:
         parts *= 2
     seconds_a_part = grid.integrate(system, parts // 2).wall_s / (parts // 2)

@@ -34,25 +34,6 @@ from skfem_joint.system import System
 
 
 @dataclass(frozen=True)
-class CoarseSettings:
-    """Numbers of coarse models.
-
-    Attributes
-    ----------
-    modes : int
-        Joint modes.
-    periods : int
-        Periods of the run that their basis is made for.
-    """
-
-    modes: int = 30
-    periods: int = 8
-
-
-SETTINGS = CoarseSettings()
-
-
-@dataclass(frozen=True)
 class CoarseModel:
     """A reduced model and its place in a larger one.
 
@@ -94,13 +75,15 @@ class CoarseModel:
         """
         size = full.n if basis is None else basis.shape[1]
         # Not of contact that opens either, where no load counts as odd.
-        if not full.contact_points or size <= NEWTON.dense or not odd_loads(full):
+        if not full.contact.count or size <= NEWTON.dense or not odd_loads(full):
             return None
         if arranged(full).kind == "chain":
             return None
-        loaded, options = at_frequency(full, frequency, level), Options(modes=SETTINGS.modes)
+        # Joint modes.
+        loaded, options = at_frequency(full, frequency, level), Options(modes=30)
         plan = steady_plan(loaded, suited_steps(loaded, 200))
-        plan = replace(plan, n_steps=plan.n_steps * SETTINGS.periods, until="end")
+        # Periods of the run that their basis is made for.
+        plan = replace(plan, n_steps=plan.n_steps * 8, until="end")
         made = make_basis(loaded, options, plan)
         small = reduced_system(loaded, made, **options.friction)
         V, M = made.V, full.M

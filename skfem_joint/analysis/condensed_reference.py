@@ -29,40 +29,18 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class ReferenceSettings:
-    """Numbers of the condensed model.
-
-    Attributes
-    ----------
-    rows : int
-        Most slip rows that carry friction.
-    work, work_smooth : float
-        Largest product of the steps of a run and the square of its slip rows, where the full
-        model's law is steeper than the reduced model's, and where it is not.
-    shared : float
-        So many times as much work where several estimates share its runs, as in the search for a
-        model of some accuracy. (On a plate with six bolts, whose step had become eight times as
-        short, modes of residuals took 300 s for each estimate, and did not end.)
-    modes : int
-        Fixed-interface modes; all of them where there are fewer.
-    instants : int
-        Fewest instants of a run that missing modes are made of.
-    negligible : float
-        Singular values of missing modes below this share of the largest are left out.
-    """
-
-    rows: int = 700
-    work: float = 6e8
-    work_smooth: float = 2e7
-    shared: float = 4.0
-    modes: int = 24
-    instants: int = 200
-    negligible: float = 1e-6
-
-
-SETTINGS = ReferenceSettings()
+#: Most slip rows that carry friction.
+ROWS = 700
+#: Largest product of the steps of a run and the square of its slip rows, where the full model's
+#: law is steeper than the reduced model's, and where it is not.
+WORK = 6e8
+WORK_SMOOTH = 2e7
+#: So many times as much work where several estimates share its runs, as in the search for a model
+#: of some accuracy. (On a plate with six bolts, whose step had become eight times as short, modes
+#: of residuals took 300 s for each estimate, and did not end.)
+SHARED = 4.0
+#: Fixed-interface modes; all of them where there are fewer.
+MODES = 24
 
 
 @dataclass(frozen=True)
@@ -93,13 +71,13 @@ class CondensedReference:
 
         ``shared`` is whether several estimates use its runs.
         """
-        if not 0 < _rows(system) <= SETTINGS.rows or system.is_dense:
+        if not 0 < _rows(system) <= ROWS or system.is_dense:
             return None
         try:
-            V = condensed_basis(system, SETTINGS.modes).V
+            V = condensed_basis(system, MODES).V
         except InputError:  # slip rows depend on each other: there is no condensed model
             return None
-        times = SETTINGS.shared if shared else 1.0
+        times = SHARED if shared else 1.0
         return CondensedReference(system, V, condensed_system(system, V), times)
 
     @staticmethod
@@ -120,14 +98,15 @@ class CondensedReference:
             Whether the full model's law is steeper than the reduced model's. Otherwise modes of
             residuals do well, and less is spent.
         """
-        most = SETTINGS.work if steeper else SETTINGS.work_smooth
+        most = WORK if steeper else WORK_SMOOTH
         return plan.n_steps * periods * _rows(self.system) ** 2 <= self.times * most
 
     def run(self, plan: Plan, verify: Callable[..., Run]) -> Run:
         """Run of the condensed model with fields; made once for each plan."""
         key = plan.step, plan.n_steps, plan.until, plan.save.points
         if key not in self._runs:
-            every = max(1, plan.n_steps // SETTINGS.instants)
+            # Fewest instants of a run that missing modes are made of.
+            every = max(1, plan.n_steps // 200)
             self._runs[key] = verify(self.small, plan, fields_every=every)
         return self._runs[key]
 
@@ -158,7 +137,8 @@ class CondensedReference:
         for _ in range(2):  # twice, because of round-off
             X = X - V @ (V.T @ (M @ X))
         sizes, turn = np.linalg.eigh(X.T @ (stiffness @ X))
-        counting = np.flatnonzero(sizes > SETTINGS.negligible**2 * whole)[::-1]
+        # Singular values of missing modes below this share of the largest are left out.
+        counting = np.flatnonzero(sizes > 1e-6**2 * whole)[::-1]
         first = counting[: min(most, self.system.n - V.shape[1])]
         wide = np.hstack([V, orthonormal(X @ turn[:, first], M)]) if first.size else V
         return wide, np.asarray(run.v @ (self.V.T @ (M @ wide)))
@@ -166,4 +146,4 @@ class CondensedReference:
 
 def _rows(system: System) -> int:
     """Slip rows of the points that carry friction."""
-    return int(np.count_nonzero(system.on_rows(system.w)))
+    return int(np.count_nonzero(system.contact.on_rows(system.contact.w)))

@@ -9,16 +9,15 @@ stands.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import cast
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.analysis.history import SLIPPING, States, slip_state
+from skfem_joint.analysis.history import GREY, GREY_REDUCED, States, slip_state
 from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.energy import AT_LIMIT
@@ -80,12 +79,12 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
         repeats = run.steady is not None
         friction = friction_along(system, slip, rate, run.field_times, repeats)
         limits = limits_of(system, normal_forces(structure, run))
-        work = _spread(run, system, system.slider_slip(slip, friction), friction, limits)
-    grey = SLIPPING.grey if picks_unknowns(run.system.B) else SLIPPING.grey_reduced
-    state = slip_state(system.slip_norm(rate), system.beta, grey)
-    if system.has_springs:
-        slides = system.slip_norm(friction) >= AT_LIMIT
-        state = np.where(system.sprung, slides, state).astype(np.int8)
+        work = _spread(run, system, system.contact.slider_slip(slip, friction), friction, limits)
+    grey = GREY if picks_unknowns(run.system.contact.B) else GREY_REDUCED
+    state = slip_state(system.contact.slip_norm(rate), system.contact.beta, grey)
+    if system.contact.has_springs:
+        slides = system.contact.slip_norm(friction) >= AT_LIMIT
+        state = np.where(system.contact.sprung, slides, state).astype(np.int8)
     return ContactHistory(system, slip, friction, state, work)
 
 
@@ -109,21 +108,22 @@ def contact_system(structure: Structure, run: Run) -> System:
     _unknowns(structure, run)
     base, own = structure.unloaded, run.system
     names = tuple(joint.name for joint in structure.joints)
-    m, shares = base.w.size, own.shares
-    points = own.w.size if shares is None else shares.shape[1]
-    if own.joints != names or points != m:
+    m, shares = base.contact.w.size, own.contact.shares
+    points = own.contact.w.size if shares is None else shares.shape[1]
+    if own.contact.joints != names or points != m:
         raise InputError(
-            f"run: its system has the joints {', '.join(own.joints) or 'none'} with {points} "
-            f"contact points, the structure {', '.join(names) or 'none'} with {m}; give the "
-            "structure that its system was made from"
+            f"run: its system has the joints {', '.join(own.contact.joints) or 'none'} with "
+            f"{points} contact points, the structure {', '.join(names) or 'none'} with {m}; give "
+            "the structure that its system was made from"
         )
     single = _own_points(own)
     if single is None:
-        w, beta = base.w, base.no_steeper(own.steepest).beta
+        given, beta = base.contact.given, base.no_steeper(own.contact.steepest).contact.beta
     else:
-        w, beta = np.zeros(m), base.beta.copy()
-        w[single], beta[single] = own.w, own.beta
-    return replace(base, w=w, beta=beta, J=shares_of(structure.patches, base.w), joints=names)
+        given, beta = np.zeros(m), base.contact.beta.copy()
+        given[single], beta[single] = own.contact.given, own.contact.beta
+    J = shares_of(structure.patches, base.contact.w)
+    return base.with_contact(given=given, beta=beta, J=J, joints=names)
 
 
 def slip_peaks_of(structure: Structure, run: Run) -> tuple[FloatArray, FloatArray]:
@@ -139,13 +139,13 @@ def slip_peaks_of(structure: Structure, run: Run) -> tuple[FloatArray, FloatArra
     """
     system, own = contact_system(structure, run), _own_points(run.system)
     if own is not None:
-        peak, sliding = np.zeros((2, system.w.size))
+        peak, sliding = np.zeros((2, system.contact.w.size))
         peak[own], sliding[own] = run.slip_peak, run.slider_peak
         return peak, sliding
     check_fields(run)
     slip = np.asarray((_slip_rows(structure, run) @ run.u.T).T)
-    peak = np.asarray(system.slip_norm(slip).max(axis=0, initial=0.0))
-    return peak, system.slider_peak(peak)
+    peak = np.asarray(system.contact.slip_norm(slip).max(axis=0, initial=0.0))
+    return peak, system.contact.slider_peak(peak)
 
 
 def normal_forces(structure: Structure, run: Run) -> FloatArray:
@@ -154,31 +154,29 @@ def normal_forces(structure: Structure, run: Run) -> FloatArray:
     Where points of a reduced model stand for several, they are those of elastic contact at the
     displacements of the run. There are none where the run stored none.
     """
-    opening = run.system.opening
-    if opening is None or opening.shares is None or not run.normal_force.size:
+    opening = run.system.contact.normal
+    if opening.shares is None or not run.normal_force.size:
         return run.normal_force
     return _opening_of(structure).elastic_forces(run.u @ _unknowns(structure, run).T)
 
 
 def gaps_of(structure: Structure, run: Run) -> FloatArray:
     """Gaps of all pressure points at the stored fields, (frames, q), m; zero where closed."""
-    opening, u = cast("OpeningContact", run.system.opening), run.u
+    opening, u = run.system.contact.normal, run.u
     if opening.shares is not None:
         opening, u = _opening_of(structure), u @ _unknowns(structure, run).T
     return np.maximum(opening.gaps(u), 0.0)
 
 
-def _opening_of(structure: Structure) -> OpeningContact:
+def _opening_of(structure: Structure) -> NormalPart:
     """Contact that opens of a structure, elastic as in reduced models."""
-    return cast("OpeningContact", elastic(structure.unloaded).opening)
+    return elastic(structure.unloaded).contact.normal
 
 
 def limits_of(system: System, forces: FloatArray) -> FloatArray:
     """Friction limits, (frames, m) or (1, m), N, under the ``forces`` (frames, q), N, of a run."""
-    if system.opening is None or not forces.size:
-        return system.w[np.newaxis]
-    constant = system.w - system.opening.limits_at_rest
-    return np.asarray(constant + (system.opening.gain @ forces.T).T)
+    contact = system.contact
+    return np.asarray(contact.limits(forces.T).T if forces.size else contact.w[np.newaxis])
 
 
 def displacements(structure: Structure, run: Run) -> tuple[FloatArray, FloatArray]:
@@ -193,7 +191,7 @@ def displacements(structure: Structure, run: Run) -> tuple[FloatArray, FloatArra
 
 def _slip_rows(structure: Structure, run: Run) -> Matrix:
     """Slip of all contact points from the unknowns of a run, (rows, n)."""
-    return structure.unloaded.B @ _unknowns(structure, run)
+    return structure.unloaded.contact.B @ _unknowns(structure, run)
 
 
 def _unknowns(structure: Structure, run: Run) -> Matrix:
@@ -218,22 +216,22 @@ def _unknowns(structure: Structure, run: Run) -> Matrix:
 
 def _own_points(system: System) -> IntArray | None:
     """Point of the structure that each contact point is, (m,); None if they stand for several."""
-    if system.shares is None:
-        return np.arange(system.w.size)
-    shares = sparse.csr_array(system.shares)
-    if shares.nnz != system.w.size or not np.all(np.diff(shares.indptr) == 1):
+    if system.contact.shares is None:
+        return np.arange(system.contact.w.size)
+    shares = sparse.csr_array(system.contact.shares)
+    if shares.nnz != system.contact.w.size or not np.all(np.diff(shares.indptr) == 1):
         return None
     return np.asarray(shares.indices, dtype=np.intp)
 
 
 def _placed(run: Run, system: System, points: IntArray) -> tuple[FloatArray, FloatArray]:
     """Friction over its limit, and work (J), if each point of the run is a single one."""
-    count = system.directions[points]
+    count = system.contact.directions[points]
     within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    rows = np.repeat(system.first_row[points], count) + within
-    friction = np.zeros((len(run.sigma), system.B.shape[0]))
+    rows = np.repeat(system.contact.first_row[points], count) + within
+    friction = np.zeros((len(run.sigma), system.contact.B.shape[0]))
     friction[:, rows] = run.sigma
-    work = np.zeros((len(run.sigma), system.w.size))
+    work = np.zeros((len(run.sigma), system.contact.w.size))
     work[:, points] = run.friction_work_rows
     return friction, work
 
@@ -246,9 +244,9 @@ def _spread(
     ``limits``, (frames, m) or (1, m), N, are those of the points.
     """
     parts = 0.5 * (friction[1:] + friction[:-1]) * np.diff(slip, axis=0)
-    parts *= np.repeat(limits[-len(parts) :], system.directions, axis=1)
-    spread = np.zeros((len(slip), system.w.size))
-    np.cumsum(np.maximum(system.by_point(parts), 0.0), axis=0, out=spread[1:])
-    total, known = spread @ system.J.T, run.friction_work_rows @ run.system.J.T
+    parts *= np.repeat(limits[-len(parts) :], system.contact.directions, axis=1)
+    spread = np.zeros((len(slip), system.contact.w.size))
+    np.cumsum(np.maximum(system.contact.by_point(parts), 0.0), axis=0, out=spread[1:])
+    total, known = spread @ system.contact.J.T, run.friction_work_rows @ run.system.contact.J.T
     scale = np.divide(known, total, out=np.zeros_like(total), where=total > 0.0)
-    return np.asarray(spread * (scale @ system.J))
+    return np.asarray(spread * (scale @ system.contact.J))

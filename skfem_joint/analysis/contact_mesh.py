@@ -28,31 +28,10 @@ solids and plates measured; where there are more, it is too large.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.structure import AnyStructure, Bolts, Patch
 from skfem_joint.system import System
-
-
-@dataclass(frozen=True)
-class ContactMeshSettings:
-    """When friction energy is said to depend on the mesh of the contact.
-
-    Attributes
-    ----------
-    sharing : float
-        Fewest points that share the work of friction in a joint under bolts.
-    percent : float
-        Typical change of the friction energy on finer meshes, in percent, times the number of these
-        points.
-    """
-
-    sharing: float = 60.0
-    percent: float = 350.0
-
-
-SETTINGS = ContactMeshSettings()
 
 
 def judged(structure: AnyStructure) -> list[Patch]:
@@ -71,7 +50,7 @@ def sharing_points(system: System, points: IntArray, u: FloatArray) -> float:
 
     ``points`` are numbers of contact points. Zero where none of them slips.
     """
-    work = (system.w * system.slip_norm(system.B @ u))[points]
+    work = (system.contact.w * system.contact.slip_norm(system.contact.B @ u))[points]
     square = float(work @ work)
     return float(work.sum()) ** 2 / square if square > 0.0 else 0.0
 
@@ -89,8 +68,11 @@ def coarse_contact(structure: AnyStructure, system: System, u: FloatArray) -> It
     """
     for patch in judged(structure):
         count = sharing_points(system, patch.points, u)
-        if 0.0 < count < SETTINGS.sharing:
-            change = f"{SETTINGS.percent / count:.1g}"
+        # Fewest points that share the work of friction in a joint under bolts.
+        if 0.0 < count < 60.0:
+            # Typical change of the friction energy on finer meshes, in percent, times the number
+            # of these points.
+            change = f"{350.0 / count:.1g}"
             yield (
                 f"Joint '{patch.joint.name}': under the bolts {count:.2g} of {patch.points.size} "
                 "contact points share the work of friction. With so few the friction energy "

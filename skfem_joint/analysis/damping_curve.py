@@ -41,70 +41,20 @@ from skfem_joint.values import POSITIVE, check_some
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
 
 
-@dataclass(frozen=True)
-class DampingCurveSettings:
-    """Numbers of damping curves of signals.
-
-    Attributes
-    ----------
-    fewest_samples : float
-        Fewest samples in a period.
-    window : float
-        Length of a window, in periods; windows overlap by half.
-    fewest_windows : int
-        Fewest of them.
-    out_of_noise : float
-        The vibration ends where its amplitude in a window is less than this many standard
-        deviations.
-    vibrates : float
-        Share of the power of a window near its highest peak from which on it is no noise.
-    pieces : tuple of int
-        Numbers of pieces of the splines that are tried.
-    shortest : float
-        Shortest piece, in periods.
-    penalty : float
-        Sum of squares over the variance of noise that a coefficient must explain. Akaike's
-        criterion has 2, Bayes's the logarithm of the number of values, about 6.
-    near : float
-        Noise is that within this share of the frequency.
-    ends : float
-        Length over which the weight rises at the start and falls at the end, in periods.
-    iterations : int
-        Most iterations of a fit.
-    settled : float
-        Change of the exponents, over their standard deviations, at which a fit has converged.
-    inside : float
-        Share of the decay at each end that the curve leaves out, where splines are loose.
-    passes : int
-        How often other modes are fitted anew to what is left.
-    others : tuple of float
-        Multiples of the frequency between which other modes are looked for.
-    most_others : int
-        Most of them.
-    stands_out : float
-        Height of their peaks in the spectrum over its median.
-    """
-
-    fewest_samples: float = 6.0
-    window: float = 6.0
-    fewest_windows: int = 4
-    out_of_noise: float = 6.0
-    vibrates: float = 0.6
-    pieces: tuple[int, ...] = (1, 2, 3, 4, 6, 8, 11, 15, 20)
-    shortest: float = 3.0
-    penalty: float = 3.0
-    near: float = 0.25
-    ends: float = 2.0
-    iterations: int = 30
-    settled: float = 1e-2
-    inside: float = 0.04
-    passes: int = 2
-    others: tuple[float, float] = (0.2, 5.0)
-    most_others: int = 4
-    stands_out: float = 30.0
-
-
-SETTINGS = DampingCurveSettings()
+#: Fewest samples in a period.
+_FEWEST_SAMPLES = 6.0
+#: Length of a window, in periods; windows overlap by half.
+_WINDOW = 6.0
+#: Fewest of them.
+_FEWEST_WINDOWS = 4
+#: The vibration ends where its amplitude in a window is less than this many standard deviations.
+_OUT_OF_NOISE = 6.0
+#: Noise is that within this share of the frequency.
+_NEAR = 0.25
+#: Length over which the weight rises at the start and falls at the end, in periods.
+_ENDS = 2.0
+#: Share of the decay at each end that the curve leaves out, where splines are loose.
+_INSIDE = 0.04
 
 
 @dataclass(frozen=True)
@@ -179,11 +129,12 @@ def damping_curve(
     t, x = _checked(time, signal, quantity)
     check_some(POSITIVE, frequency=frequency)
     step = float(t[-1] - t[0]) / (t.size - 1)
-    f = frequency or _main_frequency(x, step)
-    if f * step * SETTINGS.fewest_samples > 1.0:
+    spectrum, power = periodogram(x, 1.0 / step)
+    f = frequency or float(spectrum[power.argmax()])
+    if f * step * _FEWEST_SAMPLES > 1.0:
         raise InputError(
             f"damping_curve: found {1.0 / (f * step):.3g} samples in a period of {f:.4g} Hz, must "
-            f"be at least {SETTINGS.fewest_samples:g}"
+            f"be at least {_FEWEST_SAMPLES:g}"
         )
     fits = _alone(x, step, f)
     return _curve(float(t[0]), *fits, DERIVATIVES[quantity])
@@ -197,7 +148,8 @@ def _alone(x: FloatArray, step: float, f: float) -> tuple[_Fit, _Fit]:
     """
     others, main = dict[float, FloatArray](), np.zeros(x.size)
     frequencies = _other_frequencies(x, step, f, larger=True)
-    for _ in range(1 + SETTINGS.passes):
+    # How often other modes are fitted anew to what is left.
+    for _ in range(3):
         for g in frequencies:
             rest = x - main - sum(wave for h, wave in others.items() if h != g)
             try:
@@ -227,7 +179,7 @@ def _wave(fit: _Fit, size: int, step: float) -> FloatArray:
     """
     t, end, (a, p) = step * np.arange(size), float(fit.knots[-1]), fit.coefficients
     logarithm, phase = BSpline(fit.knots, a, 3), BSpline(fit.knots, p, 3)
-    loose = min(SETTINGS.ends * 2.0 * np.pi * end / float(phase(end) - phase(0.0)), 0.5 * end)
+    loose = min(_ENDS * 2.0 * np.pi * end / float(phase(end) - phase(0.0)), 0.5 * end)
     inside = np.clip(t, loose, end - loose)
     both = [spline(inside) + (t - inside) * spline(inside, 1) for spline in (logarithm, phase)]
     return np.asarray(np.exp(both[0]) * np.cos(both[1]))
@@ -241,19 +193,22 @@ def _other_frequencies(
     Or of those alone that are ``larger`` than that one.
     """
     frequencies, density = periodogram(left, 1.0 / step, "hann")
-    low, high = (share * f for share in SETTINGS.others)
+    # Multiples of the frequency between which other modes are looked for.
+    low, high = (share * f for share in (0.2, 5.0))
     among = (frequencies > low) & (frequencies < high)
     own, away = _near(frequencies, f), among & ~_near(frequencies, f)
     if not away.any():
         return []
-    least = density[own].max() if larger else SETTINGS.stands_out * np.median(density[among])
+    # Height of their peaks in the spectrum over its median.
+    least = density[own].max() if larger else 30.0 * np.median(density[among])
     peaks, _ = find_peaks(density, height=least, prominence=0.9 * least)
     peaks = peaks[away[peaks]]
     found = list[float]()
     for g in frequencies[peaks[np.argsort(-density[peaks])]].tolist():
-        if all(abs(g - h) > SETTINGS.near * h for h in found):
+        if all(abs(g - h) > _NEAR * h for h in found):
             found.append(g)
-    return found[: SETTINGS.most_others]
+    # Most of them.
+    return found[:4]
 
 
 def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatArray, FloatArray]:
@@ -281,12 +236,6 @@ def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatAr
     return t, x
 
 
-def _main_frequency(x: FloatArray, step: float) -> float:
-    """Frequency of the highest peak of the spectrum, Hz."""
-    f, power = periodogram(x, 1.0 / step)
-    return float(f[power.argmax()])
-
-
 class _Windows(NamedTuple):
     """Amplitude and phase of a vibration in the middle of windows, each of shape (k,).
 
@@ -312,7 +261,7 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
 
     InputError if they are too few, or the amplitude does not fall.
     """
-    size = round(SETTINGS.window / (f * step))
+    size = round(_WINDOW / (f * step))
     weight, s = hann(size, sym=True), step * (np.arange(size) - 0.5 * (size - 1))
     omega = 2.0 * np.pi * f
     rows, stands, levels = list[tuple[float, ...]](), list[bool](), list[float]()
@@ -325,7 +274,7 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
         noise = _noise(part - columns @ found, step, f)
         of_amplitude = 2.0 * noise * (weight**2).sum() / weight.sum() ** 2
         levels.append(noise)
-        stands.append(abs(z) ** 2 > SETTINGS.out_of_noise**2 * of_amplitude)
+        stands.append(abs(z) ** 2 > _OUT_OF_NOISE**2 * of_amplitude)
         if not all(stands):
             continue
         at = step * (begin + 0.5 * (size - 1))
@@ -334,7 +283,7 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
         ahead = before[2] + 0.5 * (before[3] + rate) * (at - before[0])
         phase = ahead + np.angle(z * np.exp(-1j * ahead))
         rows.append((at, np.log(abs(z)), float(phase), rate, 0.5 * np.log(noise + 1e-32)))
-    if len(rows) < SETTINGS.fewest_windows:
+    if len(rows) < _FEWEST_WINDOWS:
         begin = len(rows) * (size // 2)
         _refuse_windows(stands, levels, x[begin : begin + size], step, f)
     at, log_amplitude, phase, _, noises = np.array(rows).T
@@ -356,14 +305,15 @@ def _refuse_windows(
     frequency, or if there is by far less later: then it is a vibration that is not a wave of slowly
     changing amplitude and frequency.
     """
-    most, count = SETTINGS.fewest_windows, stands.index(False) if False in stands else len(stands)
-    periods, needed = count * SETTINGS.window / 2.0, most * SETTINGS.window / 2.0
-    apart = 0.5 * SETTINGS.window / f
+    most, count = _FEWEST_WINDOWS, stands.index(False) if False in stands else len(stands)
+    periods, needed = count * _WINDOW / 2.0, most * _WINDOW / 2.0
+    apart = 0.5 * _WINDOW / f
     if count < len(stands):
         frequencies, power = periodogram(part, 1.0 / step, "hann")
         g = float(frequencies[power.argmax()])
-        vibrates = power[_near(frequencies, g)].sum() > SETTINGS.vibrates * power.sum()
-        if vibrates or noise[count] > SETTINGS.out_of_noise**2 * min(noise[count:]):
+        # Share of the power of a window near its highest peak from which on it is no noise.
+        vibrates = power[_near(frequencies, g)].sum() > 0.6 * power.sum()
+        if vibrates or noise[count] > _OUT_OF_NOISE**2 * min(noise[count:]):
             runs = range(count + 1, len(stands) - most + 1)
             later = [k for k in runs if all(stands[k : k + most])]
             other = f"the part from {later[0] * apart:.4g} s on" if later else "another part"
@@ -393,7 +343,7 @@ def _squares(left: FloatArray, step: float, f: float) -> float:
 
 
 def _near(frequencies: FloatArray, f: float) -> BoolArray:
-    return np.abs(frequencies - f) <= SETTINGS.near * f
+    return np.abs(frequencies - f) <= _NEAR * f
 
 
 class _Fit(NamedTuple):
@@ -426,9 +376,11 @@ def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
     period = 2.0 * np.pi / float(np.diff(windows.phase).sum() / np.ptp(windows.time))
     end = step * (x.size - 1)
     fits = []
-    for pieces in SETTINGS.pieces:
+    # Numbers of pieces of the splines that are tried.
+    for pieces in (1, 2, 3, 4, 6, 8, 11, 15, 20):
         inner = _inner_knots(windows, pieces, end)
-        if pieces > 1 and np.diff([0.0, *inner, end]).min() < SETTINGS.shortest * period:
+        # Shortest piece, in periods.
+        if pieces > 1 and np.diff([0.0, *inner, end]).min() < 3.0 * period:
             break
         if pieces + 3 > windows.time.size:
             break
@@ -438,7 +390,9 @@ def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
     if not fits:
         raise ConvergenceError("damping_curve: no fit of the vibration converged")
     noise = min(fit.noise for fit in fits)
-    sums = [fit.left / noise + SETTINGS.penalty * fit.coefficients.size for fit in fits]
+    # Sum of squares over the variance of noise that a coefficient must explain. Akaike's
+    # criterion has 2, Bayes's the logarithm of the number of values, about 6.
+    sums = [fit.left / noise + 3.0 * fit.coefficients.size for fit in fits]
     least = int(np.argmin(sums))
     return fits[least], fits[least + 1 if least + 1 < len(fits) else least - 1]
 
@@ -464,7 +418,7 @@ def _fitted(
     t = step * np.arange(x.size)
     knots = np.concatenate([4 * [0.0], inner, 4 * [t[-1]]])
     B = BSpline.design_matrix(t, knots, 3)
-    rise = 2.0 * SETTINGS.ends / (f * t[-1])
+    rise = 2.0 * _ENDS / (f * t[-1])
     weight = tukey(x.size, min(rise, 1.0)) / np.interp(t, windows.time, windows.noise)
     near = BSpline.design_matrix(np.clip(windows.time, 0.0, t[-1]), knots, 3).toarray()
     smooth = 1e-6 * np.diff(np.eye(near.shape[1]), 2, axis=0)  # where there are few windows
@@ -475,7 +429,8 @@ def _fitted(
         for values in (windows.log_amplitude, windows.phase)
     ])  # fmt: skip
     count = k.shape[1]
-    for _ in range(SETTINGS.iterations):
+    # Most iterations of a fit.
+    for _ in range(30):
         wave = np.exp(B @ k[0] + 1j * (B @ k[1]))
         left = x - wave.real
         parts = (weight * wave.real)[:, np.newaxis], (-weight * wave.imag)[:, np.newaxis]
@@ -492,7 +447,8 @@ def _fitted(
         k = k + (change * min(1.0, 1.0 / largest if largest > 0.0 else 1.0)).reshape(2, count)
         noise = _noise(weight * left, step, f)
         inverse = linalg.cho_solve(factor, np.eye(2 * count))
-        if np.all(np.abs(change) <= SETTINGS.settled * np.sqrt(noise * np.diag(inverse)) + 1e-10):
+        # Change of the exponents, over their standard deviations, at which a fit has converged.
+        if np.all(np.abs(change) <= 1e-2 * np.sqrt(noise * np.diag(inverse)) + 1e-10):
             break
     else:
         return None
@@ -537,7 +493,7 @@ def _curve(begin: float, fit: _Fit, next_fit: _Fit, derivatives: int) -> Damping
     """Curve of a fit of a derivative of the displacement, from the time ``begin``, s."""
     pieces = fit.knots.size - 7
     fine = np.linspace(0.0, fit.knots[-1], 400 * pieces)
-    inside = np.linspace(SETTINGS.inside, 1.0 - SETTINGS.inside, pieces + 2)
+    inside = np.linspace(_INSIDE, 1.0 - _INSIDE, pieces + 2)
     t = _fallen(fine, BSpline(fit.knots, fit.coefficients[0], 3)(fine), inside)
     ours, richer = (_values(each, t, derivatives) for each in (fit, next_fit))
     omega = np.hypot(ours.rate, ours.decay)

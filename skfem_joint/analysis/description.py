@@ -36,31 +36,8 @@ from skfem_joint.structure import AnyStructure, PressureTable
 from skfem_joint.structure.doubts import per_wavelength
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class DescriptionSettings:
-    """Numbers of descriptions.
-
-    Attributes
-    ----------
-    shown : int
-        Frequencies that are shown.
-    most_steps : int
-        Most steps for which the vibration of the stuck structure is computed.
-    alike : float
-        Share of kinetic energy from which on a mode with stuck joints resembles a mode with loose
-        ones.
-    large_strain : float
-        Strain that is not small.
-    large : float
-        Displacement over the structure's length that is not small.
-    """
-
-    shown: int = 3
-    most_steps: int = 5_000
-    alike: float = 0.5
-    large_strain: float = 0.01
-    large: float = 0.1
+#: Frequencies that are shown.
+_SHOWN = 3
 
 
 #: How the loads over the limit depend on the mesh, measured on a lap of two plates of 10 mm seen
@@ -71,8 +48,6 @@ OF_THE_MESH = (
     "size, it was 79, 82, 84 and 84 % where that was pulled, and 0.5, 1, 2 and 4 % where it was "
     "bent, so that few nodes carried the load."
 )
-
-SETTINGS = DescriptionSettings()
 
 
 @dataclass(frozen=True)
@@ -187,9 +162,11 @@ def _moves(
 ) -> None:
     """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
     values, no_unknowns = draft.values, np.zeros(0, np.intp)
-    acting = np.flatnonzero(system.on_rows(system.w) > 0.0)
-    rigid_friction = np.flatnonzero(system.on_rows((system.w > 0.0) & ~system.sprung))
-    held = sparse.csr_array(system.B).indices[rigid_friction]
+    acting = np.flatnonzero(system.contact.on_rows(system.contact.w) > 0.0)
+    rigid_friction = np.flatnonzero(
+        system.contact.on_rows((system.contact.w > 0.0) & ~system.contact.sprung)
+    )
+    held = sparse.csr_array(system.contact.B).indices[rigid_friction]
     floats, stuck = _frequencies(scene, structure, system, acting.size > 0, draft)
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
     slow = scene.time.quasi_static
@@ -226,14 +203,14 @@ def _moves(
         moved = path.afresh(path.to).follow(force[np.newaxis])[0]
         draft.doubts += coarse_contact(structure, path.to.system, moved)
     values |= {
-        "friction_limit_N": float(system.w.sum()),
+        "friction_limit_N": float(system.contact.w.sum()),
         "amplification": amplified,
         "load_over_limit": share,
     }
     inertia = "" if amplified is None else f", amplified by {amplified:.4g} as the joints stick"
     draft.add(
         f"The loads at their peak{inertia} come to {100.0 * share:.3g} % of what makes the first "
-        f"joint slip as a whole; the friction limits add up to {system.w.sum():.6g} N."
+        f"joint slip as a whole; the friction limits add up to {system.contact.w.sum():.6g} N."
         + (OF_THE_MESH if structure.body is not None else "")
     )
     if share > 1.0:
@@ -252,16 +229,13 @@ def _frequencies(
     The modes are those with the joints stuck; ``rubs`` is whether a joint carries friction.
     """
     values = draft.values
-    both = [
-        natural_modes(system, modes.SETTINGS.searched, joints=joints)
-        for joints in ("loose", "stuck")
-    ]
+    both = [natural_modes(system, modes.SEARCHED, joints=joints) for joints in ("loose", "stuck")]
     rigid, (loose, stuck) = [m.rigid_motions for m in both], [m.straining for m in both]
-    values["frequencies_stuck_Hz"] = stuck.frequencies[: SETTINGS.shown].tolist()
-    values["frequencies_loose_Hz"] = loose.frequencies[: SETTINGS.shown].tolist()
+    values["frequencies_stuck_Hz"] = stuck.frequencies[:_SHOWN].tolist()
+    values["frequencies_loose_Hz"] = loose.frequencies[:_SHOWN].tolist()
     text = f"First natural frequencies beside rigid motions: {_listed(loose.frequencies)}"
     if rubs:
-        number, likeness = alike(system.M, stuck.modes[:, : SETTINGS.shown], loose.modes)
+        number, likeness = alike(system.M, stuck.modes[:, :_SHOWN], loose.modes)
         values["stuck_modes_like_loose"] = (number + 1).tolist()
         values["stuck_modes_like_loose_share"] = likeness.tolist()
         text += f" with the joints loose, {_listed(stuck.frequencies)} with the joints stuck"
@@ -327,12 +301,14 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: _D
         f"strain {strain:.2g}."
     )
     cure = "are loads, stiffness, section and supports right?"
-    if largest > SETTINGS.large * length:
+    # Displacement over the structure's length that is not small.
+    if largest > 0.1 * length:
         draft.doubts.append(
             f"The loads at rest move the structure by {largest:.3g} m, more than a tenth of its "
             f"{length:.3g} m: {cure}"
         )
-    if strain > SETTINGS.large_strain:
+    # Strain that is not small.
+    if strain > 0.01:
         draft.doubts.append(
             f"The loads at rest strain the structure by {100.0 * strain:.3g} %, more than metals "
             f"bear elastically: {cure}"
@@ -373,7 +349,8 @@ class _Vibration:
 def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vibration:
     """Vibration of the stuck structure, from rest."""
     F, frequency, shapes = system.load_vectors(), modes.frequencies, modes.modes
-    steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), SETTINGS.most_steps)
+    # Most steps for which the vibration of the stuck structure is computed.
+    steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), 5_000)
     h = scene.time_step
     amplitudes = system.load_amplitudes(h * np.arange(steps + 1.0))
     follow = _solve(system, F, held) if F.size else F
@@ -433,9 +410,11 @@ def _compared(number: IntArray, share: FloatArray) -> str:
     """Sentence about which loose mode each stuck mode resembles."""
     if not number.size:
         return ""
+    # Share of kinetic energy from which on a mode with stuck joints resembles a mode with loose
+    # ones.
     words = [
         f"loose mode {k + 1} ({100.0 * x:.0f} % alike)"
-        if x >= SETTINGS.alike
+        if x >= 0.5
         else f"none of the loose modes (most like {k + 1}, {100.0 * x:.2g} %)"
         for k, x in zip(number.tolist(), share.tolist(), strict=True)
     ]
@@ -444,7 +423,5 @@ def _compared(number: IntArray, share: FloatArray) -> str:
 
 def _listed(frequencies: FloatArray) -> str:
     return (
-        ", ".join(f"{f:.5g}" for f in frequencies[: SETTINGS.shown]) + " Hz"
-        if frequencies.size
-        else "none"
+        ", ".join(f"{f:.5g}" for f in frequencies[:_SHOWN]) + " Hz" if frequencies.size else "none"
     )

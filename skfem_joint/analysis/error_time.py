@@ -28,31 +28,13 @@ from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.scene import Scene
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class ErrorTimeSettings:
-    """Numbers of error-time reports.
-
-    Attributes
-    ----------
-    own : int
-        Steps in an interval of the finest run of each model, against which the error of its time
-        step is measured.
-    longest_repeated : float
-        Longer runs are not repeated, s.
-    levels : tuple of float
-        Errors of the displacement history for which the report recommends the fastest model.
-    worthwhile : float
-        Run times closer than this ratio are the same.
-    """
-
-    own: int = 256
-    longest_repeated: float = 2.0
-    levels: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
-    worthwhile: float = 1.2
+#: Steps in an interval of the finest run of each model, against which the error of its time step
+#: is measured.
+OWN = 256
+#: Errors of the displacement history for which the report recommends the fastest model.
+LEVELS: tuple[float, ...] = (1e-2, 1e-3, 1e-4)
 
 
-SETTINGS = ErrorTimeSettings()
 #: Families of models, which are the curves of the report.
 FULL, STEEPNESS, COULOMB = "full", "full, another beta", "full, Coulomb"
 REDUCED, FEW_POINTS = "reduced, all nodes", "reduced, few points"
@@ -134,7 +116,7 @@ class Job:
 
 
 @dataclass(frozen=True)
-class Point:
+class Measured:
     """A measured job: its first run, its errors, the median of ``repeats`` run times (s)."""
 
     job: Job
@@ -180,17 +162,16 @@ def measure(
     progress: Progress = silent,
     rows: Rows | None = None,
     of: str = "",
-) -> list[Point]:
+) -> list[Measured]:
     """Run jobs once, which warms them up, and compare their results with the reference.
 
-    Those shorter than `ErrorTimeSettings.longest_repeated` are run again in ``repeats`` rounds,
+    Those shorter than two seconds are run again in ``repeats`` rounds,
     each in the opposite order of the round before; their time is the median of these. Each run is
     one of the ``rows``, if there are any, with the time that it took; ``of`` is a digest of what
     the jobs come from.
     """
     jobs, points, rows = list(jobs), [], rows or Rows()
     marks = [rows.mark(of, k, job.family, job.what) for k, job in enumerate(jobs)]
-    rows.total = rows.done + len(jobs)
     for k, job in enumerate(jobs):
         progress("first runs", k, len(jobs))
         first = rows.row(marks[k], partial(_first, job))
@@ -200,10 +181,10 @@ def measure(
             own = None if job.own is None else difference(job.own, first.results)[RMS]
             errors[TIME_ERROR] = own
             errors[TO_FINE_MESH] = difference(reference.fine_mesh, first.results)[RMS]
-        points.append(Point(job, first, errors, first.wall_s))
-    short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= SETTINGS.longest_repeated]
+        points.append(Measured(job, first, errors, first.wall_s))
+    # Longer runs are not repeated, s.
+    short = [k for k, p in enumerate(points) if p.counts and p.wall_s <= 2.0]
     walls: dict[int, list[float]] = {k: [] for k in short}
-    rows.total += repeats * len(short)
     for done in range(repeats):
         progress("timed rounds", done, repeats)
         for k in short if done % 2 == 0 else short[::-1]:
@@ -230,11 +211,11 @@ def full_jobs(
 ) -> Iterator[Job]:
     """Full models: the scene's law, and others."""
     system, parts = reference.system, wanted["parts"]
-    own = COULOMB if isinf(system.beta.max()) else FULL
+    own = COULOMB if isinf(system.contact.beta.max()) else FULL
     yield from at_steps(reference, parts, own, system, {}, own=reference.results)
     if own == FULL:
         for factor in wanted["factors"]:
-            other = replace(system, beta=factor * system.beta)
+            other = system.with_contact(beta=factor * system.contact.beta)
             yield from other_jobs(reference, parts, STEEPNESS, other, {}, rows)
         yield from other_jobs(reference, parts, COULOMB, system.with_beta(np.inf), {}, rows)
 
@@ -248,7 +229,7 @@ def other_jobs(
     rows: Rows | None = None,
 ) -> Iterator[Job]:
     """Another full model at several steps an interval, with a reference of its own."""
-    grid, finest, rows = reference.grid, min(SETTINGS.own, reference.parts), rows or Rows()
+    grid, finest, rows = reference.grid, min(OWN, reference.parts), rows or Rows()
     mark = rows.mark("own reference", system, grid, finest)
     own = rows.row(mark, lambda: results(grid.integrate(system, finest)))
     return at_steps(reference, parts, family, system, what, own=own)
@@ -314,18 +295,6 @@ def _families(scene: Scene) -> dict[str, str]:
     return {REDUCED: "all"} | ({} if scene.opens else {FEW_POINTS: "auto"})
 
 
-def _most_rows(scene: Scene, wanted: Mapping[str, tuple[Any, ...]]) -> int:
-    """Rows of a report before its timed rounds, if no step of it is too short."""
-    others = (
-        len(wanted["factors"]) + 1 if any(joint.law == "arctan" for joint in scene.joint) else 0
-    )
-    reference, reductions = 8, len(wanted["modes"])  # steps, mesh and law of the reference
-    runs = (1 + others) * len(wanted["parts"]) + len(_families(scene)) * reductions * len(
-        wanted["reduced_parts"]
-    )
-    return reference + others + reductions + runs
-
-
 def _made(reduction: _Reduction, family: str) -> System:
     return reduction.models[family][0]
 
@@ -334,8 +303,8 @@ def _details(system: System) -> dict[str, Any]:
     """What a report says of a model."""
     return {
         "unknowns": system.n,
-        "friction points": system.contact_points,
-        "beta (s/m)": float(system.beta.max()),
+        "friction points": system.contact.count,
+        "beta (s/m)": float(system.contact.beta.max()),
     }
 
 
@@ -377,22 +346,22 @@ def _run(make: Callable[[], System], reference: Reference, parts: int) -> Outcom
     return Outcome(results(run), wall, work, offline_s=run.preparation_s)
 
 
-def front(points: Iterable[Point], error: str = RMS, total: bool = False) -> list[Point]:
+def front(points: Iterable[Measured], error: str = RMS, total: bool = False) -> list[Measured]:
     """Points that no other is both faster and more accurate than, fastest first."""
-    chosen: list[Point] = []
+    chosen: list[Measured] = []
     for point in sorted(points, key=lambda p: (p.seconds(total), p.error(error))):
         if point.counts and point.error(error) < (chosen[-1].error(error) if chosen else inf):
             chosen.append(point)
     return chosen
 
 
-def fastest(points: Iterable[Point], level: float) -> Point | None:
+def fastest(points: Iterable[Measured], level: float) -> Measured | None:
     """Fastest of the points whose displacement errs by no more than ``level``."""
     fit = (p for p in points if p.counts and p.error() <= level)
     return min(fit, key=lambda p: p.wall_s, default=None)
 
 
-def advice(points: Sequence[Point], level: float) -> str:
+def advice(points: Sequence[Measured], level: float) -> str:
     """Say which model to use for an error of the displacement, and whether a reduction pays."""
     small = [p for p in points if p.job.family in (REDUCED, FEW_POINTS)]
     others = [p for p in points if p.job.family not in (REDUCED, FEW_POINTS)]
@@ -403,7 +372,8 @@ def advice(points: Sequence[Point], level: float) -> str:
             return start + "no model of this report reaches it."
         return f"{start}use {reduced}. Only reduced models reach it."
     saved = 0.0 if reduced is None else full.wall_s - reduced.wall_s
-    if reduced is not None and saved > (SETTINGS.worthwhile - 1.0) * reduced.wall_s:
+    # Run times closer than this share are the same.
+    if reduced is not None and saved > 0.2 * reduced.wall_s:
         runs = max(1, round(reduced.offline_s / saved))
         return (
             f"{start}use {reduced}. A reduction pays {full.wall_s / reduced.wall_s:.2g} times in "
@@ -439,7 +409,7 @@ class Report:
 
     title: str
     reference: Reference
-    points: list[Point]
+    points: list[Measured]
     sections: tuple[str, ...] = ()
 
     def table(self) -> tuple[list[str], list[list[Any]]]:
@@ -475,7 +445,7 @@ class Report:
             "## How well the reference is known",
             self.certificate(),
             "## Which model to use",
-            "\n".join(f"- {advice(self.points, level)}" for level in SETTINGS.levels),
+            "\n".join(f"- {advice(self.points, level)}" for level in LEVELS),
             *self.sections,
             "## All points",
             "![error against run time](error-time.png)",
@@ -535,7 +505,6 @@ def error_time(
     check_options(scene, repeats, bound)
     what = (QUICK if quick else RANGE) | dict(wanted or {})
     rows = rows or Rows()
-    rows.total += _most_rows(scene, what)
     reference = make_reference(scene, quick, bound, progress, rows)
     full, reduced = full_jobs(reference, what, rows), reduced_jobs(scene, reference, what, rows)
     jobs = [*full, *reduced, *more(reference)]

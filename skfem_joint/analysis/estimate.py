@@ -34,9 +34,8 @@ time step
 
 A condensed model has the law and the points of the full one: only its basis and its time step err.
 Verification runs end with the cycle in which the reduced run has become steady; if it does not they
-are whole runs. If there are very many contact points, verification runs merge them. The friction
-that merging leaves out is evaluated at all points, with the velocities of such a run, and acts as a
-load when the run is repeated; if its effect is large, a run with all points replaces this.
+are whole runs. If there are very many contact points, verification runs merge them; the first
+cycles of a run with all points show what that causes.
 
 The verification runs lead step by step from the model asked for to the best one. Energies may rise
 and fall on that way, so that the total error is that of the whole way and not the sum of its parts,
@@ -67,7 +66,6 @@ from skfem_joint.analysis.history import (
     results,
 )
 from skfem_joint.arrays import FloatArray
-from skfem_joint.loads import Function
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.condensed import carrying, slips_first
 from skfem_joint.reduction.friction_points import SETTINGS as MERGING
@@ -77,9 +75,8 @@ from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
-from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.steady import odd_loads
-from skfem_joint.system import AppliedLoad, System
+from skfem_joint.system import System
 
 #: Sources of error, as a summary names them. The distance from Coulomb's law is in no total, see
 #: `skfem_joint.analysis.against_coulomb`.
@@ -90,80 +87,26 @@ WITHOUT_MESH = "total without mesh"
 NAMES = {"coulomb": "against Coulomb's law"}
 
 
-@dataclass(frozen=True)
-class EstimateSettings:
-    """Numbers of the estimates.
+#: Relative change of cycles below which they are alike.
+SETTLED = 0.01
+#: Contact points beyond which they are merged in verification runs.
+MANY = MERGING.many
+#: Sets that they are merged into.
+MERGED = MERGING.merged
+#: Cycles of a run with all points.
+SHORT = 2
+#: Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as those
+#: of a slip front that the basis holds (each verification run frees the next points), and twice
+#: and four times as many where the changes do not fall.
+ADDED = 8
+#: Relative change by added modes below which no more are added.
+ENOUGH = 1e-3
+#: Ratio of a change by added modes to the one before above which more are added. The rest is
+#: extrapolated with it where the ratio is not known, or where the change is less than ``enough``.
+SLOWEST = 0.4
+#: Steepness of the law in its verification run over that of the model.
+STEEPER = 10.0
 
-    Attributes
-    ----------
-    settled : float
-        Relative change of cycles below which they are alike.
-    fewest_cycles : int
-        Fewest cycles of a verification run.
-    many : int
-        Contact points beyond which they are merged in verification runs.
-    merged : int
-        Sets that they are merged into.
-    most_steps : int
-        Most steps of a correction for all points, unless one cycle has more.
-    at_once : int
-        Numbers that the correction takes at once.
-    sure : float
-        Largest error up to which the correction is believed.
-    short : int
-        Cycles of a run with all points, where it is not.
-    added : int
-        Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as
-        those of a slip front that the basis holds (each verification run frees the next points),
-        and twice and four times as many where the changes do not fall.
-    most_runs : int
-        Most times that modes are added.
-    enough : float
-        Relative change by added modes below which no more are added.
-    slowest : float
-        Ratio of a change by added modes to the one before above which more are added. The rest is
-        extrapolated with it where the ratio is not known, or where the change is less than
-        ``enough``.
-    most : float
-        Largest ratio that the rest is extrapolated with.
-    step_least, step_most : float
-        Bounds of the ratio of the change by a quarter of the step to that by half of it: second
-        and first order.
-    steeper : float
-        Steepness of the law in its verification run over that of the model.
-    chance, at_least : float
-        The error of an energy or peak is no less than the first share of its largest part, and than
-        the second share of the error in the history of the point that moves most, without that of
-        the step: parts may cancel by chance. Changes by the step have the second bound by
-        themselves.
-    follows : float
-        The step is doubled where twice the step is at most this share of the longest step that the
-        load allows (20 steps in a period): longer ones may agree with each other and miss the
-        joint's higher harmonics.
-    """
-
-    settled: float = 0.01
-    fewest_cycles: int = 4
-    many: int = MERGING.many
-    merged: int = MERGING.merged
-    most_steps: int = 4000
-    at_once: int = 300_000
-    sure: float = 5e-3
-    short: int = 2
-    added: int = 8
-    most_runs: int = 4
-    enough: float = 1e-3
-    slowest: float = 0.4
-    most: float = 0.75
-    step_least: float = 0.25
-    step_most: float = 0.5
-    steeper: float = 10.0
-    chance: float = 0.7
-    at_least: float = 0.1
-    follows: float = 0.4
-
-
-SETTINGS = EstimateSettings()
 
 #: Relative errors by quantity; None: not known, or zero in the result.
 Parts = dict[str, float | None]
@@ -306,7 +249,7 @@ class Verification:
 
     def __call__(self, system: System, plan: Plan, *, fields_every: int = 0) -> Run:
         """Run a system as `verification_run`."""
-        opens = system.opening is not None
+        opens = system.contact.opens
         alike = plan.until == "steady" and (odd_loads(system) or opens)
         initial = self.states.get(system.n)
         if alike and initial is None and self.states:
@@ -360,7 +303,7 @@ def of_reduced(
     KeyboardInterrupt
         If one is interrupted.
     """
-    steepest = reduced.steepest
+    steepest = reduced.contact.steepest
     points = _Points.of(system, basis, reduced)
     verify = Verification(progress, run)
     if run is None or not plan.save.points:
@@ -374,15 +317,15 @@ def of_reduced(
         return _of_slow(points, reduced, steepest, plan, run, (verify, progress, reference))
     if reference is None and not points.condensed:
         reference = CondensedReference.of(system)
-    periods, steeper = run.steady.periods if run.steady else 1, system.steepest > steepest
+    periods, steeper = run.steady.periods if run.steady else 1, system.contact.steepest > steepest
     if reference is not None and reference.affords(plan, periods, steeper):
         return _by_reference(points, reference, steepest, plan, base, verify, progress)
-    start, merged = _merged(points, steepest, plan, verify)
-    changes, V, last = _enriched(points, steepest, plan, start, verify)
+    merged = _merged(points, steepest, plan, verify)
+    changes, V, last = _enriched(points, steepest, plan, verify)
     (first, grown), best = changes[0], results(last)
     steep = best if len(changes) == 1 else changes[1][0]
-    beta = last.system.steepest
-    law = extrapolation(SETTINGS.steeper) - 1.0 if beta > steepest else 0.0
+    beta = last.system.contact.steepest
+    law = extrapolation(STEEPER) - 1.0 if beta > steepest else 0.0
     finer = Steps(last, *(verify(last.system, plan.finer(factor)) for factor in (2, 4)))
     truth = finer.finest
 
@@ -402,7 +345,7 @@ def of_reduced(
     total = added(finer.with_rest(truth, base), left, change(steep, grown, law), merged)
     parts["total"] = at_least(total, best, base, *parts.values())
     missing = MissingModes(V, last.v, _slips(system, V[:, basis.V.shape[1] :]))
-    joints = joint_differences(truth, base, system.joints, _rest(left))
+    joints = joint_differences(truth, base, system.contact.joints, _rest(left))
     return Estimate(parts, missing, by_joint=joints)
 
 
@@ -505,7 +448,9 @@ def left_of_steps(before: Parts | None, last: Parts) -> Parts:
         Changes by half of the step, and by a quarter in place of half of it. Without the first of
         them the step is taken to be of second order.
     """
-    least, most = SETTINGS.step_least, SETTINGS.step_most
+    # Bounds of the ratio of the change by a quarter of the step to that by half of it: second and
+    # first order.
+    least, most = 0.25, 0.5
 
     def ratio(name: str, change: float) -> float:
         if before is None:
@@ -537,9 +482,9 @@ def _by_reference(
     system, V = points.system, points.basis.V
     every = results(verify(points.everywhere(V, beta), plan))
     steep, law = every, 1.0
-    if system.steepest > beta:
-        steep = results(verify(points.everywhere(V, SETTINGS.steeper * beta), plan))
-        law = extrapolation(SETTINGS.steeper)
+    if system.contact.steepest > beta:
+        steep = results(verify(points.everywhere(V, STEEPER * beta), plan))
+        law = extrapolation(STEEPER)
     of_condensed = Verification(progress)
     run, *finer = (reference.run(plan.finer(factor), of_condensed) for factor in (1, 2, 4))
     steps, same = Steps(run, *finer), results(run)
@@ -556,11 +501,13 @@ def _by_reference(
     }
     total = steps.with_rest(finest, base)
     parts["total"] = at_least(total, same, base, *parts.values())
-    most = max(2 * SETTINGS.added, V.shape[1] // 2)
+    most = max(2 * ADDED, V.shape[1] // 2)
     wide, velocities = reference.missing_modes(V, run, most)
     missing = MissingModes(wide, velocities, _slips(system, wide[:, V.shape[1] :]))
     return Estimate(
-        parts, missing, by_joint=joint_differences(finest, base, system.joints, _rest(steps.left))
+        parts,
+        missing,
+        by_joint=joint_differences(finest, base, system.contact.joints, _rest(steps.left)),
     )
 
 
@@ -581,7 +528,7 @@ def _of_slow(
         steps = Steps(run, *(verify(reduced, plan.finer(factor)) for factor in (2, 4)))
         errors, finest = steps.with_rest(steps.finest, base), steps.finest
         nothing: Parts = dict.fromkeys(QUANTITIES, 0.0)
-        joints = joint_differences(finest, base, reduced.joints, _rest(steps.left))
+        joints = joint_differences(finest, base, reduced.contact.joints, _rest(steps.left))
         parts = {"basis": nothing, "time_step": errors, "total": errors}
         return Estimate(parts, by_joint=joints)
     reference = known or CondensedReference.of(points.system)
@@ -594,7 +541,8 @@ def _of_slow(
 
 def _settles(run: Run) -> int:
     """Cycles after which a run's energies and peak hardly change any more, or all of them."""
-    return cycles_to_settle(np.stack(by_cycle(run)), SETTINGS.settled, SETTINGS.fewest_cycles)
+    # Fewest cycles of a verification run.
+    return cycles_to_settle(np.stack(by_cycle(run)), SETTLED, 4)
 
 
 def cycles_to_settle(series: FloatArray, settled: float, fewest: int) -> int:
@@ -611,12 +559,6 @@ def by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Peak, friction energy and work of the loads of each cycle."""
     cycles = run.cycles
     return cycles.peak.max(axis=1, initial=0.0), cycles.friction, cycles.input.sum(axis=1)
-
-
-def _twice(system: System, plan: Plan) -> bool:
-    """Whether twice the step of a plan still follows the loads, and ends where it does."""
-    whole = plan.n_steps % 2 == 0 and (plan.cycle_steps is None or plan.cycle_steps % 2 == 0)
-    return whole and bool(2.0 * plan.step <= SETTINGS.follows * longest_step(system, plan.duration))
 
 
 @dataclass(frozen=True)
@@ -643,7 +585,7 @@ class _Points:
     @staticmethod
     def of(system: System, basis: Basis, reduced: System) -> _Points:
         """Points for a reduced or condensed model."""
-        if not picks_unknowns(reduced.B):
+        if not picks_unknowns(reduced.contact.B):
             return _Points(system, basis, condensed=False, projected={})
         known = {basis.V.shape[1]: reduced}
         return _Points(carrying(system), basis, condensed=True, projected=known)
@@ -651,13 +593,13 @@ class _Points:
     @property
     def all_are_kept(self) -> bool:
         """Whether verification runs have all contact points, because they are not too many."""
-        return self.condensed or self.system.contact_points <= SETTINGS.many
+        return self.condensed or self.system.contact.count <= MANY
 
     @cached_property
     def merged(self) -> System:
         """Reduced model with merged points."""
-        unmerged, points = self.projection(self.basis.V), np.flatnonzero(self.system.w)
-        return merged_points(unmerged, self.basis.history.velocities, points, SETTINGS.merged)
+        unmerged, points = self.projection(self.basis.V), np.flatnonzero(self.system.contact.w)
+        return merged_points(unmerged, self.basis.history.velocities, points, MERGED)
 
     def projection(self, V: FloatArray) -> System:
         """Projection on V, which begins with the basis and with all V before; made once."""
@@ -671,7 +613,7 @@ class _Points:
 
     def everywhere(self, V: FloatArray, beta: float) -> System:
         """Model on V with all points, under the law of the full one but no steeper than asked."""
-        laws = replace(self.projection(V), beta=self.system.beta)
+        laws = self.projection(V).with_contact(beta=self.system.contact.beta)
         return laws.no_steeper(beta)
 
     def model(self, V: FloatArray, beta: float) -> System:
@@ -681,66 +623,19 @@ class _Points:
         small = self.everywhere(V, beta)
         if self.all_are_kept:
             return small
-        return shared_points(small, self.merged.shares, self.merged.w)
+        return shared_points(small, self.merged.contact.shares, self.merged.contact.w)
 
 
-def _merged(
-    points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]
-) -> tuple[Run | None, Parts]:
-    """Run with merged contact points, if it can be used again, and the error that merging causes.
+def _merged(points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]) -> Parts:
+    """Error that merged contact points cause, by the first cycles of a run with all of them.
 
-    The error is zero if no points are merged. A defect correction estimates it where it is small,
-    else the first cycles of a run with all points.
+    It is zero if no points are merged.
     """
     if points.all_are_kept:
-        return None, dict.fromkeys(QUANTITIES, 0.0)
-    V, cycle, most = points.basis.V, plan.cycle_steps, SETTINGS.most_steps
-    unmerged, merged = points.everywhere(V, beta), points.model(V, beta)
-    some = replace(plan, until="end").first(most if cycle is None else most // cycle)
-    run = verify(merged, some, fields_every=1)
-    errors = _corrected(unmerged, run, some, verify)
-    if max((error for error in errors.values() if error is not None), default=0.0) > SETTINGS.sure:
-        some = plan.first(plan.n_steps // 2 if cycle is None else SETTINGS.short)
-        some = some.finer(0.5) if _twice(points.system, some) else some
-        errors = difference(*(results(verify(system, some)) for system in (unmerged, merged)))
-    whole = plan.until != "steady" and run.counters.steps == plan.n_steps
-    return run if whole else None, errors
-
-
-def _corrected(unmerged: System, run: Run, plan: Plan, verify: Callable[..., Run]) -> Parts:
-    """Error that merged points cause in the run of a model, by a defect correction.
-
-    The difference between the friction of all points and that of the merged ones, both at the
-    velocities of the run, acts as a load when the model is run again. That costs no iteration with
-    all points. It overestimates the error if points are merged that do not slip alike: within a
-    merged point no friction resists the load that stands for their differences.
-    """
-    merged = run.system
-    missing = _friction(unmerged, run) - _friction(merged, run)
-    courses = [Function(partial(np.interp, xp=run.field_times, fp=-force)) for force in missing.T]
-    added = map(AppliedLoad, np.eye(merged.n), courses)
-    corrected = verify(replace(merged, loads=(*merged.loads, *added)), replace(plan, until="end"))
-    work, own = corrected.cycles.input, len(merged.loads)
-    work = work[-1] if len(work) else corrected.input_work
-    raw = results(corrected)
-    lost = raw.friction_energy - float(work[own:].sum())
-    other = replace(raw, friction_energy=lost, loop_energy=float(work[:own].sum()))
-    return difference(other, results(run))
-
-
-def _friction(system: System, run: Run) -> FloatArray:
-    """Forces of friction (times, n), N, along the fields of a run of the same unknowns."""
-    from skfem_joint.minimise.law import force_vectors  # loads the compiler
-
-    v, B, limits = run.v, np.asarray(system.B), system.on_rows(system.w)
-    if system.has_springs:
-        from skfem_joint.minimise.springs import friction_along
-
-        sigma = friction_along(system, run.u @ B.T, v @ B.T, run.field_times)
-        return np.asarray((limits * sigma) @ B)
-    parts = np.array_split(v, 1 + len(v) * len(B) // SETTINGS.at_once)
-    forces = (force_vectors(x @ B.T, system.beta, system.directions) for x in parts)
-    return np.vstack([(limits * force) @ B for force in forces])
+        return dict.fromkeys(QUANTITIES, 0.0)
+    some = plan.first(plan.n_steps // 2 if plan.cycle_steps is None else SHORT)
+    both = points.everywhere(points.basis.V, beta), points.model(points.basis.V, beta)
+    return difference(*(results(verify(system, some)) for system in both))
 
 
 def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
@@ -754,39 +649,42 @@ def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Part
     for name in QUANTITIES[1:]:
         error = total[name]
         if error is not None:
-            others = (SETTINGS.chance * (part[name] or 0.0) for part in parts)
-            errors[name] = max(error, SETTINGS.at_least * (main or 0.0), *others)
+            others = (0.7 * (part[name] or 0.0) for part in parts)
+            # It is no less than a share of its largest part, and of the error in the history of
+            # the point that moves most, without that of the step: parts may cancel by chance.
+            # Changes by the step have the second bound by themselves.
+            errors[name] = max(error, 0.1 * (main or 0.0), *others)
     return errors
 
 
 def _enriched(
-    points: _Points, beta: float, plan: Plan, start: Run | None, verify: Callable[..., Run]
+    points: _Points, beta: float, plan: Plan, verify: Callable[..., Run]
 ) -> tuple[list[tuple[Results, Results]], FloatArray, Run]:
     """Results before and after each addition of missing modes, the last basis, and its run.
 
-    ``start`` is the first run with the fields of all steps, if it exists already. All later runs
-    have a steeper law, if the full model has one: with the law of a poor basis, points would still
-    creep although the added modes let them stick.
+    All runs but the first have a steeper law, if the full model has one: with the law of a poor
+    basis, points would still creep although the added modes let them stick.
     """
     V, known = points.basis.V, points.basis.followed
     residual = Residual(points.system, points.basis.stiffness)
     fields = stride(plan.n_steps, plan.cycle_steps)
-    most, steeper = V.shape[1] + 2 * SETTINGS.added, points.system.steepest > beta
+    most, steeper = V.shape[1] + 2 * ADDED, points.system.contact.steepest > beta
     stored = partial(verify, plan=plan, fields_every=fields)
-    run = start.thinned(fields) if start else stored(points.model(V, beta))
+    run = stored(points.model(V, beta))
     changes: list[tuple[Results, Results]] = []
     while len(changes) < 2 or (
-        len(changes) < SETTINGS.most_runs and (V.shape[1] < most or _is_slow(changes))
+        # Most times that modes are added.
+        len(changes) < 4 and (V.shape[1] < most or _is_slow(changes))
     ):
-        before, more = results(run), SETTINGS.added * 2 ** max(0, len(changes) - 1)
+        before, more = results(run), ADDED * 2 ** max(0, len(changes) - 1)
         V = np.hstack([V, residual.missing_modes(V, run, more, known)])
         run = stored(points.model(V, beta))
         changes.append((before, results(run)))
         changed = difference(*reversed(changes[-1])).values()
         if steeper:
-            beta, steeper = SETTINGS.steeper * beta, False
+            beta, steeper = STEEPER * beta, False
             run = stored(points.model(V, beta))
-        if max((e for e in changed if e is not None), default=0.0) < SETTINGS.enough:
+        if max((e for e in changed if e is not None), default=0.0) < ENOUGH:
             break
     return changes, V, run
 
@@ -795,7 +693,7 @@ def _is_slow(changes: list[tuple[Results, Results]]) -> bool:
     """Whether the last change by added modes is no small share of the one before."""
     before, last = (difference(*reversed(pair)) for pair in changes[-2:])
     return any(
-        error is not None and error > max(SETTINGS.enough, SETTINGS.slowest * (before[name] or 0.0))
+        error is not None and error > max(ENOUGH, SLOWEST * (before[name] or 0.0))
         for name, error in last.items()
     )
 
@@ -809,10 +707,11 @@ def _left(changes: list[Parts]) -> Parts:
     """What is left after changes by added modes that go on as a geometric series."""
     errors: Parts = {}
     for name in QUANTITIES:
-        last, ratio = changes[-1][name], SETTINGS.slowest
+        last, ratio = changes[-1][name], SLOWEST
         if len(changes) > 1 and last is not None:
             before = changes[-2][name] or 0.0
-            most = SETTINGS.most if last > SETTINGS.enough else SETTINGS.slowest
+            # Largest ratio that the rest is extrapolated with.
+            most = 0.75 if last > ENOUGH else SLOWEST
             ratio = min(last / before, most) if before > 0.0 else most
         errors[name] = None if last is None else _series(last, ratio)
     return errors
@@ -831,5 +730,5 @@ def _slips(system: System, modes: FloatArray) -> bool:
     """Whether the first of some modes is slip rather than motion out of contact."""
     if modes.shape[1] == 0:
         return False
-    slip = float(np.abs(system.B @ modes[:, 0]).max(initial=0.0))
+    slip = float(np.abs(system.contact.B @ modes[:, 0]).max(initial=0.0))
     return slip > 0.5 * float(np.abs(modes[:, 0]).max())

@@ -48,45 +48,21 @@ from skfem_joint.values import at_least, check
 Bounds = tuple[float, float]
 
 
-@dataclass(frozen=True)
-class FitSettings:
-    """Numbers of a fit.
-
-    Attributes
-    ----------
-    tolerance : float
-        Relative change of the sum of squares, and of the values, at which it ends.
-    evaluations : int
-        Most evaluations of the model.
-    inside : float
-        Share of the width of the bounds by which a start on a bound is moved inside.
-    level : float
-        Confidence level of intervals and bands.
-    unlikely : float
-        A sum of squares that is larger with this probability says that the model misses the data.
-    shown : float
-        Share of the largest component from which on a value belongs to an undetermined direction.
-    spread : tuple of int
-        Values of a Latin hypercube of which the best is a start: so many, and more for each key.
-    left : float
-        Decrease of the sum of squares that derivatives may promise at a minimum, over the mean
-        square of the residuals, but at least over 1.
-    halvings : int
-        Halvings of the range up to a bound, to find how far a value fits as well.
-    """
-
-    tolerance: float = 1e-6
-    evaluations: int = 60
-    inside: float = 1e-3
-    level: float = 0.95
-    unlikely: float = 0.01
-    shown: float = 0.1
-    spread: tuple[int, int] = (4, 2)
-    left: float = 0.1
-    halvings: int = 4
+#: Relative change of the sum of squares, and of the values, at which it ends.
+TOLERANCE = 1e-6
+#: Most evaluations of the model.
+EVALUATIONS = 60
+#: Share of the width of the bounds by which a start on a bound is moved inside.
+INSIDE = 1e-3
+#: Confidence level of intervals and bands.
+LEVEL = 0.95
+#: Values of a Latin hypercube of which the best is a start: so many, and more for each key.
+SPREAD = (4, 2)
+#: Decrease of the sum of squares that derivatives may promise at a minimum, over the mean square
+#: of the residuals, but at least over 1.
+LEFT = 0.1
 
 
-SETTINGS = FitSettings()
 #: Width of a profile over that of the interval.
 PROFILE = 1.3
 
@@ -288,7 +264,7 @@ class FitProblem:
             return begin, 0
         low, high = (self.inner(x)[moves] for x in (self.lowest, self.highest))
         width = np.where(np.isfinite(high - low), high - low, 1.0)
-        inside = SETTINGS.inside * width
+        inside = INSIDE * width
         first = np.clip(self.inner(begin)[moves], low + inside, high - inside)
         count = 0
 
@@ -315,12 +291,12 @@ class FitProblem:
         self._size = residuals(first).size
         found = least_squares(
             residuals, first, derivatives, (low, high), x_scale="jac",
-            ftol=SETTINGS.tolerance, xtol=SETTINGS.tolerance, gtol=None,
-            max_nfev=SETTINGS.evaluations,
+            ftol=TOLERANCE, xtol=TOLERANCE, gtol=None,
+            max_nfev=EVALUATIONS,
         )  # fmt: skip
         if found.status <= 0:
             raise ConvergenceError(
-                f"fit: the best values were not found in {SETTINGS.evaluations} evaluations; start "
+                f"fit: the best values were not found in {EVALUATIONS} evaluations; start "
                 "nearer, or narrow the bounds"
             )
         return whole(found.x), count
@@ -336,7 +312,7 @@ class FitProblem:
     def on_bound(self, vector: FloatArray) -> BoolArray:
         """Whether each entry lies on one of its bounds, (k,)."""
         x, low, high = (self.inner(v) for v in (vector, self.lowest, self.highest))
-        near = np.where(np.isfinite(high - low), 2.0 * SETTINGS.inside * (high - low), -1.0)
+        near = np.where(np.isfinite(high - low), 2.0 * INSIDE * (high - low), -1.0)
         return np.asarray(np.minimum(x - low, high - x) <= near)
 
     def decrease(self, vector: FloatArray) -> float:
@@ -362,13 +338,13 @@ class FitProblem:
 
     def doubtful(self, vector: FloatArray) -> bool:
         """Whether a minimum may not be the least."""
-        stalls = self.decrease(vector) > SETTINGS.left
+        stalls = self.decrease(vector) > LEFT
         return bool(stalls or self.misses(vector) or self.on_bound(vector).any())
 
     def spread(self) -> FloatArray:
         """Vectors of a Latin hypercube within the bounds, without offsets, (starts, k)."""
         keys = len(self.model.keys)
-        count = SETTINGS.spread[0] + SETTINGS.spread[1] * keys
+        count = SPREAD[0] + SPREAD[1] * keys
         low, high = (self.inner(x)[:keys] for x in (self.lowest, self.highest))
         shares = qmc.LatinHypercube(keys, rng=np.random.default_rng(0)).random(count)
         inner = np.tile(self.inner(self.start), (count, 1))
@@ -519,7 +495,7 @@ class Fit:
         model = self.problem.model
         return self.problem.scene.changed(single_values(model.structure, self.values))
 
-    def interval(self, name: str, level: float = SETTINGS.level) -> tuple[float, float]:
+    def interval(self, name: str, level: float = LEVEL) -> tuple[float, float]:
         """Confidence interval of a value or an offset, within its bounds."""
         k = self.problem.place(name)
         best = self.problem.inner(self.vector)[k]
@@ -543,7 +519,7 @@ class Fit:
         self,
         name: str,
         points: int = 9,
-        level: float = SETTINGS.level,
+        level: float = LEVEL,
         progress: Progress = silent,
     ) -> Profile:
         """Profile likelihood of a value or an offset over somewhat more than its interval.
@@ -599,7 +575,7 @@ class Fit:
         return float(self.problem.outer(changed)[k])
 
     def band(
-        self, predicted: PredictedCurve, level: float = SETTINGS.level
+        self, predicted: PredictedCurve, level: float = LEVEL
     ) -> tuple[FloatArray, FloatArray]:
         """Half widths of the band of a curve by the uncertainty of the values, (k,) each.
 
@@ -669,7 +645,7 @@ def solved(problem: FitProblem, progress: Progress = silent) -> Fit:
     squares, degrees = float(r @ r), r.size - vector.size
     widened, notes = _widened(squares, degrees)
     left = problem.decrease(vector)
-    if stalls := left > SETTINGS.left * widened**2:
+    if stalls := left > LEFT * widened**2:
         notes.append(
             f"The search ended where its derivatives promise a sum of squares less by {left:.3g}: "
             "the curves have a kink there, or these are not the best values. Start it from others."
@@ -704,7 +680,8 @@ def _widened(squares: float, degrees: int) -> tuple[float, list[str]]:
         return 1.0, [f"There are {-degrees} values more than samples can determine."] * (
             degrees < 0
         )
-    if squares <= chi2.isf(SETTINGS.unlikely, degrees):
+    # A sum of squares that is larger with this probability says that the model misses the data.
+    if squares <= chi2.isf(0.01, degrees):
         return 1.0, []
     factor = float(np.sqrt(squares / degrees))
     return factor, [
@@ -740,7 +717,7 @@ class _Axes:
         scale = np.where(np.isfinite(width), width, problem.sizes())
         _, size, right = np.linalg.svd(variables * scale, full_matrices=True)
         size = np.append(size, np.zeros(right.shape[0] - size.size))
-        beyond = np.flatnonzero(size <= norm.ppf(0.5 + 0.5 * SETTINGS.level))
+        beyond = np.flatnonzero(size <= norm.ppf(0.5 + 0.5 * LEVEL))
         return _Axes(right.T * scale[:, np.newaxis], size, beyond)
 
 
@@ -753,7 +730,7 @@ def _covariance(
     does not fit as well.
     """
     found, sentences = _Axes.of(problem, vector, J), list[str]()
-    factor = float(norm.ppf(0.5 + 0.5 * SETTINGS.level))
+    factor = float(norm.ppf(0.5 + 0.5 * LEVEL))
     spread = 1.0 / np.maximum(found.size, factor)
     bound = problem.on_bound(vector)
     for k in [] if stalls else found.open.tolist():
@@ -786,7 +763,7 @@ def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened
     That is while the sum of squares rises by less than the level of an interval allows.
     """
     best = problem.inner(vector)
-    most = problem.squares(vector) + widened**2 * chi2.ppf(SETTINGS.level, 1)
+    most = problem.squares(vector) + widened**2 * chi2.ppf(LEVEL, 1)
 
     def fits(x: float) -> bool:
         changed = best.copy()
@@ -796,7 +773,8 @@ def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened
     near, far = float(best[k]), float(problem.inner((problem.lowest, problem.highest)[side])[k])
     if fits(far):
         return far
-    for _ in range(SETTINGS.halvings):
+    # Halvings of the range up to a bound, to find how far a value fits as well.
+    for _ in range(4):
         middle = 0.5 * (near + far)
         near, far = (middle, far) if fits(middle) else (near, middle)
     return near
@@ -805,7 +783,8 @@ def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened
 def _names(problem: FitProblem, direction: FloatArray) -> IntArray:
     """Entries of the vector that belong to a direction of the variables, (k,), largest first."""
     size = np.round(np.abs(direction) / np.abs(direction).max(), 3)  # equal shares in given order
-    some = np.flatnonzero(size >= SETTINGS.shown)
+    # Share of the largest component from which on a value belongs to an undetermined direction.
+    some = np.flatnonzero(size >= 0.1)
     return np.asarray(some[np.argsort(-size[some], kind="stable")])
 
 

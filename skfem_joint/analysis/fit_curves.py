@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import norm
 
-from skfem_joint.analysis.fit import SETTINGS, Fit
+from skfem_joint.analysis.fit import LEVEL, Fit
 from skfem_joint.analysis.fit_model import PredictedCurve
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.arrays import FloatArray
@@ -109,4 +109,4 @@ def _band(fit: Fit, k: int, quantity: str, rates: FloatArray) -> FloatArray:
     own = np.array([float(name == offset) for name in names])
     all_rates = np.hstack([rates, np.tile(own, (rates.shape[0], 1))])
     variance = np.einsum("ki,ij,kj->k", all_rates, fit.covariance, all_rates)
-    return np.asarray(norm.ppf(0.5 + 0.5 * SETTINGS.level) * np.sqrt(np.maximum(variance, 0.0)))
+    return np.asarray(norm.ppf(0.5 + 0.5 * LEVEL) * np.sqrt(np.maximum(variance, 0.0)))

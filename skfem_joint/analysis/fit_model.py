@@ -10,15 +10,14 @@ by the level give.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import cast
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from skfem_joint.analysis.backbone import Backbone, Kept, backbone
-from skfem_joint.analysis.backbone_sensitivity import BackboneSensitivity
+from skfem_joint.analysis.backbone import Backbone, Factors
+from skfem_joint.analysis.backbone_sensitivity import BackboneSensitivity, backbone_sensitivity
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.arrays import BoolArray, FloatArray
@@ -30,40 +29,18 @@ from skfem_joint.structure.sensitivities import sensitivities
 from skfem_joint.structure.structure import Structure
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class FitModelSettings:
-    """Numbers of curves for a fit.
-
-    Attributes
-    ----------
-    most : int
-        Most levels of a curve.
-    near : float
-        Relative distance of the amplitudes of the levels from those that are wanted. Curves have
-        kinks where the first points slip: at 0.02 a kink between a level and its sample moved
-        values by two of their standard deviations, and the search took longer. Smaller distances
-        take no more curves.
-    apart : float
-        Relative distance from a single wanted amplitude of the two levels beside it, and largest
-        one of an amplitude beyond the last level.
-    trials : int
-        Most curves that are computed to get there.
-    factor : float
-        Most that a level changes from one to the next.
-    less : float
-        Share of levels that friction does not hold at which a search goes on.
-    """
-
-    most: int = 20
-    near: float = 1e-3
-    apart: float = 0.02
-    trials: int = 6
-    factor: float = 3.0
-    less: float = 0.5
-
-
-SETTINGS = FitModelSettings()
+#: Most levels of a curve.
+MOST = 20
+#: Relative distance of the amplitudes of the levels from those that are wanted. Curves have kinks
+#: where the first points slip: at 0.02 a kink between a level and its sample moved values by two
+#: of their standard deviations, and the search took longer. Smaller distances take no more
+#: curves.
+NEAR = 1e-3
+#: Relative distance from a single wanted amplitude of the two levels beside it, and largest one
+#: of an amplitude beyond the last level.
+APART = 0.02
+#: Most curves that are computed to get there.
+TRIALS = 6
 
 
 @dataclass(frozen=True)
@@ -128,7 +105,7 @@ class FitModel:
     ) -> None:
         self.structure, self.keys = structure, tuple(keys)
         self._of_system = tuple(loads), points
-        self.computed, self._kept = 0, Kept()
+        self.computed, self._factors = 0, Factors()
         self._found: dict[tuple[object, ...], list[_Found]] = {}  # the newest first
         self.start = np.array([value_of(structure, key) for key in self.keys])
         sensitivities(structure, self.keys, self.system(structure))  # refuses what cannot be
@@ -144,7 +121,7 @@ class FitModel:
 
     def let_go(self) -> None:
         """Give back the memory of the factors that are kept from one curve to the next."""
-        self._kept = Kept()
+        self._factors = Factors()
 
     def at(self, values: Sequence[float]) -> Structure:
         """Structure with the free values at the given ones."""
@@ -182,12 +159,12 @@ class FitModel:
             along = np.array(weights)
             nodes = np.unique(np.concatenate([wanted[k] for k in own]))
             if nodes.size == 1:
-                nodes = nodes * np.array([1.0 - SETTINGS.apart, 1.0 + SETTINGS.apart])
-            if nodes.size > SETTINGS.most:
-                nodes = np.geomspace(nodes[0], nodes[-1], SETTINGS.most)
+                nodes = nodes * np.array([1.0 - APART, 1.0 + APART])
+            if nodes.size > MOST:
+                nodes = np.geomspace(nodes[0], nodes[-1], MOST)
             curve = self._curve(system, at, mode, along, nodes, parameters)
             for k in own:
-                found[k] = _interpolated(curve, system, along, wanted[k])
+                found[k] = _interpolated(*curve, system, along, wanted[k])
         return [one for one in found if one is not None]
 
     def _curve(
@@ -198,8 +175,8 @@ class FitModel:
         weights: FloatArray,
         nodes: FloatArray,
         parameters: Sequence[SystemSensitivity],
-    ) -> Backbone:
-        """Backbone at amplitudes near ``nodes`` of a point, (levels,), m.
+    ) -> tuple[Backbone, BackboneSensitivity]:
+        """Backbone at amplitudes near ``nodes`` of a point, (levels,), m, and its derivatives.
 
         The levels begin as the derivatives of the curve that was found before say.
         """
@@ -207,41 +184,52 @@ class FitModel:
         known = self._found.setdefault(place, [])
         for before in known:
             if np.array_equal(before.values, values):
-                return before.curve
+                return before.curve, before.rates
         levels = (
             self._of_stuck(system, mode, weights) * nodes
             if not known
             else _rising(known[0].levels(values))
         )
-        best, found, least, refused = None, None, np.inf, np.inf
-        for trial in range(SETTINGS.trials):
+        found, least, refused = None, np.inf, np.inf
+        for trial in range(TRIALS):
             try:
-                (curve,) = self._kept.backbone(system, (mode,), levels, parameters)
+                curve, rates = self._differentiated(system, mode, levels, parameters)
             except (InputError, ConvergenceError):
                 # Levels of a stuck structure may be more than friction holds, where those of the
                 # same amplitudes with slip are not.
                 refused = levels[-1]
-                if best is None:
-                    levels = _up_to(levels, SETTINGS.less ** (trial + 1) * refused)
+                if found is None:
+                    # Share of levels that friction does not hold at which a search goes on.
+                    levels = _up_to(levels, 0.5 ** (trial + 1) * refused)
                 else:
-                    levels = _up_to(levels, np.sqrt(best.level[-1] * refused))
+                    levels = _up_to(levels, np.sqrt(found.curve.level[-1] * refused))
                 continue
             self.computed += 1
-            X, of_x = _logarithm(curve, system, weights)
+            X, of_x = _logarithm(curve, rates, system, weights)
             apart = np.log(nodes[: X.size]) - X
+            last = _Found(values, curve, rates, apart, of_x)
             if (size := float(np.abs(apart).max())) < least:
-                best, least = curve, size
-                found = _Found(values, curve, apart, of_x)
-            if size <= SETTINGS.near:
+                found, least = last, size
+            if size <= NEAR:
                 break
-            levels = _rising(_Found(values, curve, apart, of_x).levels(values))
+            levels = _rising(last.levels(values))
             if levels[-1] >= refused:
                 levels = _up_to(levels, np.sqrt(curve.level[-1] * refused))
-        if best is None:  # say why
-            (best,) = backbone(system, (mode,), levels, parameters=parameters)
-        elif found is not None:
-            known[:] = [found, *known[:1]]  # a step that is not taken leads back to the one before
-        return best
+        if found is None:  # say why
+            return self._differentiated(system, mode, levels, parameters)
+        known[:] = [found, *known[:1]]  # a step that is not taken leads back to the one before
+        return found.curve, found.rates
+
+    def _differentiated(
+        self,
+        system: System,
+        mode: int,
+        levels: FloatArray,
+        parameters: Sequence[SystemSensitivity],
+    ) -> tuple[Backbone, BackboneSensitivity]:
+        """Curve of a mode at some levels, and its derivatives; its path is given up."""
+        (curve,) = self._factors.backbone(system, (mode,), levels, keep_path=True)
+        return replace(curve, path=None), backbone_sensitivity(curve, parameters)
 
     def _of_stuck(self, system: System, mode: int, weights: FloatArray) -> float:
         """Level over the amplitude of a point with the contact stuck."""
@@ -267,25 +255,29 @@ class _Found:
     values : ndarray, shape (k,)
         Of the free keys.
     curve : Backbone
+    rates : BackboneSensitivity
+        Its derivatives.
     apart : ndarray, shape (levels,)
         Logarithm of wanted amplitudes over those of the levels.
-    rates : ndarray, shape (levels, k + 1)
+    of_apart : ndarray, shape (levels, k + 1)
         Derivatives of the logarithm of the amplitudes.
     """
 
     values: FloatArray
     curve: Backbone
+    rates: BackboneSensitivity
     apart: FloatArray
-    rates: FloatArray
+    of_apart: FloatArray
 
     def levels(self, values: FloatArray) -> FloatArray:
         """Levels of the wanted amplitudes with other values, (levels,), to first order."""
         old, positive = self.values, (self.values > 0.0) & (values > 0.0)
         ratio = np.divide(values, old, out=np.ones_like(old), where=positive)
         change = np.where(positive, old * np.log(ratio), values - old)
-        largest = np.log(SETTINGS.factor)
-        apart = self.apart - self.rates[:, :-1] @ change
-        change = np.clip(apart / self.rates[:, -1], -largest, largest)
+        # Most that a level changes from one to the next.
+        largest = np.log(3.0)
+        apart = self.apart - self.of_apart[:, :-1] @ change
+        change = np.clip(apart / self.of_apart[:, -1], -largest, largest)
         return np.asarray(self.curve.level * np.exp(change))
 
 
@@ -304,28 +296,30 @@ def _up_to(levels: FloatArray, highest: float) -> FloatArray:
 
 
 def _logarithm(
-    curve: Backbone, system: System, weights: FloatArray
+    curve: Backbone, rates: BackboneSensitivity, system: System, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Logarithm of the amplitude of a point, (levels,), and its derivatives, (levels, k + 1)."""
     moved = np.asarray(system.P @ curve.states.T).T
     along = moved @ weights
     # Derivatives of a backbone are those of the magnitudes of the named points.
     signs = np.sign(moved) * weights / along[:, np.newaxis]
-    of_points = cast("BackboneSensitivity", curve.sensitivity).displacement
-    return np.log(np.abs(along)), np.einsum("lp,lpk->lk", signs, of_points)
+    return np.log(np.abs(along)), np.einsum("lp,lpk->lk", signs, rates.displacement)
 
 
 def _interpolated(
-    curve: Backbone, system: System, weights: FloatArray, displacement: FloatArray
+    curve: Backbone,
+    rates: BackboneSensitivity,
+    system: System,
+    weights: FloatArray,
+    displacement: FloatArray,
 ) -> PredictedCurve:
     """A curve at given amplitudes, (k,), m."""
-    rates = cast("BackboneSensitivity", curve.sensitivity)
-    X, of_x = _logarithm(curve, system, weights)
+    X, of_x = _logarithm(curve, rates, system, weights)
     rises = np.append(True, X[1:] > np.maximum.accumulate(X)[:-1])  # but for errors of levels
     if np.count_nonzero(rises) < 2:
         raise ConvergenceError("fit: the amplitude of the point does not rise with the level")
     wanted = np.log(displacement)
-    at = np.clip(wanted, X[0] - SETTINGS.apart, X[-1] + SETTINGS.apart)
+    at = np.clip(wanted, X[0] - APART, X[-1] + APART)
     within = np.clip(wanted, X[0], X[-1])
     X, of_x, zeta = X[rises], of_x[rises], curve.damping_ratio[rises]
     of_zeta = rates.damping_ratio[rises] / zeta[:, np.newaxis]

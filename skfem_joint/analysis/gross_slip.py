@@ -9,6 +9,7 @@ import numpy as np
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.slips import WHOLE_SHARE
+from skfem_joint.stepping.levels import Level
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
 
@@ -18,10 +19,6 @@ class GrossSlipSettings:
 
     Attributes
     ----------
-    still : float
-        Points whose slip is below this share of the largest slip count as sticking. In dense
-        systems, which have fewer unknowns than points, points cannot stick exactly: there the share
-        is a thousandth.
     above : float
         The search begins this much, relative, above the load at which the forces on the stuck
         joint add up to its limit.
@@ -31,16 +28,12 @@ class GrossSlipSettings:
         Most trials, up to 190 times the first load.
     near : float
         Where friction alone holds, the level is found to this, relative.
-    below : float
-        Share of the load of limit analysis up to which joints are looked at one by one.
     """
 
-    still: float = 1e-9
     above: float = 0.01
     raised: float = 1.3
     trials: int = 20
     near: float = 0.02
-    below: float = 0.98
 
 
 SETTINGS = GrossSlipSettings()
@@ -48,7 +41,10 @@ SETTINGS = GrossSlipSettings()
 
 def still_share(path: QuasiStatic) -> float:
     """Share of the largest slip below which a point of a path counts as sticking."""
-    return THRESHOLD if path.to.kind == "dense" else SETTINGS.still
+    # Points whose slip is below this share of the largest slip count as sticking. In dense
+    # systems, which have fewer unknowns than points, points cannot stick exactly: there the share
+    # is a thousandth.
+    return THRESHOLD if path.to.kind == "dense" else 1e-9
 
 
 def sticking_share(path: QuasiStatic, slip: FloatArray, sliding: FloatArray | None = None) -> float:
@@ -57,7 +53,7 @@ def sticking_share(path: QuasiStatic, slip: FloatArray, sliding: FloatArray | No
     ``sliding``, (m,), m, is that of the sliders, if some have springs in series.
     """
     own = slip if sliding is None else sliding
-    return path.to.system.least_share(own <= still_share(path) * slip.max(initial=0.0))
+    return path.to.system.contact.least_share(own <= still_share(path) * slip.max(initial=0.0))
 
 
 def is_gross(sticking: float) -> bool:
@@ -104,12 +100,20 @@ def gross_slip_level(
     balanced = force - system.stuck_stiffness @ stuck
     # A dense system has more slip rows than unknowns: the smallest forces that hold it are taken.
     dense = path.to.kind == "dense"
-    rows = np.linalg.lstsq(as_dense(system.B).T, balanced)[0] if dense else system.B @ balanced
-    forces = system.slip_norm(np.asarray(rows, dtype=float))
-    if system.has_springs:  # points may share an unknown, and each has the force of its spring
-        stretched = system.spring_constants * system.slip_norm(np.asarray(system.B @ stuck))
-        forces = np.where(system.sprung, stretched, forces)
-    by_joint, limits = system.J @ forces, system.J @ system.w
+    rows = (
+        np.linalg.lstsq(as_dense(system.contact.B).T, balanced)[0]
+        if dense
+        else system.contact.B @ balanced
+    )
+    forces = system.contact.slip_norm(np.asarray(rows, dtype=float))
+    if (
+        system.contact.has_springs
+    ):  # points may share an unknown, and each has the force of its spring
+        stretched = system.contact.spring_constants * system.contact.slip_norm(
+            np.asarray(system.contact.B @ stuck)
+        )
+        forces = np.where(system.contact.sprung, stretched, forces)
+    by_joint, limits = system.contact.J @ forces, system.contact.J @ system.contact.w
     loaded = (by_joint > 0.0) & (limits > 0.0)
     if not loaded.any():
         return limit
@@ -132,40 +136,44 @@ class _Search:
     path: QuasiStatic
     force: FloatArray
 
-    def sticking(
-        self, level: float, start: tuple[FloatArray, ...]
-    ) -> tuple[float, tuple[FloatArray, ...]]:
-        """Least share of a joint's limit that sticks at a level, and the state and force there."""
-        system, load = self.path.to.system, level * self.force
+    def sticking(self, level: float, start: tuple[float, Level]) -> tuple[float, Level]:
+        """Least share of a joint's limit that sticks at a level, and the state there.
+
+        ``start`` are a level and the state there.
+        """
+        system = self.path.to.system
         self.path.tally.total += 1
-        u = self.path.follow(load[np.newaxis], limit_share=np.inf, start=start)[0]
-        rows, sigma = system.B @ u, self.path.friction_of(0)
-        both = [system.slip_norm(x) for x in (rows, system.slider_slip(rows, sigma))]
-        return sticking_share(self.path, *both), (u, load, *([sigma] if system.has_springs else []))
+        (way,) = self.path.walk(start[1], self.force, np.array([start[0], level]))
+        reached = way[-1][1]
+        sliders = reached.slip - system.contact.spring_flexibility * reached.friction
+        both = system.contact.slip_norm(reached.slip), system.contact.slip_norm(sliders)
+        return sticking_share(self.path, *both), reached
 
     def held(self, nominal: float) -> float:
         """Level where supports carry a part of the load."""
         level, sticking = nominal * (1.0 + SETTINGS.above), 1.0
-        state: tuple[FloatArray, ...] = 0.0 * self.force, 0.0 * self.force
+        start = 0.0, self.path.rest()
         for _ in range(SETTINGS.trials):
             last = sticking
-            sticking, state = self.sticking(level, state)
+            sticking, reached = self.sticking(level, start)
             if is_gross(sticking):
                 if last == 1.0:  # at the first trial, or from all sticking to none
                     return nominal
                 beyond = (1.0 - WHOLE_SHARE - sticking) / (last - sticking)
                 return float(level * SETTINGS.raised**-beyond)
+            start = level, reached
             level *= SETTINGS.raised
         # The basis of a dense system may not let a joint slip so far.
         return nominal
 
     def free(self, nominal: float, limit: float, raised: bool) -> float:
         """Level where friction alone holds, up to ``limit``."""
-        state: tuple[FloatArray, ...] = 0.0 * self.force, 0.0 * self.force
-        low, high, last = 0.0, limit, SETTINGS.below * limit
+        state = self.path.rest()
+        # Share of the load of limit analysis up to which joints are looked at one by one.
+        low, high, last = 0.0, limit, 0.98 * limit
         level = min(nominal * (1.0 + SETTINGS.above), last)
         for _ in range(SETTINGS.trials):
-            sticking, reached = self.sticking(level, state)
+            sticking, reached = self.sticking(level, (low, state))
             if is_gross(sticking):
                 high = level
             elif level == last:

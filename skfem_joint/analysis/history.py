@@ -22,26 +22,10 @@ GAINED = 100.0
 QUANTITIES = ("displacement_rms", "peak_displacement", "friction_energy", "loop_energy")
 
 
-@dataclass(frozen=True)
-class Slipping:
-    """When a point counts as slipping under the regularised law, under which all points creep.
-
-    Attributes
-    ----------
-    share : float
-        It slips while it is faster than this share of its own largest velocity.
-    grey, grey_reduced : float
-        A point always sticks if its own largest velocity is below this share of the largest
-        velocity of all points. ``grey_reduced`` is the share for reduced models, in which points
-        that should stick still move a little.
-    """
-
-    share: float = 0.05
-    grey: float = 1e-3
-    grey_reduced: float = 1e-2
-
-
-SLIPPING = Slipping()
+#: A point always sticks under the regularised law if its own largest velocity is below this share
+#: of the largest velocity of all points; the second is that for reduced models, in which points
+#: that should stick still move a little.
+GREY, GREY_REDUCED = 1e-3, 1e-2
 
 
 def hysteresis_loop(
@@ -60,12 +44,12 @@ def hysteresis_loop(
     return u, f
 
 
-def slip_state(slip_velocity: FloatArray, beta: FloatArray, grey: float = SLIPPING.grey) -> States:
+def slip_state(slip_velocity: FloatArray, beta: FloatArray, grey: float = GREY) -> States:
     """1 where a contact point slips, 0 where it sticks.
 
     Under set-valued Coulomb friction a sticking point has exactly zero velocity. Under the
     regularised law every point creeps, and its friction may stay near the limit while it does, so
-    that the velocity decides, see `Slipping`.
+    that the velocity decides.
 
     Parameters
     ----------
@@ -74,11 +58,12 @@ def slip_state(slip_velocity: FloatArray, beta: FloatArray, grey: float = SLIPPI
     beta : ndarray, shape (m,)
         Steepness of each point's law, s/m.
     grey : float
-        See `Slipping`.
+        See `GREY`.
     """
     speed = np.abs(slip_velocity)
     own = speed.max(axis=0, initial=0.0)
-    limit = np.where(np.isinf(beta), 0.0, SLIPPING.share * own)
+    # It slips while it is faster than this share of its own largest velocity.
+    limit = np.where(np.isinf(beta), 0.0, 0.05 * own)
     active = np.isinf(beta) | (own > grey * own.max(initial=0.0))
     return np.asarray((speed > limit) & active, dtype=np.int8)
 

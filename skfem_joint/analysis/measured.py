@@ -43,23 +43,9 @@ from skfem_joint.analysis.measured_table import (
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import ConvergenceError, InputError, closest, first_of
 
-
-@dataclass(frozen=True)
-class MeasuredSettings:
-    """What is assumed of measurements that do not say how sure they are.
-
-    Attributes
-    ----------
-    frequency_deviation, damping_deviation : float
-        Standard deviation over the value. Frequencies repeat to about this from test to test with
-        the same bolts; of dampings, even careful tests repeat to some percent.
-    """
-
-    frequency_deviation: float = 1e-4
-    damping_deviation: float = 0.05
-
-
-SETTINGS = MeasuredSettings()
+#: Standard deviations over the values where nothing is said. Frequencies repeat to about this from
+#: test to test with the same bolts; of dampings, even careful tests repeat to some percent.
+_ASSUMED = {"frequency": 1e-4, "damping": 0.05}
 
 
 @dataclass(frozen=True)
@@ -147,37 +133,32 @@ class MeasuredCurve:
             If the system has no such point, or several and none is given, or the direction does
             not fit.
         """
-        names, where = [*points], f"{self.name}: point"
-        shown, vector = first_of(names, 20), np.zeros(3)
+        names, shown = [*points], first_of([*points], 20)
         point = self.point or (names[0] if len(names) == 1 else "")
-        rows = [names.index(row) for c in "xyz" if (row := f"{point}.{c}") in names]
-        if not point:
-            raise InputError(f"{where}: not given, must be one of {shown}")
+        vector = np.ones(1) if self.direction is None else self.direction
+        rows = [row for c in "xyz" if (row := f"{point}.{c}") in names]
         if point in names and (self.direction is None or not rows):  # a load may have its name
-            rows, vector[0] = [names.index(point)], 1.0
-            if self.direction is not None and np.any(self.direction[1:]):
-                raise InputError(
-                    f"{where}: found {point!r} and a direction, must be one row alone; leave the "
-                    "direction out"
-                )
+            rows = [point]
+        problem = ""
+        if not point:
+            problem = f"not given, must be one of {shown}"
         elif not rows:
-            raise InputError(
-                f"{where}: found {point!r}, must be one of {shown}{closest(point, names)}"
+            problem = f"found {point!r}, must be one of {shown}{closest(point, names)}"
+        elif self.direction is None and rows != [point]:
+            problem = (
+                f"found {point!r} without a direction; give direction, such as x, or one of "
+                f"{', '.join(rows)} as the point"
             )
-        elif self.direction is None:
-            raise InputError(
-                f"{where}: found {point!r} without a direction; give direction, such as x, or one "
-                f"of {', '.join(names[row] for row in rows)} as the point"
+        elif np.any(vector[len(rows) :]):
+            problem = (
+                f"found {point!r} and direction {vector.tolist()}, must be of as many components "
+                f"as the system has there, {', '.join(rows)}"
             )
-        else:
-            vector[: self.direction.size] = self.direction
-        if np.any(vector[len(rows) :]):
-            raise InputError(
-                f"{where}: found direction {vector.tolist()}, must be of {len(rows)} components, "
-                "as the structure has"
-            )
+        if problem:
+            raise InputError(f"{self.name}: point: {problem}")
         weights = np.zeros(len(names))
-        weights[rows] = vector[: len(rows)]
+        for row, share in zip(rows, vector, strict=False):
+            weights[names.index(row)] = share
         return weights
 
 
@@ -343,7 +324,7 @@ def _curve(
     return MeasuredCurve(
         name=head.name or Path(samples.where).name,
         point=head.point,
-        direction=head.direction,
+        direction=None if head.direction is None else np.array(head.direction),
         mode=head.mode,
         quantity=quantity,
         amplitude=raw[rise] * AMPLITUDES[quantity][unit] * (0.5 if head.peak_to_peak else 1.0),
@@ -364,7 +345,7 @@ def _deviation(samples: Samples, name: str, share: float | None) -> tuple[FloatA
     deviation = samples.in_si(f"{name}_deviation") if share is None else np.full(value.size, np.nan)
     missing = ~np.isnan(value) & np.isnan(deviation)
     if share is None and missing.any():
-        share = float(getattr(SETTINGS, f"{name}_deviation"))
+        share = _ASSUMED[name]
         notes = [
             f"standard deviations of the {name} of {missing.sum()} samples are not given; "
             f"{100.0 * share:g} % of each value is assumed. State relative_{name}_deviation if "

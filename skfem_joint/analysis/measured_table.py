@@ -1,7 +1,7 @@
 """Tables of measured curves and signals: columns with units, and comments that say what it is of.
 
 A column is one of `COLUMNS`, alone or with a unit: ``amplitude``, ``amplitude (mm)`` or
-``amplitude [mm]``. A comment ``# key: value`` states a key of `KEYS`, which are arguments of
+``amplitude [mm]``. A comment ``# key: value`` states a key of `Head`, which are arguments of
 :func:`skfem_joint.measured_curve` too; other comments are remarks. Columns and keys of other names
 are refused.
 """
@@ -14,17 +14,18 @@ import math
 import re
 import unicodedata
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
-from skfem_joint.analysis.damping_curve import DERIVATIVES
 from skfem_joint.arrays import FloatArray, IntArray, as_real
-from skfem_joint.errors import InputError, closest, refuse
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
+from skfem_joint.scene.messages import mistake, sentences
+from skfem_joint.scene.values import Count, Positive, SceneTable, has_no_repeats, key
 from skfem_joint.text_tables import Mistakes, number_in, rows_of
 
 _log = logging.getLogger(__name__)
@@ -239,125 +240,63 @@ def check_samples(samples: Samples) -> None:
         raise InputError(f"{samples.where}: found {count} rows of values, must be at least 3")
 
 
-@dataclass(frozen=True)
-class Head:
-    """What a measured curve is of.
-
-    Attributes
-    ----------
-    name : str, optional
-    point : str
-        Empty if not given.
-    direction : ndarray, shape (1,), (2,) or (3,), optional
-        Unit vector.
-    quantity : str, optional
-        Of `DERIVATIVES`.
-    unit : str, optional
-        Of the amplitude.
-    peak_to_peak : bool
-        Whether amplitudes are the whole of peak to peak rather than half.
-    mode : int
-        From 1.
-    offset : tuple of str
-        Of `OFFSETS` those that are known up to a constant.
-    lowest, highest : float
-        Range of amplitudes that is fitted, in the unit of the data.
-    relative_frequency_deviation, relative_damping_deviation : float, optional
-        Standard deviations as shares of the values.
-    frequency : float, optional
-        About that of the mode of a decay, Hz.
-    """
-
-    name: str | None = None
-    point: str = ""
-    direction: FloatArray | None = None
-    quantity: str | None = None
-    unit: str | None = None
-    peak_to_peak: bool = False
-    mode: int = 1
-    offset: tuple[str, ...] = ()
-    lowest: float = 0.0
-    highest: float = math.inf
-    relative_frequency_deviation: float | None = None
-    relative_damping_deviation: float | None = None
-    frequency: float | None = None
+def _unit(text: str) -> str:
+    if _plain(text) not in _ANY_AMPLITUDE:
+        raise mistake(f"found {text!r}, must be one of {', '.join(_ANY_AMPLITUDE)}")
+    return _plain(text)
 
 
-class _WrongError(ValueError):
-    """What a value must be."""
-
-
-def _text(text: str) -> str:
-    if not text:
-        raise _WrongError("a name")
-    return text
-
-
-def _direction(text: str) -> FloatArray:
+def _direction(text: str) -> tuple[float, ...]:
     axes = {"x": "1, 0, 0", "y": "0, 1, 0", "z": "0, 0, 1"}
     parts = re.split(r"[,\s]+", axes.get(text, text).strip("[]() "))
     vector = np.array([number_in(part) for part in parts], dtype=float)  # nan of no number
     size = float(np.abs(vector).max())
     if not (0.0 < size < math.inf and vector.size <= 3):
-        raise _WrongError("x, y, z, or up to three finite numbers not all 0, as in 0, 1, 1")
-    return np.asarray(vector / size / np.linalg.norm(vector / size))
+        must = "x, y, z, or up to three finite numbers not all 0, as in 0, 1, 1"
+        raise mistake(f"found {text!r}, must be {must}")
+    return tuple((vector / size / np.linalg.norm(vector / size)).tolist())
 
 
-def _one_of(names: Sequence[str], plain: Callable[[str], str] = str) -> Callable[[str], str]:
-    def read(text: str) -> str:
-        if plain(text) not in names:
-            raise _WrongError(f"one of {', '.join(names)}")
-        return plain(text)
-
-    return read
+def _share(text: str) -> Any:
+    number = number_in(text.removesuffix("%"))
+    return text if number is None else number / (100.0 if text.endswith("%") else 1.0)
 
 
-def _truth(text: str) -> bool:
-    return _one_of(("true", "false"), str.casefold)(text) == "true"
+_Text = Annotated[str, Field(min_length=1)]
+_Share = Annotated[float | None, BeforeValidator(_share), Field(gt=0, le=1)]
+_Offsets = Annotated[
+    tuple[Literal["frequency", "damping"], ...],
+    BeforeValidator(lambda text: [word for word in re.split(r"[,\s]+", text) if word != "none"]),
+    AfterValidator(has_no_repeats),
+]
 
 
-def _offset(text: str) -> tuple[str, ...]:
-    names = {*re.split(r"[,\s]+", text)} - {"none"}
-    if not names <= {*OFFSETS}:
-        raise _WrongError(f"one or both of {', '.join(OFFSETS)}, or none")
-    return tuple(name for name in OFFSETS if name in names)
+class Head(SceneTable):
+    """What a measured curve is of; values are read from texts."""
 
+    model_config = ConfigDict(strict=False)
 
-def _mode(text: str) -> int:
-    if not re.fullmatch(r"0*[1-9]\d{0,8}", text):
-        raise _WrongError("a whole number >= 1")
-    return int(text)
-
-
-def _number(least: float, most: float, must: str) -> Callable[[str], float]:
-    def read(text: str) -> float:
-        number = number_in(text.removesuffix("%") if "%" in must else text)
-        number = math.nan if number is None else number / (100.0 if text.endswith("%") else 1.0)
-        if not least <= number <= most:
-            raise _WrongError(must)
-        return number
-
-    return read
-
-
-_BOUND = _number(0.0, 1e300, "a finite number >= 0")
-_SHARE = _number(1e-300, 1.0, "a share of the value above 0 and at most 1, or percent, as in 5 %")
-#: Keys of the head and arguments, by what reads their text.
-KEYS: Mapping[str, Callable[[str], Any]] = {
-    "name": _text,
-    "point": _text,
-    "direction": _direction,
-    "quantity": _one_of([*DERIVATIVES]),
-    "unit": _one_of([*_ANY_AMPLITUDE], _plain),
-    "peak_to_peak": _truth,
-    "mode": _mode,
-    "offset": _offset,
-    "lowest": _BOUND,
-    "highest": _BOUND,
-    "relative_frequency_deviation": _SHARE,
-    "relative_damping_deviation": _SHARE,
-    "frequency": _number(1e-300, 1e300, "> 0 and finite, in Hz"),
-}
+    name: _Text | None = key("name of the curve", None)
+    point: _Text = key("point that was measured", "")
+    direction: Annotated[tuple[float, ...], BeforeValidator(_direction)] | None = key(
+        "unit vector along which it was measured", None
+    )
+    quantity: Literal["displacement", "velocity", "acceleration"] | None = key(
+        "what the amplitude is of", None
+    )
+    unit: Annotated[str, AfterValidator(_unit)] | None = key("unit of the amplitude", None)
+    peak_to_peak: bool = key("amplitudes are the whole of peak to peak, not half", False)
+    mode: Count = key("number of the mode", 1)
+    offset: _Offsets = key("what is known up to a constant", ())
+    lowest: float = key("lowest amplitude that is fitted, in the unit of the data", 0.0, ge=0)
+    highest: float = key("highest amplitude that is fitted", math.inf, ge=0)
+    relative_frequency_deviation: _Share | None = key(
+        "share of the values, or percent, as in 5 %", None
+    )
+    relative_damping_deviation: _Share | None = key(
+        "share of the values, or percent, as in 5 %", None
+    )
+    frequency: Positive | None = key("about that of the mode of a decay, Hz", None)
 
 
 def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
@@ -366,6 +305,15 @@ def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
         stated = re.fullmatch(r"\s*#+\s*([A-Za-z_][\w -]*?)\s*:\s*([^#]*?)\s*(?:#.*)?\s*", line)
         if stated is not None:
             yield f"{path}: line {number}", stated[1].casefold(), stated[2]
+
+
+def _read(values: Mapping[str, str], places: Mapping[str, str]) -> tuple[dict[str, Any], list[str]]:
+    """Values of keys from their texts, and what is wrong with them by their places."""
+    try:
+        return Head(**values).model_dump(exclude_unset=True), []  # type: ignore[arg-type]
+    except ValidationError as error:
+        wrong = [(places[str(each["loc"][0])], each) for each in error.errors()]
+        return {}, [f"{place}: {line}" for place, each in wrong for line in sentences(each, Head)]
 
 
 def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
@@ -377,47 +325,34 @@ def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
         If keys or arguments are unknown or wrong; all of them at once.
     """
     problems: list[str] = []
-    keys = [key for key in KEYS if key not in ("lowest", "highest")] + ["fit"]
-    values: dict[str, Any] = {}
-    arguments: dict[str, Any] = {}
-
-    def read(into: dict[str, Any], place: str, key: str, value: Any) -> None:
-        listed = isinstance(value, list | tuple | np.ndarray)
-        text = ", ".join(map(str, value)) or "none" if listed else str(value).strip()
-        try:
-            into[key] = KEYS[key](text)
-        except _WrongError as error:
-            problems.append(f"{place}: {key}: found {repr(value)[:60]}, must be {error}")
-
-    seen = set()
-    for place, key, text in samples.stated:
-        if key in seen:
-            problems.append(f"{place}: found {key!r} again, must be once")
-        elif key not in keys:
-            problems.append(
-                f"{place}: found key {key!r}, must be one of {', '.join(keys)}{closest(key, keys)} "
-                "(write a remark without a colon)"
-            )
-        elif key != "fit":
-            read(values, place, key, text)
-        elif (bounds := re.fullmatch(r"(.*?)(?<!\.)\.\.(?!\.)(.*)", text)) and any(bounds.groups()):
-            for name, bound in zip(("lowest", "highest"), bounds.groups(), strict=True):
-                if bound:
-                    read(values, place, name, bound.strip())
+    places: dict[str, str] = {}
+    values: dict[str, str] = {}
+    for place, name, text in samples.stated:
+        bounds = re.fullmatch(r"(.*?)(?<!\.)\.\.(?!\.)(.*)", text) if name == "fit" else None
+        if name in places:
+            problems.append(f"{place}: found {name!r} again, must be once")
+        elif name != "fit":
+            values[name] = text
+        elif bounds and any(bounds.groups()):
+            pairs = zip(("lowest", "highest"), map(str.strip, bounds.groups()), strict=True)
+            values |= {end: bound for end, bound in pairs if bound}
+            places |= dict.fromkeys(("lowest", "highest"), place)
         else:
             problems.append(
                 f"{place}: fit: found {text!r}, must be a range of amplitudes in the unit of the "
                 "data, as in 0.5..10, or 0.5.. or ..10"
             )
-        seen.add(key)
-    for key, value in given.items():
-        if key not in KEYS:
-            problems.append(
-                f"measured_curve: found argument {key!r}, must be one of {', '.join(KEYS)}"
-                f"{closest(key, KEYS)}"
-            )
-        elif value is not None:
-            read(arguments, "measured_curve", key, value)
+        places[name] = place
+    of_file, wrong = _read(values, places)
+    texts = {
+        name: ", ".join(map(str, value)) or "none"
+        if isinstance(value, list | tuple | np.ndarray)
+        else str(value).strip()
+        for name, value in given.items()
+        if value is not None
+    }
+    arguments, more = _read(texts, dict.fromkeys(texts, "measured_curve"))
+    problems += wrong + more
     problems += [
         f"{samples.where}: found both column '{name}_deviation' and key "
         f"'relative_{name}_deviation', must be one of them"
@@ -425,7 +360,7 @@ def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
         if f"{name}_deviation" in samples.columns and f"relative_{name}_deviation" in values
     ]
     refuse(problems)
-    head = Head(**(values | arguments))
+    head = Head.model_construct(**(of_file | arguments))
     if head.lowest > head.highest:
         raise InputError(
             f"{samples.where}: found a range of amplitudes from {head.lowest:g} to "

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.analysis.stuck import Stuck
+from skfem_joint.analysis.stuck import Stuck, StuckMode
 from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.sensitivity import SystemSensitivity
@@ -41,11 +41,11 @@ def stuck_stiffness_rates(
     system: System, parameters: Sequence[SystemSensitivity]
 ) -> list[Matrix | None]:
     """Derivatives of `System.stuck_stiffness`, (n, n), N/m; None where it does not change."""
-    B, rates = sparse.csr_array(system.B), list[Matrix | None]()
+    B, rates = sparse.csr_array(system.contact.B), list[Matrix | None]()
     for parameter in parameters:
         K = parameter.K
-        if parameter.stiffness is not None and system.has_springs:
-            k = system.on_rows(np.where(system.sprung, parameter.stiffness, 0.0))
+        if parameter.stiffness is not None and system.contact.has_springs:
+            k = system.contact.on_rows(np.where(system.contact.sprung, parameter.stiffness, 0.0))
             springs = sparse.csr_array(B.T @ sparse.diags_array(k) @ B)
             K = springs if K is None else K + springs
         rates.append(K)
@@ -53,26 +53,15 @@ def stuck_stiffness_rates(
 
 
 def mode_rates(
-    system: System,
-    frequencies: FloatArray,
-    shapes: FloatArray,
-    place: int,
-    parameters: Sequence[SystemSensitivity],
-    stuck: Stuck | None = None,
+    mode: StuckMode, parameters: Sequence[SystemSensitivity]
 ) -> tuple[FloatArray, FloatArray]:
     """Derivatives of a frequency, (k,), Hz, and of its mode, (n, k), with the contact stuck.
 
     Parameters
     ----------
-    system : System
-    frequencies, shapes : ndarray, shape (modes,) and (n, modes)
-        Lowest modes, as `Stuck.modes` returns them.
-    place : int
-        Which of them.
+    mode : StuckMode
     parameters : sequence of SystemSensitivity
-        k of them, in the unknowns of the system.
-    stuck : Stuck, optional
-        Of the system, whose factor is used again.
+        k of them, in the unknowns of the mode's system.
 
     Raises
     ------
@@ -82,7 +71,8 @@ def mode_rates(
     ConvergenceError
         If the shape's derivative is not found.
     """
-    values, phi, M = (2.0 * np.pi * frequencies) ** 2, shapes[:, place], system.M
+    system, frequencies, shapes = mode.stuck.system, mode.frequencies, mode.shapes
+    values, phi, M, place = (2.0 * np.pi * frequencies) ** 2, mode.shape, system.M, mode.number - 1
     rates = stuck_stiffness_rates(system, parameters)
     of_value = np.zeros(len(rates))
     of_shape = np.zeros((system.n, len(rates)))
@@ -108,23 +98,16 @@ def mode_rates(
     rest = right - (M @ shapes) @ along
     sized = np.abs(rest).max(axis=0) > ROUND_OFF * np.abs(pushed).max(axis=0)
     of_shape[:, changes] = shapes @ known + _higher(
-        system, values[place], shapes, np.where(sized, rest, 0.0), stuck
+        mode.stuck, values[place], shapes, np.where(sized, rest, 0.0)
     )
     omega = 2.0 * np.pi * frequencies[place]
     return of_value / (2.0 * omega) / (2.0 * np.pi), of_shape
 
 
-def _higher(
-    system: System,
-    value: float,
-    shapes: FloatArray,
-    right: FloatArray,
-    stuck: Stuck | None,
-) -> FloatArray:
+def _higher(stuck: Stuck, value: float, shapes: FloatArray, right: FloatArray) -> FloatArray:
     """Solution x of (K - value M) x = right among modes beyond the ``shapes``, (n, k)."""
     if not np.any(right):
         return np.zeros_like(right)
-    stuck = stuck or Stuck(system)
     solve, shift = stuck.solver
     Y, right = stuck.F.T @ shapes, stuck.F.T @ right
     return np.asarray(stuck.F @ _fixed_point(solve, stuck.M, value + shift, Y, right))

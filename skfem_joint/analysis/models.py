@@ -66,14 +66,16 @@ class Model:
         """
         if self.basis is not None:
             return self.basis.history.slip_peak
-        shares = self.run.system.shares
+        shares = self.run.system.contact.shares
         return self.run.slip_peak if shares is None else (shares > 0.0).T @ self.run.slip_peak
 
     def slider_peak(self, system: System) -> FloatArray:
         """Largest slip of each slider of the full ``system``, as `slip_peak`, (m,), m."""
-        if system.opening is None or not system.has_springs:
-            return system.slider_peak(self.slip_peak)
-        shares = self.run.system.shares  # of full and condensed models, which alone have these
+        if not system.contact.opens or not system.contact.has_springs:
+            return system.contact.slider_peak(self.slip_peak)
+        shares = (
+            self.run.system.contact.shares
+        )  # of full and condensed models, which alone have these
         return self.run.slider_peak if shares is None else self.run.slider_peak @ shares
 
     @property

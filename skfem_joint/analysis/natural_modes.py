@@ -89,9 +89,11 @@ def natural_modes(
     check("count", count, COUNT)
     if joints not in ("loose", "stuck"):
         raise InputError(f"joints: found {joints!r}, must be 'loose' or 'stuck'")
-    if system.opening is not None:
+    if system.contact.opens:
         closed = natural_modes(system.closed(), count, joints=joints)
-        return NaturalModes(closed.frequencies, system.opening.closed_motions() @ closed.modes)
+        return NaturalModes(
+            closed.frequencies, system.contact.normal.closed_motions() @ closed.modes
+        )
     stuck = joints == "stuck"
     K, M = (sparse.csr_array(A) for A in (system.stuck_stiffness if stuck else system.K, system.M))
     if not stuck:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from skfem_joint.analysis.condensed_reference import SETTINGS as REFERENCE
+from skfem_joint.analysis.condensed_reference import MODES
 from skfem_joint.analysis.estimate import (
     Estimate,
     Steps,
@@ -69,7 +69,7 @@ def of_condensed(
     """
     small = is_small(system, plan)
     kept = condensed_basis(system, 0).V.shape[1]
-    modes = max(REFERENCE.modes, 2 * (basis.V.shape[1] - kept))
+    modes = max(MODES, 2 * (basis.V.shape[1] - kept))
     V = basis.V if plan.quasi_static else condensed_basis(system, modes).V
     if V.shape[1] <= basis.V.shape[1]:
         verify = Verification(progress, run)
@@ -91,7 +91,7 @@ def of_reduced(
 
     Parameters and errors are those of `of_condensed`.
     """
-    modes = 0 if plan.quasi_static else REFERENCE.modes
+    modes = 0 if plan.quasi_static else MODES
     better = condensed_system(system, condensed_basis(system, modes).V)
     return _estimated(
         run, plan, better, True, (Verification(progress, run), Verification(progress))
@@ -127,5 +127,5 @@ def _estimated(
         total = at_least(total, truth, base, of_basis, of_steps)
     parts = {"basis": added(of_basis, left), "time_step": of_steps, "total": total}
     rest = steps.left["friction_energy"] or 0.0
-    joints = joint_differences(truth, base, run.system.joints, rest)
+    joints = joint_differences(truth, base, run.system.contact.joints, rest)
     return Estimate(parts, by_joint=joints)

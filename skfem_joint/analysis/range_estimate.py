@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 from skfem_joint.analysis.estimate import Estimate, added, verification_run
 from skfem_joint.analysis.history import difference, extrapolation, results
+from skfem_joint.analysis.range_modes import served_by
 from skfem_joint.errors import InputError
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip
 from skfem_joint.stepping.plan import Plan
@@ -41,8 +42,8 @@ def of_range(run: Run, plan: Plan, progress: Callable[..., None] | None = None) 
     KeyboardInterrupt
         If a verification run is interrupted.
     """
-    serves = run.system.serves
-    if serves is None or serves.point is None:
+    serves = served_by(run.system)
+    if serves.point is None:
         raise InputError("estimate: found a run of no point of a range; take one by sj.at")
     check_short_of_gross_slip(run)
     base = results(run)

@@ -1,9 +1,12 @@
-"""What a model for a range does for backbones and ring-downs: which modes, how far, and its errors.
+"""A model for a range in backbones, ring-downs and responses: how far it serves, and its errors.
 
 Modes of such a model hold what its loads excite, with the contact stuck and slipping, up to the
 highest frequency and slip of its range. A mode of the structure beyond that, or a higher level, is
 refused. Errors are the distance from the larger model that it carries, times the factor that was
 found where the model was made.
+
+How much slips in steady vibration is judged by that vibration itself: the load that makes a joint
+slip as a whole within some cycles from rest is another one.
 """
 
 from __future__ import annotations
@@ -15,12 +18,19 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.errors import InputError, refuse
-from skfem_joint.reduction.ranges.points import point_of
+from skfem_joint.reduction.ranges.points import check_within, point_of
 from skfem_joint.served import Point, Served
 from skfem_joint.system import System
 
 #: Levels may pass the highest slip of a range by this, relative, which is round-off.
 _NEAR = 1e-9
+
+
+def served_by(system: System) -> Served:
+    """What a model for a range carries; InputError for any other system."""
+    if system.serves is None:
+        raise InputError("range: found a model that serves no range")
+    return system.serves
 
 
 def check_whole(system: System, what: str) -> None:
@@ -69,11 +79,8 @@ def check_modes(
 
 def ringing(system: System, frequency: float) -> System:
     """Model for a range, with the law that resolves the least slip at a frequency (Hz)."""
-    serves = system.serves
-    if serves is None:
-        return system
-    point = Point(frequency, 1.0, {}, serves.range.slip[0])
-    return point_of(system, point, np.ones(len(system.joints)))
+    point = Point(frequency, 1.0, {}, served_by(system).range.slip[0])
+    return point_of(system, point, np.ones(len(system.contact.joints)))
 
 
 def distances(serves: Served, curve: Any, larger: Any) -> dict[str, float]:
@@ -99,8 +106,15 @@ def distances(serves: Served, curve: Any, larger: Any) -> dict[str, float]:
 
 def alone(system: System) -> System:
     """The larger model of a model for a range, of the whole range."""
-    serves = system.serves
-    if serves is None:
-        raise InputError("range: found a model that serves no range")
-    larger: System = serves.larger
+    larger: System = served_by(system).larger
     return replace(larger, serves=None)
+
+
+def steady_in_range(system: System, frequency: float, level: float) -> System:
+    """Model for a range at one frequency (Hz) and level, whose share of slip is not known.
+
+    InputError if the frequency is outside the range.
+    """
+    factors = np.ones(len(system.contact.joints))
+    check_within(system, frequency, factors)
+    return point_of(system, Point(frequency, level, {}), factors)

@@ -19,11 +19,9 @@ from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from skfem_joint.analysis.expected_points import Expected
 from skfem_joint.analysis.history import relative
 from skfem_joint.analysis.peaks import parabola_vertex
-from skfem_joint.analysis.range_modes import check_whole
-from skfem_joint.analysis.range_response import larger_at, steady_in_range
+from skfem_joint.analysis.range_modes import alone, check_whole, served_by, steady_in_range
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, GrossSlipError, InputError
@@ -43,45 +41,11 @@ _log = logging.getLogger(__name__)
 State = tuple[FloatArray, FloatArray]
 
 
-@dataclass(frozen=True)
-class ResponseSettings:
-    """Numbers of frequency responses.
-
-    Attributes
-    ----------
-    harmonics : int
-        Harmonics of the steady vibration that results report.
-    most_added : int
-        Most frequencies that are added to those asked for, of each curve.
-    steep : float
-        A frequency is added between two whose amplitudes differ by more than this share of the
-        largest.
-    narrow : float
-        No frequency is added in intervals narrower than this share of the median interval.
-    close : float
-        No frequency is added at the peak if another one is nearer than this share of the peak's.
-    likely_added : int
-        Most frequencies that progress expects to be added to the first curve: a third of those
-        asked for up to this number. (Of a lapped solid with 30 frequencies 11, 8 and 8 were.)
-    gross : int
-        Periods in turn in which a joint slips as a whole after which a search is given up, see
-        `Plan.gross_periods`.
-    alike : float
-        Where the amplitude of a coarse model differs by more than this share, the error of the step
-        is found on the larger model itself.
-    """
-
-    harmonics: int = 5
-    most_added: int = 24
-    steep: float = 0.15
-    narrow: float = 0.25
-    close: float = 2e-4
-    likely_added: int = 10
-    gross: int = 10
-    alike: float = 0.1
-
-
-SETTINGS = ResponseSettings()
+#: Harmonics of the steady vibration that results report.
+HARMONICS = 5
+#: Periods in turn in which a joint slips as a whole after which a search is given up, see
+#: `Plan.gross_periods`.
+GROSS = 10
 
 
 class Guide(NamedTuple):
@@ -103,7 +67,9 @@ class Guide(NamedTuple):
 
     def error_of(self, amplitude: float) -> float:
         """Error of the step of an amplitude, nan if that of the reduced model is another one."""
-        alike = abs(self.amplitude - amplitude) <= SETTINGS.alike * amplitude
+        # Where the amplitude of a coarse model differs by more than this share, the error of the
+        # step is found on the larger model itself.
+        alike = abs(self.amplitude - amplitude) <= 0.1 * amplitude
         return self.step_error if alike else np.nan
 
 
@@ -286,7 +252,7 @@ def steady_plan(system: System, steps_per_cycle: int) -> Plan:
         n_steps=steps_per_cycle,
         cycle_steps=steps_per_cycle,
         until="steady",
-        gross_periods=SETTINGS.gross,
+        gross_periods=GROSS,
         exact_at=strongest.frequency,
     )
 
@@ -299,14 +265,9 @@ def suited_steps(system: System, steps_per_cycle: int) -> int:
     else Newton's method has no unique step. With contact that opens, where the search is marching,
     the sign must be the same: else points would come to rest differently in every second period.
     """
-    if odd_loads(system) or system.opening is not None:
+    if odd_loads(system) or system.contact.opens:
         return 4 * -(-steps_per_cycle // 4)
     return steps_per_cycle + 1 - steps_per_cycle % 2
-
-
-def half_steps(system: System, steps_per_cycle: int) -> int:
-    """Number of steps of half the length, or slightly less, that suits the search."""
-    return suited_steps(system, 2 * steps_per_cycle)
 
 
 def response(
@@ -347,8 +308,7 @@ def response(
         Where levels are run side by side.
     progress : callable, optional
         Called with (vibrations found, vibrations in all), and between them, without an executor,
-        with a note on the search. Those in all include those of frequencies that are expected to be
-        added: as many as to the curves before.
+        with a note on the search. Those in all grow as frequencies are added.
     rows : Rows, optional
         Where steady vibrations are kept as they finish, and taken up again.
 
@@ -423,15 +383,14 @@ def guided_response(
     by_model = estimated and system.serves is not None
     steps_per_cycle = suited_steps(system, steps_per_cycle)
     rows, tally = rows or Rows(), Tally(progress)
-    expected = Expected(
-        tally,
-        rows,
-        1 + (estimated and coarse is None) + by_model,
-        len(levels),
-        frequencies.size,
-        min(SETTINGS.likely_added, frequencies.size // 3) if refined else None,
-    )
-    finer = half_steps(system, steps_per_cycle) if estimated else None
+    # Vibrations of each frequency: itself, with half the step, of a larger model.
+    each = 1 + (estimated and coarse is None) + by_model
+    tally.total = each * len(levels) * frequencies.size
+
+    def expect(count: int) -> None:
+        tally.total += count
+
+    finer = suited_steps(system, 2 * steps_per_cycle) if estimated else None
     of_coarse = None if coarse is None else finer
     searches = [
         _search(
@@ -439,9 +398,10 @@ def guided_response(
             _Request(float(frequencies[0]), level, steps_per_cycle, of_coarse),
             finer,
             refined,
-            partial(expected.of_curve, number),
+            expect,
+            each,
         )
-        for number, level in enumerate(levels)
+        for level in levels
     ]
     curves = _curves(searches, system, coarse, beside or SideBySide(), tally, rows)
     if not any(curve.found for curve in curves):
@@ -467,9 +427,8 @@ def _checked(
         raise InputError("response: nothing is observed; name a point")
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("response: no load acts; give one an amplitude above 0")
-    if system.serves is not None:
-        for frequency in frequencies[[0, -1]].tolist():
-            steady_in_range(system, frequency, 1.0)  # refuses what is outside
+    for frequency in frequencies[[0, -1]].tolist():
+        at_frequency(system, frequency)  # refuses what is outside of a range
     return frequencies, np.asarray(levels, dtype=float).tolist()
 
 
@@ -480,13 +439,13 @@ def _with_model_errors(
 
     The distance is multiplied with the factor that was found where the model was made.
     """
-    serves, largest, points = system.serves, curve.largest, []
-    factor = serves.factors.get("history", 1.0) if serves is not None else 1.0
+    largest, points = curve.largest, []
+    factor = served_by(system).factors.get("history", 1.0)
     origin = rows.mark("larger model", system, steps_per_cycle)
     for point in curve.points:
         at, found = (point.frequency, curve.level), point
         if point.failure is None:
-            loaded = larger_at(system, *at)
+            loaded = alone(steady_in_range(system, *at))
             compute = partial(_steady, loaded, at[0], steps_per_cycle, None, tally.within)
             other = rows.row(rows.mark(origin, at), compute)
             change = relative(point.amplitude[largest], other.amplitude[largest])
@@ -596,7 +555,8 @@ def _search(
     first: _Request,
     finer: int | None,
     refined: bool,
-    expect: Callable[..., None],
+    expect: Callable[[int], None],
+    each: int,
 ) -> _Search:
     """Request the points of a curve: those asked for, those added, then some with a finer step.
 
@@ -608,7 +568,8 @@ def _search(
         Number of steps in a period with which the error of the step is found where no coarse model
         has found it; None for no estimate.
     expect : callable
-        `Expected.of_curve` for this curve.
+        Called with the number of vibrations that are needed beyond ``each`` of the frequencies that
+        are asked for.
     """
     level = first.level
     points: list[SteadyPoint] = []
@@ -623,25 +584,26 @@ def _search(
         if points[-1].failure is not None and points[-1].periods > 0:
             break  # a search given up, as those of the frequencies that follow would be
     if not Curve(level, tuple(points)).found:
-        expect(complete=True, failed=frequencies.size)
+        expect(-frequencies.size * (each - 1))
         return Curve(level, tuple(points))
     refined = refined and len(points) >= frequencies.size
-    for _ in range(SETTINGS.most_added if refined else 0):
+    # Most frequencies that are added to those asked for, of each curve.
+    for _ in range(24 if refined else 0):
         added = next(_frequencies_to_add(Curve(level, tuple(points))), None)
         if added is None:
             break
-        expect(added=1)
+        expect(each)
         state = min(points, key=lambda point: abs(point.frequency - added)).state
         points.append((yield replace(first, frequency=added, start=state)))
         points.sort(key=lambda point: point.frequency)
     failed = sum(point.failure is not None for point in points)
     failed += max(0, frequencies.size - len(points))
-    expect(complete=True, failed=failed)
+    expect(-failed * (each - 1))
     if finer is None:
         return Curve(level, tuple(points))
     left = [k for k, p in enumerate(points) if p.failure is None and np.isnan(p.step_error)]
     if first.finer is not None:
-        expect(more=len(left))
+        expect(len(left))
     largest, steps = Curve(level, tuple(points)).largest, first.steps_per_cycle
     for k in left:
         point = points[k]
@@ -667,11 +629,15 @@ def _frequencies_to_add(curve: Curve) -> Iterator[float]:
     if f.size < 3:
         return
     width = np.diff(f)
-    wide = width > SETTINGS.narrow * np.median(width)
-    for k in np.flatnonzero((np.abs(np.diff(A)) > SETTINGS.steep * A.max()) & wide):
+    # No frequency is added in intervals narrower than this share of the median interval.
+    wide = width > 0.25 * np.median(width)
+    # A frequency is added between two whose amplitudes differ by more than this share of the
+    # largest.
+    for k in np.flatnonzero((np.abs(np.diff(A)) > 0.15 * A.max()) & wide):
         yield float(0.5 * (f[k] + f[k + 1]))
     peak, _ = curve.peak
-    if np.abs(f - peak).min() > SETTINGS.close * peak:
+    # No frequency is added at the peak if another one is nearer than this share of the peak's.
+    if np.abs(f - peak).min() > 2e-4 * peak:
         yield peak
 
 
@@ -708,7 +674,7 @@ def _steady(
         check_short_of_gross_slip(run)
     except ConvergenceError as error:
         return _without_vibration(system, frequency, error)
-    slip = system.slid(run.friction_work)
+    slip = system.contact.slid(run.friction_work)
     vibration, harmonics = run.vibration, _harmonics(run.point_u[:-1])
     load = _harmonics(system.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
     return SteadyPoint(
@@ -737,11 +703,11 @@ def _without_vibration(system: System, frequency: float, why: ConvergenceError) 
         frequency=frequency,
         amplitude=nothing,
         offset=nothing,
-        harmonics=np.full((nothing.size, SETTINGS.harmonics), np.nan + 0j),
+        harmonics=np.full((nothing.size, HARMONICS), np.nan + 0j),
         phase=nothing,
         friction_energy=np.nan,
         input_energy=np.nan,
-        slip=np.full(system.w.size, np.nan),
+        slip=np.full(system.contact.w.size, np.nan),
         share=np.nan,
         periods=why.periods if isinstance(why, GrossSlipError) else 0,
         change=np.nan,
@@ -755,7 +721,7 @@ def _harmonics(rows: FloatArray) -> FloatArray:
 
     Those from half the sampling rate on, which so few rows do not determine, are nan.
     """
-    harmonics = np.full((rows.shape[1], SETTINGS.harmonics), np.nan + 0j)
-    known = min((len(rows) - 1) // 2, SETTINGS.harmonics)
+    harmonics = np.full((rows.shape[1], HARMONICS), np.nan + 0j)
+    known = min((len(rows) - 1) // 2, HARMONICS)
     harmonics[:, :known] = 2.0 * np.fft.rfft(rows, axis=0)[1 : known + 1].T / len(rows)
     return harmonics

@@ -59,8 +59,6 @@ class Rows:
     ----------
     taken, computed : int
         Rows read from the file so far, and computed so far.
-    total : int
-        Rows in all, as far as they are known; the callers count them.
     earlier_s : float
         Time that the rows taken up took to compute, s.
     damaged : int
@@ -80,7 +78,7 @@ class Rows:
         self._forms = {
             name: [part.name for part in fields(kind)] for name, kind in self.kinds.items()
         }
-        self.taken = self.computed = self.total = self.damaged = 0
+        self.taken = self.computed = self.damaged = 0
         self.earlier_s = 0.0
         self._places: dict[str, tuple[int, int]] = {}  # of lines in the file: start and size
         if path is not None and path.exists():
@@ -106,11 +104,6 @@ class Rows:
                 place += len(line)
         if place < path.stat().st_size:
             os.truncate(path, place)
-
-    @property
-    def done(self) -> int:
-        """Rows taken up and computed so far."""
-        return self.taken + self.computed
 
     def mark(self, *parts: Any) -> str:
         """Name of a row: a digest of what its content is computed from; empty without a file.

@@ -104,7 +104,7 @@ def _check_origin(system: System, origin: Origin) -> None:
     same = (
         V.shape[1] == system.n
         and len(full.loads) == len(system.loads)
-        and np.isclose(full.w.sum(), system.w.sum(), rtol=1e-9)
+        and np.isclose(full.contact.w.sum(), system.contact.w.sum(), rtol=1e-9)
         and all(
             a.amplitude == b.amplitude and np.allclose(V.T @ a.vector, b.vector)
             for a, b in zip(full.loads, system.loads, strict=True)
@@ -144,8 +144,8 @@ def of_run(
         return range_estimate.of_range(run, plan, progress)
     if basis is None:
         return step_estimate.of_full(system, run, plan, progress)
-    if system.opening is not None:
-        if not sparse.issparse(run.system.B):
+    if system.contact.opens:
+        if not sparse.issparse(run.system.contact.B):
             return opening_estimate.of_reduced(system, run, plan, progress)
         return opening_estimate.of_condensed(system, basis, run, plan, progress)
     return of_reduced(system, basis, run.system, plan, run, progress)

@@ -120,9 +120,7 @@ def scene_backbone(
     for curve, change in zip(full, normal, strict=True):
         if change is not None:
             warnings += change.doubts(f"Mode {curve.mode}: at the highest level ")
-    start = None
-    if table.ring_down and table.released == "loads":
-        start = _loads_end(scene, system)
+    start = _released(scene, system)
     models = []
     for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])
@@ -132,7 +130,7 @@ def scene_backbone(
                 if name == "reduced" and scene.reduction.range is not None:
                     own, notes = _of_range_model(scene, curve, progress, folder)
                 else:
-                    own, notes = _of_small_model(name, scene, curve, start, progress)
+                    own, notes = _of_small_model(name, scene, curve, progress)
                 warnings += notes
             model.curves.append(own.curve)
             model.errors.append(_distances(own.curve, curve))
@@ -153,7 +151,7 @@ def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]
 
     InputError and ConvergenceError as :func:`backbone`.
     """
-    if "backbone" not in scene.model_fields_set or not scene.system().contact_points:
+    if "backbone" not in scene.model_fields_set or not scene.system().contact.count:
         return []
     table, report = scene.backbone, partial(progress, "backbone")
     return backbone(scene.system(), table.modes, table.levels, table.up_to, progress=report)
@@ -198,30 +196,25 @@ def _of_range_model(
         f"Mode {curve.mode}: the curve of the reduced model for the range errs by an estimated "
         f"share of its largest value: {shown}."
     )
-    shares = model.shares
+    shares = model.contact.shares
     slip = own.slip if shares is None else own.slip @ (shares > 0.0)
     return _OfMode(model, replace(own, slip=slip), None), (note,)
 
 
 def _of_small_model(
-    name: str, scene: Scene, curve: Backbone, start: State | None, progress: Progress
+    name: str, scene: Scene, curve: Backbone, progress: Progress
 ) -> tuple[_OfMode, tuple[str, ...]]:
-    """Condensed or reduced model of a mode of the full model, and notes on it.
+    """Condensed or reduced model of a mode of the full model, whose ``curve`` is, and notes on it.
 
-    ``curve`` and ``start`` are the full model's.
+    Where it is released by the loads it is by those of its own run.
     """
     table, system = scene.backbone, scene.system()
     V, small = _small_model(name, scene, curve)
     report = partial(progress, f"{name} model, mode {curve.mode}")
     (own,) = backbone(small, (curve.mode,), table.levels, table.up_to, curve.slips_at, report)
-    slip = system.slip_norm((system.B @ (V @ own.states.T)).T)
-    if start is not None and (system.opening is not None or system.has_springs):
-        # A projection would press faces into each other, and has no forces of merged springs.
-        start = _loads_end(scene, small)
-    elif start is not None:
-        projected = np.linalg.solve(small.M, V.T @ (system.M @ np.array(start).T))
-        start = projected[:, 0], projected[:, 1]
-    return _OfMode(small, replace(own, slip=slip), start), notes_of_reduction(system, small)
+    slip = system.contact.slip_norm((system.contact.B @ (V @ own.states.T)).T)
+    own = replace(own, slip=slip)
+    return _OfMode(small, own, _released(scene, small)), notes_of_reduction(system, small)
 
 
 def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, System]:
@@ -245,8 +238,8 @@ def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, 
     beyond = 2 if isinstance(options.interface_modes, str) else options.interface_modes
     stuck = Stuck(system.closed()).modes(curve.mode + beyond)[1]
     states, increments = curve.states, curve.loops
-    if system.opening is not None:
-        stuck, system = system.opening.closed_motions() @ stuck, elastic(system)
+    if system.contact.opens:
+        stuck, system = system.contact.normal.closed_motions() @ stuck, elastic(system)
         levels = curve.level[spread(curve.level.size, CYCLES)]
         states, increments, rigid = states_of_cycles(system, system.M @ curve.shape, levels)
         stuck = orthonormal(np.hstack([stuck, rigid]), system.M)
@@ -303,11 +296,13 @@ def _largest(scene: Scene, curves: list[Backbone]) -> list[float]:
     return [float(np.linalg.norm(shape, axis=1).max()) for shape in shapes]
 
 
-def _loads_end(scene: Scene, system: System) -> State:
-    """State when the last load of a scene has ended.
+def _released(scene: Scene, system: System) -> State | None:
+    """State of a model when the last load of a scene has ended, if it rings down from there.
 
     InputError if a load acts until the end of the run.
     """
+    if not scene.backbone.ring_down or scene.backbone.released != "loads":
+        return None
     step, n_steps = scene.time_step, scene.n_steps
     acting = system.load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0)
     steps = np.flatnonzero(acting)
@@ -317,6 +312,4 @@ def _loads_end(scene: Scene, system: System) -> State:
             "the run does; choose others, a longer duration, or 'mode'"
         )
     plan = Plan(step, int(steps[-1]) + 1, generalized_alpha(scene.time.rho_infinity))
-    run = integrate_plan(system, plan).finished()
-    more = system.has_springs or system.opening is not None
-    return run.end if more else (*run.final,)
+    return integrate_plan(system, plan).finished().end

@@ -39,7 +39,7 @@ def with_friction(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
     InputError where no model is left.
     """
     left_out = [name for name in scene.models.run if name != "full"]
-    if scene.system().contact_points or not left_out:
+    if scene.system().contact.count or not left_out:
         return scene, ()
     names = " and ".join(repr(name) for name in left_out)
     why = f"models.run: {names} left out: they reduce slip, and {NOWHERE}"

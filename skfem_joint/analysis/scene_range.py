@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from skfem_joint import __version__, system_files
+from skfem_joint.analysis.range_modes import served_by
 from skfem_joint.array_files import fingerprint
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
@@ -86,7 +87,9 @@ def served_scene(scene: Scene) -> ServedScene | None:
     names = TABLES_OF_STRUCTURE | {"load"}
     content = middle.model_dump(mode="json", include=set(names), warnings=False)
     asked_for = range_, table.values(), scene.reduction.modes, accuracy, middle.output.points
-    mark = fingerprint(__version__, content, asked_for, _identity(scene))
+    # A mesh is not assembled for what distinguishes it.
+    identity = scene.structure().identity if scene.matrices else scene.named_mesh.identity
+    mark = fingerprint(__version__, content, asked_for, identity)
     return ServedScene(mark, middle, range_, accuracy)
 
 
@@ -119,11 +122,11 @@ def of_scene(scene: Scene, model: System) -> System:
     InputError
         If no load acts, or bolts of a joint have other factors than each other.
     """
-    table, serves = scene.reduction.range, model.serves
-    if table is None or serves is None:
-        raise InputError("reduction.range: missing, or the model serves no range")
+    table, serves = scene.reduction.range, served_by(model)
+    if table is None:
+        raise InputError("reduction.range: missing")
     level, known = _largest(scene), table.factors(scene.joint)
-    factors = np.array([known.get(name, 1.0) for name in model.joints])
+    factors = np.array([known.get(name, 1.0) for name in model.contact.joints])
     pairs = serves.range.limits.items()
     limits = {
         name: (low / known.get(name, 1.0), high / known.get(name, 1.0))
@@ -202,11 +205,6 @@ def make_missing(scenes: Iterable[Scene], folder: Path, progress: Progress = sil
         progress("models for ranges", done, len(missing))
         range_model(served, folder)
     return len(missing)
-
-
-def _identity(scene: Scene) -> list[Any]:
-    """What distinguishes a scene's mesh, or matrices, from others; a mesh is not assembled."""
-    return scene.structure().identity if scene.matrices else scene.named_mesh.identity
 
 
 def _parts(load: AnyLoad) -> tuple[Harmonic, ...]:

@@ -189,16 +189,7 @@ def scene_response(
         with announced(progress, f"linear response, {limit}"):
             limits.append(linear_response(system, fine, held))
     stuck, loose = limits
-    rows, of_a_curve = rows or Rows(), frequencies.size
-    if scene.accuracy.estimate:
-        of_a_curve += 1 + frequencies.size
-    rows.total += len(scene.models.run) * len(table.levels) * of_a_curve
-    if (
-        scene.accuracy.estimate
-        and "reduced" in scene.models.run
-        and served_scene(scene) is not None
-    ):
-        rows.total += len(table.levels) * frequencies.size  # of the larger model
+    rows = rows or Rows()
     resonance = float(frequencies[stuck[np.isin(fine, frequencies)].max(axis=1).argmax()])
     models = []
     for name in scene.models.run:
@@ -207,8 +198,6 @@ def scene_response(
             model = _with_coarse(
                 _prepared(name, scene, table, resonance, rows), scene, table, resonance
             )
-            if model.coarse is not None and scene.accuracy.estimate:
-                rows.total -= len(table.levels) * frequencies.size
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
         errors = _PeakErrors(model, scene, executor, workers, rows)
@@ -222,7 +211,7 @@ def scene_response(
         models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
     of_models = [note for model in models for note in model.notes]
     warnings = (*left_out, *doubts(scene.structure(), system), *of_models)
-    if not system.contact_points and "backbone" in scene.model_fields_set:
+    if not system.contact.count and "backbone" in scene.model_fields_set:
         warnings += (f"backbone: there is no curve beside the response, for {NOWHERE}.",)
     if scene.opens:
         warnings += (MAY_DEPEND,)
@@ -286,7 +275,7 @@ def _with_coarse(
     model: _Prepared, scene: Scene, table: ResponseTable, resonance: float
 ) -> _Prepared:
     """A full or condensed model with a reduced one beside it, where that helps."""
-    if model.name == "reduced" or not scene.system().contact_points:
+    if model.name == "reduced" or not scene.system().contact.count:
         return model
     V = None if model.basis is None else model.basis.V
     level, loaded = max(table.levels), scene.system()
@@ -328,7 +317,7 @@ def _curves(
         progress=partial(progress, f"{model.name} model"),
         rows=rows,
     )
-    shares = model.system.shares
+    shares = model.system.contact.shares
     if model.system.serves is not None and shares is not None:
         of_points = [
             [replace(p, slip=(shares > 0.0).T @ p.slip, course=None) for p in c.points]
@@ -338,13 +327,13 @@ def _curves(
         return [Curve(level, tuple(points)) for level, points in pairs]
     if model.basis is None:
         return curves
-    slips = system.B @ model.basis.V
+    slips = system.contact.B @ model.basis.V
 
     def with_all_slips(point: SteadyPoint) -> SteadyPoint:
         """Point with the slip of the full model's contact points, by its course."""
         if point.course is None:
             return point
-        slip = system.slip_norm(point.course @ slips.T).max(axis=0)
+        slip = system.contact.slip_norm(point.course @ slips.T).max(axis=0)
         return replace(point, slip=slip, course=None)
 
     return [
@@ -475,6 +464,6 @@ def _errors(
     ``full`` and ``loaded`` are the full system and the model, under the same load.
     """
     plan = steady_plan(full, suited_steps(full, steps_per_cycle))
-    initial = start if odd_loads(full) or full.opening is not None else None
+    initial = start if odd_loads(full) or full.contact.opens else None
     run = integrate_plan(loaded, plan, initial=initial, progress=report)
     return dict(run_estimate.of_run(full, basis, run, plan, progress=report).parts)

@@ -32,7 +32,7 @@ quantities of 160 plates and solids 99 % were stated as above; 6 scenes in 179 t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -56,57 +56,19 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class StepSettings:
-    """Numbers of the estimate of a step.
-
-    Attributes
-    ----------
-    small : float
-        Steps of a run times (unknowns + `overhead`) up to which the full model itself is run with
-        half and quarter steps, some two seconds of its own run; chains, whose steps cost next to
-        nothing, always are.
-    overhead : int
-        Unknowns that cost as much as what a step costs anyhow.
-    joint_modes : int
-        Modes of the static slip path in the reduced model. With 12, 20 and 30 the friction energy
-        of a plate with two bolts is 1.5, 0.4 and 0.2 % off the full model's.
-    natural_modes : int
-        Its natural modes with the contact held, and as many with it loose.
-    points : int
-        Most contact points of the reduced model; more are merged. (With 150 in place of 1,408 that
-        friction energy is 1.8 % off.)
-    held : float
-        Spring at a held contact point, over the mean diagonal of the stiffness.
-    periods : int
-        Periods for which modes are made where the run goes on until the vibration is steady.
-    trusted : float
-        Largest difference between the reduced and the full model, over the error of the step, with
-        which the estimate is believed. (Of 293 quantities 7 had more than one, 3 of these were
-        stated wrongly; of the others 1.5 %.)
-    negligible : float
-        Such a difference that does not count.
-    grown : float
-        Change by a quarter of the step that counts, where it is more than that by half of it.
-    struck : float
-        Energy lost by impacts that counts, over the work of the loads.
-    """
-
-    small: float = 5e5
-    overhead: int = 150
-    joint_modes: int = 20
-    natural_modes: int = 15
-    points: int = 500
-    held: float = 1e3
-    periods: int = 100
-    trusted: float = 1.0
-    negligible: float = 1e-2
-    grown: float = 5e-3
-    struck: float = 1e-3
-
-
-SETTINGS = StepSettings()
+#: Steps of a run times (unknowns + `overhead`) up to which the full model itself is run with half
+#: and quarter steps, some two seconds of its own run; chains, whose steps cost next to nothing,
+#: always are.
+SMALL = 5e5
+#: Most contact points of the reduced model; more are merged. (With 150 in place of 1,408 that
+#: friction energy is 1.8 % off.)
+POINTS = 500
+#: Largest difference between the reduced and the full model, over the error of the step, with
+#: which the estimate is believed. (Of 293 quantities 7 had more than one, 3 of these were stated
+#: wrongly; of the others 1.5 %.)
+TRUSTED = 1.0
+#: Such a difference that does not count.
+NEGLIGIBLE = 1e-2
 
 
 def of_full(
@@ -134,13 +96,14 @@ def of_full(
     verify = Verification(progress, run)
     if is_small(system, plan):
         finer = [verify(system, plan.finer(k)) for k in (2, 4)]
-        struck = run.impact_work > SETTINGS.struck * np.abs(run.input_work).sum()
+        # Energy lost by impacts that counts, over the work of the loads.
+        struck = run.impact_work > 1e-3 * np.abs(run.input_work).sum()
         if struck or _grow(run, *finer):
             finer.append(verify(system, plan.finer(8)))
         return by_finer_steps(run, *finer)
     errors = None
     # Levels cost about as much as those of a reduced model; contact that opens has none.
-    if not plan.quasi_static and system.opening is None:
+    if not plan.quasi_static and not system.contact.opens:
         errors = _of_reduced(system, run, plan, Verification(progress))
     return errors or by_finer_steps(run, verify(system, plan.finer(2)))
 
@@ -148,7 +111,8 @@ def of_full(
 def _grow(run: Run, half: Run, quarter: Run) -> bool:
     """Whether half of a step changes a result by more than the step before it did."""
     first, second = apart(half, run), apart(quarter, half)
-    return any((second[name] or 0.0) > max(SETTINGS.grown, first[name] or 0.0) for name in second)
+    # Change by a quarter of the step that counts, where it is more than that by half of it.
+    return any((second[name] or 0.0) > max(5e-3, first[name] or 0.0) for name in second)
 
 
 def by_finer_steps(
@@ -163,15 +127,16 @@ def by_finer_steps(
     # The distance itself is no guess, and has no lower bound: with one, 13 % of errors between 0.1
     # and 0.3 % were stated at more than three times the truth, without it 5 %.
     errors, rest = steps.with_rest(steps.finest, base), steps.left["friction_energy"] or 0.0
-    joints = joint_differences(steps.finest, base, run.system.joints, rest)
+    joints = joint_differences(steps.finest, base, run.system.contact.joints, rest)
     return Estimate({"time_step": errors, "total": errors}, by_joint=joints)
 
 
 def is_small(system: System, plan: Plan) -> bool:
     """Whether half and quarter steps of the model itself cost little."""
-    if plan.n_steps * (system.n + SETTINGS.overhead) <= SETTINGS.small or system.is_dense:
+    # Unknowns that cost as much as what a step costs anyhow.
+    if plan.n_steps * (system.n + 150) <= SMALL or system.is_dense:
         return True
-    return system.contact_points > 0 and arranged(system).kind == "chain"
+    return system.contact.count > 0 and arranged(system).kind == "chain"
 
 
 def _of_reduced(
@@ -190,7 +155,7 @@ def _of_reduced(
             continue  # zero in both
         if error is None or distance is None:
             return None
-        if distance > max(SETTINGS.negligible, SETTINGS.trusted * error):
+        if distance > max(NEGLIGIBLE, TRUSTED * error):
             return None
     return errors
 
@@ -205,28 +170,33 @@ def reduced_for_steps(system: System, plan: Plan) -> System:
     """
     whole = plan
     if plan.until == "steady":
-        whole = replace(plan, n_steps=plan.n_steps * SETTINGS.periods, until="end")
-    basis = make_basis(system, Options(modes=SETTINGS.joint_modes), whole, enriched=True)
+        # Periods for which modes are made where the run goes on until the vibration is steady.
+        whole = replace(plan, n_steps=plan.n_steps * 100, until="end")
+    # Modes of the static slip path in the reduced model. With 12, 20 and 30 the friction energy
+    # of a plate with two bolts is 1.5, 0.4 and 0.2 % off the full model's.
+    basis = make_basis(system, Options(modes=20), whole, enriched=True)
     V = orthonormal(np.hstack([basis.V, _natural_modes(system)]), system.M)
     wide = replace(basis, V=orthonormal(V, system.M))
     small = reduced_system(
         system, wide, friction_points="all", periodic=plan.cycle_steps is not None
     )
-    if system.contact_points <= SETTINGS.points:
+    if system.contact.count <= POINTS:
         return small
     return shared_points(small, *_merged(system, basis))
 
 
 def _merged(system: System, basis: Basis) -> tuple[FloatArray, FloatArray]:
     """Shares and limits of contact points that slip alike in a basis."""
-    narrow, carrying = system.project(basis.V), np.flatnonzero(system.w)
-    merged = merged_points(narrow, basis.history.velocities, carrying, SETTINGS.points)
-    return merged.shares, merged.w
+    narrow, carrying = system.project(basis.V), np.flatnonzero(system.contact.w)
+    merged = merged_points(narrow, basis.history.velocities, carrying, POINTS)
+    return merged.contact.shares, merged.contact.w
 
 
 def _natural_modes(system: System) -> FloatArray:
     """Lowest natural modes with the contact held, then with it loose, (n, k)."""
-    B = system.B[np.flatnonzero(system.on_rows(system.w))]
-    held = system.K + SETTINGS.held * float(system.K.diagonal().mean()) * (B.T @ B)
-    count = min(SETTINGS.natural_modes, system.n)
+    B = system.contact.B[np.flatnonzero(system.contact.on_rows(system.contact.w))]
+    # Spring at a held contact point, over the mean diagonal of the stiffness.
+    held = system.K + 1e3 * float(system.K.diagonal().mean()) * (B.T @ B)
+    # Its natural modes with the contact held, and as many with it loose.
+    count = min(15, system.n)
     return np.hstack([lowest_modes(K, system.M, count)[1] for K in (held, system.K)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +33,7 @@ class Stuck:
 
     Attributes
     ----------
+    system : System
     F : sparse array, shape (n, k)
         The motions.
     K, M : sparse array, shape (k, k)
@@ -43,6 +45,7 @@ class Stuck:
     """
 
     def __init__(self, system: System, path: QuasiStatic | None = None) -> None:
+        self.system = system
         self.F, self.path = motions_without_slip(system, carrying=True), path
         if self.F.shape[1] == 0:
             raise InputError(
@@ -71,3 +74,38 @@ class Stuck:
         A = self.K + shift * self.M
         frequency, shapes = eigenmodes(A, self.M, min(count, self.F.shape[1]), solve)
         return unshifted(frequency, shift), np.asarray(self.F @ shapes)
+
+
+@dataclass(frozen=True)
+class StuckMode:
+    """A mode with the contact stuck.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    frequencies, shapes : ndarray, shape (modes,) and (n, modes)
+        Of this mode, those below and some of those above: Hz, and of unit modal mass, kg^(-1/2).
+    stuck : Stuck
+        Structure that it is a mode of, in whose unknowns it is.
+    """
+
+    number: int
+    frequencies: FloatArray
+    shapes: FloatArray
+    stuck: Stuck
+
+    @property
+    def shape(self) -> FloatArray:
+        """Of the mode itself, (n,), kg^(-1/2)."""
+        return np.asarray(self.shapes[:, self.number - 1])
+
+    @property
+    def frequency(self) -> float:
+        """Frequency with the contact stuck, Hz."""
+        return float(self.frequencies[self.number - 1])
+
+    @property
+    def force(self) -> FloatArray:
+        """Inertia M phi, the load of level 1, (n,), N."""
+        return np.asarray(self.stuck.system.M @ self.shape)

@@ -124,7 +124,7 @@ def _described_and_run(
     scene, left_out = with_friction(scene)
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
-    path = None if system.opening is not None else factors_at_rest(system)
+    path = None if system.contact.opens else factors_at_rest(system)
     description = describe(scene, path)
     if in_range is not None and in_range.in_range is not None:
         choice = in_range
@@ -248,65 +248,63 @@ def compare_with_full(study: Study, result: ModelResult) -> ModelResult:
     return replace(result, model=replace(model, errors=compare(full.run, model.run)))
 
 
+def _with_estimate(
+    result: ModelResult, model: Model, what: str, compute: Callable[[], Estimate]
+) -> ModelResult:
+    """Model with estimated errors; what ends their computation early costs no more than a note."""
+    watch = Stopwatch()
+    try:
+        errors = compute()
+    except JointError as error:
+        note = f"The {what} of the {model.name} model are not estimated: {error}"
+        return replace(result, notes=(*result.notes, note))
+    except KeyboardInterrupt:
+        note = f"The run was interrupted in the {what} of the {model.name} model."
+        return replace(result, notes=(*result.notes, note), interrupted=True)
+    took, compiled = watch.read()
+    _log.info("The %s of the %s model are estimated, in %.3g s.", what, model.name, took)
+    took, compiled = took + model.estimate_s, compiled + model.compilation_s
+    model = replace(model, estimate=errors, estimate_s=took, compilation_s=compiled)
+    return replace(result, model=model)
+
+
 def estimate_errors(study: Study, result: ModelResult, progress: Progress) -> ModelResult:
-    """Give a model its estimated errors; what ends that early does not cost the results.
+    """Give a model its estimated errors, if they are not known.
 
     The distance from the full model, where that was run, counts among them.
     """
-    model, scene, notes, interrupted = result.whole, result.scene, result.notes, result.interrupted
+    model, scene = result.whole, result.scene
     if model is None:
         return result
     if model.estimate is None and scene.accuracy.estimate:
-        watch, report = Stopwatch(), partial(progress, f"errors of the {model.name} model")
+        report = partial(progress, f"errors of the {model.name} model")
         of_model = study.system, model.basis, model.run, plan_of(scene)
-        try:
-            errors = run_estimate.of_run(*of_model, progress=report)
-        except JointError as error:
-            notes = (*notes, f"The errors of the {model.name} model are not estimated: {error}")
-        except KeyboardInterrupt:
-            note = f"The run was interrupted in the errors of the {model.name} model."
-            notes, interrupted = (*notes, note), True
-        else:
-            took, compiled = watch.read()
-            _log.info("The errors of the %s model are estimated, in %.3g s.", model.name, took)
-            compiled += model.compilation_s
-            model = replace(model, estimate=errors, estimate_s=took, compilation_s=compiled)
-    if model.estimate is not None and model.errors is not None:
-        runs = results(study.models["full"].run), results(model.run)
-        joints = joint_differences(*runs, study.system.joints)
-        model = replace(model, estimate=model.estimate.beside(difference(*runs), joints))
-    return replace(result, model=model, notes=notes, interrupted=interrupted)
+        compute = partial(run_estimate.of_run, *of_model, progress=report)
+        result = _with_estimate(result, model, "errors", compute)
+        model = result.model
+    if model is None or model.estimate is None or model.errors is None:
+        return result
+    runs = results(study.models["full"].run), results(model.run)
+    joints = joint_differences(*runs, study.system.contact.joints)
+    beside = model.estimate.beside(difference(*runs), joints)
+    return replace(result, model=replace(model, estimate=beside))
 
 
 def compare_with_coulomb(study: Study, result: ModelResult, progress: Progress) -> ModelResult:
-    """Give a model whose errors are estimated its distance from Coulomb's law, unless it has that.
-
-    What ends it early does not cost the results.
-    """
-    model, scene = result.whole, result.scene
+    """Give a model with estimated errors its distance from Coulomb's law, unless it has that."""
+    model = result.whole
     if model is None or model.estimate is None or result.interrupted:
         return result
-    errors, watch, label = model.estimate, Stopwatch(), f"{model.name} model, Coulomb's law"
+    errors, report = model.estimate, partial(progress, f"{model.name} model, Coulomb's law")
     V = None if errors.missing is None else errors.missing.V
-    of_model = study.system, model.run, plan_of(scene), model.basis, V
-    try:
-        apart = against_coulomb(*of_model, progress=partial(progress, label))
-    except JointError as error:
-        note = (
-            f"How far the {model.name} model is from Coulomb's law is not estimated: its run under "
-            f"that law failed. {error}"
-        )
-        return replace(result, notes=(*result.notes, note))
-    except KeyboardInterrupt:
-        note = f"The run was interrupted while the {model.name} model was compared with Coulomb's."
-        return replace(result, notes=(*result.notes, note), interrupted=True)
-    if apart is None:
-        return result
-    took, compiled = watch.read()
-    errors = replace(errors, parts={**errors.parts, "coulomb": apart})
-    model = replace(model, estimate=errors, estimate_s=model.estimate_s + took)
-    model = replace(model, compilation_s=model.compilation_s + compiled)
-    return replace(result, model=model)
+    of_model = study.system, model.run, plan_of(result.scene), model.basis, V
+
+    def compute() -> Estimate:
+        apart = against_coulomb(*of_model, progress=report)
+        parts = {} if apart is None else {"coulomb": apart}
+        return replace(errors, parts={**errors.parts, **parts})
+
+    return _with_estimate(result, model, "distances from Coulomb's law", compute)
 
 
 def with_model(study: Study, result: ModelResult) -> Study:
@@ -391,11 +389,11 @@ def _reduced(
         notes = (*basis.notes, *notes_of_reduction(study.system, system))
     active: tuple[_ByJoint, _ByJoint] = {}, {}
     if "full" not in study.models:  # beside a full model that one says more
-        sliding = study.system.slider_peak(basis.history.slip_peak)
+        sliding = study.system.contact.slider_peak(basis.history.slip_peak)
         notes = (*notes, *gross_slip(study.structure, sliding, study.period))
         active = _active(study, basis.history.slip_peak, sliding)[1:]
     before, compiled = np.add(watch.read(), (choice.seconds, choice.compilation_s)).tolist()
-    vectors, points = basis.V.shape[1], system.contact_points
+    vectors, points = basis.V.shape[1], system.contact.count
     _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
     run = integrate(system, plan_of(scene))
     offline, compiled = before + run.preparation_s, compiled + run.compilation_s
@@ -420,7 +418,7 @@ def _condensed(
     notes: tuple[str, ...] = ()
     basis = condensed_basis(system)
     small = condensed_system(system, basis.V)
-    kept, to = small.B.shape[0], arranged(system)
+    kept, to = small.contact.B.shape[0], arranged(system)
     sparse = to.kind == "contact" and not condensing_pays(
         to.system.K, ContactPoints.of(to.system).limited
     )
@@ -433,7 +431,7 @@ def _condensed(
     estimated = partial(run_estimate.of_run, system, basis)
     scene, run, errors = shortened_steps(study.scene, partial(integrate, small), estimated)
     notes += _of_accuracy("condensed", scene, errors)
-    peak, sliding = (np.asarray(x @ small.shares) for x in (run.slip_peak, run.slider_peak))
+    peak, sliding = (np.asarray(x @ small.contact.shares) for x in (run.slip_peak, run.slider_peak))
     basis = replace(basis, history=replace(basis.history, slip_peak=peak))
     offline = before + run.preparation_s
     model = Model("condensed", run, offline, *_active(study, peak, sliding), basis)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -24,47 +24,11 @@ from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Bolts
 
-
-@dataclass(frozen=True)
-class Limits:
-    """Values above which there is a warning.
-
-    Attributes
-    ----------
-    large : float
-        Displacement over a structure's size: the equations hold for small displacements.
-    open : float
-        Residual of the energy balance over the energy that was converted.
-    doubtful : float
-        Estimated error of a result.
-    unseen : float
-        A distance from the full model up to this is never reported.
-    drifts : float
-        Drift in a period over the amplitude.
-    creep : float
-        Slip of a joint by creep in a period at half of its friction limit, period / beta, over its
-        largest slip.
-    closed : float
-        Gap of the last cycle of a quasi-static run over its width.
-    apart : float
-        Difference of a joint's loop from its energy, over this; share of its friction limit that
-        its loop leaves out.
-    steep : float
-        The same share for the steepness that the warning recommends.
-    """
-
-    large: float = 0.1
-    open: float = 1e-8
-    doubtful: float = 0.05
-    unseen: float = 1e-3
-    drifts: float = 1e-3
-    creep: float = 0.05
-    steep: float = 0.01
-    closed: float = 2e-3
-    apart: float = 0.01
-
-
-LIMITS = Limits()
+#: Estimated error of a result above which there is a warning.
+_DOUBTFUL = 0.05
+#: Difference of a joint's loop from its energy, over this; share of its friction limit that its
+#: loop leaves out.
+_APART = 0.01
 
 
 def model_summary(study: Study, model: Model) -> dict[str, Any]:
@@ -72,11 +36,11 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     run = model.run
     cycles = run.cycles
     has_cycles = cycles.friction.size > 0
-    state, contact = steady_state(run), run.system.opening
-    opens = contact is not None
+    state, contact = steady_state(run), run.system.contact.normal
+    opens = run.system.contact.opens
     content: dict[str, Any] = {
         "dofs": run.system.n,
-        "contact_points": run.system.contact_points,
+        "contact_points": run.system.contact.count,
         "modes": model.modes,
         "steps": run.counters.steps,
         "newton_iterations": run.counters.newton_iterations,
@@ -98,8 +62,8 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "viscous_work_J": float(beyond_round_off(run, run.viscous_work)),
         "scheme_work_J": float(beyond_round_off(run, run.scheme_work)),
         "impact_energy_J": run.impact_work,
-        "largest_normal_force_N": contact and float(contact.at_all(run.normal_force_peak).max()),
-        "opened_fraction": contact and float(np.mean(contact.at_all(run.opened) > 0.0)),
+        "largest_normal_force_N": opens and float(contact.at_all(run.normal_force_peak).max()),
+        "opened_fraction": opens and float(np.mean(contact.at_all(run.opened) > 0.0)),
         "active_length_m": model.active_length,
         "active_area_fraction": model.active_area_fraction,
         "joints": _joints(study, model),
@@ -131,12 +95,12 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
     run = model.run
     per_cycle: list[Any] = beyond_round_off(run, run.cycles.by_joint[-1:]).ravel().tolist()
     energy = _friction_energy(run)
-    per_cycle = per_cycle or [None] * len(run.system.joints)
+    per_cycle = per_cycle or [None] * len(run.system.contact.joints)
     by_name: dict[str, dict[str, Any]] = {}
-    shares = run.system.shares
+    shares = run.system.contact.shares
     work = run.friction_work if shares is None else shares.T @ run.friction_work
     for k, patch in enumerate(study.structure.patches):
-        name, own = patch.joint.name, run.system.J[[k]].toarray()[0] > 0.0
+        name, own = patch.joint.name, run.system.contact.J[[k]].toarray()[0] > 0.0
         known = {} if model.estimate is None else model.estimate.by_joint
         of_all, of_own = known.get(name, (None, None))
         by_name[name] = {
@@ -156,7 +120,7 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             by_name[name]["tangential_stiffness_N_per_m"] = float(springs.sum())
         body = study.structure.body
         if isinstance(patch.joint.pressure, Bolts) and body is not None:
-            part = study.system.J[[k]].toarray()[0] * work
+            part = study.system.contact.J[[k]].toarray()[0] * work
             nodes = body.nodes[patch.nodes]
             by_bolt = _by_bolt(nodes, patch.joint.pressure, part[patch.points])
             by_name[name]["friction_energy_by_bolt_J"] = beyond_round_off(run, by_bolt).tolist()
@@ -232,7 +196,8 @@ def violated(study: Study, model: Model) -> list[str]:
         warnings += gross_slip(study.structure, model.slider_peak(study.system), study.period)
     largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
     size = np.inf if study.structure.body is None else study.structure.body.size
-    if largest > LIMITS.large * size:
+    # Displacement over a structure's size: the equations hold for small displacements.
+    if largest > 0.1 * size:
         warnings.append(
             f"The {model.name} model moves by {largest:.3g} m, more than a tenth of the "
             f"structure's {size:.3g} m: displacements are taken to be small, so that the results "
@@ -244,7 +209,7 @@ def violated(study: Study, model: Model) -> list[str]:
         warnings += run.steady.notes
     state = steady_state(run)
     if run.loops is not None:
-        warnings += _of_loops(model.name, run.system.joints, run.loops)
+        warnings += _of_loops(model.name, run.system.contact.joints, run.loops)
     elif state is not None and not state.reached:
         warnings.append(
             f"The {model.name} model has not reached a steady state: the last cycle differs by "
@@ -252,7 +217,8 @@ def violated(study: Study, model: Model) -> list[str]:
             "peaks from the one before. Energies and peaks per cycle are those of the last cycle. "
             "For the steady state give more cycles, or time.until = 'steady' in place of cycles."
         )
-    if np.any(peaks(run) > 0.0) and run.energy_residual > LIMITS.open:
+    # Residual of the energy balance over the energy that was converted.
+    if np.any(peaks(run) > 0.0) and run.energy_residual > 1e-8:
         warnings.append(
             f"The energy balance of the {model.name} model is open by {run.energy_residual:.2g} of "
             "the energy in play."
@@ -267,7 +233,8 @@ def violated(study: Study, model: Model) -> list[str]:
 def _of_loops(name: str, joints: Sequence[str], loops: Loops) -> Iterator[str]:
     """Sentences about loops that are open, or whose area is not the energy."""
     gap = loops.opening
-    if gap is not None and gap > LIMITS.closed:
+    # Gap of the last cycle of a quasi-static run over its width.
+    if gap is not None and gap > 2e-3:
         yield (
             f"The last cycle of the {name} model is not closed: it ends {100 * gap:.2g} % of its "
             "width away from its start. The first cycle, from rest, never is; energies and "
@@ -276,13 +243,13 @@ def _of_loops(name: str, joints: Sequence[str], loops: Loops) -> Iterator[str]:
     for joint, area, energy, covered in zip(
         joints, loops.area, loops.energy, loops.covered, strict=True
     ):
-        if covered < 1.0 - LIMITS.apart:
+        if covered < 1.0 - _APART:
             yield (
                 f"The loop of joint '{joint}' leaves out points with {100 * (1 - covered):.2g} % "
                 "of its friction limit, which supports leave only one direction of slip: they "
                 "count in its energy alone."
             )
-        if energy > 0.0 and abs(area - energy) > LIMITS.apart * energy and name != "reduced":
+        if energy > 0.0 and abs(area - energy) > _APART * energy and name != "reduced":
             yield (
                 f"The points of joint '{joint}' slip by different amounts: the loop of its force "
                 f"over its mean slip has an area of {area:.3g} J, its friction takes "
@@ -301,12 +268,13 @@ def _differs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
         stated = None if errors.unmeasured is None else errors.unmeasured.get(name)
         asked = accuracy.energy if "energy" in name else accuracy.displacement
         limits = {"estimated": stated, "asked for": asked}
+        # A distance from the full model up to this is never reported.
         passed = [
             f"the {100 * limit:.3g} % {what}"
             for what, limit in limits.items()
             if apart is not None
             and limit is not None
-            and apart > max(limit, LIMITS.unseen if what == "estimated" else 0.0)
+            and apart > max(limit, 1e-3 if what == "estimated" else 0.0)
         ]
         misses = misses or any(what.endswith("asked for") for what in passed)
         if passed:
@@ -327,7 +295,8 @@ def _free_offsets(model: Model) -> Iterator[str]:
     if steady is None or not steady.unstrained:
         return
     size, most = np.abs(steady.drift), int(np.abs(steady.drift).argmax()) if run.peak.size else 0
-    if size.size and size[most] > LIMITS.drifts * steady.amplitude.max():
+    # Drift in a period over the amplitude.
+    if size.size and size[most] > 1e-3 * steady.amplitude.max():
         yield (
             f"The {model.name} model drifts: '{run.system.points[most]}' goes on by "
             f"{steady.drift[most]:.3g} m in each period, for under this load neither a support nor "
@@ -353,7 +322,7 @@ def _creeping(study: Study, model: Model) -> Iterator[str]:
         return
     apart = {} if model.estimate is None else model.estimate.parts.get("coulomb", {})
     if apart:
-        far = {name: e for name, e in apart.items() if e is not None and e > LIMITS.doubtful}
+        far = {name: e for name, e in apart.items() if e is not None and e > _DOUBTFUL}
         if far:
             worst = max(far, key=lambda name: far[name])
             percent = float(f"{100 * far[worst]:.2g}")
@@ -370,12 +339,15 @@ def _creeping(study: Study, model: Model) -> Iterator[str]:
     for patch in study.structure.patches:
         slip = float(model.slip_peak[patch.points].max(initial=0.0))
         beta, name = patch.joint.beta, patch.joint.name
-        if slip > 0.0 and study.period / beta > LIMITS.creep * slip:
+        # Slip of a joint by creep in a period at half of its friction limit, period / beta, over
+        # its largest slip.
+        if slip > 0.0 and study.period / beta > 0.05 * slip:
+            # The same share for the steepness that the warning recommends.
             yield (
                 f"The law of joint '{name}' creeps: with beta = {beta:.3g} s/m half of its "
                 f"friction limit lets it slip {study.period / beta:.3g} m in a period or run of "
                 f"{study.period:.3g} s, and it slips {slip:.3g} m at most. A beta of "
-                f"{study.period / (LIMITS.steep * slip):.2g} s/m would hold it nearly as Coulomb's "
+                f"{study.period / (0.01 * slip):.2g} s/m would hold it nearly as Coulomb's "
                 "law does, which is the law where beta is left out."
             )
 
@@ -396,7 +368,7 @@ def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
         total.pop("loop_energy", None)
     worst = max(total, key=lambda name: total[name], default="")
     own = replace(errors, parts={**errors.parts, "total": dict(total)})
-    if not worst or not (total[worst] > LIMITS.doubtful or excess(accuracy, own) > 1.0):
+    if not worst or not (total[worst] > _DOUBTFUL or excess(accuracy, own) > 1.0):
         return
     sources = {
         s: errors.of(s, worst) or 0.0 for s in ("basis", "law", "points", "mesh", "time_step")
@@ -420,7 +392,7 @@ def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
 
 def _basis(model: Model, errors: Estimate) -> str:
     """Cure for a basis that misses modes."""
-    if model.run.system.opening is not None:
+    if model.run.system.contact.opens:
         if model.name == "reduced":
             return "use more modes, or run the condensed model"
         return "run the full model, or sj.condense with more interface_modes"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from typing import Any, cast
@@ -22,24 +21,10 @@ from skfem_joint.linalg.bands import Band
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class FactorSettings:
-    """Choice of the library for factors of any pattern.
-
-    Attributes
-    ----------
-    large : int
-        Unknowns from which on PARDISO is used where it is installed; with fewer SuperLU is as fast.
-    full : float
-        Share of entries from which on pivots come from a dense Cholesky factor: 3000 unknowns with
-        all entries take a tenth of SuperLU's time.
-    """
-
-    large: int = 5000
-    full: float = 0.25
+#: Unknowns from which on PARDISO is used where it is installed; with fewer SuperLU is as fast.
+LARGE = 5000
 
 
-SETTINGS = FactorSettings()
 NOT_DEFINITE = (
     "a matrix is not positive definite: does an unknown have no mass, is the step tiny, a body "
     "held by nothing, or do modes depend on each other? Use skfem_joint.reduction.pod.orthonormal "
@@ -133,7 +118,7 @@ def complement(A: Any, kept: IntArray) -> FloatArray | None:
 
 def _if_pardiso(make: Callable[..., Any], A: Any, *more: Any) -> Any:
     """``make(library, A, *more)`` for large matrices if PARDISO is installed; None if it fails."""
-    if A.shape[0] < SETTINGS.large or (library := pardiso()) is None:
+    if A.shape[0] < LARGE or (library := pardiso()) is None:
         return None
     try:
         return make(library, A, *more)
@@ -203,7 +188,9 @@ def pivots(A: Any) -> FloatArray:
         If a pivot is zero.
     """
     entries, n = sparse.coo_array(A), A.shape[0]
-    if entries.nnz > SETTINGS.full * n**2:
+    # Share of entries from which on pivots come from a dense Cholesky factor: 3000 unknowns with
+    # all entries take a tenth of SuperLU's time.
+    if entries.nnz > 0.25 * n**2:
         factor, failed = linalg.lapack.dpotrf(entries.toarray(), clean=False, overwrite_a=True)
         return np.asarray(symmetric_lu(A).U.diagonal() if failed else factor.diagonal() ** 2)
     along = Band(entries.row, entries.col, n).factorised(entries.data)

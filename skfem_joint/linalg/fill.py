@@ -9,7 +9,6 @@ find somewhat better cuts. The count depends on the pattern alone, not on the li
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,24 +18,6 @@ from scipy.sparse.csgraph import connected_components
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.linalg import bands
 from skfem_joint.linalg.bands import Band, levels
-
-
-@dataclass(frozen=True)
-class FillSettings:
-    """Numbers of the count.
-
-    Attributes
-    ----------
-    leaf : int
-        Sets of so many unknowns are not cut further, but eliminated level by level. With 60 the
-        entries are 1.03 to 1.24 times those of PARDISO's factors for plates and solids of 4,000 to
-        57,000 unknowns, with 600 they are 1.4 to 2.6 times as many.
-    """
-
-    leaf: int = 60
-
-
-SETTINGS = FillSettings()
 
 
 class Fill(NamedTuple):
@@ -106,7 +87,10 @@ def _dissected(pattern: sparse.csr_matrix, weight: FloatArray) -> Fill:
         level = _levels_from_afar(own)
         sizes = np.bincount(level, weight[some]).astype(float)
         before = np.cumsum(sizes)
-        if before[-1] <= SETTINGS.leaf or sizes.size < 4:
+        # Sets of so many unknowns are not cut further, but eliminated level by level. With 60 the
+        # entries are 1.03 to 1.24 times those of PARDISO's factors for plates and solids of 4,000
+        # to 57,000 unknowns, with 600 they are 1.4 to 2.6 times as many.
+        if before[-1] <= 60 or sizes.size < 4:
             found = found.plus(sizes, np.append(sizes[1:], 0.0) + left)
             continue
         middle = min(max(int(np.searchsorted(before, 0.5 * before[-1])), 1), sizes.size - 2)

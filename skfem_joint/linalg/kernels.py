@@ -356,6 +356,22 @@ def add_symmetric_product(X, Y, columns, S):
 
 
 @compiled_inside
+def add_product(X, Y, columns, S):
+    """Add X Y' to S; only the first columns count."""
+    n = len(S)
+    last, end = n - n % 4, n - n % 2
+    for j in range(0, last, 4):
+        for k in range(0, end, 2):
+            _add_tile(X, Y, j, k, columns, S)
+        if end < n:
+            for i in range(j, j + 4):
+                S[i, end] += sum_of_products(X[i, :columns], Y[end, :columns])
+    for j in range(last, n):
+        for k in range(n):
+            S[j, k] += sum_of_products(X[j, :columns], Y[k, :columns])
+
+
+@compiled_inside
 def cholesky(A):
     """Overwrite the upper triangle of A by its factor U, A = U' U; False if there is none.
 
@@ -396,3 +412,58 @@ def solve_factorised(A, x):
             rest[j] -= t * row[j]
     for i in range(n - 1, -1, -1):
         x[i] = (x[i] - sum_of_products(A[i, i + 1 :], x[i + 1 :])) * A[i, i]
+
+
+@compiled_inside
+def lu(A, order):
+    """Overwrite A by its factors, A P = L U, with the unknowns in the ``order`` P; False if none.
+
+    L has a diagonal of ones, which is not stored, and the diagonal takes the reciprocals of that of
+    U. As in `cholesky`, rows are finished one after another. The largest entry of each comes to the
+    diagonal, unless that is within a tenth of it.
+    """
+    n = len(A)
+    for i in range(n):
+        order[i] = i
+    for i in range(n):
+        row = A[i]
+        first = i % 4
+        for k in range(first):
+            t, above, rest = row[k] * A[k, k], A[k, k + 1 :], row[k + 1 :]
+            row[k] = t
+            for j in range(rest.size):
+                rest[j] -= t * above[j]
+        for k in range(first, i, 4):
+            a, b, c, d = A[k], A[k + 1], A[k + 2], A[k + 3]
+            ta = row[k] * a[k]
+            tb = (row[k + 1] - ta * a[k + 1]) * b[k + 1]
+            tc = (row[k + 2] - ta * a[k + 2] - tb * b[k + 2]) * c[k + 2]
+            td = (row[k + 3] - ta * a[k + 3] - tb * b[k + 3] - tc * c[k + 3]) * d[k + 3]
+            row[k], row[k + 1], row[k + 2], row[k + 3] = ta, tb, tc, td
+            rest, a, b, c, d = row[k + 4 :], a[k + 4 :], b[k + 4 :], c[k + 4 :], d[k + 4 :]
+            for j in range(rest.size):
+                rest[j] -= (ta * a[j] + tb * b[j]) + (tc * c[j] + td * d[j])
+        best = i
+        for j in range(i + 1, n):
+            if abs(row[j]) > abs(row[best]):
+                best = j
+        if not abs(row[best]) > 0.0:
+            return False
+        if abs(row[best]) > 10.0 * abs(row[i]):
+            order[i], order[best] = order[best], order[i]
+            for k in range(n):
+                A[k, i], A[k, best] = A[k, best], A[k, i]
+        row[i] = 1.0 / row[i]
+    return True
+
+
+@compiled_inside
+def solve_lu(A, order, x, work):
+    """Solve A x = b in place (b in x) by the factors that `lu` left."""
+    n = x.size
+    for i in range(n):
+        work[i] = x[i] - sum_of_products(A[i, :i], work[:i])
+    for i in range(n - 1, -1, -1):
+        work[i] = (work[i] - sum_of_products(A[i, i + 1 :], work[i + 1 :])) * A[i, i]
+    for i in range(n):
+        x[order[i]] = work[i]

@@ -16,7 +16,7 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
-from skfem_joint.mesh.straightening import Straightening, straightening, together
+from skfem_joint.mesh.straightening import straightening
 
 
 @dataclass(frozen=True)
@@ -44,8 +44,6 @@ class NamedMesh:
         Files that the mesh was read from, "" for a mesh built in memory.
     notes : tuple of str
         Sentences on repairs that changed the geometry and on groups that were left out.
-    straightened : Straightening, optional
-        Change of sizes where curved edges of second-order elements were made straight.
     """
 
     mesh: skfem.Mesh
@@ -55,7 +53,6 @@ class NamedMesh:
     body: IntArray
     path: str = ""
     notes: tuple[str, ...] = ()
-    straightened: Straightening | None = None
 
     @property
     def dim(self) -> int:
@@ -151,8 +148,8 @@ def named(
         if own_order == 1:
             return checked
         curved = mesh.p[:, mesh.dofs.element_dofs]
-        change, notes = straightening(checked.mesh, curved, checked.boundaries)
-        return replace(checked, notes=tuple(notes), straightened=change)
+        notes = straightening(checked.mesh, curved, checked.boundaries)
+        return replace(checked, notes=tuple(notes))
     except ValueError as error:
         raise InputError(f"mesh: {error}") from error
 
@@ -397,7 +394,6 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
         mesh,
         path=", ".join(each.path for each in meshes if each.path),
         notes=tuple(note for each in meshes for note in each.notes),
-        straightened=together([(each.n_elements, each.straightened) for each in meshes]),
     )
 
 
@@ -434,10 +430,6 @@ def refined(mesh: NamedMesh) -> NamedMesh:
     number = np.arange(2**mesh.dim * mesh.n_elements).reshape(mesh.n_elements, -1)
     places = np.vstack([mesh.mesh.p, mesh.coordinates.T])
     values, _, _, parts, sides = cells.split(mesh.mesh, places)
-    straightened, into = mesh.straightened, 2**mesh.dim
-    if straightened is not None:
-        lost = np.repeat(straightened.lost / into, into)
-        straightened = replace(straightened, lost=lost)
     fine = from_parts(
         cell_of(mesh.mesh)[0],
         values[: mesh.dim],
@@ -450,6 +442,6 @@ def refined(mesh: NamedMesh) -> NamedMesh:
             for name, chosen in mesh.boundaries.items()
         },
         points=mesh.points,
-        body=np.repeat(mesh.body, into),
+        body=np.repeat(mesh.body, 2**mesh.dim),
     )
-    return replace(fine, path=mesh.path, notes=mesh.notes, straightened=straightened)
+    return replace(fine, path=mesh.path, notes=mesh.notes)

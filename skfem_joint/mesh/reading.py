@@ -48,7 +48,7 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     Repairs: cells that a file repeats for each of their groups are merged and belong to all these
     groups; nodes that no element uses are dropped; mirrored elements are turned over; lines of
     higher order are split at their inner nodes. Other second-order elements keep their order and
-    corners. Their edges are made straight; ``notes`` and ``straightened`` report curved edges.
+    corners. Their edges are made straight; ``notes`` report curved edges.
     Groups without a name are left out.
 
     Parameters
@@ -319,14 +319,12 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
             f"the bar is disconnected: no element joins {spot(*mesh.coordinates[ends])}"
         )
     notes = [f"group {name!r} of lines in a solid is left out" for name in left_out]
-    change = None
     if order == 2:
         straight = cell.mesh(p, t, sort_t=False)
         curved = position.T[: cell.dim, nodes[:, kept]]
-        change, of_edges = straightening(straight, curved, mesh.boundaries)
-        notes += of_edges
+        notes += straightening(straight, curved, mesh.boundaries)
     notes = [f"{path}: {note}" for note in notes]
-    return replace(mesh, path=path, notes=tuple(notes), straightened=change)
+    return replace(mesh, path=path, notes=tuple(notes))
 
 
 def _check_sides(

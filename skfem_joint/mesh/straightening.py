@@ -8,8 +8,7 @@ of size ``dx`` has the size ``det F dx`` or ``|cof(F) n| dx`` with curved edges.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,27 +18,10 @@ from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.mesh.cells import CONFORMING, cell_of, split, spot
 
 
-@dataclass(frozen=True)
-class Straightening:
-    """Change of sizes where the curved edges of second-order elements were made straight.
-
-    Attributes
-    ----------
-    lost : ndarray, shape (n_elements,)
-        Area (m2) or volume (m3) of each element with its curved edges, less that with straight
-        ones.
-    boundaries : dict of str to float
-        Relative change of the length or area, (straight - curved) / curved, by boundary name.
-    """
-
-    lost: FloatArray
-    boundaries: dict[str, float]
-
-
 def straightening(
     mesh: skfem.Mesh, positions: FloatArray, boundaries: Mapping[str, IntArray]
-) -> tuple[Straightening | None, list[str]]:
-    """Change of sizes where the edges of second-order elements are made straight, and a note on it.
+) -> list[str]:
+    """Sentences about sizes that change as edges of second-order elements are made straight.
 
     Parameters
     ----------
@@ -51,10 +33,7 @@ def straightening(
     boundaries : mapping
         Facets of ``mesh`` by name.
 
-    Returns
-    -------
-    Straightening or None, list of str
-        None and no note if all edges are straight already.
+    There are none if all edges are straight already.
     """
     straight, nodes, *_ = split(mesh)
     nodes = nodes[: positions.shape[1]]
@@ -63,7 +42,7 @@ def straightening(
     curved = distance > CONFORMING * np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0)
     moved = np.unique(nodes[curved]).size
     if not moved:
-        return None, []
+        return []
     concerned = curved.any(axis=0)
     _check_order(positions[:, :, concerned], straight[:, nodes[:, concerned]])
     cell, _ = cell_of(mesh)
@@ -74,12 +53,13 @@ def straightening(
     d[:, dofs.element_dofs] = offset
 
     intorder = 6  # exact for the volume of all these elements
-
-    lost = np.zeros(mesh.nelements)
-    chosen = np.flatnonzero(concerned)
-    inside = skfem.CellBasis(mesh, element, intorder=intorder, elements=chosen, dofs=dofs)
-    lost[chosen] = ((np.linalg.det(_gradients(inside, d)) - 1.0) * inside.dx).sum(axis=1)
-    changes = {}
+    inside = skfem.CellBasis(
+        mesh, element, intorder=intorder, elements=np.flatnonzero(concerned), dofs=dofs
+    )
+    lost = float(((np.linalg.det(_gradients(inside, d)) - 1.0) * inside.dx).sum())
+    whole = float(skfem.CellBasis(mesh, cell.elements[0](), intorder=intorder).dx.sum())
+    changes = {f"the {cell.measure} of the mesh": whole / (whole + lost) - 1.0}
+    size_of_sides = ("length", "area")[cell.dim - 2]
     for name, facets in boundaries.items():
         straight_side = skfem.FacetBasis(mesh, cell.elements[0](), facets=facets, intorder=intorder)
         size, more = straight_side.dx.sum(), 0.0
@@ -89,15 +69,20 @@ def straightening(
             normals = np.moveaxis(np.asarray(side.normals), 0, -1)[..., np.newaxis]
             stretch = np.linalg.norm(_cofactors(_gradients(side, d)) @ normals, axis=(-2, -1))
             more = ((stretch - 1.0) * side.dx).sum()
-        changes[name] = float(size / (size + more) - 1.0)
-    whole = float(skfem.CellBasis(mesh, cell.elements[0](), intorder=intorder).dx.sum())
-    change = whole / (whole + lost.sum()) - 1.0
-    note = (
+        changes[f"the {size_of_sides} of {name!r}"] = float(size / (size + more) - 1.0)
+    by_how_much = [f"{what} by {100.0 * x:.2g} %" for what, x in changes.items() if abs(x) > 1e-9]
+    notes = [
         f"{moved} {'node' if moved == 1 else 'nodes'} of curved edges moved to the middles of "
-        f"straight ones, by {distance.max():.3g} m at most. That changes the {cell.measure} of the "
-        f"mesh by {round(100.0 * change, 6):.2g} %."
-    )
-    return Straightening(lost, changes), [note]
+        f"straight ones, by {distance.max():.3g} m at most, which changes "
+        f"{', '.join(by_how_much) or 'no size'}."
+    ]
+    much = [what for what, x in changes.items() if abs(x) > 0.01]
+    if much:
+        notes.append(
+            f"Straight edges in place of curved ones change {', '.join(much)} by more than 1 %: "
+            "use smaller elements there (in Gmsh Mesh.MeshSizeFromCurvature = 36, elements a turn)."
+        )
+    return notes
 
 
 def _check_order(positions: FloatArray, straight: FloatArray) -> None:
@@ -118,17 +103,6 @@ def _check_order(positions: FloatArray, straight: FloatArray) -> None:
                 "VTK write the last two of ten-node tetrahedra the other way round, and those of "
                 "hexahedra otherwise), or elements of first order"
             )
-
-
-def together(parts: Sequence[tuple[int, Straightening | None]]) -> Straightening | None:
-    """Change of sizes of a merged mesh, from the number of elements and the change of each part."""
-    known = [part for _, part in parts if part is not None]
-    if not known:
-        return None
-    return Straightening(
-        np.concatenate([np.zeros(n) if part is None else part.lost for n, part in parts]),
-        {name: change for part in known for name, change in part.boundaries.items()},
-    )
 
 
 def _gradients(part: Any, d: FloatArray) -> FloatArray:

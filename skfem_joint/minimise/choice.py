@@ -5,8 +5,9 @@
 - a chain (H tridiagonal, each slip an unknown):
   :class:`~skfem_joint.minimise.front_elimination.FrontElimination`;
 - any other H with each slip an unknown:
-  :class:`~skfem_joint.minimise.truncated_newton.TruncatedNewton`, or
-  :class:`~skfem_joint.minimise.condensed_newton.CondensedNewton` where that is cheaper;
+  :class:`~skfem_joint.minimise.contact_newton.ContactNewton`, or
+  :class:`~skfem_joint.minimise.condensed_newton.CondensedNewton` where that is cheaper, and always
+  where contact opens;
 - dense H with slips that depend on each other, as in reduced models:
   :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
 - no friction at all: :class:`~skfem_joint.minimise.problem.LinearProblem`.
@@ -46,7 +47,8 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
 
         return PrimalDualNewton(H, points)
     from skfem_joint.minimise.condensed_newton import CondensedNewton
-    from skfem_joint.minimise.truncated_newton import TruncatedNewton
+    from skfem_joint.minimise.contact_newton import ContactNewton
 
-    pays = condense and condensing_pays(H, points.limited)
-    return CondensedNewton(H, points) if pays else TruncatedNewton(H, points)
+    opens = points.normal is not None
+    pays = opens or (condense and condensing_pays(H, points.limited))
+    return CondensedNewton(H, points) if pays else ContactNewton(H, points)

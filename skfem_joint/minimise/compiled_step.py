@@ -6,10 +6,11 @@
 
 - `front_elimination.Chain`, for tridiagonal matrices: `front_elimination` decides between stick and
   slip under Coulomb's law; else its `minty_newton` evaluates the law by `law.graph`;
-- `primal_dual_newton.Dense`, for dense matrices: evaluates the law by `law.forces`.
+- `primal_dual_newton.Dense`, for dense matrices: evaluates the law by `law.forces`. (Its kinds with
+  contact that opens are minimised alone, not in that loop.)
 
-Other systems are not stepped in that loop: `steppers.PythonStepper` calls `truncated_newton` or
-`condensed_newton`, whose `point_loops` evaluate the law by `law.sigma`, `law.slope` and
+Other systems are not stepped in that loop: `steppers.PythonStepper` calls `contact_newton` or
+`condensed_newton`, whose `contact_loops` evaluate the law by `law.sigma`, `law.slope` and
 `law.resolvent`.
 """
 

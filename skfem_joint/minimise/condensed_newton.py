@@ -1,53 +1,90 @@
-"""Truncated Newton method on the Schur complement of the unknowns in contact.
+"""Newton's method for contact on the Schur complement of the unknowns in contact.
 
-Friction acts on the slips alone. All other unknowns are eliminated once, and the method runs on a
-smaller matrix, which is mostly dense, for any number of right sides.
+Contact acts on slips and approaches alone. All other unknowns are eliminated once, and the method
+runs on a smaller matrix, which is mostly dense, for any number of right sides. Where approaches are
+weighted means of several unknowns, as under hats of nodes on elements of second order, the unknowns
+that they average are eliminated for given approaches. Of the rest, points of contact that opens
+which are apart are eliminated, too (:mod:`skfem_joint.minimise.touching`).
 """
+
+# mypy: allow-untyped-calls
 
 from __future__ import annotations
 
+from collections import Counter
 from copy import copy
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import linalg, sparse
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, IntArray, as_dense
+from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import SchurComplement
-from skfem_joint.minimise.problem import ContactPoints, Minimum
-from skfem_joint.minimise.truncated_newton import TruncatedNewton
+from skfem_joint.minimise.contact_newton import ContactNewton
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
+from skfem_joint.minimise.touching import Part
+from skfem_joint.unknowns import selection
+
+#: Share of the largest part of an approach that is not in others' below which it is none.
+DEPENDENT = 1e-10
 
 
 class CondensedNewton:
-    """`TruncatedNewton` on the Schur complement of the unknowns in contact, see `StepProblem`.
+    """`ContactNewton` on the Schur complement of the unknowns in contact, see `StepProblem`.
 
     Attributes
     ----------
     schur : SchurComplement
-        Of H, on the unknowns of points with friction.
-    contact : TruncatedNewton
-        The problem of these unknowns.
+        Of H, on the unknowns of points with friction and of pressure points.
+    contact : ContactNewton
+        The problem of these unknowns, or of slips and mean approaches.
+
+    Raises
+    ------
+    InputError
+        If approaches of pressure points depend on each other.
     """
 
     def __init__(self, H: Any, points: ContactPoints) -> None:
         self.H, self.points = H, points
-        self._limited = np.flatnonzero(points.on_rows(points.w))
-        self._points = np.flatnonzero(points.w > 0.0)
-        self.schur = SchurComplement(H, points.limited)
+        acts = points.w > 0.0 if points.normal is None else np.ones(points.w.size, dtype=bool)
+        self._limited = np.flatnonzero(points.on_rows(acts))
+        self._points = np.flatnonzero(acts)
+        kept, self.means = np.unique(points.unknowns[self._limited]), None
+        if points.normal is not None:
+            kept = np.union1d(kept, sparse.csr_array(points.normal.N).indices)
+        self.schur = SchurComplement(H, kept)
+        self.matrix = self.schur.complement
+        if points.normal is not None:
+            self.means = MeanApproaches.of(as_dense(self.matrix), self._acting())
+            self.matrix = as_dense(self.matrix) if self.means is None else self.means.matrix
         self.contact = self._contact()
+        self._part: Part | None = None
 
-    def _contact(self) -> TruncatedNewton:
-        """The problem of the unknowns of points with friction."""
+    def _acting(self) -> ContactPoints:
+        """Points with friction, and pressure points, in the unknowns of the complement."""
         points, some = self.points, self._points
         acting = ContactPoints(
             points.B[self._limited],
             points.directions[some],
             points.w[some],
             points.beta[some],
-            None if points.soft is None else points.soft[some],
+            None if points.flexible is None else points.flexible[some],
+        ).in_unknowns(self.schur.kept)
+        if (normal := points.normal) is None:
+            return acting
+        N = sparse.csr_array(sparse.csr_array(normal.N)[:, self.schur.kept])
+        gain = sparse.csr_array(normal.gain)
+        return replace(acting, normal=PressurePoints(N, gain, normal.stiffness))
+
+    def _contact(self) -> ContactNewton:
+        acting = self._acting()
+        return ContactNewton(
+            self.matrix, acting if self.means is None else self.means.points_of(acting)
         )
-        return TruncatedNewton(self.schur.complement, acting.in_unknowns(self.schur.kept))
 
     def with_limits(self, points: ContactPoints) -> CondensedNewton:
         """Problem with other friction limits, zero where they were zero, and the same factors."""
@@ -69,6 +106,25 @@ class CondensedNewton:
         """See `StepProblem`."""
         self.contact.compile()
 
+    def restrict(self, g: FloatArray) -> tuple[FloatArray, Any]:
+        """Right side of the contact, (k,) or (k, m), and what `extend` needs beside it."""
+        right, interior = self.schur.restrict(g)
+        if self.means is None:
+            return right, (None, interior)
+        right, beside = self.means.restrict(right)
+        return right, (beside, interior)
+
+    def extend(self, z: FloatArray, beside: Any) -> FloatArray:
+        """All unknowns, (n,) or (n, m), from those of the contact."""
+        of_means, interior = beside
+        return self.schur.extend(
+            z if self.means is None else self.means.extend(z, of_means), interior
+        )
+
+    def start_of(self, v: FloatArray) -> FloatArray:
+        """Unknowns of the contact, (k,), of all."""
+        return v[self.schur.kept] if self.means is None else self.means.start_of(v[self.schur.kept])
+
     def objective(
         self,
         v: FloatArray,
@@ -77,11 +133,11 @@ class CondensedNewton:
         offset: FloatArray | None = None,
     ) -> float:
         """See `StepProblem`."""
-        laws = self.contact.laws_of(
+        contact = self.contact.contact_of(
             None if beta is None else beta[self._points],
             None if offset is None else offset[self._limited],
         )
-        friction = self.contact.friction_potential(v[self.schur.kept], laws)
+        friction = self.contact.potential(v[self.schur.kept], contact)
         return float(v @ (0.5 * (self.H @ v) - g)) + friction
 
     def minimise(
@@ -91,28 +147,79 @@ class CondensedNewton:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
-        schur, force = self.schur, float(np.abs(g).max())
-        right, interior = schur.restrict(g)
-        inner = self.contact.minimise_beside(
-            right,
-            None if start is None else start[schur.kept],
-            tolerance,
-            None if beta is None else beta[self._points],
-            force,
-            None if offset is None else offset[self._limited],
-        )
-        v, friction = schur.extend(inner.v, interior), np.zeros(self.points.B.shape[0])
+        force = float(np.abs(g).max())
+        if not np.isfinite(force):
+            return self._not_finite(g, pressed)
+        right, beside = self.restrict(g)
+        law = None if beta is None else beta[self._points]
+        slips = None if offset is None else offset[self._limited]
+        z = None if start is None else self.start_of(start)
+        inner = self._minimise(right, z, tolerance, law, force, slips, pressed)
+        v, friction = self.extend(inner.v, beside), np.zeros(self.points.B.shape[0])
         friction[self._limited] = inner.sigma
+        where = inner.where
+        if self.means is not None:
+            where = self.means.unknown(where)
         return replace(
             inner,
             v=v,
             sigma=friction,
             converged=inner.converged and bool(np.all(np.isfinite(v))),
             counts=inner.counts | {"linear_solves": inner.counts["linear_solves"] + 2},
-            where=int(schur.kept[inner.where]),
+            where=int(self.schur.kept[where]),
+            w=self.points.w if pressed is None else inner.w,
         )
+
+    def _minimise(
+        self,
+        right: FloatArray,
+        z: FloatArray | None,
+        tolerance: float,
+        beta: FloatArray | None,
+        force: float,
+        offset: FloatArray | None,
+        pressed: Pressed | None,
+    ) -> Minimum:
+        """Minimum of the contact; points that pass their bounds though they are apart are kept."""
+        touching = None if pressed is None else pressed.touching
+        if pressed is None or touching is None:
+            return self.contact.minimise_beside(right, z, tolerance, beta, force, offset, pressed)
+        counts: Counter[str] = Counter()
+        while (part := self._parted(touching, pressed.given)) is not None:
+            own, apart = part.restrict(right)
+            found = part.minimise(own, z, tolerance, beta, force, offset, pressed)
+            self.contact.factorizations += found.counts["factorizations"]
+            counts.update(found.counts)
+            found = part.extended(found, apart, self.contact.points)
+            z = found.v
+            approach = z[self.contact.contact.pressing.place]
+            if not (found.converged and touching.closes(approach, pressed.bound)):
+                return replace(found, counts=dict(counts))
+        found = self.contact.minimise_beside(right, z, tolerance, beta, force, offset, pressed)
+        counts.update(found.counts)
+        return replace(found, counts=dict(counts))
+
+    def _parted(self, touching: Any, given: FloatArray) -> Part | None:
+        """The points that touch, or None where it does not pay to eliminate the others."""
+        if not touching.some_apart:
+            return None
+        if self._part is None or not np.array_equal(self._part.kept, touching.kept):
+            self._part = Part(self.contact, touching.kept)
+            self.contact.factorizations += 1
+        others = np.ones(given.size, dtype=bool)
+        others[self._part.frictions] = False
+        return None if np.any(given[others] > 0.0) else self._part
+
+    def _not_finite(self, g: FloatArray, pressed: Pressed | None) -> Minimum:
+        """Answer to forces that are not finite."""
+        where, counts = int(np.flatnonzero(~np.isfinite(g))[0]), {"newton_iterations": 0}
+        sigma = np.zeros(self.points.B.shape[0])
+        p = np.zeros(0 if pressed is None else pressed.bound.size)
+        v = np.full(g.size, np.nan)
+        return Minimum(v, sigma, False, counts, np.nan, where, p, self.points.w)
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """See `StepProblem`."""
@@ -125,3 +232,88 @@ class CondensedNewton:
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
         """See `StepProblem`."""
         self.contact.restore(saved)
+
+
+class MeanApproaches:
+    """Slips t and approaches s = W d, each a mean of unknowns d, in place of t and d.
+
+    The unknowns averaged are d = P s + Z y with W P = 1 and W Z = 0, and y is eliminated. That
+    works where contact alone holds a body as well: its stiffness for y is regular.
+
+    Parameters
+    ----------
+    S : ndarray, shape (k, k)
+        Matrix of t and d.
+    t, d : ndarray of int
+        Their numbers.
+    W : ndarray, shape (q, d)
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (t + q, t + q)
+        Of t, and of s behind them.
+    """
+
+    def __init__(self, S: FloatArray, t: IntArray, d: IntArray, W: FloatArray) -> None:
+        Q, R = linalg.qr(W.T)
+        q, size = len(W), np.abs(np.diagonal(R))
+        if q > size.size or size.min(initial=np.inf) <= DEPENDENT * size.max(initial=0.0):
+            raise InputError(
+                "contact that opens: approaches of pressure points depend on each other, or no "
+                "unknown moves one; leave out those that follow from others or cannot move, with "
+                "what they give to friction limits in w alone"
+            )
+        self.t, self.d, self.W = t, d, W
+        self.P = linalg.solve_triangular(R[:q], Q[:, :q].T).T
+        self.Z = Q[:, q:]
+        S_td, S_dd = S[np.ix_(t, d)], S[np.ix_(d, d)]
+        S_dP = S_dd @ self.P
+        S_ts = S_td @ self.P
+        A = np.block([[S[np.ix_(t, t)], S_ts], [S_ts.T, self.P.T @ S_dP]])
+        self.beside = np.hstack([(S_td @ self.Z).T, self.Z.T @ S_dP])
+        self.factor = linalg.cho_factor(self.Z.T @ (S_dd @ self.Z))
+        A -= self.beside.T @ linalg.cho_solve(self.factor, self.beside)
+        self.matrix = np.ascontiguousarray(0.5 * (A + A.T))
+
+    @staticmethod
+    def of(S: FloatArray, points: ContactPoints) -> MeanApproaches | None:
+        """Of points in the unknowns of S; None where each approach is an unknown already."""
+        N = sparse.csr_array(points.normal.N) if points.normal else sparse.csr_array((0, len(S)))
+        d = np.unique(N.indices)
+        W = as_dense(N[:, d])
+        if N.data.size == d.size == len(W) and np.all(N.data == 1.0):
+            return None
+        return MeanApproaches(S, np.unique(points.unknowns), d, W)
+
+    def points_of(self, points: ContactPoints) -> ContactPoints:
+        """Points in the unknowns of the matrix."""
+        n, count = len(self.matrix), self.t.size
+        if points.normal is None:
+            raise TypeError("points without normal contact have no approaches")
+        N = selection(np.arange(count, n), n)
+        B = selection(np.searchsorted(self.t, points.unknowns), n)
+        return replace(points, B=B, normal=replace(points.normal, N=N))
+
+    def start_of(self, v: FloatArray) -> FloatArray:
+        """Unknowns of the matrix from t and d."""
+        return np.concatenate([v[self.t], self.W @ v[self.d]])
+
+    def unknown(self, where: int) -> int:
+        """Unknown of t and d that belongs most to one of the matrix."""
+        if where < self.t.size:
+            return int(self.t[where])
+        return int(self.d[np.abs(self.W[where - self.t.size]).argmax()])
+
+    def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Right side of the matrix, and what `extend` needs."""
+        of_y = self.Z.T @ g[self.d]
+        right = np.concatenate([g[self.t], self.P.T @ g[self.d]])
+        return right - self.beside.T @ linalg.cho_solve(self.factor, of_y), of_y
+
+    def extend(self, z: FloatArray, of_y: FloatArray) -> FloatArray:
+        """All of t and d."""
+        v = np.empty((self.t.size + self.d.size, *z.shape[1:]))
+        v[self.t] = z[: self.t.size]
+        y = linalg.cho_solve(self.factor, of_y - self.beside @ z)
+        v[self.d] = self.P @ z[self.t.size :] + self.Z @ y
+        return v

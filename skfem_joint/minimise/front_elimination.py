@@ -33,7 +33,7 @@ from skfem_joint.minimise import law
 from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, slips
 from skfem_joint.minimise.law import COULOMB, FREE, REGULAR, graph_parameters, sticks
 from skfem_joint.minimise.minty_newton import newton_on_graph
-from skfem_joint.minimise.problem import ContactPoints, Minimum
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 
 
 class FrontSettings(NamedTuple):
@@ -494,7 +494,7 @@ class FrontElimination:
         w[contact] = points.w
         self._matrix = matrix
         springs = []
-        if points.soft is not None:
+        if points.flexible is not None:
             springs = [np.zeros(n)]
             springs[0][contact] = points.soft
         self.kernel = build_chain(matrix, w, self._by_unknown(points.beta), *springs)
@@ -545,12 +545,13 @@ class FrontElimination:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
         if beta is not None and not np.array_equal(beta, self._law[0]):
             self._law = beta.copy(), with_law(self.kernel, self._by_unknown(beta))
         chain, space = self.kernel if beta is None else self._law[1], self.workspace
-        contact, sprung = self.points.unknowns, self.points.soft is not None
+        contact, sprung = self.points.unknowns, self.points.flexible is not None
         if sprung:
             space.offset[contact] = 0.0 if offset is None else offset
         if chain.mixed < 2 or sprung:  # Newton's method needs a start, which elimination does not
@@ -579,7 +580,9 @@ class FrontElimination:
         }
         sigma = space.force[contact]
         v = space.velocity.copy()
-        return Minimum(v, sigma, bool(converged), counts, float(residual), int(unknown))
+        return Minimum(
+            v, sigma, bool(converged), counts, float(residual), int(unknown), w=self.points.w
+        )
 
     def objective(
         self,

@@ -19,6 +19,7 @@ potential, inverse, and the number `WIDTH`. The rest of the module serves the so
   k v + sigma(v) = x, with which a point is relaxed while its neighbours stay;
 - the same with a spring in series (`sprung_force`, `sprung_slope`, `sprung_psi`,
   `sprung_resolvent`), see below;
+- the tangent of the force of a slip vector, `slip_tangent`, and of a point, `add_tangent`;
 - along many points of a compiled loop: `forces`, and the graph of the law in a parameter s
   (Minty's): `graph` gives v(s) and sigma(s) with derivatives, `graph_parameters` is its inverse;
 - of arrays that broadcast, in Python: `force`, `force_slope`, `potential`, `force_vectors`.
@@ -58,7 +59,7 @@ pass through all that carries beta: the scene's `JointTable.law`; `Joint`, `cont
 `point_friction` (`skfem_joint.structure`); `SlipRows` (`skfem_joint.slips`); `System` with its
 projection and its file; the merging of points (`skfem_joint.reduction.friction_points`);
 `ContactPoints` (`skfem_joint.minimise.problem`); and the named tuples of the compiled loops,
-`Chain` and `DenseRows`, with the arguments of `point_loops`. The scalar functions then choose by
+`Chain` and `DenseRows`, with the arguments of `contact_loops`. The scalar functions then choose by
 it.
 """
 
@@ -67,7 +68,7 @@ it.
 
 from __future__ import annotations
 
-from math import atan, copysign, inf, log1p, pi, sqrt, tan
+from math import atan, copysign, hypot, inf, log1p, pi, sqrt, tan
 from typing import Any
 
 import numpy as np
@@ -215,6 +216,56 @@ def resolvent(x, k, beta):
         z = z_next
     force = force_alone(z)
     return (z / beta, force) if x > 0.0 else (-z / beta, -force)
+
+
+# Tangent of the friction of a slip vector
+
+
+def slip_tangent(along: Any, across: Any, x: Any, y: Any, p: Any, q: Any) -> Any:
+    """Entries 11, 12 and 22 of d(force)/d(slip) of a slip vector, of numbers or arrays.
+
+    The force depends on the norm of the slip and has its direction e = (x, y). So its derivative is
+    the slope of the law along e, and force over norm across it:
+
+        across I + (along - across) (e f^T + f e^T) / 2,
+
+    with f = (p, q) = e. With the predicted force over that of the law for f it is the tangent of
+    :mod:`skfem_joint.minimise.primal_dual_newton`, which is secure far from the solution.
+    """
+    more = along - across
+    first, mixed = across + more * x * p, more * x * q + 0.5 * more * (y * p - x * q)
+    return first, mixed, across + more * y * q
+
+
+#: `slip_tangent` for compiled loops.
+tangent_inside = compiled_inside(slip_tangent)
+
+
+@compiled_inside
+def add_tangent(w, x, y, pair, beta, soft, stiffest, out):
+    """Add the tangent of a force ``w sigma`` at a slip (x, y) to ``out``, entries (11, 12, 22).
+
+    ``pair`` is whether the point slips in two directions; else y is 0, and 11 alone counts. Nothing
+    is added for a Coulomb point at rest without a spring. Across the slip of a Coulomb point the
+    tangent is at most ``stiffest``: round-off of a much stiffer one would make matrices singular.
+    """
+    speed = hypot(x, y)
+    if beta == inf and soft == 0.0 and speed == 0.0:
+        return
+    along = w * sprung_slope(speed, beta, soft)
+    if speed == 0.0 or not pair:
+        out[0] += along
+        out[2] += along
+        return
+    beside = w * sprung_across(speed, beta, soft)
+    if beta == inf:
+        beside = min(beside, stiffest)
+    x /= speed
+    y /= speed
+    first, mixed, second = tangent_inside(along, beside, x, y, x, y)
+    out[0] += first
+    out[1] += mixed
+    out[2] += second
 
 
 # At a point with a spring in series
@@ -470,6 +521,19 @@ def potential(v: ArrayLike, beta: ArrayLike, soft: ArrayLike | None = None) -> F
     if soft is not None:
         return _with_springs(_sprung_potentials, v, beta, soft)
     return _evaluated(_potentials, v, beta)
+
+
+def along_and_across(
+    size: FloatArray, beta: FloatArray, soft: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Tangents over the limit, s/m, along and across slips of some ``size``, of shapes of `force`.
+
+    Zero at rest under Coulomb friction without springs, where unknowns stick.
+    """
+    along, moves = force_slope(size, beta, soft), size > 0.0
+    across = np.where(moves, force(size, beta, soft) / np.where(moves, size, 1.0), along)
+    sticks = np.isinf(along)
+    return np.where(sticks, 0.0, along), np.where(sticks, 0.0, across)
 
 
 def force_vectors(slip: ArrayLike, beta: ArrayLike, directions: NDArray[np.int64]) -> FloatArray:

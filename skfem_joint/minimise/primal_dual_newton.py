@@ -40,6 +40,25 @@ step stay 9.1, 8.0 and 16. What did not help, tried on steps of the plate and th
 - a start from the last velocity in place of the extrapolated one: half an iteration more.
 
 Set-valued Coulomb friction, for quasi-static increments, is the limit of ever steeper laws.
+
+Contact that opens adds a term of the approaches N v of pressure points, with a stiffness k,
+
+    sum k / 2 max(N v - bound, 0)^2,
+
+since they cannot all rest on their bounds either. Its slopes are the normal forces p, and friction
+limits follow them, w = max(0, given + gain p). `Dense` has constant limits, `Following` such as
+follow in each evaluation, and `Kept` such as are kept. All three run through `_minimise_from`;
+the functions above it that are not implemented are where they differ.
+
+The tangent of `Following` has the change of the friction F of each slip row by its limit,
+
+    H + B' D B + sum_c k_c (N_c + sum_f gain_fc B_f' dF_f/dw_f) N_c,    dF/dw = sigma (1 - soft d),
+
+over the pressure points c that are pressed, which is not symmetric; d is the slope of the law with
+its spring, so that friction of a slider that sticks does not change. There is no objective for a
+line search: steps are shortened where the residual grows much. Where that iteration stalls, limits
+are kept until the convex problem for them is solved, and then renewed by Anderson's acceleration.
+What does not balance with the limits of its own normal forces is not returned as converged.
 """
 
 # numba infers the types of compiled functions:
@@ -47,32 +66,39 @@ Set-valued Coulomb friction, for quasi-static increments, is the limit of ever s
 
 from __future__ import annotations
 
+from collections import Counter
 from math import copysign, inf, sqrt
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, as_dense, check_like, slip_norms
-from skfem_joint.compiling import compiled, compiled_for, compiled_inside
+from skfem_joint.compiling import compiled, compiled_for, compiled_inside, inlined
+from skfem_joint.errors import InputError
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.kernels import (
     Full,
+    add_product,
     add_row_products,
     add_symmetric_product,
     aligned,
     cholesky,
     combine_rows,
     largest_of,
+    lu,
     solve_factorised,
+    solve_lu,
     sum_of_magnitudes,
     sum_of_products,
     sum_of_triple_products,
 )
 from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, row_order, slips
 from skfem_joint.minimise.law import forces, potential, slope_of, sprung_force, sprung_slope
+from skfem_joint.minimise.limits import Renewal
 from skfem_joint.minimise.line_search import friction_slope, line_search
-from skfem_joint.minimise.problem import ContactPoints, Minimum
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
 
 
 class PrimalDualSettings(NamedTuple):
@@ -93,6 +119,24 @@ class PrimalDualSettings(NamedTuple):
         Accepted residual in units of the forces that are added up.
     nothing : float
         Forces, N, that count as none.
+    turn : float
+        Change of the derivative of a point's friction by its limit, over 1, up to which the earlier
+        one stays.
+    grows : float
+        Limits that follow normal forces: a step is taken if the residual grows by no more than this
+        factor. Residuals of few unknowns grow on the way: where each had to fall, steps of 67
+        unknowns took 16.4 iterations in place of 12.9.
+    shorter, shortened : float and int
+        Factor by which other steps are shortened, and most times that they are.
+    patience : int
+        Iterations in which the residual must halve; otherwise limits are kept for a while.
+    inner : float
+        The problem of kept limits is solved to this share of the residual that these leave.
+    again : float
+        Limits follow normal forces again when those kept have brought the residual to this share of
+        what it was.
+    renewals : int
+        Most times that kept limits are renewed.
     steeper : tuple of float
         Coulomb friction: beta times the largest slip of the laws in turn.
     stiffest : float
@@ -106,6 +150,14 @@ class PrimalDualSettings(NamedTuple):
     most: float = 0.6
     round_off: float = 16 * float(np.finfo(np.float64).eps)
     nothing: float = 1e-300
+    turn: float = 0.02
+    grows: float = 4.0
+    shorter: float = 0.4
+    shortened: int = 8
+    patience: int = 8
+    inner: float = 0.1
+    again: float = 0.1
+    renewals: int = 100
     steeper: tuple[float, ...] = (1e2, 1e4, 1e6)
     stiffest: float = 1e12
 
@@ -141,6 +193,98 @@ class Dense(NamedTuple):
 
     H: Any
     contact: DenseRows
+
+
+class PressureRows(NamedTuple):
+    """Pressure points of a dense problem, their forces now, and what belongs to their tangent.
+
+    Attributes
+    ----------
+    N : ndarray, shape (n, q)
+        Transposed operator of approaches.
+    stiffness, bound : ndarray, shape (q,)
+        Stiffness, in N over the unit of v, and approach at which each point begins to carry.
+    start, column, gain : ndarray
+        Compressed rows of the friction limit of each friction point by the forces p.
+    point_start, point, point_gain : ndarray
+        The same by columns: the friction points that each pressure point gives a limit.
+    given : ndarray, shape (m,)
+        Friction limits without forces, N.
+    flexible : ndarray, shape (m,)
+        Slip that the springs in series take under a unit of force; empty if no point has one.
+    steep : ndarray, shape (m,)
+        Steepness of each point where it has friction.
+    over, p, d_over : ndarray, shape (q,)
+        How far points are beyond their bounds, their forces, N, and the change along a direction.
+    change, held_change : ndarray, shape (rows,)
+        Derivative of friction by its limit, now and as it is added up in U.
+    pressed : ndarray, shape (q,)
+        1 where the stiffness of a point is added up in U, else 0.
+    held : ndarray, shape (n, q)
+        Stiffness of each point, N s/m, with what it gives to friction: U is held N'.
+    U : ndarray, shape (n, n)
+        Tangent of the normal forces, and of friction by them.
+    order : ndarray of int, shape (n,)
+        Unknowns in the order of the factor.
+    pushed, tried, left, old_w, old_sigma, slip, rows : ndarray
+        Arrays to work in: by unknown, slip row and, the last one, pressure point.
+    X, Y : ndarray, shape (n, q)
+        Arrays to work in.
+    listed : ndarray of int, shape (q,)
+        Pressure points whose tangents changed.
+    watch : ndarray, shape (3,)
+        Least residual up to now, N, iterations since it halved last, and of limits that follow the
+        largest normal force on an unknown, of others the residual that is enough, N.
+    """
+
+    N: Any
+    stiffness: Any
+    bound: Any
+    start: Any
+    column: Any
+    gain: Any
+    point_start: Any
+    point: Any
+    point_gain: Any
+    given: Any
+    flexible: Any
+    steep: Any
+    over: Any
+    p: Any
+    d_over: Any
+    change: Any
+    held_change: Any
+    pressed: Any
+    held: Any
+    U: Any
+    order: Any
+    pushed: Any
+    tried: Any
+    left: Any
+    old_w: Any
+    old_sigma: Any
+    slip: Any
+    rows: Any
+    X: Any
+    Y: Any
+    listed: Any
+    watch: Any
+
+
+class Following(NamedTuple):
+    """Problem of a step whose friction limits follow the forces of its pressure points."""
+
+    H: Any
+    contact: DenseRows
+    normal: PressureRows
+
+
+class Kept(NamedTuple):
+    """The same with friction limits that are kept: a convex problem."""
+
+    H: Any
+    contact: DenseRows
+    normal: PressureRows
 
 
 class DenseWorkspace(NamedTuple):
@@ -195,15 +339,37 @@ class DenseWorkspace(NamedTuple):
 def rows_of(points: ContactPoints) -> tuple[DenseRows, Places]:
     """Slip rows of contact points, with a steepness of 1 s/m for those of Coulomb's law."""
     w, (row, point) = points.w, row_order(points.directions)
-    may_be_steep = np.isfinite(points.beta) | (points.compliance > 0.0)
+    may_be_steep = np.isfinite(points.beta) | points.has_spring
     beta = np.where(w > 0.0, np.where(may_be_steep, points.beta, 1.0), 0.0)
-    soft = np.zeros(0) if points.soft is None else points.soft[point]
+    soft = np.zeros(0) if points.flexible is None else points.soft[point]
     values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point], soft
     memory = aligned(*(value.size for value in values))
     rows = DenseRows(memory[0].reshape(values[0].shape), *memory[1:])
     for array, value in zip(rows, values, strict=True):
         array[...] = value
     return rows, Places(np.argsort(row), np.argsort(point))
+
+
+def pressure_rows(points: ContactPoints, places: Places) -> PressureRows:
+    """Pressure points of contact points whose friction has some places in the loops."""
+    normal, order = cast("PressurePoints", points.normal), np.argsort(places.point)
+    N = np.ascontiguousarray(as_dense(normal.N).T)
+    (n, q), rows, m = N.shape, points.B.shape[0], order.size
+    by_point = sparse.csr_array(normal.gain)[order]
+    by_pressure = sparse.csr_array(by_point.T)
+    compressed = [
+        np.array(x, dtype=kind)
+        for G in (by_point, by_pressure)
+        for x, kind in zip((G.indptr, G.indices, G.data), (np.int64, np.int64, float), strict=True)
+    ]
+    flexible = np.zeros(0) if points.flexible is None else points.flexible[order]
+    own = aligned(q, m, m, *3 * [q], *2 * [rows], q, n * n, *3 * [n], *3 * [rows], q)
+    bound, given, steep, *forces, U, pushed, tried, left, old_w, old_sigma, slip, rows = own
+    held, X, Y = np.zeros((3, n, q))
+    arrays: list[Any] = [N, np.array(normal.stiffness, dtype=float), bound, *compressed, given]
+    arrays += [flexible, steep, *forces, held, U.reshape((n, n)), np.zeros(n, np.int64), pushed]
+    arrays += [tried, left, old_w, old_sigma, slip, rows, X, Y, np.zeros(q, np.int64), np.zeros(3)]
+    return PressureRows._make(arrays)
 
 
 def dense_workspace(n: int, rows: int, m: int) -> DenseWorkspace:
@@ -391,12 +557,12 @@ def _add_changed(contact, count, doubled, space):
 
 
 @compiled_inside
-def _factorised(H, contact, slip, sigma, anew, space):
-    """Factor in A of H plus the tangent of the friction; False if there is none.
+def _factorised(problem, slip, sigma, anew, space):
+    """Factor in A of H plus the tangent of friction and normal forces; False if there is none.
 
     Unless all is made anew, tangents of points that changed little since they were added stay.
     """
-    A, S, rows = space.A, space.S, slip.size
+    contact, rows = problem.contact, slip.size
     _weigh(contact, slip, sigma, space)
     count, doubled = 0, 0
     if not anew:
@@ -405,10 +571,7 @@ def _factorised(H, contact, slip, sigma, anew, space):
         _add_all(contact, space)
     elif count > 0:
         _add_changed(contact, count, doubled, space)
-    for j in range(len(A)):
-        for k in range(j, len(A)):
-            A[j, k] = H[j, k] + S[j, k]
-    return cholesky(A)
+    return factor(problem, space, sigma, anew)
 
 
 @compiled_inside
@@ -439,12 +602,12 @@ def _predict(contact, sigma, d_slip, space):
     for p in range(pairs):
         first[p] += cross[p] * d_second[p]
         second[p] += cross[p] * d_first[p]
-    _limit(contact, predicted)
 
 
 @compiled_inside
-def _round_off(H, contact, q, slip, sigma, space):
+def _round_off(problem, q, slip, sigma, space):
     """Round-off of the residual: of H q, and of the slip velocities times the law's slope."""
+    H, contact = problem.H, problem.contact
     B, w = contact.B, contact.w
     n = q.size
     m = contact.beta.size
@@ -468,7 +631,7 @@ def _round_off(H, contact, q, slip, sigma, space):
     largest = 0.0
     for j in range(n):
         total = sum_of_magnitudes(H[j], q) + sum_of_magnitudes(B[j], friction)
-        largest = max(largest, total)
+        largest = max(largest, total + magnitude_of_pressures(problem, q, j))
     return SETTINGS.round_off * largest
 
 
@@ -479,10 +642,9 @@ class _Line(NamedTuple):
     space: Any
 
 
-@compiled_for(friction_slope, _Line)
-def _slope_along(line, length):
+@compiled_inside
+def _friction_slope_along(contact, space, length):
     """Derivative of sum w psi along a direction, W; slips and forces stay in the workspace."""
-    contact, space = line
     slip, d_slip, trial = space.slip, space.d_slip, space.trial
     for i in range(slip.size):
         trial[i] = slip[i] + length * d_slip[i]
@@ -490,54 +652,497 @@ def _slope_along(line, length):
     return sum_of_triple_products(contact.w, space.force, d_slip)
 
 
-@compiled_for(minimise_step, Dense)
-def _minimise_dense(problem, workspace, right, v, tolerance):
+@compiled_for(friction_slope, _Line)
+def _slope_along(line, length):
+    return _friction_slope_along(line.contact, line.space, length)
+
+
+# What differs with and without normal forces
+
+
+def press(problem, q):
+    """Forces of pressure points at velocities q, and the friction limits that follow them."""
+    raise NotImplementedError
+
+
+def add_pressures(problem, r):
+    """Add the normal forces to the residual ``r``; returns the largest on an unknown, N."""
+    raise NotImplementedError
+
+
+def magnitude_of_pressures(problem, q, j):
+    """Sum of the magnitudes that are added up in the normal forces on an unknown, N."""
+    raise NotImplementedError
+
+
+def recall(problem, r):
+    """Take the residual found at the end of a step; returns as `add_pressures`, -1 if unknown."""
+    raise NotImplementedError
+
+
+def begin(problem, space):
+    """Prepare for iterations, after the residual of the start."""
+    raise NotImplementedError
+
+
+def factor(problem, space, sigma, anew):
+    """Factor in A of H, the tangent S of friction and that of normal forces; False if none."""
+    raise NotImplementedError
+
+
+def solve(problem, space, r):
+    """Solve in place by the factor."""
+    raise NotImplementedError
+
+
+def advance(problem, space, right, largest, linear, quadratic):
+    """Step length along ``space.r``, where slips move by ``space.d_slip``; see `line_search`."""
+    raise NotImplementedError
+
+
+def stalls(problem, largest):
+    """Whether the iteration does not lead on, after an iteration with a residual, N."""
+    raise NotImplementedError
+
+
+@compiled_for(press, Dense, inlined=True)
+def _press_nothing(problem, q):
+    pass
+
+
+@compiled_for(add_pressures, Dense, inlined=True)
+def _add_no_pressures(problem, r):
+    return 0.0
+
+
+@compiled_for(magnitude_of_pressures, Dense, inlined=True)
+def _no_magnitude_of_pressures(problem, q, j):
+    return 0.0
+
+
+@compiled_for(recall, Dense, Kept, inlined=True)
+def _recall_nothing(problem, r):
+    return -1.0
+
+
+@compiled_for(begin, Dense, inlined=True)
+def _begin_with_prediction(problem, space):
+    pass
+
+
+@compiled_for(factor, Dense, inlined=True)
+def _factor_of_dense(problem, space, sigma, anew):
+    H, A, S = problem.H, space.A, space.S
+    for j in range(len(A)):
+        for k in range(j, len(A)):
+            A[j, k] = H[j, k] + S[j, k]
+    return cholesky(A)
+
+
+@compiled_for(solve, Dense, inlined=True)
+def _solve_dense(problem, space, r):
+    solve_factorised(space.A, r)
+
+
+@compiled_for(advance, Dense, inlined=True)
+def _advance_dense(problem, space, right, largest, linear, quadratic):
+    contact = problem.contact
+    slope_0 = linear + sum_of_triple_products(contact.w, space.force, space.d_slip)
+    _predict(contact, space.force, space.d_slip, space)
+    _limit(contact, space.predicted)
+    length, trials, known = line_search(_Line(contact, space), slope_0, linear, quadratic)
+    if known:
+        for i in range(space.slip.size):
+            space.slip[i] = space.trial[i]
+    return length, trials, known
+
+
+@compiled_for(stalls, Dense, inlined=True)
+def _never_stalls(problem, largest):
+    return False
+
+
+# With normal forces
+
+
+@compiled_inside
+def _press(normal):
+    """Forces of the pressure points from how far they are beyond their bounds."""
+    over, p, stiffness = normal.over, normal.p, normal.stiffness
+    for c in range(p.size):
+        p[c] = stiffness[c] * max(over[c], 0.0)
+
+
+@compiled_inside
+def _approach(normal, q):
+    """How far pressure points are beyond their bounds at velocities q, and their forces."""
+    combine_rows(normal.N, q, normal.over)
+    for c in range(normal.over.size):
+        normal.over[c] -= normal.bound[c]
+    _press(normal)
+
+
+@compiled_inside
+def _follow(contact, normal):
+    """Friction limits that follow the normal forces."""
+    for f in range(normal.given.size):
+        limit = normal.given[f]
+        for e in range(normal.start[f], normal.start[f + 1]):
+            limit += normal.gain[e] * normal.p[normal.column[e]]
+        _set_limit(contact, normal, f, max(limit, 0.0))
+
+
+@compiled_inside
+def _set_limit(contact, normal, f, limit):
+    """Give a point a friction limit, N."""
+    m = contact.beta.size
+    contact.w[f] = limit
+    if m + f < contact.w.size:
+        contact.w[m + f] = limit
+    if contact.soft.size > 0:
+        contact.soft[f] = limit * normal.flexible[f]
+        contact.beta[f] = normal.steep[f] if limit > 0.0 or normal.steep[f] < inf else 0.0
+
+
+@compiled_for(press, Following, inlined=True)
+def _press_and_follow(problem, q):
+    _approach(problem.normal, q)
+    _follow(problem.contact, problem.normal)
+
+
+@compiled_for(press, Kept, inlined=True)
+def _press_alone(problem, q):
+    _approach(problem.normal, q)
+
+
+@compiled_for(add_pressures, Following, Kept, inlined=True)
+def _add_pressures(problem, r):
+    normal, pushed = problem.normal, problem.normal.pushed
+    for j in range(r.size):
+        pushed[j] = 0.0
+    add_row_products(normal.N, normal.p, pushed)
+    for j in range(r.size):
+        r[j] += pushed[j]
+    return largest_of(pushed)
+
+
+@compiled_for(magnitude_of_pressures, Following, Kept, inlined=True)
+def _magnitude_of_pressures(problem, q, j):
+    normal = problem.normal
+    rows, bound = normal.rows, normal.bound
+    if j == 0:
+        for c in range(rows.size):
+            rows[c] = abs(bound[c]) if normal.over[c] > 0.0 else 0.0
+        for k in range(q.size):
+            row, t = normal.N[k], abs(q[k])
+            for c in range(rows.size):
+                rows[c] += t * abs(row[c])
+        for c in range(rows.size):
+            rows[c] = normal.stiffness[c] * rows[c] if normal.over[c] > 0.0 else 0.0
+    return sum_of_magnitudes(normal.N[j], rows)
+
+
+@compiled_for(begin, Following, Kept, inlined=True)
+def _begin_with_friction(problem, space):
+    for i in range(space.predicted.size):
+        space.predicted[i] = problem.contact.w[i] * space.force[i]
+
+
+@compiled_inside
+def _stalls(normal, largest):
+    """Whether the residual has not halved for some iterations."""
+    watch = normal.watch
+    if largest <= 0.5 * watch[0]:
+        watch[0], watch[1] = largest, 0.0
+    watch[1] += 1.0
+    return watch[1] > SETTINGS.patience or largest == inf
+
+
+@compiled_inside
+def _changes(contact, sigma, slopes, change):
+    """Derivatives of friction by its limit, (rows,).
+
+    A spring whose slider does not move has the same force under any limit; else the slider's slip
+    changes too.
+    """
+    m = contact.beta.size
+    for f in range(m):
+        follows = 1.0 if contact.w[f] > 0.0 else 0.0
+        if contact.soft.size > 0:
+            follows *= 1.0 - contact.soft[f] * slopes[f]
+        change[f] = follows * sigma[f]
+        if m + f < change.size:
+            change[m + f] = follows * sigma[m + f]
+
+
+@compiled_inside
+def _list_pressures(normal, m, anew):
+    """List pressure points whose tangent changed; returns their number.
+
+    All if it is made ``anew``, else those that closed, opened, or press points whose friction
+    changes by its limit in another way.
+    """
+    change, held, count = normal.change, normal.held_change, 0
+    for c in range(normal.p.size):
+        pressed = 1.0 if normal.over[c] > 0.0 else 0.0
+        listed = pressed != normal.pressed[c]
+        if pressed > 0.0 and not listed:
+            for e in range(normal.point_start[c], normal.point_start[c + 1]):
+                f = normal.point[e]
+                listed |= abs(change[f] - held[f]) > SETTINGS.turn
+                if m + f < change.size:
+                    listed |= abs(change[m + f] - held[m + f]) > SETTINGS.turn
+        normal.pressed[c] = pressed
+        normal.listed[count] = c
+        count += listed
+    for i in range(change.size):
+        if anew or abs(change[i] - held[i]) > SETTINGS.turn:
+            held[i] = change[i]
+    return count
+
+
+@compiled_inside
+def _differences(normal, contact, count, coupled):
+    """Changes of the held tangents of listed pressure points, and their approaches, in X and Y."""
+    B, N, X, Y, listed = contact.B, normal.N, normal.X, normal.Y, normal.listed
+    change, mixed = normal.change, normal.old_w
+    m = contact.beta.size
+    pairs = change.size - m
+    for j in range(len(N)):
+        held, row, own, x, y = normal.held[j], N[j], B[j], X[j], Y[j]
+        if coupled:
+            for f in range(m):
+                mixed[f] = change[f] * own[f]
+            for f in range(pairs):
+                mixed[f] += change[m + f] * own[m + f]
+        for i in range(count):
+            c = listed[i]
+            t = row[c]
+            if coupled:
+                for e in range(normal.point_start[c], normal.point_start[c + 1]):
+                    t += normal.point_gain[e] * mixed[normal.point[e]]
+            t *= normal.stiffness[c] * normal.pressed[c]
+            x[i], y[i], held[c] = t - held[c], row[c], t
+
+
+@compiled_inside
+def _hold_pressures(problem, space, sigma, anew, coupled):
+    """Bring the tangent U of the normal forces up to date; returns how many points changed."""
+    contact, normal = problem.contact, problem.normal
+    if coupled:
+        _changes(contact, sigma, space.scaled, normal.change)
+    else:
+        for i in range(sigma.size):
+            normal.change[i] = 0.0
+    if anew:
+        for j in range(len(normal.U)):
+            for k in range(len(normal.U)):
+                normal.U[j, k] = 0.0
+            for c in range(normal.p.size):
+                normal.held[j, c] = 0.0
+        for c in range(normal.p.size):
+            normal.pressed[c] = 0.0
+    count = _list_pressures(normal, contact.beta.size, anew)
+    _differences(normal, contact, count, coupled)
+    return count
+
+
+@compiled_for(factor, Following, inlined=True)
+def _factor_following(problem, space, sigma, anew):
+    normal, H, A, S = problem.normal, problem.H, space.A, space.S
+    count = _hold_pressures(problem, space, sigma, anew, True)
+    add_product(normal.X, normal.Y, count, normal.U)
+    for j in range(len(A)):
+        for k in range(len(A)):
+            A[j, k] = H[j, k] + S[min(j, k), max(j, k)] + normal.U[j, k]
+    return lu(A, normal.order)
+
+
+@compiled_for(factor, Kept, inlined=True)
+def _factor_kept(problem, space, sigma, anew):
+    normal, H, A, S = problem.normal, problem.H, space.A, space.S
+    count = _hold_pressures(problem, space, sigma, anew, False)
+    add_symmetric_product(normal.X, normal.Y, count, normal.U)
+    for j in range(len(A)):
+        for k in range(j, len(A)):
+            A[j, k] = H[j, k] + S[j, k] + normal.U[j, k]
+    return cholesky(A)
+
+
+@compiled_for(solve, Following, inlined=True)
+def _solve_following(problem, space, r):
+    solve_lu(space.A, problem.normal.order, r, problem.normal.pushed)
+
+
+@compiled_for(solve, Kept, inlined=True)
+def _solve_kept(problem, space, r):
+    solve_factorised(space.A, r)
+
+
+@compiled_for(advance, Following, inlined=True)
+def _advance_following(problem, space, right, largest, linear, quadratic):
+    contact, normal = problem.contact, problem.normal
+    q, direction, tried, left = space.velocity, space.r, normal.tried, normal.left
+    slip, trial, d_slip = space.slip, problem.normal.slip, space.d_slip
+    w, sigma, predicted, over = contact.w, space.force, space.predicted, normal.over
+    _predict(contact, sigma, d_slip, space)
+    combine_rows(normal.N, direction, normal.d_over)
+    for i in range(w.size):
+        normal.old_w[i], normal.old_sigma[i] = w[i], sigma[i]
+    for c in range(over.size):
+        normal.rows[c] = over[c]
+    length, trials = 1.0, 0
+    while trials < SETTINGS.shortened:
+        trials += 1
+        for i in range(q.size):
+            tried[i] = q[i] + length * direction[i]
+        for i in range(slip.size):
+            trial[i] = slip[i] + length * d_slip[i]
+        for c in range(over.size):
+            over[c] = normal.rows[c] + length * normal.d_over[c]
+        _press(normal)
+        _follow(contact, normal)
+        _evaluate(contact, trial, space.size, space.ratio, sigma)
+        normal.watch[2] = _add_forces(problem, space, right, tried, left)
+        if _largest(left)[0] <= SETTINGS.grows * largest:
+            break
+        length *= SETTINGS.shorter
+    else:
+        return 0.0, trials, False
+    for i in range(w.size):
+        slip[i] = trial[i]
+        before = normal.old_w[i] * normal.old_sigma[i]
+        predicted[i] = w[i] * normal.old_sigma[i] + length * (predicted[i] - before)
+    _limit(contact, predicted)
+    return length, trials, True
+
+
+@compiled_for(recall, Following, inlined=True)
+def _recall(problem, r):
+    for j in range(r.size):
+        r[j] = problem.normal.left[j]
+    return problem.normal.watch[2]
+
+
+class _PressedLine(NamedTuple):
+    """The same beside pressure points."""
+
+    contact: Any
+    space: Any
+    normal: Any
+
+
+@compiled_for(friction_slope, _PressedLine)
+def _slope_beside_pressures(line, length):
+    contact, space, normal = line
+    slope = _friction_slope_along(contact, space, length)
+    over, d_over, rows = normal.over, normal.d_over, normal.rows
+    for c in range(over.size):
+        rows[c] = normal.stiffness[c] * max(over[c] + length * d_over[c], 0.0)
+    return slope + sum_of_products(rows, d_over)
+
+
+@compiled_for(advance, Kept, inlined=True)
+def _advance_kept(problem, space, right, largest, linear, quadratic):
+    contact, normal = problem.contact, problem.normal
+    combine_rows(normal.N, space.r, normal.d_over)
+    slope_0 = linear + sum_of_triple_products(contact.w, space.force, space.d_slip)
+    slope_0 += sum_of_products(normal.p, normal.d_over)
+    _predict(contact, space.force, space.d_slip, space)
+    _limit(contact, space.predicted)
+    line = _PressedLine(contact, space, normal)
+    length, trials, known = line_search(line, slope_0, linear, quadratic)
+    if known:
+        for i in range(space.slip.size):
+            space.slip[i] = space.trial[i]
+        for c in range(normal.over.size):
+            normal.over[c] += length * normal.d_over[c]
+        _press(normal)
+    return length, trials, known
+
+
+@compiled_for(stalls, Following, inlined=True)
+def _following_stalls(problem, largest):
+    return _stalls(problem.normal, largest)
+
+
+@compiled_for(stalls, Kept, inlined=True)
+def _enough_or_at_rest(problem, largest):
+    return largest <= problem.normal.watch[2] or largest == inf
+
+
+# The iteration
+
+
+@inlined
+def _add_forces(problem, space, right, q, r):
+    """Residual of the forces at q in ``r``; returns the largest normal force on an unknown."""
+    for i in range(q.size):
+        r[i] = sum_of_products(problem.H[i], q) - right[i]
+    for i in range(space.force.size):
+        space.trial[i] = problem.contact.w[i] * space.force[i]
+    add_row_products(problem.contact.B, space.trial, r)
+    return add_pressures(problem, r)
+
+
+@inlined
+def _largest(r):
+    """Largest magnitude, where it is, and once not a number it stays so."""
+    largest, unknown = 0.0, 0
+    for i in range(r.size):
+        if not abs(r[i]) <= largest and largest == largest:
+            largest, unknown = abs(r[i]), i
+    return largest, unknown
+
+
+@inlined
+def _minimise_from(problem, space, right, v, tolerance):
     """Minimise the step's objective, from the velocity extrapolated over the last two steps.
 
     The minimiser is left in ``space.velocity``, its slips in ``space.slip`` and its forces in
     ``space.force``, with an entry for each slip row.
     """
-    space = workspace
-    H, contact = problem
+    H, contact = problem.H, problem.contact
     q, before, slip, sigma = space.velocity, space.old_velocity, space.slip, space.force
-    r, A, d_slip = space.r, space.A, space.d_slip
+    r, d_slip = space.r, space.d_slip
     n, scale = q.size, largest_of(right)
     if contact.soft.size > 0:
         scale = max(scale, _force_at_rest(contact, space))
     for i in range(n):
         q[i] = 2.0 * v[i] - before[i]
-    evaluations, iteration, tangents, unknown, largest, converged = 0, 0, 0, 0, 0.0, False
+    evaluations, iteration, tangents, unknown, converged = 0, 0, 0, 0, False
+    largest = 0.0
     known = False  # whether slip and sigma belong to q
     for iteration in range(SETTINGS.iterations + 1):
-        for i in range(n):
-            r[i] = sum_of_products(H[i], q) - right[i]
+        evaluations += not known
+        last = largest
         if not known:
+            press(problem, q)
             _slip_of_points(contact, space, q, slip)
             _evaluate(contact, slip, space.size, space.ratio, sigma)
-            evaluations += 1
-        last, largest = largest, 0.0
-        for i in range(sigma.size):
-            space.trial[i] = contact.w[i] * sigma[i]
-        add_row_products(contact.B, space.trial, r)
-        for i in range(n):
-            if not abs(r[i]) <= largest and largest == largest:  # once not a number, it stays so
-                largest, unknown = abs(r[i]), i
+        pressures = recall(problem, r) if known else -1.0
+        if pressures < 0.0:
+            pressures = _add_forces(problem, space, right, q, r)
+        largest, unknown = _largest(r)
+        least = max(scale, pressures)
         converged = largest < inf and (
-            largest <= tolerance * scale
-            or (
-                largest <= 1e-6 * scale and largest <= _round_off(H, contact, q, slip, sigma, space)
-            )
+            largest <= tolerance * least
+            or (largest <= 1e-6 * least and largest <= _round_off(problem, q, slip, sigma, space))
         )
         if converged or not largest < inf or iteration == SETTINGS.iterations:
+            break
+        if iteration == 0:
+            begin(problem, space)
+        if stalls(problem, largest):
             break
         if iteration == 0 or not largest < SETTINGS.reuse * last:  # else reuse the last factor
             tangents += 1
             if not (
-                _factorised(H, contact, slip, sigma, iteration == 0, space)
-                or _factorised(H, contact, slip, sigma, True, space)
+                _factorised(problem, slip, sigma, iteration == 0, space)
+                or _factorised(problem, slip, sigma, True, space)
             ):
                 break
-        solve_factorised(A, r)
+        solve(problem, space, r)
         linear, quadratic, direction = 0.0, 0.0, r
         for i in range(n):
             direction[i] = -r[i]
@@ -546,15 +1151,12 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
             linear += t * q[i] - right[i] * direction[i]
             quadratic += t * direction[i]
         combine_rows(contact.B, direction, d_slip)
-        slope_0 = linear + sum_of_triple_products(contact.w, sigma, d_slip)
-        _predict(contact, sigma, d_slip, space)
-        length, trials, known = line_search(_Line(contact, space), slope_0, linear, quadratic)
-        if known:
-            for i in range(slip.size):
-                slip[i] = space.trial[i]
+        length, trials, known = advance(problem, space, right, largest, linear, quadratic)
         evaluations += trials
         for i in range(n):
             q[i] += length * direction[i]
+        if length == 0.0 and stalls(problem, inf):
+            break
     if converged:
         for i in range(n):
             before[i] = v[i]
@@ -569,15 +1171,37 @@ def _minimise_dense(problem, workspace, right, v, tolerance):
     return StepOutcome(converged, tangents, 0, 0, searches, evaluations, largest, unknown)
 
 
+@compiled_for(minimise_step, Dense)
+def _minimise_dense(problem, workspace, right, v, tolerance):
+    return _minimise_from(problem, workspace, right, v, tolerance)
+
+
 @compiled_for(slips, Dense)
 def _slips_of_dense(problem, x, out):
     combine_rows(problem.contact.B, x, out)
     return out
 
 
+@compiled_for(minimise_step, Following)
+def _minimise_following(problem, workspace, right, v, tolerance):
+    return _minimise_from(problem, workspace, right, v, tolerance)
+
+
+@compiled_for(minimise_step, Kept)
+def _minimise_kept(problem, workspace, right, v, tolerance):
+    return _minimise_from(problem, workspace, right, v, tolerance)
+
+
 @compiled
 def _minimise(problem, workspace, right, v, tolerance):
     return minimise_step(problem, workspace, right, v, tolerance)
+
+
+@compiled
+def _keep_limits(contact, normal, limits):
+    """Give all points friction limits (m,), N."""
+    for f in range(limits.size):
+        _set_limit(contact, normal, f, limits[f])
 
 
 # The method
@@ -609,6 +1233,18 @@ class PrimalDualNewton:
         space = dense_workspace(n, rows, points.w.size) if workspace is None else workspace
         self.workspace = space
         self.kernel = Dense(self.H, self.contact)
+        if points.normal is not None:
+            if np.isinf(points.normal.stiffness).any():
+                raise InputError(
+                    "contact that opens: found a rigid pressure point in a reduced or dense model, "
+                    "whose unknowns are no slips and approaches, must have a finite stiffness at "
+                    "each of them; sj.reduce gives it one"
+                )
+            self._gain = sparse.csr_array(points.normal.gain)
+            self.normal = pressure_rows(points, self.places)
+            self._gains = self.normal.gain.copy(), self.normal.point_gain.copy()
+            self.following = Following(self.H, self.contact, self.normal)
+            self.kept = Kept(self.H, self.contact, self.normal)
         self.steps_per_second = max(1, 10_000_000 // (rows * n**2))
         self._own = self.contact.beta.copy()
         self._stuck: tuple[Any, float] | None = None
@@ -638,14 +1274,18 @@ class PrimalDualNewton:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
     ) -> Minimum:
         """See `StepProblem`; Coulomb friction is approached by ever steeper laws.
 
         The steepness of each law follows from the largest slip under the law before. Points with
         springs have their own law: their forces are smooth enough.
         """
+        if pressed is not None:
+            law = self.points.beta if beta is None else np.asarray(beta, dtype=float)
+            return self._with_pressures(g, start, tolerance, law, offset, pressed)
         law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 0.0)
-        coulomb = np.isinf(law) & (self.points.compliance == 0.0)
+        coulomb = np.isinf(law) & ~self.points.has_spring
         v = self._from_stuck(g) if start is None else start
         self.workspace.offset[self.places.row] = 0.0 if offset is None else offset
         if not coulomb.any():
@@ -679,14 +1319,113 @@ class PrimalDualNewton:
             counts,
             float(outcome.residual),
             int(outcome.unknown),
+            w=self.points.w,
         )
 
-    def _minimise(self, g: FloatArray, start: FloatArray, tolerance: float) -> StepOutcome:
+    def _minimise(
+        self, g: FloatArray, start: FloatArray, tolerance: float, kernel: Any = None
+    ) -> StepOutcome:
         v = np.array(start)
         self.workspace.old_velocity[:] = v  # the start is not extrapolated
         outcome: StepOutcome = _minimise(
-            self.kernel, self.workspace, np.ascontiguousarray(g), v, tolerance
+            self.kernel if kernel is None else kernel,
+            self.workspace,
+            np.ascontiguousarray(g),
+            v,
+            tolerance,
         )
+        return outcome
+
+    def _with_pressures(
+        self,
+        g: FloatArray,
+        start: FloatArray | None,
+        tolerance: float,
+        law: FloatArray,
+        offset: FloatArray | None,
+        pressed: Pressed,
+    ) -> Minimum:
+        """Minimise with contact that opens."""
+        normal, places, space = self.normal, self.places, self.workspace
+        rubs = (pressed.given > 0.0) | (np.diff(self._gain.indptr) > 0)
+        if np.isinf(law[rubs & ~self.points.has_spring]).any():
+            raise InputError(
+                "contact that opens: set-valued Coulomb friction (beta = inf) needs one unknown "
+                "for each slip, which a reduced model has not; use System.no_steeper"
+            )
+        law = np.where(rubs, law, 0.0)
+        space.offset[places.row] = 0.0 if offset is None else offset
+        normal.bound[:] = pressed.bound
+        normal.given[places.point], normal.steep[places.point] = pressed.given, law
+        self.contact.beta[places.point] = law
+        factors = np.broadcast_to(np.asarray(pressed.gain, dtype=float), normal.bound.shape)
+        normal.gain[:] = self._gains[0] * factors[normal.column]
+        normal.point_gain[:] = self._gains[1] * np.repeat(factors, np.diff(normal.point_start))
+        if self.contact.soft.size:  # a force of springs to compare with
+            _keep_limits(self.contact, normal, self.points.w[np.argsort(places.point)])
+        work: Counter[str] = Counter()
+        outcome = self._follow(g, np.zeros(g.size) if start is None else start, tolerance, work)
+        if not outcome.converged and np.isfinite(outcome.residual):
+            outcome = self._renew(g, tolerance, outcome.residual, work)
+        return Minimum(
+            space.velocity.copy(),
+            space.force[places.row],
+            bool(outcome.converged),
+            dict(work),
+            float(outcome.residual),
+            int(outcome.unknown),
+            normal.p.copy(),
+            self.contact.w[places.point],
+        )
+
+    def _follow(
+        self,
+        g: FloatArray,
+        start: FloatArray,
+        tolerance: float,
+        work: Counter[str],
+        patience: int | None = None,
+    ) -> StepOutcome:
+        """Iterate with limits that follow the normal forces, see `_stalls`.
+
+        A ``patience`` of 0 finds out what the start is worth.
+        """
+        left = SETTINGS.patience if patience is None else patience
+        self.normal.watch[:] = np.inf if left else 0.0, SETTINGS.patience - left, 0.0
+        return self._counted(self.following, g, start, tolerance, work)
+
+    def _renew(
+        self, g: FloatArray, tolerance: float, mark: float, work: Counter[str]
+    ) -> StepOutcome:
+        """Solve for limits that are kept, and renew these, until they are those of their forces."""
+        contact, normal, space = self.contact, self.normal, self.workspace
+        m = normal.given.size
+        renewal, v, residual = Renewal(), space.velocity.copy(), mark
+        outcome = self._follow(g, v, tolerance, work, 0)
+        limits = contact.w[:m].copy()
+        for _ in range(SETTINGS.renewals):
+            if outcome.converged or not np.isfinite(outcome.residual):
+                break
+            _keep_limits(contact, normal, limits)
+            normal.watch[2] = SETTINGS.inner * residual
+            self._counted(self.kept, g, v, tolerance, work)
+            work["renewed_limits"] += 1
+            v = space.velocity.copy()
+            outcome = self._follow(g, v, tolerance, work, 0)
+            residual, image = outcome.residual, contact.w[:m].copy()
+            if not outcome.converged and residual <= SETTINGS.again * mark:
+                outcome, mark = self._follow(g, v, tolerance, work), residual
+            limits = renewal.next(limits, image)
+        return outcome
+
+    def _counted(
+        self, kernel: Any, g: FloatArray, start: FloatArray, tolerance: float, work: Counter[str]
+    ) -> StepOutcome:
+        """Minimise and count."""
+        outcome = self._minimise(g, start, tolerance, kernel)
+        for name in ("newton_iterations", "friction_evaluations"):
+            work[name] += int(getattr(outcome, name))
+        work["factorizations"] += int(outcome.newton_iterations)
         return outcome
 
     def _stiff(self) -> tuple[Any, float]:

@@ -15,25 +15,29 @@ convex too), and its slip counts from the offset at which the spring would be wi
 
     psi_soft(|(B v)_p - offset_p|),
 
-with the point's compliance ``soft``, see :mod:`skfem_joint.minimise.law`. In a step the slip moves
-by a known part plus c B v, with c = c_K of the scheme, or 1 where the unknown is the increment of
-displacement. With the spring's stiffness k and force q before,
+with the point's compliance ``soft`` = w ``flexible``, see :mod:`skfem_joint.minimise.law`. In a
+step the slip moves by a known part plus c B v, with c = c_K of the scheme, or 1 where the unknown
+is the increment of displacement. With the spring's stiffness k and force q before,
 
-    soft = w / (k c),    offset = -(known + q / k) / c,
+    flexible = 1 / (k c),    offset = -(known + q / k) / c,
 
 the force of the point is that of its law at the end of the step: q + k (known + c B v - z) with the
 slip z of the slider, whose rate is z over the step's length. (The slider is stepped by the implicit
 Euler method. With the trapezoidal rule its velocity would ring for ever after each reversal.)
 
-A further extension fits into this form. Contact that opens adds a convex term of the normal
-velocity at each point: a further row of the point in B, and a further summand beside psi.
+Contact that opens adds a convex term of the approach N v at each pressure point,
+
+    phi_c(N_c v):   0 up to a bound,  beyond it inf (rigid) or stiffness / 2 (N_c v - bound)^2,
+
+whose slope is the normal force p >= 0. The friction limits then follow it, w = max(0, given + gain
+p), which is no part of the minimisation: the solution is a fixed point of w -> p -> w.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +46,10 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix, check_like, slip_norms
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.minimise.limits import Hinges
+    from skfem_joint.minimise.touching import Touching
 
 
 @dataclass(frozen=True)
@@ -63,6 +71,10 @@ class Minimum:
         Largest force residual, N.
     where : int
         Unknown at which it is.
+    p : ndarray, shape (q,)
+        Normal force of each pressure point, N; none where no contact opens.
+    w : ndarray, shape (m,)
+        Friction limits, N: those of the normal forces ``p`` where contact opens.
     """
 
     v: FloatArray
@@ -71,6 +83,51 @@ class Minimum:
     counts: dict[str, int] = field(default_factory=dict)
     residual: float = 0.0
     where: int = 0
+    p: FloatArray = field(default_factory=lambda: np.zeros(0))
+    w: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class PressurePoints:
+    """Pressure points of a step problem with contact that opens.
+
+    Attributes
+    ----------
+    N : ndarray or sparse array, shape (q, n)
+        Mean approach of the faces at each pressure point from the unknowns.
+    gain : ndarray or sparse array, shape (m, q)
+        Friction limit of each contact point by the force of each pressure point.
+    stiffness : ndarray, shape (q,)
+        Of each pressure point, in N over the unit of v times that of N; ``inf`` is rigid.
+    """
+
+    N: Matrix
+    gain: Matrix
+    stiffness: FloatArray
+
+
+class Pressed(NamedTuple):
+    """What a minimisation is given where contact opens.
+
+    Attributes
+    ----------
+    bound : ndarray, shape (q,)
+        Largest approach of each pressure point, in the unit of v; ``inf`` where there is none.
+    given : ndarray, shape (m,)
+        Friction limits without normal forces, N; they may be negative.
+    gain : float or ndarray, shape (q,)
+        Factors of the normal forces: w = max(0, given + (matrix ``gain``) (factors p)).
+    hinges : Hinges, optional
+        How friction follows the forces of rigid points; as above if not given.
+    touching : Touching, optional
+        Pressure points that touch: others are eliminated. It follows what is found to touch.
+    """
+
+    bound: FloatArray
+    given: FloatArray
+    gain: FloatArray | float = 1.0
+    hinges: Hinges | None = None
+    touching: Touching | None = None
 
 
 @dataclass(frozen=True)
@@ -84,18 +141,23 @@ class ContactPoints:
     directions : ndarray of int, shape (m,)
         Rows of each point, 1 or 2.
     w : ndarray, shape (m,)
-        Friction limits, N; points with limit zero have no friction.
+        Friction limits, N; points with limit zero have no friction. They are those of each
+        minimisation where contact opens.
     beta : ndarray, shape (m,)
         Steepness of the law, s/m; ``inf`` is Coulomb.
-    soft : ndarray, shape (m,), optional
-        Compliance of the springs in series, m/s, zero for none; no springs if not given.
+    flexible : ndarray, shape (m,), optional
+        Slip that the spring in series takes under a unit force, in the unit of v over N, zero for
+        none; no springs if not given.
+    normal : PressurePoints, optional
+        Of contact that opens; normal forces are constant if not given.
     """
 
     B: Matrix
     directions: NDArray[np.int64]
     w: FloatArray
     beta: FloatArray
-    soft: FloatArray | None = None
+    flexible: FloatArray | None = None
+    normal: PressurePoints | None = None
 
     @staticmethod
     def of(system: System, moved: float = 1.0, lasts: float | None = None) -> ContactPoints:
@@ -111,19 +173,32 @@ class ContactPoints:
             Length of the step, s, for points with springs, whose law is that of the slider's slip
             over it; not needed where the values of beta are given to each minimisation.
         """
-        points = ContactPoints(system.B, system.directions, system.w, system.beta)
-        if not system.has_springs:
+        contact, normal = system.contact, None
+        if contact.opens:
+            part = contact.normal
+            normal = PressurePoints(part.N, contact.gain, part.stiffness * moved)
+        points = ContactPoints(
+            contact.B, contact.directions, contact.w, contact.beta, normal=normal
+        )
+        if not contact.has_springs:
             return points
-        sprung, soft, beta = system.sprung, np.zeros(system.w.size), np.array(system.beta)
-        soft[sprung] = system.w[sprung] / (system.stiffness[sprung] * moved)
+        sprung, flexible = contact.sprung, np.zeros(contact.w.size)
+        beta = np.array(contact.beta)
+        flexible[sprung] = 1.0 / (contact.stiffness[sprung] * moved)
         if lasts is not None:
             beta[sprung] *= moved / lasts
-        return replace(points, beta=beta, soft=soft)
+        return replace(points, beta=beta, flexible=flexible)
 
     @property
-    def compliance(self) -> FloatArray:
-        """Of the springs in series, (m,), m/s: ``soft``, or zeros."""
-        return np.zeros(self.w.size) if self.soft is None else self.soft
+    def soft(self) -> FloatArray:
+        """Compliance of the springs in series by normalised friction, (m,), in the unit of v."""
+        return np.zeros(self.w.size) if self.flexible is None else self.w * self.flexible
+
+    @property
+    def has_spring(self) -> BoolArray:
+        """Whether each point, (m,), has a spring in series."""
+        none = np.zeros(self.w.size, dtype=np.bool_)
+        return none if self.flexible is None else np.asarray(self.flexible > 0.0)
 
     def on_rows(self, values: NDArray[Any]) -> NDArray[Any]:
         """Repeat a value of each point for each of its rows."""
@@ -146,7 +221,7 @@ class ContactPoints:
 
     @cached_property
     def _coulomb(self) -> BoolArray:
-        return np.asarray((self.w > 0.0) & np.isinf(self.beta) & (self.compliance == 0.0))
+        return np.asarray((self.w > 0.0) & np.isinf(self.beta) & ~self.has_spring)
 
     def at_rest(self, slip: FloatArray) -> BoolArray:
         """Whether each point, (m,), may stick: Coulomb friction and zero ``slip``, (rows,).
@@ -190,6 +265,7 @@ class StepProblem(Protocol):
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
     ) -> Minimum:
         """Minimise for the right side ``g``, (n,), N.
 
@@ -203,6 +279,8 @@ class StepProblem(Protocol):
             Values of beta in place of those of the points.
         offset : ndarray, shape (rows,), optional
             Slips from which those of points with springs count, m/s; zero if not given.
+        pressed : Pressed, optional
+            Bounds and limits of contact that opens; needed by points that have pressure points.
         """
 
     def objective(
@@ -244,6 +322,7 @@ class LinearProblem:
         tolerance: float = 1e-11,
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
         v = np.asarray(self._solve(g))

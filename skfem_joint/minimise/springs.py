@@ -31,12 +31,12 @@ def friction_along(
         Whether it is a period of steady vibration, which springs go through before. If not, springs
         are without force at the first time.
     """
-    friction = force_vectors(rate, system.beta, system.directions)
-    if not system.has_springs:
+    friction = force_vectors(rate, system.contact.beta, system.contact.directions)
+    if not system.contact.has_springs:
         return friction
-    points = np.flatnonzero(system.sprung)
-    rows = np.flatnonzero(system.on_rows(system.sprung))
-    directions = system.directions[points]
+    points = np.flatnonzero(system.contact.sprung)
+    rows = np.flatnonzero(system.contact.on_rows(system.contact.sprung))
+    directions = system.contact.directions[points]
     moved, lasts = np.diff(slip[:, rows], axis=0), np.diff(times)
     now = np.zeros(rows.size)
     for _ in range(2 if repeats else 1):
@@ -56,9 +56,9 @@ def _after(
     lasts: float,
 ) -> FloatArray:
     """Friction over its limit after a change of slip, m, in some time, s, of points on springs."""
-    soft = system.w[points] / system.stiffness[points]
+    soft = system.contact.w[points] / system.contact.stiffness[points]
     stretch = np.repeat(soft, directions) * before + change
     squares = np.add.reduceat(stretch**2, np.cumsum(directions) - directions)
     size = np.sqrt(squares)
-    ratio = force(size, system.beta[points] / lasts, soft) / np.where(size > 0.0, size, 1.0)
+    ratio = force(size, system.contact.beta[points] / lasts, soft) / np.where(size > 0.0, size, 1.0)
     return np.asarray(np.repeat(ratio, directions) * stretch)

@@ -23,15 +23,18 @@ longer.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, check_like
+from skfem_joint.arrays import BoolArray, FloatArray, check_like
+from skfem_joint.minimise.contact_newton import ContactNewton
+from skfem_joint.minimise.limits import Hinges
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
+from skfem_joint.unknowns import selection
 
 
 class TouchingSettings(NamedTuple):
@@ -111,77 +114,20 @@ class Touching:
         self.kept, self.apart = np.array(saved["kept"]), np.array(saved["apart"])
 
 
-@dataclass(frozen=True)
-class DenseContact:
-    """Dense problem in the slips of friction points, and behind them the approaches of others.
-
-    Attributes
-    ----------
-    A : ndarray, shape (n, n)
-        Symmetric positive definite.
-    first, second : ndarray of int, shape (m,)
-        Unknowns of each friction point; ``second`` is -1 where it slips in one direction.
-    stiff : ndarray, shape (m,)
-        Largest eigenvalue of the block of A of each friction point.
-    beta : ndarray, shape (m,)
-        Steepness of the law of each friction point.
-    gain : csr_array, shape (m, q)
-        Friction limit of each friction point by the force of each pressure point.
-    stiffness : ndarray, shape (q,)
-        Of each pressure point; ``inf`` is rigid.
-    """
-
-    A: FloatArray
-    first: IntArray
-    second: IntArray
-    stiff: FloatArray
-    beta: FloatArray
-    gain: sparse.csr_array
-    stiffness: FloatArray
-
-    @property
-    def slips(self) -> int:
-        """Number of slips, which the unknowns begin with."""
-        return len(self.A) - self.stiffness.size
-
-    @cached_property
-    def row_point(self) -> IntArray:
-        """Friction point of each slip, (slips,)."""
-        return np.repeat(np.arange(self.first.size), 1 + (self.second >= 0))
-
-    @cached_property
-    def sizes(self) -> FloatArray:
-        """Magnitudes of A."""
-        return np.abs(self.A)
-
-    @staticmethod
-    def of(
-        A: FloatArray, directions: IntArray, beta: FloatArray, gain: sparse.csr_array, k: FloatArray
-    ) -> DenseContact:
-        """Problem of a matrix whose unknowns begin with the slips, one or two for each point."""
-        first = np.concatenate([[0], np.cumsum(directions)[:-1]]).astype(np.intp)
-        first = first[: directions.size]
-        second = np.where(directions == 2, first + 1, -1)
-        diagonal = A.diagonal()
-        stiff, both = diagonal[first], second >= 0
-        i, j = first[both], second[both]
-        mean, half = 0.5 * (diagonal[i] + diagonal[j]), 0.5 * (diagonal[i] - diagonal[j])
-        stiff[both] = mean + np.hypot(half, A[i, j])
-        return DenseContact(A, first, second, stiff, beta, gain, k)
-
-
 class Part:
     """The points of a problem that touch; all others are eliminated.
 
     Parameters
     ----------
-    whole : DenseContact
+    whole : ContactNewton
+        With a dense matrix.
     kept : ndarray of bool, shape (q,)
-        Pressure points. Friction points are kept if one of theirs is, or none presses them.
+        Pressure points. Friction points are kept if one of theirs is, or none presses them, and if
+        they share an unknown with such.
 
     Attributes
     ----------
-    problem : DenseContact
+    problem : ContactNewton
         Of the points that are kept.
     pressures, frictions : ndarray of int
         Their numbers.
@@ -189,16 +135,22 @@ class Part:
         Their unknowns, and the others.
     """
 
-    def __init__(self, whole: DenseContact, kept: BoolArray) -> None:
+    def __init__(self, whole: ContactNewton, kept: BoolArray) -> None:
         self.kept = kept.copy()
-        touched = np.diff(whole.gain[:, np.flatnonzero(kept)].indptr) > 0
-        alone = np.diff(whole.gain.indptr) == 0
+        points, A, n = whole.points, whole.H, len(whole.H)
+        normal = cast("PressurePoints", points.normal)
+        gain, rows = sparse.csr_array(normal.gain), points.unknowns
+        touched = np.diff(gain[:, np.flatnonzero(kept)].indptr) > 0
+        rubs = points.on_rows(touched | (np.diff(gain.indptr) == 0))
+        stays = np.zeros(n, dtype=np.bool_)
+        stays[rows[rubs]] = True
         self.pressures = np.flatnonzero(kept)
-        self.frictions = np.flatnonzero(touched | alone)
-        rubs = np.isin(whole.row_point, self.frictions)
-        self.unknowns = np.flatnonzero(np.concatenate([rubs, kept]))
-        self.eliminated = np.setdiff1d(np.arange(len(whole.A)), self.unknowns)
-        A, k = whole.A, self.unknowns
+        self.frictions = np.flatnonzero(stays[rows[points.first_row[:-1]]])
+        self.rows = np.flatnonzero(stays[rows])
+        places = sparse.csr_array(normal.N).indices[self.pressures]
+        stays[places] = True
+        self.unknowns, self.eliminated = np.flatnonzero(stays), np.flatnonzero(~stays)
+        k = self.unknowns
         of_eliminated = A.take(self.eliminated, axis=0)
         # Lower factor L of A_ee, and L^-1 A_ek. The transposes are arrays as LAPACK wants them.
         self.L = linalg.cholesky(
@@ -207,13 +159,17 @@ class Part:
         )  # fmt: skip
         self.coupling = self._solved(of_eliminated.take(k, axis=1))
         S = A.take(k, axis=0).take(k, axis=1) - self.coupling.T @ self.coupling
-        self.problem = DenseContact.of(
-            S,
-            1 + (whole.second >= 0)[self.frictions],
-            whole.beta[self.frictions],
-            sparse.csr_array(whole.gain[self.frictions][:, self.pressures]),
-            whole.stiffness[self.pressures],
+        of_part = PressurePoints(
+            selection(np.searchsorted(k, places), k.size),
+            sparse.csr_array(gain[self.frictions][:, self.pressures]),
+            normal.stiffness[self.pressures],
         )
+        some, flexible = self.frictions, points.flexible
+        self.problem = ContactNewton(S, ContactPoints(
+            selection(np.searchsorted(k, rows[self.rows]), k.size), points.directions[some],
+            points.w[some], points.beta[some], None if flexible is None else flexible[some],
+            of_part,
+        ))  # fmt: skip
 
     def _solved(self, right: FloatArray, transposed: bool = False) -> FloatArray:
         """Solution of L x = right, or with the transpose of L."""
@@ -223,13 +179,43 @@ class Part:
         )
 
     def restrict(self, right: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Right side of the kept unknowns, and what `extend` needs of the others."""
+        """Right side of the kept unknowns, and what `extended` needs of the others."""
         apart = self._solved(right[self.eliminated])
         return right[self.unknowns] - self.coupling.T @ apart, apart
 
-    def extend(self, z: FloatArray, apart: FloatArray) -> FloatArray:
-        """All unknowns from the kept ones and what `restrict` gave of the others."""
-        whole = np.empty(z.size + apart.size)
-        whole[self.unknowns] = z
-        whole[self.eliminated] = self._solved(apart - self.coupling @ z, transposed=True)
-        return whole
+    def minimise(
+        self,
+        right: FloatArray,
+        start: FloatArray | None,
+        tolerance: float,
+        beta: FloatArray | None,
+        force: float,
+        offset: FloatArray | None,
+        pressed: Pressed,
+    ) -> Minimum:
+        """`ContactNewton.minimise_beside` of the points that touch; arguments are those of all."""
+        c, f = self.pressures, self.frictions
+        hinges, gain = pressed.hinges, np.asarray(pressed.gain, dtype=float)
+        if hinges is not None:
+            *of_points, bias = hinges
+            parts: list[Any] = [*(x[f] for x in of_points), bias[self.rows]]
+            hinges = Hinges(*parts)
+        own = Pressed(pressed.bound[c], pressed.given[f], gain[c] if gain.ndim else gain, hinges)
+        return self.problem.minimise_beside(
+            right,
+            None if start is None else start[self.unknowns],
+            tolerance,
+            None if beta is None else beta[f],
+            force,
+            None if offset is None else offset[self.rows],
+            own,
+        )
+
+    def extended(self, found: Minimum, apart: FloatArray, points: ContactPoints) -> Minimum:
+        """Minimum of all ``points`` from that of those which touch."""
+        v, sigma = np.empty(found.v.size + apart.size), np.zeros(points.unknowns.size)
+        v[self.unknowns] = found.v
+        v[self.eliminated] = self._solved(apart - self.coupling @ found.v, transposed=True)
+        p, w = np.zeros(self.kept.size), np.zeros(points.w.size)
+        p[self.pressures], w[self.frictions], sigma[self.rows] = found.p, found.w, found.sigma
+        return replace(found, v=v, sigma=sigma, p=p, w=w, where=int(self.unknowns[found.where]))

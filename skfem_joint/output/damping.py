@@ -12,7 +12,7 @@ from skfem_joint.analysis.backbone import Backbone
 from skfem_joint.analysis.backbone_peaks import backbone_peaks
 from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.analysis.normal_force import NormalChange
-from skfem_joint.analysis.response import SETTINGS, Curve
+from skfem_joint.analysis.response import HARMONICS, Curve
 from skfem_joint.analysis.scene_backbone import ModelBackbone, SceneBackbone
 from skfem_joint.analysis.scene_response import SceneResponse
 from skfem_joint.arrays import FloatArray
@@ -246,7 +246,7 @@ def write_response(
     header = ["model", "level", "frequency_Hz", "converged"]
     header += [f"amplitude_{n}_m" for n in names] + [f"phase_{n}_rad" for n in names]
     header += [f"offset_{n}_m" for n in names]
-    header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(SETTINGS.harmonics)]
+    header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(HARMONICS)]
     header += ["friction_energy_J", "input_energy_J"]
     header += ["largest_slip_m", "slipping_share", "periods", "residual"]
     served = any(np.isfinite(p.model_error) for p in every)  # by a model for a range

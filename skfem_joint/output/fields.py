@@ -262,11 +262,11 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
     states = np.full(u.shape[:2], -1, dtype=np.int8)
     for number, patch in enumerate(structure.patches):
         points, nodes = patch.points, patch.nodes
-        own = system.J[[number]].toarray()[0, points]
+        own = system.contact.J[[number]].toarray()[0, points]
         limit = own * limits[:, points] / patch.area
         for k in range(patch.directions.shape[1]):
-            free = system.directions[points] > k
-            row, along = system.first_row[points[free]] + k, patch.directions[free, k]
+            free = system.contact.directions[points] > k
+            row, along = system.contact.first_row[points[free]] + k, patch.directions[free, k]
             size = -limit[:, free] * contact.friction[:, row]
             traction[:, nodes[free]] += size[..., np.newaxis] * along
             slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * along

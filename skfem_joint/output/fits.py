@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint import __version__
-from skfem_joint.analysis.fit import SETTINGS, Fit, Profile
+from skfem_joint.analysis.fit import LEVEL, Fit, Profile
 from skfem_joint.analysis.fit_curves import FineCurve, shifts
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.analysis.measured_table import AMPLITUDES
@@ -118,7 +118,7 @@ def profile_lines(profiles: Sequence[Profile]) -> list[str]:
     """What is printed of profile likelihoods: an interval of each value."""
     if not profiles:
         return []
-    level = f"{100.0 * SETTINGS.level:g} % interval by profile"
+    level = f"{100.0 * LEVEL:g} % interval by profile"
     rows = {}
     for profile in profiles:
         size = float(np.ptp(profile.interval)) or float(profile.values[0])
@@ -135,7 +135,7 @@ def fit_lines(fit: Fit) -> list[str]:
         low, high = (_rounded(end, own) for end in fit.interval(name))
         unit = ", Hz" * (name in fit.offsets and name.endswith(": frequency"))
         rows[name + unit] = [_rounded(best, own), f"{own:.2g}", f"{low} to {high}"]
-    level = f"{100.0 * SETTINGS.level:g} % interval"
+    level = f"{100.0 * LEVEL:g} % interval"
     samples = fit.degrees + fit.vector.size
     return [
         text_table("", ["value", "± deviation", level], rows),
@@ -167,7 +167,7 @@ def curves_figure(fit: Fit, curves: Sequence[FineCurve]) -> Figure:
                 panel.plot(x, y, color=line, linewidth=1.5, label=label, zorder=2)
                 panel.fill_between(
                     x, y - half, y + half, color=line, alpha=0.2, linewidth=0.0, zorder=1,
-                    label=f"its {100.0 * SETTINGS.level:g} % band",
+                    label=f"its {100.0 * LEVEL:g} % band",
                 )  # fmt: skip
     _legend(figure)
     return figure
@@ -295,7 +295,7 @@ def _content(fit: Fit, notes: Sequence[str]) -> dict[str, Any]:
         "values": fit.values,
         "offsets": fit.offsets,
         "deviations": fit.deviations,
-        "level": SETTINGS.level,
+        "level": LEVEL,
         "intervals": {name: [*fit.interval(name)] for name in problem.names},
         "bounds": {name: [low, high] for name, low, high in bounds if np.isfinite(high - low)},
         "covariance": {"names": [*problem.names], "matrix": fit.covariance.tolist()},

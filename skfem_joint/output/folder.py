@@ -140,18 +140,13 @@ def _add_slow(
         if name not in plan and first.times.size > 1:
             add(name, plots.hysteresis_figure, runs, load.on, k, None)
     slips = (run.loops is not None and np.ptp(run.loops.slip) > 0.0 for run in runs.values())
-    if first.system.joints and any(slips):
+    if first.system.contact.joints and any(slips):
         add("joint_loops.png", plots.joint_loops_figure, runs)
 
 
 def _hysteresis_name(number: int, on: str, loads: int) -> str:
     """Name of the picture of a load's loop."""
     return f"hysteresis_{safe_name(on)}{f'_load_{number}' * (loads > 1)}.png"
-
-
-def _write_loops(path: Path, runs: Mapping[str, Run]) -> None:
-    """Table of the loops of quasi-static runs."""
-    write_csv(path, report.loop_rows(runs))
 
 
 def curves(study: Study) -> dict[str, Writer]:
@@ -162,7 +157,7 @@ def curves(study: Study) -> dict[str, Writer]:
     if scene.output.history:
         plan["history.npz"] = partial(report.write_history, runs=runs)
         if scene.time.quasi_static:
-            plan["joint_loops.csv"] = partial(_write_loops, runs=runs)
+            plan["joint_loops.csv"] = lambda path: write_csv(path, report.loop_rows(runs))
     if not scene.output.plots:
         return plan
 

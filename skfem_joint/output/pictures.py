@@ -27,37 +27,14 @@ from skfem_joint.output.series import Block, blocks_of, faces_of
 STATES = {"no contact": "#d5d8dc", "stick": "#2f6db3", "slip": "#f08a24"}
 
 
-@dataclass(frozen=True)
-class PictureLayout:
-    """Sizes in a picture, in pixels.
-
-    Attributes
-    ----------
-    width : int
-        Of the picture.
-    title : int
-        Height of the line with the time.
-    load, legend : int
-        Height of the lowest panel with and without curves of loads.
-    tallest : int
-        Height that the bodies and faces of all models share at most.
-    label : int
-        Height of the line above each panel that names it.
-    margin, space : int
-        Least space beside bodies, and space below them.
-    """
-
-    width: int = 1400
-    title: int = 64
-    load: int = 300
-    legend: int = 130
-    tallest: int = 760
-    label: int = 44
-    margin: int = 40
-    space: int = 10
-
-
-_LAYOUT = PictureLayout()
+#: Of the picture, pixels, as all sizes here.
+_WIDTH = 1400
+#: Height that the bodies and faces of all models share at most.
+_TALLEST = 760
+#: Height of the line above each panel that names it.
+_LABEL = 44
+#: Space below bodies; beside them are at least 40.
+_SPACE = 10
 
 
 def warp_factor(frames: Frames) -> float:
@@ -240,11 +217,13 @@ class Picture:
         models, each = len(frames.fields), len(self.views)
         self.pixel, self.columns = self._arranged()
         heights = [self._height(view) for view in self.views] * (models // self.columns)
-        self.panel = _LAYOUT.load if frames.forces else _LAYOUT.legend
-        weights = [_LAYOUT.title, *heights, self.panel]
+        # Height of the lowest panel with and without curves of loads.
+        self.panel = 300 if frames.forces else 130
+        # Height of the line with the time.
+        weights = [64, *heights, self.panel]
         last = len(weights) - 1
         self.plotter = pyvista.Plotter(
-            off_screen=True, window_size=(_LAYOUT.width, sum(weights)), border=False,
+            off_screen=True, window_size=(_WIDTH, sum(weights)), border=False,
             shape=(last + 1, self.columns), row_weights=weights,
             groups=[(0, slice(None)), (last, slice(None))],
         )  # fmt: skip
@@ -267,24 +246,24 @@ class Picture:
         """
         models = len(self.frames.fields)
         wide, tall = np.transpose([view.high - view.low for view in self.views])
-        lines = len(self.views) * (_LAYOUT.label + _LAYOUT.space)
+        lines = len(self.views) * (_LABEL + _SPACE)
         arrangements = []
         for columns, rows in ((1, models), (models, 1)):
-            across = _LAYOUT.width / columns - 2 * _LAYOUT.margin
-            up = max(_LAYOUT.tallest / rows - lines, 0.1 * _LAYOUT.tallest / rows)
+            across = _WIDTH / columns - 2 * 40
+            up = max(_TALLEST / rows - lines, 0.1 * _TALLEST / rows)
             arrangements.append((max(float(wide.max() / across), float(tall.sum() / up)), columns))
         return min(arrangements)
 
     def _height(self, view: View) -> int:
         """Height of a view's panel, pixels."""
         body = (view.high[1] - view.low[1]) / self.pixel
-        return _LAYOUT.label + _LAYOUT.space + int(np.ceil(body))
+        return _LABEL + _SPACE + int(np.ceil(body))
 
     def _add_view(self, field: Field, view: View) -> None:
         """Add the blocks of a view to the current panel, with its name, and aim the camera."""
-        size = np.array([_LAYOUT.width / self.columns, self._height(view)])
+        size = np.array([_WIDTH / self.columns, self._height(view)])
         left = 0.5 * (size[0] - (view.high[0] - view.low[0]) / self.pixel)  # it is in the middle
-        corner = view.low - self.pixel * np.array([left, 0.5 * _LAYOUT.space])
+        corner = view.low - self.pixel * np.array([left, 0.5 * _SPACE])
         middle = (corner + 0.5 * self.pixel * size) @ view.axes[:2]
         far = 10.0 * float(np.ptp(self.frames.structure.positions, axis=0).max()) + 1.0
         camera = self.plotter.camera
@@ -296,7 +275,7 @@ class Picture:
             self.drawn.append(self._add_block(field, block, view))
         names = [field.name] if len(self.frames.fields) > 1 else []
         name = ", ".join([*names, view.label] if view.label else names)
-        self._write(name, (left, size[1] - _LAYOUT.label + 10.0), 12)
+        self._write(name, (left, size[1] - _LABEL + 10.0), 12)
 
     def _add_block(self, field: Field, block: Block, view: View) -> _Drawn:
         """Add a block's surface and its edges, in grey too where they were at rest."""
@@ -315,7 +294,7 @@ class Picture:
 
     def _add_legend(self) -> None:
         """Add a legend of the colours of contact at the right of the current panel."""
-        left, bottom, wide = 0.74 * _LAYOUT.width, 0.5 * self.panel - 40.0, 0.08 * _LAYOUT.width
+        left, bottom, wide = 0.74 * _WIDTH, 0.5 * self.panel - 40.0, 0.08 * _WIDTH
         self.plotter.add_scalar_bar(
             title="", mapper=self.mapper, color="black", n_labels=0, vertical=False, width=0.24,
             height=60 / self.panel, position_x=0.74, position_y=bottom / self.panel,
@@ -342,7 +321,7 @@ class Picture:
             marks.append((mark, values))
         where = f" on {next(iter(forces))}" if len(forces) == 1 else ""
         chart.x_label, chart.y_label = f"time, {self.time_unit}", ""
-        self._write(f"force{where}, {unit}", (0.02 * _LAYOUT.width, self.panel - 38.0), 10)
+        self._write(f"force{where}, {unit}", (0.02 * _WIDTH, self.panel - 38.0), 10)
         chart.legend_visible = len(forces) > 1
         chart.GetLegend().SetLabelSize(18)
         low = min(0.0, *(float(values.min(initial=0.0)) for _, values in marks))
@@ -380,7 +359,7 @@ class Picture:
         text = f"t = {time / self.time_scale:.3f} {self.time_unit}{f' ({why})' if why else ''}"
         text += f"      displacement × {self.factor:g}"
         self.plotter.subplot(0, 0)
-        self._write(text, (0.03 * _LAYOUT.width, 12.0), 14)
+        self._write(text, (0.03 * _WIDTH, 12.0), 14)
         for (mark, _), force in zip(self.marks, now, strict=True):
             mark.update([time / self.time_scale], [force])
         for renderer in self.plotter.renderers:

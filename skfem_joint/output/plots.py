@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.error_time import RMS, Point, front
+from skfem_joint.analysis.error_time import RMS, Measured, front
 from skfem_joint.analysis.history import hysteresis_loop, steady_state
 from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError
@@ -190,7 +190,7 @@ def joint_loops_figure(runs: Mapping[str, Run]) -> Figure:
     that do not slip have no panel.
     """
     known = {name: run.loops for name, run in runs.items() if run.loops is not None}
-    joints = next(iter(runs.values())).system.joints
+    joints = next(iter(runs.values())).system.contact.joints
     most = [max(np.ptp(loops.slip[:, k]) for loops in known.values()) for k in range(len(joints))]
     moving = [k for k, slip in enumerate(most) if slip > _AT_REST * max(most)]
     if not moving:
@@ -300,7 +300,7 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
     return figure
 
 
-def error_time_figure(points: Sequence[Point], total: bool = False) -> Figure:
+def error_time_figure(points: Sequence[Measured], total: bool = False) -> Figure:
     """Error against run time with the front, in ``total`` with off-line time."""
     figure, panels = _panels(6.5, 5.5, columns=2)
     families = dict.fromkeys(p.job.family for p in points if p.counts)

@@ -1,7 +1,7 @@
 """Picture of a preview: bars along their axis, plates in their plane, solids in space by pyvista.
 
-From below: notes, legend, the faces of joints of solids, the drawing in mm, and its labels, each
-above its place in the lowest row in which it finds room.
+All places are drawn in mm, also those that other parts of a solid hide. Labels stand in rows above,
+in the order of the places that they point at.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from skfem_joint.files import needed
 from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.plots import new_figure, save_figure
 from skfem_joint.output.preview import Mark, Preview
-from skfem_joint.output.series import blocks_of, stack_heights
+from skfem_joint.output.series import blocks_of
+from skfem_joint.structure import Structure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -26,9 +27,9 @@ if TYPE_CHECKING:
 _COLOURS = {"joint": "#b35900", "support": "#1e7a34", "load": "#1f4fb4", "bolt": "#7a2f9e",
             "part": "#4a4f55"}  # fmt: skip
 _BODIES = np.array(["#dfe3e8", "#c9d6e2", "#e4dccb", "#d3e0d1"])
-#: Width of the picture, what panels keep from its sides, and heights of a row of two faces and of
-#: a row of labels, inches.
-_WIDTH, _MARGIN, _FACE, _ROW = 14.0, 0.75, 2.75, 0.62
+#: Unit vectors of the picture of a solid: to the eye; to the right and upwards.
+_EYE, _PAPER = np.array([0.48, -0.64, 0.6]), np.array([[0.8, 0.6, 0.0], [-0.36, 0.48, 0.8]])
+_WIDTH, _PER_ROW = 14.0, 7  # inches, labels
 
 
 def write_preview(path: str | Path, preview: Preview, *, overwrite: bool = False) -> Path:
@@ -72,169 +73,61 @@ def preview_figure(preview: Preview) -> Figure:
         Without matplotlib, and for solids without pyvista or a GL library.
     """
     needed("matplotlib", "plot")
-    view = _View(preview)
-    joints = preview.of_kind("joint")
-    faces = joints if view.dim == 3 else ()
-    bottom = 1.4 + _FACE * -(-len(faces) // 2)
-    left, top = 0.5 * (_WIDTH - view.frame[0]), bottom + view.frame[1] + 0.3
-    middles, rows = _label_places(view, left)
-    height = top + _ROW * (1 + max(rows, default=0)) + 0.7
+    from matplotlib import cm, colors
+
+    structure, marks, notes = preview.structure, preview.marks, [*preview.notes]
+    nodes, joints = _on_paper(structure, structure.nodes), preview.of_kind("joint")
+    if structure.dim == 1:
+        nodes[:, 1] = structure.body.body_of_node
+        notes.append("The thickness of bars is not to scale.")
+    if preview.of_kind("load"):
+        notes.append("Arrows show loads in their positive direction.")
+    size = np.ptp(nodes, axis=0)
+    slender = size[1] < 0.1 * size[0]
+    if slender and structure.dim == 2:
+        notes.append("Lengths along y are drawn larger than along x.")
+    tall = 3.0 if slender else float(np.clip(12.0 * size[1] / size[0], 3.0, 9.0))
+    rows = 1 + len(marks) // _PER_ROW
+    height = tall + 0.65 * rows + 2.4
     figure = new_figure(_WIDTH, height, layout=None)
-
-    def panel_at(x: float, y: float, wide: float, tall: float) -> Any:
-        return figure.add_axes((x / _WIDTH, y / height, wide / _WIDTH, tall / height))
-
-    panel = panel_at(left, bottom, *view.frame)
-    panel.set(xlim=(view.low[0], view.high[0]), ylim=(view.low[1], view.high[1]))
-    _draw_bodies(view, panel)
-    for mark, x, row in zip(preview.marks, middles, rows, strict=True):
-        _draw_mark(view, panel, mark)
-        _label(panel, mark, view.anchor(mark), (x / _WIDTH, (top + _ROW * row) / height), row)
-    for number, mark in enumerate(faces):
-        row, column = divmod(number, 2)
-        x = 0.5 * _WIDTH * column if len(faces) > 1 else 0.25 * _WIDTH
-        _draw_face(view, panel_at(x + _MARGIN, bottom - 2.5 - _FACE * row, 5.5, 1.75), mark)
+    panel = figure.add_axes((0.06, 1.6 / height, 0.88, tall / height))
+    panel.margins(0.05, 0.5 if slender else 0.05)
+    panel.set_aspect("auto" if slender else "equal", adjustable="datalim")
+    along = "position along the bar, mm" if structure.dim == 1 else "x, mm"
+    panel.set(xlabel=along, ylabel="y, mm")
+    panel.yaxis.set_visible(structure.dim > 1)
+    if structure.dim == 1:
+        panel.set_ylim(-1.0, size[1] + 1.0)
+    _draw_bodies(panel, structure, nodes)
+    largest = max((float(np.asarray(mark.pressure).max()) for mark in joints), default=0.0)
+    colours = colors.LinearSegmentedColormap.from_list("", ["#fff8e6", "#f6b04a", "#c24e00"])
+    pressures = cm.ScalarMappable(colors.Normalize(0.0, 1e-6 * largest or 1.0), colours)
     if joints:
-        scale = panel_at(9.7, 0.3, 3.6, 0.14)
-        figure.colorbar(view.pressures, scale, orientation="horizontal")
+        scale = figure.add_axes((0.7, 0.4 / height, 0.26, 0.14 / height))
+        figure.colorbar(pressures, scale, orientation="horizontal")
         scale.set_title("pressure on the joints, MPa", fontsize=9.5)
-    kind = ("Bars", "Plates", "Solids")[view.dim - 1]
-    for y, text, size, weight in (
+    places = [_draw_mark(panel, structure, nodes, mark, pressures) for mark in marks]
+    for rank, k in enumerate(np.argsort([place[0] for place in places], kind="stable")):
+        row = (tall + 1.75 + 0.65 * (rank % rows)) / height
+        _label(
+            panel, marks[k], places[k], (0.04 + 0.92 * (rank + 0.5) / len(marks), row), rank % rows
+        )
+    extent = " x ".join(f"{1e3 * x:.4g}" for x in np.ptp(structure.nodes, axis=0))
+    kind = ("Bars", "Plates", "Solids")[structure.dim - 1]
+    heading = f"{kind}, {extent} mm: {structure.overview()}"
+    for y, text, points, weight in (
         (height - 0.33, preview.title, 14, "bold"),
-        (height - 0.58, f"{kind}: {view.structure.overview()}", 10, "normal"),
-        (0.15, "\n".join(view.notes()), 9, "normal"),
+        (height - 0.58, heading, 10, "normal"),
+        (0.15, "\n".join(notes), 9, "normal"),
     ):
-        figure.text(0.02, y / height, text, fontsize=size, weight=weight, parse_math=False)
+        figure.text(0.02, y / height, text, fontsize=points, weight=weight, parse_math=False)
     return figure
 
 
-class _View:
-    """Coordinates of a drawing, mm: of a bar along its axis, of a solid seen obliquely from above.
-
-    Attributes
-    ----------
-    nodes : ndarray, shape (n_nodes, 2)
-    thick : float
-        Thickness of bars, mm.
-    scale : ndarray, shape (2,)
-        How much larger y is drawn than x, in slender plates seen from the side.
-    size : float
-        Larger side of the structure, mm.
-    low, high : ndarray, shape (2,)
-        Least and largest coordinates with space around the structure and its arrows, mm.
-    frame : ndarray, shape (2,)
-        Width and height on the paper, inches.
-    pressures : matplotlib.cm.ScalarMappable
-        Colours of the pressures of all joints, MPa.
-    edge : float
-        Width of lines between elements; 0 if these are too small for lines.
-    """
-
-    def __init__(self, preview: Preview) -> None:
-        self.preview, self.structure = preview, preview.structure
-        self.dim, self.axes = self.structure.dim, np.eye(2, self.structure.dim)
-        if self.dim == 3:
-            self.eye = np.array([0.45, -0.75, 0.55]) / np.linalg.norm([0.45, -0.75, 0.55])
-            across = np.cross([0.0, 0.0, 1.0], self.eye) / np.hypot(*self.eye[:2])
-            self.axes = np.array([across, np.cross(self.eye, across)])
-        body, self.thick = self.structure.body, 0.0
-        self.nodes = self.points(self.structure.nodes)
-        if self.dim == 1:
-            self.thick = 1e3 * float(body.properties["thickness"].max())
-            self.nodes[:, 1] = 1e3 * stack_heights(self.structure)[body.body_of_node]
-        wide, tall = np.ptp(self.nodes, axis=0)
-        enlarged = [k for k in (5, 10, 20, 50, 100) if self.dim == 2 and k * tall <= 0.09 * wide]
-        self.scale, self.size = np.array([1, max(enlarged, default=1)]), max(wide, tall)
-        arrows = [end for mark in preview.of_kind("load") for end in self.arrow(mark)]
-        shown = np.vstack([self.nodes, *arrows])
-        pad = (0.06 if self.dim == 3 else 0.03) * self.size / self.scale
-        pad = np.array([pad[0], self.thick]) if self.dim == 1 else pad
-        self.low, self.high = shown.min(axis=0) - pad, shown.max(axis=0) + pad
-        frame = (self.high - self.low) * self.scale
-        fits = (_WIDTH - 2 * _MARGIN) / frame[0], np.inf if self.dim == 1 else 5.5 / frame[1]
-        self.frame = frame * min(fits)
-        if self.dim == 1:
-            self.frame[1] = 0.5 + 0.9 * np.unique(self.nodes[:, 1]).size
-        at_joints = [np.max(np.asarray(mark.pressure)) for mark in preview.of_kind("joint")]
-        self.pressures = _scale_of_pressures(1e-6 * max(at_joints, default=1.0))
-        area = self.frame[0] * (self.frame[1] if self.dim > 1 else 0.05)
-        self.edge = 0.4 if len(body.cells) <= 4000.0 * area else 0.0
-
-    def points(self, x: FloatArray) -> FloatArray:
-        """Points (..., dim), m, in the drawing."""
-        return np.asarray(1e3 * x @ self.axes.T)
-
-    def place(self, mark: Mark) -> FloatArray:
-        """Place of a mark; of a joint of bars it is at their lower side."""
-        if mark.nodes.size and mark.kind != "bolt":
-            down = 0.5 * self.thick * (mark.kind == "joint")
-            return np.asarray(self.nodes[mark.nodes[0]] - (0.0, down))
-        return self.points(mark.at)
-
-    def arrow(self, mark: Mark) -> tuple[FloatArray, FloatArray]:
-        """Start and end of a load's arrow; it ends at the body where it pushes on it."""
-        at = self.place(mark)
-        step = 0.09 * self.size * (np.asarray(mark.direction) @ self.axes.T) / self.scale
-        outwards = at - 0.5 * (self.nodes.min(axis=0) + self.nodes.max(axis=0))
-        return (at - step, at) if step @ outwards < -1e-9 * self.size**2 else (at, at + step)
-
-    def anchor(self, mark: Mark) -> FloatArray:
-        """Place that a label points at: of a load the middle of its arrow."""
-        ends = self.arrow(mark) if mark.kind == "load" else [self.place(mark)]
-        return np.asarray(np.mean(ends, axis=0))
-
-    def notes(self) -> list[str]:
-        """Sentences on what the picture leaves out and what is not to scale."""
-        scale = f"Lengths along y are drawn {self.scale[1]} times as large."
-        notes = {
-            "The thickness of bars is not to scale.": self.dim == 1,
-            "Dashed outlines mark surfaces, also where other parts hide them.": self.dim == 3,
-            scale: self.scale[1] > 1,
-            "The mesh is too fine for this picture: its edges are left out.": not self.edge,
-            "Arrows show loads in their positive direction.": bool(self.preview.of_kind("load")),
-        }
-        return [*self.preview.notes, *(note for note, holds in notes.items() if holds)]
-
-
-def _scale_of_pressures(largest: float) -> Any:
-    """Colours from 0 to the largest pressure."""
-    from matplotlib import cm, colors
-
-    colours = colors.LinearSegmentedColormap.from_list("", ["#fff8e6", "#f6b04a", "#c24e00"])
-    return cm.ScalarMappable(colors.Normalize(0.0, largest or 1.0), colours)
-
-
-def _label_places(view: _View, left: float) -> tuple[FloatArray, IntArray]:
-    """Middles of the labels on the paper, inches, and their rows, the lowest that have room."""
-    marks = view.preview.marks
-    inch = view.frame[0] / (view.high - view.low)[0]
-    middles = np.array([left + inch * (view.anchor(mark) - view.low)[0] for mark in marks])
-    half = np.array([0.12 + 0.04 * max(map(len, mark.text.split("\n"))) for mark in marks])
-    middles, rows = np.clip(middles, half, _WIDTH - half), np.zeros(len(marks), np.intp)
-    ends: list[float] = []
-    for k in np.argsort(middles, kind="stable"):
-        least = np.array([*ends, -np.inf]) + half[k]  # a label moves by at most 0.7
-        rows[k] = np.argmax((least <= middles[k] + 0.7) & (least + half[k] <= _WIDTH))
-        middles[k] = max(middles[k], least[rows[k]])
-        ends[rows[k] : rows[k] + 1] = [middles[k] + half[k]]
-    return middles, rows
-
-
-def _label(panel: Any, mark: Mark, place: FloatArray, at: tuple[float, float], row: int) -> None:
-    """Write a label at a place of the figure, with a line to what it names behind lower rows."""
-    from matplotlib.patheffects import withStroke
-
-    colour = _COLOURS[mark.kind]
-    box = {"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.9}
-    line = {"arrowstyle": "-", "color": colour, "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0,
-            "relpos": (0.5, 0.0)}  # fmt: skip
-    text = panel.annotate(
-        mark.text, place, at, textcoords="figure fraction", zorder=99 - row, annotation_clip=False,
-        parse_math=False, ha="center", va="bottom", fontsize=9, color=colour, bbox=box,
-        arrowprops=line,
-    )  # fmt: skip
-    text.arrow_patch.set_path_effects([withStroke(linewidth=2.2, foreground="white", alpha=0.75)])
-    panel.scatter(*place, s=14, color=colour, edgecolors="white", linewidths=0.6, zorder=99)
+def _on_paper(structure: Structure, x: FloatArray) -> FloatArray:
+    """Points (k, dim), m, on the paper (k, 2), mm; solids are seen obliquely from above."""
+    axes = _PAPER if structure.dim == 3 else np.eye(2, structure.dim)
+    return np.asarray(1e3 * x @ axes.T)
 
 
 def _add(panel: Any, shapes: FloatArray, **how: Any) -> Any:
@@ -252,133 +145,81 @@ def _border(cells: IntArray) -> IntArray:
     return cells if cells.shape[1] == 2 else np.asarray(unique[count == 1], dtype=np.intp)
 
 
-def _draw_bodies(view: _View, panel: Any) -> None:
-    """Draw the elements and the scales in mm."""
-    if view.dim == 3:
-        panel.set_axis_off()
-        reach = (view.low[0], view.high[0], view.low[1], view.high[1])
-        panel.imshow(_image(view), extent=reach, aspect="auto")
-        _draw_rulers(view, panel)
+def _draw_bodies(panel: Any, structure: Structure, nodes: FloatArray) -> None:
+    """Draw the elements; of solids an image, and the directions of the coordinates."""
+    body = structure.body
+    if structure.dim < 3:
+        colours = _BODIES[structure.mesh.body[body.cell_element] % len(_BODIES)]
+        how = {"facecolors": colours, "edgecolors": "#8a929b"} if structure.dim > 1 else {
+            "colors": colours}  # fmt: skip
+        _add(panel, nodes[body.cells], linewidths=0.5 if structure.dim > 1 else 16.0, **how)
         return
-    structure = view.structure
-    cells, body = structure.body.cells, structure.mesh.body[structure.body.cell_element]
-    shapes = view.nodes[cells]
-    if view.dim == 1:
-        half = np.array([0.0, 0.5 * view.thick])
-        shapes = np.concatenate([shapes - half, shapes[:, ::-1] + half], axis=1)
-    _add(panel, shapes, facecolors=_BODIES[body % len(_BODIES)], edgecolors="#8a929b",
-         linewidths=view.edge, alpha=0.75)  # fmt: skip
-    for number in range(int(body.max()) + 1 if view.dim == 2 else 0):
-        _add(panel, view.nodes[_border(cells[body == number])], colors="#2b2f33", lw=0.9, zorder=2)
-    panel.spines[["top", "right"]].set_visible(False)
-    panel.set(xlabel="position along the bar, mm" if view.dim == 1 else "x, mm", ylabel="y, mm")
-    panel.locator_params(axis="y", nbins=max(2, int(view.frame[1] / 0.3)))
-    if view.dim == 1:
-        panel.yaxis.set_visible(False)
-        panel.spines["left"].set_visible(False)
+    low, size = nodes.min(axis=0), np.ptp(nodes, axis=0)
+    low, high = low - 0.05 * size.max(), low + size + 0.05 * size.max()
+    panel.imshow(_image(structure, low, high), extent=(low[0], high[0], low[1], high[1]))
+    panel.set_axis_off()
+    for name, axis in zip("xyz", np.eye(3), strict=True):
+        end = low + 0.08 * size.max() * (axis @ _PAPER.T)
+        panel.annotate(name, low, end, arrowprops={"arrowstyle": "<-"}, annotation_clip=False)
 
 
-def _draw_rulers(view: _View, panel: Any) -> None:
-    """Draw lines along three edges of the bounding box with the coordinates of their ends."""
-    low, high = view.structure.nodes.min(axis=0), view.structure.nodes.max(axis=0)
-    centre = view.points(0.5 * (low + high))
-    for axis, start in enumerate((low, np.array([high[0], low[1], low[2]]), low)):
-        end = np.where(np.arange(3) == axis, high, start)
-        ends = view.points(np.array([start, end]))
-        away = np.array([-1.0, 1.0]) * (ends[1] - ends[0])[::-1] / np.linalg.norm(ends[1] - ends[0])
-        away *= 0.035 * view.size * np.sign(away @ (ends.mean(axis=0) - centre))
-        panel.plot(*(ends + 0.3 * away).T, color="black", linewidth=1.0, marker="o", markersize=3)
-        names = (f"{1e3 * low[axis]:g}", f"{'xyz'[axis]}, mm", f"{1e3 * high[axis]:g}")
-        for place, name in zip((ends[0], ends.mean(axis=0), ends[1]), names, strict=True):
-            panel.text(*(place + away), name, ha="center", va="center", fontsize=9)
-
-
-def _image(view: _View) -> Any:
-    """Image of solids with their named surfaces, of the size of the frame."""
+def _image(structure: Structure, low: FloatArray, high: FloatArray) -> Any:
+    """Image of solids between corners of the paper, mm."""
     pyvista = needed("pyvista", "vtk")
-    structure, middle = view.structure, 0.5 * (view.low + view.high) @ view.axes
-    light = {"ambient": 0.55, "diffuse": 0.5}
+    middle = 0.5 * (low + high) @ _PAPER
     with offscreen():
-        size = (160.0 * view.frame).round().astype(int).tolist()
+        size = (1800.0 * (high - low) / np.max(high - low)).round().astype(int).tolist()
         plotter = pyvista.Plotter(off_screen=True, window_size=size, border=False)
         try:
             for block, colour in zip(blocks_of(structure), cycle(_BODIES), strict=False):
                 surface = block.grid.scale(1e3).extract_surface(algorithm="dataset_surface")
-                plotter.add_mesh(surface, color=colour, show_edges=view.edge > 0.0,
-                                 edge_color="#7d858e", **light)  # fmt: skip
-            for mark in view.preview.marks:
-                if mark.kind in ("support", "bolt") and len(mark.cells):
-                    surface = pyvista.PolyData.from_regular_faces(1e3 * structure.nodes, mark.cells)
-                    colour = _COLOURS[mark.kind]
-                    actor = plotter.add_mesh(surface, color=colour, opacity=0.6, **light)
-                    actor.position = 0.003 * view.size * view.eye  # nearer than what it lies on
+                plotter.add_mesh(surface, color=colour, show_edges=True, edge_color="#7d858e",
+                                 ambient=0.55, diffuse=0.5)  # fmt: skip
             plotter.enable_parallel_projection()
-            eye, up = middle + 10.0 * view.size * view.eye, (0.0, 0.0, 1.0)
-            plotter.camera_position = [eye, middle, up]
-            plotter.camera.parallel_scale = 0.5 * (view.high - view.low)[1]
+            far = 10e3 * float(np.ptp(structure.nodes, axis=0).max())
+            plotter.camera_position = [middle + far * _EYE, middle, (0.0, 0.0, 1.0)]
+            plotter.camera.parallel_scale = 0.5 * (high - low)[1]
             plotter.reset_camera_clipping_range()
             return plotter.screenshot(return_img=True)
         finally:
             plotter.close()
 
 
-def _draw_mark(view: _View, panel: Any, mark: Mark) -> None:
-    """Draw a joint, support, bolt or load."""
+def _draw_mark(
+    panel: Any, structure: Structure, nodes: FloatArray, mark: Mark, pressures: Any
+) -> FloatArray:
+    """Draw a joint, support, bolt or load; return the place of its label."""
     colour, cells = _COLOURS[mark.kind], mark.cells
-    if view.dim > 1 and len(cells):
-        width = 1.8 if cells.shape[1] > 2 else 9.0 if mark.kind == "joint" else 4.0
-        style = (0, (3, 2)) if view.dim == 3 else "-"
-        _add(panel, view.nodes[_border(cells)], colors=colour, linewidths=width, linestyles=style)
-    if mark.kind == "joint" and view.dim < 3:
-        shapes = view.nodes[cells] - (0.0, 0.5 * view.thick)
-        _draw_pressure(view, panel, mark, shapes)
-        if view.dim == 1 and "\non a rigid base\n" in mark.text:
-            x, y = shapes.reshape(-1, 2).T
-            panel.fill_between([x.min(), x.max()], y.min(), y.min() - 0.3 * view.thick, linewidth=0,
-                               facecolor="white", edgecolor="#6d747b", hatch="////")  # fmt: skip
-    elif mark.kind == "support" and view.dim == 1:
-        x, y = view.nodes[mark.nodes].T
-        panel.vlines(x, y - 0.65 * view.thick, y + 0.65 * view.thick, color=colour, lw=5.0)
-    elif mark.kind == "support" and (view.dim == 2 or not len(cells)):
-        nodes = view.nodes[np.sort(mark.nodes)[:: 1 + len(mark.nodes) // 50]]
-        panel.scatter(*nodes.T, marker="^", s=36, color=colour, edgecolors="white", zorder=6)
-    elif mark.kind == "bolt":
-        for line in mark.lines:
-            panel.plot(*view.points(line).T, color=colour, linewidth=1.5, zorder=6)
-        panel.scatter(*view.points(mark.at), marker="+", s=90, color=colour, zorder=6)
-    elif mark.kind == "load":
-        start, end = view.arrow(mark)
-        arrow = {"arrowstyle": "-|>,head_length=0.8,head_width=0.35", "linewidth": 3.0,
-                 "shrinkA": 0.0, "shrinkB": 0.0, "color": colour}  # fmt: skip
-        panel.annotate("", end, start, zorder=8, annotation_clip=False, arrowprops=arrow)
-        if np.linalg.norm((end - start) * view.scale) < 0.015 * view.size:  # along the view
-            panel.scatter(*start, s=160, facecolors="white", edgecolors=colour, zorder=9)
+    place = _on_paper(structure, mark.at) if mark.kind == "bolt" else nodes[mark.nodes[0]]
+    if mark.pressure is not None:
+        down = (0.0, 0.25 if structure.dim == 1 else 0.0)
+        drawn = _add(
+            panel, nodes[cells] - down, cmap=pressures.cmap, norm=pressures.norm, alpha=0.8
+        )
+        drawn.set(array=1e-6 * np.mean(mark.pressure, axis=1), linewidth=7.0 if cells.shape[1] == 2
+                  else 0.3, zorder=2)  # fmt: skip
+    if len(cells) and structure.dim > 1:
+        width = 1.8 if mark.pressure is not None or structure.dim == 3 else 4.0
+        _add(panel, nodes[_border(cells)], colors=colour, linewidths=width, zorder=3)
+    elif mark.kind == "support":
+        few = nodes[np.sort(mark.nodes)[:: 1 + len(mark.nodes) // 50]]
+        panel.scatter(*few.T, marker="^", s=60, color=colour, edgecolors="white", zorder=6)
+    for line in mark.lines:
+        panel.plot(*_on_paper(structure, line).T, color=colour, linewidth=1.5, zorder=6)
+    if mark.direction is not None:
+        along = _on_paper(structure, mark.direction) / 1e3
+        panel.quiver(*place, *along, color=colour, scale=12.0, width=0.004, zorder=8, clip_on=False)
+    return place
 
 
-def _draw_pressure(view: _View, panel: Any, mark: Mark, shapes: FloatArray) -> None:
-    """Colour the cells of a joint, with corners (c, corners, 2) in mm, by their pressure."""
-    drawn = _add(panel, shapes, cmap=view.pressures.cmap, norm=view.pressures.norm)
-    drawn.set_array(1e-6 * np.mean(np.asarray(mark.pressure), axis=1))
-    if shapes.shape[1] == 2:
-        drawn.set(linewidth=7.0, zorder=3)
-    else:
-        drawn.set(linewidth=0.6 * view.edge, edgecolor="#6b5a45")
-
-
-def _draw_face(view: _View, panel: Any, mark: Mark) -> None:
-    """Draw the pressure on a joint's face and the bolts that pass through it."""
-    corners, x = view.structure.nodes[mark.cells], view.structure.nodes[mark.nodes]
-    normal = np.linalg.svd(x - x.mean(axis=0), full_matrices=False)[2][2]
-    i, j = np.sort(np.argsort(np.abs(normal))[:2])  # coordinates that the face spans best
-    _draw_pressure(view, panel, mark, 1e3 * corners[..., [i, j]])
-    panel.set_aspect("equal")
-    panel.autoscale_view()
-    panel.set(xlabel=f"{'xyz'[i]}, mm", ylabel=f"{'xyz'[j]}, mm")
-    panel.set_title(mark.text.replace("\n", ", "), fontsize=10, color=_COLOURS["joint"],
-                    parse_math=False)  # fmt: skip
-    for bolt in view.preview.of_kind("bolt"):
-        if panel.viewLim.contains(*(at := 1e3 * bolt.at[[i, j]])):
-            panel.scatter(*at, marker="+", s=80, color=_COLOURS["bolt"])
-            panel.annotate(bolt.text.split("\n")[0], at, (9, 14), color=_COLOURS["bolt"],
-                           textcoords="offset points", fontsize=8,
-                           bbox={"facecolor": "white", "edgecolor": "none", "pad": 1})  # fmt: skip
+def _label(panel: Any, mark: Mark, place: FloatArray, at: tuple[float, float], row: int) -> None:
+    """Write a label at a place of the figure, with a line to what it names behind lower rows."""
+    colour = _COLOURS[mark.kind]
+    box = {"boxstyle": "round,pad=0.12", "facecolor": "white", "edgecolor": "none", "alpha": 0.9}
+    line = {"arrowstyle": "-", "color": colour, "linewidth": 0.7, "relpos": (0.5, 0.0)}
+    panel.annotate(
+        mark.text, place, at, textcoords="figure fraction", zorder=99 - row, annotation_clip=False,
+        parse_math=False, ha="center", va="bottom", fontsize=9, color=colour, bbox=box,
+        arrowprops=line,
+    )  # fmt: skip
+    panel.scatter(*place, s=14, color=colour, edgecolors="white", linewidths=0.6, zorder=99)

@@ -36,7 +36,7 @@ def write_history(path: Path, runs: Mapping[str, Run]) -> None:
         for k, point in enumerate(run.system.points):
             arrays[f"{model}_{point}_displacement"] = run.point_u[:, k]
             arrays[f"{model}_{point}_velocity"] = run.point_v[:, k]
-        for k, joint in enumerate(run.system.joints):
+        for k, joint in enumerate(run.system.contact.joints):
             arrays[f"{model}_{joint}_friction_energy"] = run.joint_work[:, k]
             if run.joint_slip.size:
                 arrays[f"{model}_{joint}_slip"] = run.joint_slip[:, k]
@@ -63,7 +63,7 @@ def loop_rows(runs: Mapping[str, Run]) -> Iterator[list[Any]]:
             start = f"{model}_{load.on or f'load_{k}'}"
             columns[f"{start}_force_N"] = loops.load_force[:, k]
             columns[f"{start}_displacement_m"] = loops.load_displacement[:, k]
-        for k, joint in enumerate(system.joints):
+        for k, joint in enumerate(system.contact.joints):
             columns[f"{model}_{joint}_force_N"] = loops.force[:, k]
             columns[f"{model}_{joint}_mean_slip_m"] = loops.slip[:, k]
             columns[f"{model}_{joint}_friction_energy_J"] = loops.work[:, k]

@@ -38,19 +38,10 @@ def text_table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[
 
     ``corner`` stands above the labels of the rows, which are the keys of ``rows``.
     """
-    from rich.box import Box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    below_names = Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
-    table = Table(box=below_names, pad_edge=False, show_edge=False)
-    table.add_column(Text(corner), no_wrap=True)
-    for name in columns:
-        table.add_column(Text(name), justify="right", no_wrap=True)
-    for label, cells in rows.items():
-        table.add_row(Text(label), *cells)
-    console = Console(width=10_000, color_system=None, force_terminal=False)
-    with console.capture() as captured:
-        console.print(table)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines())
+    table = [[corner, *columns], *([label, *cells] for label, cells in rows.items())]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    lines = [
+        "   ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in table
+    ]
+    lines.insert(1, "-" * (sum(widths) + 3 * len(columns)))
+    return "\n".join(line.rstrip() for line in lines)

@@ -112,7 +112,7 @@ def reduce(
         nothing moves, or no point carries friction.
     """
     if range is not None:
-        system.check_constant_contact("reduce: range", "leave it out")
+        system.contact.check_constant("reduce: range", "leave it out")
     check("modes", modes, COUNT, "auto")
     if range is not None:
         others = (interface_modes, friction_points, beta, duration, run, quasi_static)

@@ -204,7 +204,8 @@ class Basis:
 
         if count is not None:
             merged = merge(count)
-            points = merged.w.size if merged.opening is None else merged.opening.gap.size
+            contact = merged.contact
+            points = contact.normal.gap.size if contact.opens else contact.w.size
             note = (
                 f"The reduced model has {points} friction points instead of {count}: no "
                 "more of the joints' points slip apart from each other."
@@ -212,7 +213,7 @@ class Basis:
             if points >= count:
                 return merged
             return replace(merged, notes=(*merged.notes, note))
-        opens = unmerged.opening is not None
+        opens = unmerged.contact.opens
         for each in SETTINGS.merged_if_open if opens else SETTINGS.merged_per_mode:
             merged = merge(each * unmerged.n)
             lost = friction_lost(unmerged, merged, history.velocities, history.displacements)
@@ -229,7 +230,7 @@ class Basis:
             self.history,
             velocities=velocities,
             displacements=np.zeros((0, V.shape[1])),
-            active=np.flatnonzero(system.w > 0.0),
+            active=np.flatnonzero(system.contact.w > 0.0),
         )
         return replace(self, V=V, history=history)
 
@@ -308,7 +309,7 @@ def basis_of(
     left = u - followed @ V.T
     energies = [float(np.vdot(x, (system.K @ x.T).T)) for x in (left, u)]
     missed = float(np.sqrt(energies[0] / energies[1])) if energies[1] > 0.0 else 0.0
-    points = np.flatnonzero(system.rubs if active is None else active)
+    points = np.flatnonzero(system.contact.rubs if active is None else active)
     history = SlipHistory(velocities, followed, slip_velocity, slip_peak, points, missed)
     return Basis(V, modes, proper, history)
 
@@ -338,15 +339,15 @@ def reduced_system(
     Returns
     -------
     System
-        Its ``notes`` are those of the system and what to beware of in the reduction, its ``shares``
-        say which points of ``system`` each of its own stands for.
+        Its ``notes`` are those of the system and what to beware of in the reduction, the
+        ``shares`` of its contact say which points of ``system`` each of its own stands for.
 
     Raises
     ------
     InputError
         If no point carries friction, or less than one friction point is asked for.
     """
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         raise InputError(NO_FRICTION)
     system = elastic(system)
     reduced = system.project(basis.V)
@@ -361,7 +362,9 @@ def reduced_system(
     share = basis.history.resolved if periodic else basis.history.resolved / SETTINGS.decaying
     steepest = 1.0 / (share * velocity)
     notes = reduced.notes
-    if np.any(system.beta[~system.sprung] > steepest) and not np.all(reduced.sprung):
+    if np.any(system.contact.beta[~system.contact.sprung] > steepest) and not np.all(
+        reduced.contact.sprung
+    ):
         note = (
             f"The reduced model uses beta = {steepest:.3g} s/m: its modes do not resolve slip "
             f"velocities below {share:g} of the largest ({velocity:.3g} m/s), where a steeper law "

@@ -70,13 +70,15 @@ def condensed_basis(
     Parameters and errors are those of `condense`; ``highest`` (Hz) takes the place of the highest
     frequency of the loads.
     """
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         raise InputError(NO_FRICTION.replace("reduced", "condensed"))
     inner, forward = carrying(system), None
-    if not picks_unknowns(inner.B):
+    if not picks_unknowns(inner.contact.B):
         inner, new = inner.with_slips_as_unknowns()
         forward = new.forward
-    kept = np.concatenate([sparse.csr_array(inner.B).indices, approaches(inner)]).astype(np.intp)
+    kept = np.concatenate([sparse.csr_array(inner.contact.B).indices, approaches(inner)]).astype(
+        np.intp
+    )
     rest = np.setdiff1d(np.arange(inner.n), kept)
     V = np.zeros((inner.n, kept.size))
     V[kept, np.arange(kept.size)] = 1.0
@@ -103,8 +105,8 @@ def condensed_basis(
         velocities=np.zeros((0, V.shape[1])),
         displacements=np.zeros((0, V.shape[1])),
         slip_velocity=0.0,
-        slip_peak=np.zeros(system.w.size),
-        active=np.flatnonzero(system.rubs),
+        slip_peak=np.zeros(system.contact.w.size),
+        active=np.flatnonzero(system.contact.rubs),
     )
     return Basis(V, 0, ProperModes(V[:, :0], np.zeros(0)), history)
 
@@ -133,27 +135,28 @@ def condensed_system(system: System, V: FloatArray) -> System:
     """Projection on a condensed basis ``V`` (n, j)."""
     inner = carrying(system)
     small = slips_first(inner.project(V))
-    if inner.opening is None:
+    if not inner.contact.opens:
         return small
-    rows, columns = inner.B.shape[0], approaches(inner)
+    rows, columns = inner.contact.B.shape[0], approaches(inner)
     own = selection(np.arange(rows, rows + columns.size, dtype=np.intp), small.n)
-    N = sparse.csr_array(sparse.csr_array(inner.opening.N)[:, columns] @ own)
-    return replace(small, opening=replace(inner.opening, N=N))
+    N = sparse.csr_array(sparse.csr_array(inner.contact.normal.N)[:, columns] @ own)
+    return small.with_contact(normal=replace(inner.contact.normal, N=N))
 
 
 def approaches(system: System) -> IntArray:
     """Unknowns whose means are the approaches of contact that opens; none without it."""
-    if system.opening is None:
-        return np.zeros(0, dtype=np.intp)
-    return np.unique(sparse.csr_array(system.opening.N).indices)
+    N = sparse.csr_array(system.contact.normal.N)
+    return np.unique(N.indices).astype(np.intp)
 
 
 def slips_first(system: System) -> System:
     """System whose slip rows pick its first unknowns; before they did so but for round-off."""
-    return replace(system, B=selection(np.arange(system.B.shape[0], dtype=np.intp), system.n))
+    rows = np.arange(system.contact.B.shape[0], dtype=np.intp)
+    return system.with_contact(B=selection(rows, system.n))
 
 
 def carrying(system: System) -> System:
     """System with only those contact points that carry friction, now or when they are pressed."""
-    points = np.flatnonzero(system.rubs)
-    return shared_points(system, selection(points, system.w.size), system.w[points])
+    given = system.contact.given
+    points = np.flatnonzero(system.contact.rubs)
+    return shared_points(system, selection(points, given.size), given[points])

@@ -28,7 +28,7 @@ each other in the training are left out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -97,16 +97,11 @@ def friction_lost(
         Of the unknowns; with contact that opens limits are means over these displacements.
     """
     rates = thinned(velocities, SETTINGS.times)
-    all_of_it, rest = (
-        float(
-            (
-                system.slip_norm(rates @ np.asarray(system.B).T)
-                @ _States.of(system, displacements).limits
-            ).sum()
-        )
-        for system in (unmerged, merged)
-    )
-    return abs(1.0 - rest / all_of_it) if all_of_it > 0.0 else 0.0
+    powers = []
+    for system in (unmerged, merged):
+        speeds = system.contact.slip_norm(rates @ np.asarray(system.contact.B).T)
+        powers.append(float((speeds @ _States.of(system, displacements).limits).sum()))
+    return abs(1.0 - powers[1] / powers[0]) if powers[0] > 0.0 else 0.0
 
 
 def merged_points(
@@ -165,7 +160,7 @@ def merged_points(
 def shared_points(
     system: System,
     shares: sparse.csr_array,
-    w: FloatArray,
+    given: FloatArray,
     pressed: sparse.csr_array | None = None,
 ) -> System:
     """System whose contact points are weighted means of old points with equal beta.
@@ -178,29 +173,32 @@ def shared_points(
     system : System
     shares : sparse array, shape (new points, m)
         Weights of the old points in each new one.
-    w : ndarray, shape (new points,)
-        Friction limits of the new points at rest, N.
+    given : ndarray, shape (new points,)
+        Friction limits of the new points, N, without those of normal forces that change.
     pressed : sparse array, shape (new pressure points, q), optional
         Shares of the old pressure points in the new ones; they stay as they are if not given.
     """
+    contact = system.contact
     like = shares.indices[shares.indptr[:-1]]  # an old point of each new one
-    directions = system.directions[like]
+    directions = contact.directions[like]
     both = sparse.csr_array(sparse.kron(shares, np.eye(2)))  # as if all slipped in two directions
-    new, old = (np.flatnonzero(d[:, np.newaxis] > [0, 1]) for d in (directions, system.directions))
-    B = both[new][:, old] @ system.B
-    alike = {"beta": system.beta[like], "directions": directions}
-    if system.has_springs:  # in parallel
+    new, old = (np.flatnonzero(d[:, np.newaxis] > [0, 1]) for d in (directions, contact.directions))
+    B = both[new][:, old] @ contact.B
+    alike = {"beta": contact.beta[like], "directions": directions}
+    if contact.has_springs:  # in parallel
         members = sparse.csr_array((np.ones(shares.nnz), shares.indices, shares.indptr))
         members.resize(shares.shape)
-        alike["stiffness"] = members @ system.stiffness
+        alike["stiffness"] = members @ contact.stiffness
     else:
-        alike["stiffness"] = np.full(w.size, np.inf)
-    of_all = shares if system.shares is None else sparse.csr_array(shares @ system.shares)
-    opening = None if system.opening is None else system.opening.of_points(shares)
-    if opening is not None and pressed is not None:
-        opening = opening.merged(pressed)
-    J = system.J @ shares.T
-    return replace(system, B=B, w=w, J=J, shares=of_all, opening=opening, **alike)
+        alike["stiffness"] = np.full(given.size, np.inf)
+    of_all = shares if contact.shares is None else sparse.csr_array(shares @ contact.shares)
+    normal, gain = contact.normal, sparse.csr_array(contact.gain)
+    gain = sparse.csr_array((shares > 0.0).astype(float) @ gain)
+    if pressed is not None:
+        normal, gain = normal.merged(pressed), sparse.csr_array(gain @ pressed.T)
+    J = contact.J @ shares.T
+    changes = {"B": B, "given": given, "J": J, "shares": of_all, "gain": gain, "normal": normal}
+    return system.with_contact(**changes, **alike)
 
 
 class _States(NamedTuple):
@@ -220,15 +218,11 @@ class _States(NamedTuple):
     @classmethod
     def of(cls, system: System, displacements: FloatArray | None) -> _States:
         """States of a system whose contact that opens has a stiffness."""
-        contact = system.opening
-        if contact is None:
-            return cls(np.zeros((1, 0)), system.w)
-        u = np.zeros((1, system.n))
+        normal, u = system.contact.normal, np.zeros((1, system.n))
         if displacements is not None:
             u = np.vstack([u, thinned(displacements, SETTINGS.times)])
-        reach = contact.force / contact.stiffness - contact.gaps(u)
-        change = contact.elastic_forces(u).mean(axis=0) - contact.force
-        limits = np.maximum(system.w + contact.gain @ change, 0.0)
+        reach = normal.force / normal.stiffness - normal.gaps(u)
+        limits = system.contact.limits(normal.elastic_forces(u).mean(axis=0))
         # Those of points that are pressed at no time are not zero, as they are weights.
         return cls(reach, np.maximum(limits, 1e-9 * limits.max(initial=0.0)))
 
@@ -257,12 +251,7 @@ class _Units(NamedTuple):
     @classmethod
     def of(cls, system: System, points: IntArray, states: _States, count: int) -> _Units:
         """Units of some friction points of a system, and of all pressure points that touch."""
-        points = points[system.rubs[points]]
-        contact = system.opening
-        if contact is None:
-            none = np.full(points.size, -1)
-            kinds, alone = _laws(system, points), np.zeros(points.size, dtype=bool)
-            return cls(points, none, kinds, alone, system.w[points])
+        contact, normal = system.contact, system.contact.normal
         gain = sparse.csr_array(contact.gain, copy=True)
         gain.eliminate_zeros()
         pressing, limited = np.diff(gain.indptr), np.bincount(gain.indices, minlength=gain.shape[1])
@@ -270,27 +259,26 @@ class _Units(NamedTuple):
         pairs = pairs[limited[gain.indices[gain.indptr[pairs]]] == 1]
         partner = np.full(pressing.size, -1)
         partner[pairs] = gain.indices[gain.indptr[pairs]]
-        pressed, closed = contact.force > 0.0, states.reach.max(axis=0)
-        touches = pressed | (closed + SETTINGS.near * contact.gap >= 0.0)
-        given = system.w - contact.limits_at_rest
-        kept = (pressing != 1) | (partner < 0) | touches[partner] | (given > 1e-9 * system.w)
-        points = points[kept[points]]
-        presser = np.where(touches[partner[points]], partner[points], -1)
-        others = np.setdiff1d(np.flatnonzero(touches), presser)
-        slider = np.concatenate([points, np.full(others.size, -1)])
-        presser = np.concatenate([presser, others])
-        linked = np.where(slider < 0, limited[presser] > 0, (pressing[slider] > 0) & (presser < 0))
-        apart = (presser >= 0) & ~pressed[presser]
+        pressed = normal.force > 0.0
+        touches = pressed | (states.reach.max(axis=0) + SETTINGS.near * normal.gap >= 0.0)
+        # The number -1 stands for none, and takes what is appended.
+        left = np.where(np.append(touches, False)[partner], partner, -1)
+        kept = contact.rubs & ((left == partner) | (contact.given > 0.0))
+        slider = points[kept[points]]
+        others = np.setdiff1d(np.flatnonzero(touches), left[slider])
+        presser = np.concatenate([left[slider], others])
+        slider = np.concatenate([slider, np.full(others.size, -1)])
+        slides, presses = slider >= 0, presser >= 0
+        links = np.where(slides, np.append(pressing, 0)[slider], np.append(limited, 0)[presser])
+        apart = presses & ~np.append(pressed, False)[presser]
         few = np.count_nonzero(apart) <= SETTINGS.apart * count
-        alone = linked | (apart & few)
-        pair = (slider >= 0) & (presser >= 0)
-        slopes = np.where(pair, gain.sum(axis=1)[slider], 0.0)
-        with np.errstate(invalid="ignore"):
-            slopes = np.round(slopes / slopes.max(initial=0.0), 9)
+        alone = (links > 0) & ~(slides & presses) | (apart & few)
+        slopes = np.where(slides & presses, np.append(gain.sum(axis=1), 0.0)[slider], 0.0)
+        slopes = np.round(slopes / (slopes.max(initial=0.0) or 1.0), 9)
         own = np.where(alone, np.arange(1, slider.size + 1), 0)
-        kinds = np.stack([presser >= 0, apart, slopes, own]).T
-        weight = np.where(presser >= 0, contact.stiffness[presser], states.limits[slider])
-        kinds = np.hstack([_laws(system, slider), kinds])
+        kinds = np.hstack([_laws(system, slider), np.stack([presses, apart, slopes, own]).T])
+        stiffness, limits = np.append(normal.stiffness, 0.0), np.append(states.limits, 0.0)
+        weight = np.where(presses, stiffness[presser], limits[slider])
         return cls(slider, presser, kinds, alone, weight)
 
     @property
@@ -327,12 +315,10 @@ class _Units(NamedTuple):
         """System whose points merge the units with the same number, (u,)."""
         slides, presses = self.slider >= 0, self.presser >= 0
         slider = owner[slides], self.slider[slides]
-        w = np.asarray(_members(*slider, system.w).sum(axis=1))
+        given = np.asarray(_members(*slider, system.contact.given).sum(axis=1))
         shares = _means(*slider, states.limits)
-        if system.opening is None:
-            return shared_points(system, shares, w)
-        pressed = _means(owner[presses], self.presser[presses], system.opening.stiffness)
-        return shared_points(system, shares, w, pressed)
+        pressed = _means(owner[presses], self.presser[presses], system.contact.normal.stiffness)
+        return shared_points(system, shares, given, pressed)
 
 
 def _members(owner: IntArray, points: IntArray, weights: FloatArray) -> sparse.csr_array:
@@ -350,15 +336,17 @@ def _means(owner: IntArray, points: IntArray, weights: FloatArray) -> sparse.csr
 
 def _laws(system: System, points: IntArray) -> FloatArray:
     """Joints, directions, law and springs of friction points, (k, ...); zero for the number -1."""
-    joints = sparse.csr_array(system.J)[:, points].toarray() > 0.0
-    laws = system.directions, system.beta, np.isfinite(system.stiffness)
+    contact = system.contact
+    joints = sparse.csr_array(contact.J)[:, points].toarray() > 0.0
+    laws = contact.directions, contact.beta, np.isfinite(contact.stiffness)
     return np.where(points >= 0, np.vstack([joints, *(law[points] for law in laws)]), 0.0).T
 
 
 def _slips(system: System, velocities: FloatArray, points: IntArray) -> FloatArray:
     """Histories of y / sqrt(|y|) of points with equal directions."""
-    rows = system.first_row[points][:, np.newaxis] + np.arange(system.directions[points[0]])
-    slip = np.asarray(system.B)[rows] @ velocities.T  # (points, directions, times)
+    contact = system.contact
+    rows = contact.first_row[points][:, np.newaxis] + np.arange(contact.directions[points[0]])
+    slip = np.asarray(contact.B)[rows] @ velocities.T  # (points, directions, times)
     size = np.sqrt((slip * slip).sum(axis=1, keepdims=True))
     return (slip / np.sqrt(np.where(size > 0.0, size, 1.0))).reshape(points.size, -1)
 

@@ -106,9 +106,13 @@ def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_a
         points whose friction has springs in series: these belong to the stiffness of what sticks,
         `System.stuck_stiffness`.
     """
-    B = sparse.csr_array(system.B)
+    B = sparse.csr_array(system.contact.B)
     if carrying:
-        B = B[np.flatnonzero(system.on_rows((system.w > 0.0) & ~system.sprung))]
+        B = B[
+            np.flatnonzero(
+                system.contact.on_rows((system.contact.w > 0.0) & ~system.contact.sprung)
+            )
+        ]
     if picks_unknowns(B):
         free = np.setdiff1d(np.arange(system.n), B.indices)
         return sparse.eye_array(system.n, format="csc")[:, free]
@@ -193,8 +197,8 @@ def driven(
     shapes : ndarray, shape (n, k)
     share : ndarray, shape (k,)
     """
-    if system.opening is not None:
-        T = system.opening.closed_motions()
+    if system.contact.opens:
+        T = system.contact.normal.closed_motions()
         shapes, share = driven(system.closed(), T.T @ response, loads, most)
         return np.asarray(T @ shapes), share
     F = motions_without_slip(system)

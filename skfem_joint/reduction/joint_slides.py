@@ -28,11 +28,11 @@ def joint_slides(system: System) -> FloatArray:
     inner = to.system
     if to.kind not in ("chain", "contact") or inner.is_dense:
         return np.zeros((system.n, 0))
-    carrying = np.flatnonzero(inner.on_rows(inner.w) > 0.0)
-    kept = sparse.csr_array(inner.B).indices[carrying]
-    point = np.repeat(np.arange(inner.w.size), inner.directions)[carrying]
-    component = carrying - inner.first_row[point]
-    own = as_dense(inner.J)[:, point] > 0.0
+    carrying = np.flatnonzero(inner.contact.on_rows(inner.contact.w) > 0.0)
+    kept = sparse.csr_array(inner.contact.B).indices[carrying]
+    point = np.repeat(np.arange(inner.contact.w.size), inner.contact.directions)[carrying]
+    component = carrying - inner.contact.first_row[point]
+    own = as_dense(inner.contact.J)[:, point] > 0.0
     slips = [own[j] & (component == c) for j in range(len(own)) for c in (0, 1)]
     U = np.array([slip for slip in slips if slip.any()], dtype=float).T
     X = np.zeros((inner.n, U.shape[1]))

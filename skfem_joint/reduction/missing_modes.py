@@ -89,7 +89,9 @@ def acceleration(run: Run) -> FloatArray:
     small = run.system
     driving = small.load_vectors() @ small.load_amplitudes(run.field_times)
     driving -= small.C @ run.v.T + small.K @ run.u.T
-    driving -= small.B.T @ (small.on_rows(small.w)[:, np.newaxis] * run.sigma.T)
+    driving -= small.contact.B.T @ (
+        small.contact.on_rows(small.contact.w)[:, np.newaxis] * run.sigma.T
+    )
     return np.asarray(linalg.solve(small.M, driving, assume_a="pos"))
 
 
@@ -120,12 +122,12 @@ class Residual:
     @cached_property
     def _carrying(self) -> IntArray:
         """Slip rows of points that carry friction."""
-        return np.flatnonzero(self.system.on_rows(self.system.w))
+        return np.flatnonzero(self.system.contact.on_rows(self.system.contact.w))
 
     @cached_property
     def _condensed(self) -> Uncondensed:
         """Schur complement of the stiffness: springs will be added to the contact unknowns."""
-        moved = np.unique(sparse.csr_array(self.system.B).indices)
+        moved = np.unique(sparse.csr_array(self.system.contact.B).indices)
         known = self.stiffness
         if isinstance(known, SchurComplement) and np.array_equal(known.kept, moved):
             return known
@@ -133,13 +135,13 @@ class Residual:
 
     def _with_springs(self, springs: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Solver for the contact unknowns with a spring (N/m) on each slip row."""
-        B = sparse.csc_array(self.system.B)
+        B = sparse.csc_array(self.system.contact.B)
         return self._condensed.solver_of_kept(B.T @ sparse.diags_array(springs) @ B)
 
     @cached_property
     def _free(self) -> Callable[[FloatArray], FloatArray]:
         """Solver for the contact unknowns without springs."""
-        return self._with_springs(np.zeros(self.system.B.shape[0]))
+        return self._with_springs(np.zeros(self.system.contact.B.shape[0]))
 
     def forces(self, V: FloatArray, run: Run) -> FloatArray:
         """Residual R (N) of a run at its stored fields, (n, frames).
@@ -152,37 +154,46 @@ class Residual:
         for A, x in zip((system.M, system.C, system.K), motions, strict=True):
             # The cheaper order of products: a condensed model has more unknowns than frames.
             left -= (A @ V) @ x if V.shape[1] < x.shape[1] else A @ (V @ x)
-        if picks_unknowns(run.system.B):  # condensed: its friction is that of the same points
-            sigma = np.zeros((len(run.v), system.B.shape[0]))
+        if picks_unknowns(
+            run.system.contact.B
+        ):  # condensed: its friction is that of the same points
+            sigma = np.zeros((len(run.v), system.contact.B.shape[0]))
             sigma[:, self._carrying] = run.sigma
         else:
             sigma = self._friction(V, run)
-        return np.asarray(left - system.B.T @ (system.on_rows(system.w) * sigma).T)
+        return np.asarray(
+            left - system.contact.B.T @ (system.contact.on_rows(system.contact.w) * sigma).T
+        )
 
     def _friction(self, V: FloatArray, run: Run) -> FloatArray:
         """Friction over its limit of all slip rows at the fields of a run, (frames, rows)."""
-        slips, laws = (self.system.B @ V).T, self.system.no_steeper(run.system.steepest)
+        slips, laws = (
+            (self.system.contact.B @ V).T,
+            self.system.no_steeper(run.system.contact.steepest),
+        )
         repeats = run.steady is not None
         return friction_along(laws, run.u @ slips, run.v @ slips, run.field_times, repeats)
 
     def _beta(self, run: Run) -> FloatArray:
         """Steepness of the law at each point of the system, no more than that of the run."""
-        return self.system.no_steeper(run.system.steepest).beta
+        return self.system.no_steeper(run.system.contact.steepest).contact.beta
 
     def _springs(self, V: FloatArray, run: Run, R: FloatArray) -> FloatArray:
         """Springs (frames, m), N/m, by which friction holds points on which the forces R act."""
-        system, slip = self.system, run.v @ (self.system.B @ V).T
+        system, slip = self.system, run.v @ (self.system.contact.B @ V).T
         sigma = self._friction(V, run)
-        force = system.on_rows(system.w) * sigma
-        squares = sparse.csr_array(system.B).power(2).sum(axis=1)
-        force += (system.B @ R).T / np.where(squares > 0.0, squares, 1.0)
-        slope = law.force_slope(system.slip_norm(slip), self._beta(run))
-        slope[system.slip_norm(force) > system.w] = 0.0
+        force = system.contact.on_rows(system.contact.w) * sigma
+        squares = sparse.csr_array(system.contact.B).power(2).sum(axis=1)
+        force += (system.contact.B @ R).T / np.where(squares > 0.0, squares, 1.0)
+        slope = law.force_slope(system.contact.slip_norm(slip), self._beta(run))
+        slope[system.contact.slip_norm(force) > system.contact.w] = 0.0
         rate = SETTINGS.rate / (run.field_times[1] - run.field_times[0])
-        springs = system.w * slope * rate
-        if system.has_springs:
-            stretched = np.where(system.slip_norm(sigma) < 1.0, system.spring_constants, 0.0)
-            springs = np.where(system.sprung, stretched, springs)
+        springs = system.contact.w * slope * rate
+        if system.contact.has_springs:
+            stretched = np.where(
+                system.contact.slip_norm(sigma) < 1.0, system.contact.spring_constants, 0.0
+            )
+            springs = np.where(system.contact.sprung, stretched, springs)
         return np.asarray(springs)
 
     def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
@@ -193,7 +204,7 @@ class Residual:
         R, whole = self.forces(V, run), self._condensed
         right, still = whole.restrict(np.ascontiguousarray(R))
         yield whole.extend(self._free(right), still)
-        if picks_unknowns(run.system.B):
+        if picks_unknowns(run.system.contact.B):
             return
         springs = self._springs(V, run, R)
         least = SETTINGS.least_spring * max(float(springs.max(initial=0.0)), 1e-300)
@@ -203,7 +214,7 @@ class Residual:
         for kind in np.unique(kinds):
             alike = np.flatnonzero(kinds == kind)
             mean = np.exp(springs[alike].mean(axis=0))
-            solve = self._with_springs(self.system.on_rows(mean))
+            solve = self._with_springs(self.system.contact.on_rows(mean))
             x[:, alike] = solve(np.ascontiguousarray(right[:, alike]))
         yield whole.extend(x, still)
 
@@ -241,8 +252,8 @@ class Residual:
                 share, _ = _nearest(V, modes, gram, M @ X)
                 X = X - V @ share[: V.shape[1]]
                 X -= modes @ share[V.shape[1] :]
-            if picks_unknowns(run.system.B):
-                X = X - V @ (run.system.B.T @ (system.B[self._carrying] @ X))
+            if picks_unknowns(run.system.contact.B):
+                X = X - V @ (run.system.contact.B.T @ (system.contact.B[self._carrying] @ X))
             sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
             counting = np.flatnonzero(sizes > SETTINGS.negligible**2 * whole)[::-1]
             first = counting[: min(more, system.n - V.shape[1] - modes.shape[1])]

@@ -140,7 +140,7 @@ def own_basis(
             V = np.hstack([V, restricted.F @ restricted.lowest(interface_modes)[1]])
     if run.loops is not None:  # which should show the force of each joint
         V = np.hstack([V, joint_slides(system)])
-    velocity = float(system.slip_norm((system.B @ run.v.T).T).max(initial=0.0))
+    velocity = float(system.contact.slip_norm((system.contact.B @ run.v.T).T).max(initial=0.0))
     return basis_of(
         system,
         V,
@@ -190,9 +190,9 @@ def static_basis(
     u = np.linalg.qr(run.u, mode="r") @ path.V.T
     slip = path.slip_peak  # more accurate than the run's
     if path.rigid.size:
-        slip = system.slip_norm(run.u @ (system.B @ path.V).T).max(axis=0)
+        slip = system.contact.slip_norm(run.u @ (system.contact.B @ path.V).T).max(axis=0)
     preliminary = run.system
-    slip_velocity = preliminary.slip_norm(run.v @ np.asarray(preliminary.B).T)
+    slip_velocity = preliminary.contact.slip_norm(run.v @ np.asarray(preliminary.contact.B).T)
     velocity = float(slip_velocity.max(initial=0.0))
     basis = basis_of(
         system, V, modes, proper, u=u, v=path.V.T, slip_peak=slip, slip_velocity=velocity
@@ -232,7 +232,7 @@ def stuck_basis(
     slips = slips[counting] / size[counting, np.newaxis]
     proper = proper_decomposition(slips, strain_norm(system))
     V = np.hstack([stuck, proper.modes[:, :modes]])
-    slip_peak = system.slip_norm((system.B @ u.T).T).max(axis=0)
+    slip_peak = system.contact.slip_norm((system.contact.B @ u.T).T).max(axis=0)
     velocity = 2.0 * np.pi * frequency * float(slip_peak.max())
     return basis_of(
         system, V, modes, proper, u=u, v=slips, slip_peak=slip_peak, slip_velocity=velocity

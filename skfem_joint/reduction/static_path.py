@@ -27,7 +27,7 @@ from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.reduction import friction_points, interface_modes
 from skfem_joint.reduction.active_length import THRESHOLD
-from skfem_joint.reduction.elastic_contact import OpeningPath, strain_norm
+from skfem_joint.reduction.elastic_contact import strain_norm
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation, steps_of_a_period
 from skfem_joint.reduction.friction_points import NO_FRICTION, merged_points
 from skfem_joint.reduction.joint_slides import joint_slides
@@ -178,7 +178,7 @@ def slip_path(
     KeyboardInterrupt
         If the preliminary run is interrupted.
     """
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, plan)
     path = _path(system, given, tolerance)
@@ -186,8 +186,8 @@ def slip_path(
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
     slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
-    every = system.w > 0.0
-    slides = bool(slipping[every].all()) or system.opening is not None
+    every = system.contact.w > 0.0
+    slides = bool(slipping[every].all()) or system.contact.opens
     beside, interface, share = _beside(system, response, loads, path)
     counting = interface[:, share > interface_modes.SETTINGS.least_driven]
     rigid, energy = path.to.outer(path.rigid.T).T, strain_norm(system)
@@ -200,7 +200,9 @@ def slip_path(
         states, within = _second(path, loads, response, driving)
         snapshots.append(states)
         now, slip_peak = _slipping(system, states[:within])
-        newly_slipping = float(system.w[now & ~slipping].sum() / max(system.w[now].sum(), 1e-300))
+        newly_slipping = float(
+            system.contact.w[now & ~slipping].sum() / max(system.contact.w[now].sum(), 1e-300)
+        )
         slides |= bool(now[every].all())
         if newly_slipping <= SETTINGS.newly_slipping:
             break
@@ -227,12 +229,10 @@ def slip_path(
     )
 
 
-def _path(system: System, path: QuasiStatic | None, tolerance: float) -> QuasiStatic | OpeningPath:
+def _path(system: System, path: QuasiStatic | None, tolerance: float) -> QuasiStatic:
     """Path of a system, which uses the factors of a given ``path``."""
     from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
 
-    if system.opening is not None:
-        return OpeningPath(system, tolerance)
     return QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
 
 
@@ -241,11 +241,11 @@ def _is_monotone(system: System, loads: Excitation) -> bool:
 
     With contact that opens they are not.
     """
-    return loads.is_one_harmonic and system.opening is None
+    return loads.is_one_harmonic and not system.contact.opens
 
 
 def _beside(
-    system: System, response: FloatArray, loads: Excitation, path: QuasiStatic | OpeningPath
+    system: System, response: FloatArray, loads: Excitation, path: QuasiStatic
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Static shapes beside the modes, fixed-interface modes and shares of these; see `StaticPath`.
 
@@ -254,22 +254,21 @@ def _beside(
     if loads.plan.quasi_static:
         still = np.zeros((system.n, 0)), np.zeros(0)
         return np.hstack([response, joint_slides(system)]), *still
-    factors = None if isinstance(path, OpeningPath) else path
-    return response, *interface_modes.driven(system, response, loads, path=factors)
+    return response, *interface_modes.driven(system, response, loads, path=path)
 
 
 def _first(
-    system: System, path: QuasiStatic | OpeningPath, loads: Excitation, response: FloatArray
+    system: System, path: QuasiStatic, loads: Excitation, response: FloatArray
 ) -> FloatArray:
     """Snapshots (s, n) of the path under the loads with the inertia of their static response.
 
     InputError if nothing moves.
     """
     inertia = system.M @ response
-    beyond = SETTINGS.first_beyond if system.opening is None else 1.0  # more might lift it off
+    beyond = SETTINGS.first_beyond if not system.contact.opens else 1.0  # more might lift it off
     if loads.plan.quasi_static:
         inertia = np.zeros_like(inertia)
-    pulse = len(loads.amplitudes) == 1 and loads.period is None and system.opening is None
+    pulse = len(loads.amplitudes) == 1 and loads.period is None and not system.contact.opens
     if pulse or _is_monotone(system, loads):
         square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
         levels = _levels(SETTINGS.first_levels, beyond)
@@ -289,7 +288,7 @@ def _first(
 
 
 def _second(
-    path: QuasiStatic | OpeningPath, loads: Excitation, response: FloatArray, driving: _Driving
+    path: QuasiStatic, loads: Excitation, response: FloatArray, driving: _Driving
 ) -> tuple[FloatArray, int]:
     """Snapshots (s, n) of the path under the forces of a run, and the number within its peak."""
     if _is_monotone(driving.system, loads):
@@ -301,7 +300,7 @@ def _second(
     return snapshots, len(snapshots) // 2
 
 
-def _in_time(path: QuasiStatic | OpeningPath, loads: Excitation, driving: _Driving) -> FloatArray:
+def _in_time(path: QuasiStatic, loads: Excitation, driving: _Driving) -> FloatArray:
     """States and increments (s, n) under the forces of a run: of its start and last period."""
     run, K = driving.run, driving.run.system.K
     rows = np.arange(1, len(run.u))
@@ -318,7 +317,7 @@ def _in_time(path: QuasiStatic | OpeningPath, loads: Excitation, driving: _Drivi
 
 def _slipping(system: System, states: FloatArray) -> tuple[BoolArray, FloatArray]:
     """Which contact points slip in some states (s, n), and their largest slips (m), each (m,)."""
-    slip = system.slip_norm((system.B @ states.T).T).max(axis=0)
+    slip = system.contact.slip_norm((system.contact.B @ states.T).T).max(axis=0)
     return slip > THRESHOLD * slip.max(), slip
 
 
@@ -345,9 +344,9 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
     points are merged as they slip on the path.
     """
     small, merging = system.project(V), friction_points.SETTINGS
-    if system.contact_points > merging.many:
+    if system.contact.count > merging.many:
         known = path @ (system.M @ V)  # of contact that opens states, and then as many increments
-        points, states = np.flatnonzero(system.rubs), known[: len(known) // 2]
+        points, states = np.flatnonzero(system.contact.rubs), known[: len(known) // 2]
         small = merged_points(small, known, points, merging.merged, states)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
     steepest = SETTINGS.resolved / max(velocity, SETTINGS.slow)

@@ -102,7 +102,7 @@ def _kinds(table: Schema) -> list[str]:
 def _follow(location: Location, root: type[BaseModel]) -> tuple[list[Schema], Schema | None]:
     """Schemas of the tables that may stand at a location, and that of its last key."""
     tables, field = [_schema(root)], None
-    defs = tables[0]["$defs"]
+    defs = tables[0].get("$defs", {})
     for part in location:
         if isinstance(part, int) or part in {*Form}:
             continue
@@ -173,12 +173,16 @@ def _must_be(error: ErrorDetails, location: Location, field: Schema | None) -> s
         "less_than": "must be < {lt:g}",
         "less_than_equal": "must be <= {le:g}",
         "float_type": "must be a number",
+        "float_parsing": "must be a number",
     }
     others = {
         "finite_number": "must be finite",
         "int_type": "must be a whole number",
+        "int_parsing": "must be a whole number",
         "string_type": "must be a text in quotes",
+        "string_too_short": "must not be empty",
         "bool_type": "must be true or false",
+        "bool_parsing": "must be true or false",
         "literal_error": "must be {expected}",
         "tuple_type": "must be a list",
         "dict_type": "must be a table",

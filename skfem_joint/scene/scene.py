@@ -25,7 +25,7 @@ from skfem_joint.errors import InputError, listed, refuse
 from skfem_joint.key_paths import key_parts, key_path
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.opening import constant_contact_alone
+from skfem_joint.normal import constant_contact_alone
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.changes import with_changes
@@ -215,7 +215,7 @@ class Scene(SceneTable):
                 self._system = structure.system(self.loads(), self.output.points or None)
             _log.info(
                 "%s: %d degrees of freedom, %d unknowns, %d contact points.",
-                *(self._path, structure.n_dofs, self._system.n, self._system.contact_points),
+                *(self._path, structure.n_dofs, self._system.n, self._system.contact.count),
             )
         return self._system
 

@@ -8,7 +8,7 @@ become unknowns.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -17,7 +17,6 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.steppers import CompiledStepper, PythonStepper, Stepper
 from skfem_joint.system import System
 from skfem_joint.unknowns import ChangeOfUnknowns, selection
@@ -37,7 +36,7 @@ class Arranged:
     system : System
     kind : str
         Of its matrices: "linear" (no friction), "chain" (tridiagonal, each slip an unknown),
-        "contact" (each slip an unknown) or "dense"; "opening" with contact that opens.
+        "contact" (each slip an unknown, and each approach where contact opens) or "dense".
     maps : tuple of ChangeOfUnknowns
         Changes of unknowns that led to it, in turn; none if the unknowns are the caller's.
     """
@@ -84,12 +83,12 @@ def arranged(system: System) -> Arranged:
         If slip rows of a large system depend on each other, or approaches of contact that opens
         on slips.
     """
-    if system.opening is not None:
+    if system.contact.opens:
         return _arranged_opening(system)
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         return Arranged(system, "linear")
     if system.is_dense:  # a sparse B tells that slips are unknowns
-        keeps = not isinstance(system.B, np.ndarray) and slips_are_unknowns(system)
+        keeps = not isinstance(system.contact.B, np.ndarray) and slips_are_unknowns(system)
         return Arranged(system, "contact" if keeps else "dense")
     maps: tuple[ChangeOfUnknowns, ...] = ()
     if not slips_are_unknowns(system):
@@ -102,7 +101,7 @@ def arranged(system: System) -> Arranged:
         maps = (slips,)
     if is_chain(system):
         return Arranged(system, "chain", maps)
-    path = _path(system) if picks_unknowns(system.B) else None
+    path = _path(system) if picks_unknowns(system.contact.B) else None
     if path is not None:
         return Arranged(system.in_unknowns(path), "chain", (*maps, path))
     return Arranged(system, "contact", maps)
@@ -111,26 +110,30 @@ def arranged(system: System) -> Arranged:
 def _arranged_opening(system: System) -> Arranged:
     """Of a system with contact that opens: slips are unknowns, apart from those that approach.
 
-    Reduced models keep their unknowns.
+    Reduced models keep their unknowns, and so do small systems whose slips or approaches depend on
+    each other, if contact is elastic and friction smooth.
     """
+    given, contact = system, system.contact.normal
     maps: tuple[ChangeOfUnknowns, ...] = ()
-    if isinstance(cast("OpeningContact", system.opening).N, np.ndarray):
-        if system.has_springs:
+    if isinstance(contact.N, np.ndarray):
+        return Arranged(system, "dense")
+    try:
+        if not slips_are_unknowns(system):
+            system, slips = system.with_slips_as_unknowns()
+            maps = (slips,)
+        N = sparse.csr_array(system.contact.normal.N)
+        if np.isin(N.indices, sparse.csr_array(system.contact.B).indices).any():
             raise InputError(
-                "contact that opens: found springs in series with friction in a reduced or dense "
-                "system, must be a full or condensed one, whose slips and approaches are unknowns"
+                "contact that opens: its normal motion and a slip are the same displacement; slips "
+                "must be perpendicular to what opens, or contact elastic (normal_stiffness) and "
+                "friction have springs (tangential_stiffness) or a finite beta"
             )
-        return Arranged(system, "opening")
-    if not picks_unknowns(system.B):
-        system, slips = system.with_slips_as_unknowns()
-        maps = (slips,)
-    N = sparse.csr_array(cast("OpeningContact", system.opening).N)
-    if np.isin(N.indices, sparse.csr_array(system.B).indices).any():
-        raise InputError(
-            "contact that opens: its normal motion and a slip are the same displacement; slips "
-            "must be perpendicular to what opens"
-        )
-    return Arranged(system, "opening", maps)
+    except InputError:
+        smooth = np.isfinite(given.contact.beta) | given.contact.sprung | ~given.contact.rubs
+        if contact.rigid.any() or not smooth.all() or given.n > MOST_DENSE:
+            raise
+        return Arranged(given, "dense")
+    return Arranged(system, "contact", maps)
 
 
 def _path(system: System) -> ChangeOfUnknowns | None:
@@ -139,7 +142,7 @@ def _path(system: System) -> ChangeOfUnknowns | None:
     pattern = sparse.csr_array(abs(system.M) + abs(system.C) + abs(system.K))
     pattern.setdiag(0.0)
     pattern.eliminate_zeros()
-    if np.any(system.directions != 1) or np.diff(pattern.indptr).max(initial=0) > 2:
+    if np.any(system.contact.directions != 1) or np.diff(pattern.indptr).max(initial=0) > 2:
         return None
     # Breadth first from an end: along each path, unless it is closed to a ring.
     order = reverse_cuthill_mckee(sparse.csr_array(pattern), symmetric_mode=True).astype(np.intp)
@@ -149,7 +152,7 @@ def _path(system: System) -> ChangeOfUnknowns | None:
     if np.any(np.abs(rank[row] - rank[column]) > 1):
         return None
     picks = selection(order, n)
-    slips = rank[sparse.csr_array(system.B).indices]
+    slips = rank[sparse.csr_array(system.contact.B).indices]
     return ChangeOfUnknowns(sparse.csr_array(picks.T), picks, slips)
 
 
@@ -161,23 +164,23 @@ def is_chain(system: System) -> bool:
         beyond = np.abs(row - rows.indices) > 1
         if beyond.any() and rows.data[beyond].any():
             return False
-    return bool(np.all(system.directions == 1)) and picks_unknowns(system.B)
+    return bool(np.all(system.contact.directions == 1)) and picks_unknowns(system.contact.B)
 
 
 def slips_are_unknowns(system: System) -> bool:
     """Whether each slip row picks an unknown of its own, or one that points with springs share."""
-    if not system.has_springs:
-        return picks_unknowns(system.B)
-    rows = sparse.csr_array(system.B)
+    if not system.contact.has_springs:
+        return picks_unknowns(system.contact.B)
+    rows = sparse.csr_array(system.contact.B)
     if not ((np.diff(rows.indptr) == 1).all() and (rows.data == 1.0).all()):
         return False
-    column, sprung = rows.indices, system.on_rows(system.sprung)
+    column, sprung = rows.indices, system.contact.on_rows(system.contact.sprung)
     shared = np.bincount(column)[column] > 1
     if not sprung[shared].all():
         return False
     # Points that share an unknown must share all of them, in the same order.
-    first = system.first_row[:-1]
-    pair = system.directions == 2
+    first = system.contact.first_row[:-1]
+    pair = system.contact.directions == 2
     second = np.full(first.size, -1)
     second[pair] = column[first[pair] + 1]
     unknowns = np.unique(np.column_stack([column[first], second]), axis=0)
@@ -201,7 +204,7 @@ def choose(to: Arranged, *others: Any) -> Stepper:
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    if to.kind == "opening":
+    if to.system.contact.opens:
         from skfem_joint.stepping.opening_stepper import OpeningStepper  # loads the compiler
 
         return OpeningStepper(to.kind, to.system, *others)

@@ -299,7 +299,7 @@ def _check_steady(system: System, plan: Plan, checkpoint: Checkpoint | None) -> 
     if checkpoint is not None:
         raise InputError("until: a search for what is 'steady' has no checkpoints; leave them out")
     damped = abs(system.C).max() > 0.0 or not plan.scheme.coefficients(1.0)[-1]
-    if not (damped or system.contact_points):
+    if not (damped or system.contact.count):
         raise InputError(
             "until: nothing is 'steady' with neither friction nor damping; give damping, such as "
             "[damping] ratio = 0.002 in a scene"
@@ -346,8 +346,9 @@ def _start(
 
 def _same_matrices(one: System, other: System) -> bool:
     """Whether two systems differ in loads, observed points and names at most."""
-    names = ("M", "C", "K", "B", "w", "beta", "directions", "stiffness", "opening")
-    pairs = [(getattr(one, name), getattr(other, name)) for name in names]
+    unnamed: dict[str, Any] = {"J": None, "joints": (), "shares": None}
+    pairs = [(getattr(one, name), getattr(other, name)) for name in ("M", "C", "K")]
+    pairs.append((replace(one.contact, **unnamed), replace(other.contact, **unnamed)))
     return all(a is b or fingerprint(a) == fingerprint(b) for a, b in pairs)
 
 
@@ -356,8 +357,8 @@ def _check_whole(system: System, plan: Plan, initial: Any) -> None:
 
     A search for steady vibration may start from anything.
     """
-    opens = system.opening is not None
-    lacking = isinstance(initial, Final) and (opens or system.has_springs)
+    opens = system.contact.opens
+    lacking = isinstance(initial, Final) and (opens or system.contact.has_springs)
     if lacking and plan.until != "steady":
         of_what = "contact that opens" if opens else "springs in series with friction"
         raise InputError(
@@ -386,10 +387,10 @@ def _given(system: System, initial: tuple[FloatArray, ...] | None) -> tuple[Floa
     if any(x.shape != (system.n,) for x in start[:2]):
         raise InputError(f"initial: shapes must be ({system.n},)")
     if friction:
-        found, rows = start[2].shape, system.B.shape[0]
+        found, rows = start[2].shape, system.contact.B.shape[0]
         if found != (rows,):
             raise InputError(f"initial: found shape {found} of friction, must be ({rows},)")
-        if np.any(system.slip_norm(start[2]) > 1.0 + 1e-9):
+        if np.any(system.contact.slip_norm(start[2]) > 1.0 + 1e-9):
             raise InputError("initial: friction must not be above its limit, that is above 1")
     _check_limits(system, start)
     return start
@@ -397,8 +398,8 @@ def _given(system: System, initial: tuple[FloatArray, ...] | None) -> tuple[Floa
 
 def _check_limits(system: System, start: tuple[FloatArray, ...]) -> None:
     """Refuse friction at the start whose limits are not those that it is over."""
-    opens = system.opening is not None
-    if len(start) == 3 and opens and system.has_springs:
+    opens = system.contact.opens
+    if len(start) == 3 and opens and system.contact.has_springs:
         raise InputError(
             "initial: found friction without its limits, which follow the normal forces where "
             "contact opens; give them (m,), N, as a fourth array, or the run itself, initial=run"
@@ -410,8 +411,8 @@ def _check_limits(system: System, start: tuple[FloatArray, ...]) -> None:
             "initial: found friction limits beside constant contact, whose limits are those of "
             "the system; leave the fourth array out"
         )
-    if start[3].shape != system.w.shape or np.any(start[3] < 0.0):
+    if start[3].shape != system.contact.w.shape or np.any(start[3] < 0.0):
         raise InputError(
-            f"initial: found friction limits of shape {start[3].shape}, must be {system.w.shape} "
-            "and not negative"
+            f"initial: found friction limits of shape {start[3].shape}, must be "
+            f"{system.contact.w.shape} and not negative"
         )

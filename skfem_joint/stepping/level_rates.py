@@ -9,7 +9,8 @@ same points sticking, slipping, closed and open, this is linear in the derivativ
 
 - a point that sticks moves on as it did at the level before, d(B u) = d(B u before);
 - one that slips by the increment s in the direction e has df = dw e + w / |s| (I - e e^T) ds, and
-  on a spring k in series the increment is that of the spring's force, q + k s, with q before it;
+  on a spring k in series the increment is that of the spring's force, q + k s, with q before it,
+  so that df = dq + k ds + dk s where the slider sticks;
 - a closed point keeps its gap, an open one has no force, an elastic one has its stiffness;
 - limits that follow the normal forces have dw = d(gain) p + gain dp.
 
@@ -32,12 +33,10 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed
-from skfem_joint.minimise.opening_springs import OpeningOnSprings
+from skfem_joint.minimise.law import slip_tangent
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.opening import OpeningContact
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
 from skfem_joint.stepping.levels import Level
-from skfem_joint.stepping.opening_levels import OpeningLevels
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
 
@@ -45,6 +44,8 @@ from skfem_joint.system import System
 ROUND_OFF = 1e-13
 #: A point on a spring slips in an increment if its force is less than this share below its limit.
 STILL = 1e-9
+#: What a slider slips by less, over what its spring takes at the limit, is an error of the forces.
+SLID = 1e-7
 #: Points that slip by less than this share of the largest slip of an increment may be turning, and
 #: others whose friction is less than this share below its limit. (Where friction holds a body, what
 #: has slipped is left as far below it as the added mass carries.)
@@ -59,9 +60,9 @@ class Rates(NamedTuple):
     values : ndarray, shape (f, k)
         Of the values that are looked at, such as displacements of points.
     slip : ndarray, shape (rows, k)
-        Of the slip of each row, m; with contact that opens of that of its slider.
+        Of the slip of each row, m.
     friction : ndarray, shape (rows, k)
-        Of the friction force of each row, N, where constant limits have springs in series; else 0.
+        Of the friction force of each row, N, where it has a spring in series; else 0.
     limits : ndarray, shape (m, k)
         Of the friction limits, N.
     normal : ndarray, shape (q, k)
@@ -141,8 +142,6 @@ class _Matrix:
         Unknown of A that is the approach of each pressure point; -1 where it is never pressed.
     restrict, extend : callable
         Right sides of A from those of all unknowns, with what `extend` needs beside it; and back.
-    sliders : int
-        Unknowns that follow those of the system: sliders of springs beside contact that opens.
     """
 
     A: Any
@@ -150,7 +149,6 @@ class _Matrix:
     approach: IntArray
     restrict: Callable[[FloatArray], tuple[FloatArray, Any]]
     extend: Callable[[FloatArray, Any], FloatArray]
-    sliders: int = 0
 
     @staticmethod
     def constant(path: QuasiStatic) -> _Matrix:
@@ -170,33 +168,31 @@ class _Matrix:
         return _Matrix(A, place, none, schur.restrict, schur.extend)
 
     @staticmethod
-    def opening(levels: OpeningLevels, touch: tuple[BoolArray, BoolArray]) -> _Matrix:
+    def opening(levels: QuasiStatic, touch: tuple[BoolArray, BoolArray]) -> _Matrix:
         """Of contact that opens; the factor of the levels is used again.
 
         ``touch`` are the contact points, (m,), and pressure points, (q,), that carry a force at any
         level: all others are eliminated.
         """
-        outer = cast("Any", levels.problem)
-        on_springs = isinstance(outer, OpeningOnSprings)
-        inner = outer.problem if on_springs else outer
-        rubs = levels.to.system.on_rows(touch[0])
-        kept = np.flatnonzero(np.concatenate([rubs, touch[1]]))
-        at = np.full(inner.slips + touch[1].size, -1)
+        problem = cast("Any", levels.problem)
+        inner = problem.contact
+        slips, approaches = inner.points.unknowns, inner.contact.pressing.place
+        rubs = levels.to.system.contact.on_rows(touch[0])
+        kept = np.union1d(slips[rubs], approaches[touch[1]])
+        at = np.full(len(inner.H), -1)
         at[kept] = np.arange(kept.size)
-        apart = SchurComplement(inner.whole.A, kept)
+        apart = SchurComplement(inner.H, kept)
 
         def restrict(g: FloatArray) -> tuple[FloatArray, Any]:
-            right, beside = inner.restrict(g)
+            right, beside = problem.restrict(g)
             right, others = apart.restrict(right)
             return right, (others, beside)
 
         def extend(z: FloatArray, beside: Any) -> FloatArray:
             others, inside = beside
-            return np.asarray(inner.extend(apart.extend(z, others), inside))
+            return np.asarray(problem.extend(apart.extend(z, others), inside))
 
-        sliders = outer.rows.size if on_springs else 0
-        places = at[: inner.slips], at[inner.slips :]
-        return _Matrix(apart.complement, *places, restrict, extend, sliders)
+        return _Matrix(apart.complement, at[slips], at[approaches], restrict, extend)
 
 
 class LevelRates:
@@ -204,7 +200,7 @@ class LevelRates:
 
     Parameters
     ----------
-    path : QuasiStatic or OpeningLevels
+    path : QuasiStatic
         What the levels were computed by.
     force : ndarray, shape (n,)
         Force F of the unit level, N, in the unknowns of ``path.to.system``.
@@ -226,7 +222,7 @@ class LevelRates:
 
     def __init__(
         self,
-        path: QuasiStatic | OpeningLevels,
+        path: QuasiStatic,
         force: FloatArray,
         parameters: Sequence[SystemSensitivity],
         force_rates: FloatArray,
@@ -235,38 +231,34 @@ class LevelRates:
     ) -> None:
         self.system: System = path.to.system
         self.parameters = parameters
-        self.contact: OpeningContact | None = self.system.opening
-        if isinstance(path, OpeningLevels):
-            m, q = self.system.w.size, path.contact.gap.size
-            every = np.ones(m, dtype=bool), np.ones(q, dtype=bool)
-            self.matrix, self.shift = _Matrix.opening(path, touch or every), path.shift
-        else:
-            self.matrix, self.shift = _Matrix.constant(path), 0.0
+        self.contact, self.opens, self.shift = path.contact, path.opens, path.shift
+        self.matrix = _Matrix.constant(path) if touch is None else _Matrix.opening(path, touch)
         # A x = g is condensed once for all right sides and values: v x = z v' + v'' g, with v' the
         # restricted v, and v'' the displacement under v with the contact held.
-        of_force = self._padded(np.column_stack([force_rates, force]))
+        of_force = np.column_stack([force_rates, force])
         self._right_of_force = self.matrix.restrict(of_force)[0]
-        looked_at = self._padded(looked_at)
         self._seen, beside = self.matrix.restrict(looked_at)
         self._held = self.matrix.extend(np.zeros_like(self._seen), beside)
         self._held_of_force = self._held.T @ of_force
-        self.row_point = np.repeat(np.arange(self.system.w.size), self.system.directions)
-        self.flexibility = self.system.spring_flexibility
-        # Rows whose friction has springs in series, where limits are constant.
+        self.row_point = np.repeat(
+            np.arange(self.system.contact.w.size), self.system.contact.directions
+        )
+        self.flexibility = self.system.contact.spring_flexibility
+        # Rows whose friction has springs in series.
         self._sprung: BoolArray | None = None
-        if self.contact is None and self.system.has_springs:
-            self._sprung = self.system.on_rows(self.system.sprung)[:, np.newaxis]
+        if self.system.contact.has_springs:
+            self._sprung = self.system.contact.on_rows(self.system.contact.sprung)[:, np.newaxis]
         self._rubs = np.flatnonzero(self.matrix.place >= 0)
         ones, size = np.ones(self._rubs.size), (self.matrix.A.shape[0], self.row_point.size)
         entries = ones, (self.matrix.place[self._rubs], self._rubs)
         self._from_rows = sparse.csr_array(entries, shape=size)  # points may share unknowns
-        begins = self.system.first_row[:-1]
-        acts, two = self.matrix.place[begins] >= 0, self.system.directions == 2
+        begins = self.system.contact.first_row[:-1]
+        acts, two = self.matrix.place[begins] >= 0, self.system.contact.directions == 2
         self._first, self._second = begins[acts], (begins + two)[acts]
         self._partner = np.arange(self.row_point.size)
         self._partner[begins[two]] += 1
         self._partner[begins[two] + 1] -= 1
-        if self.contact is None:
+        if not self.opens:
             second = np.where(two[acts], self.matrix.place[self._second], -1)
             first = self.matrix.place[self._first]
             self._factors = BlockFactors(self.matrix.A, first, second)
@@ -284,11 +276,11 @@ class LevelRates:
                     table[:, j] = value
             return table
 
-        m = system.w.size
+        m = system.contact.w.size
         self.given = columns(m, [p.w for p in self.parameters])
         self.spring_rates = columns(m, [p.stiffness for p in self.parameters])
         self.gains: list[Any] = [None] * count
-        if self.contact is None:
+        if not self.opens:
             return
         q = self.contact.gap.size
         parts = [p.opening or OpeningSensitivity() for p in self.parameters]
@@ -297,7 +289,7 @@ class LevelRates:
         self.stiffness = columns(q, [part.stiffness for part in parts])
         self.gains = [part.gain for part in parts] + [None]
         # What is given beside normal forces: limits at rest without those of the forces at rest.
-        self.given -= self.contact.gain @ self.at_rest
+        self.given -= self.system.contact.gain @ self.at_rest
         for j, gain in enumerate(self.gains):
             if gain is not None:
                 self.given[:, j] -= gain @ self.contact.force
@@ -310,22 +302,16 @@ class LevelRates:
             np.zeros((self._seen.shape[1], count)),
         )
         normal, limits = np.zeros((0, count)), self.given
-        if self.contact is not None:
+        if self.opens:
             normal, limits = self.at_rest, self._limits(self.contact.force, self.at_rest)
         return Rates(values, zeros, zeros, limits, normal)
-
-    def slips(self, levels: Sequence[Level]) -> FloatArray:
-        """Slips that `Rates.slip` are derivatives of, (levels, rows), m."""
-        slips = np.array([level.slip for level in levels])
-        if self.contact is None or not self.system.has_springs:
-            return slips
-        return np.asarray(slips - self.flexibility * [level.friction for level in levels])
 
     def sliders(
         self, levels: Sequence[Level], rates: Sequence[Rates]
     ) -> tuple[FloatArray, FloatArray]:
         """Slips of the sliders, (levels, rows), m, and their derivatives, (levels, rows, k)."""
-        slips, of_slips = self.slips(levels), np.array([one.slip for one in rates])
+        slips = np.array([level.slip for level in levels])
+        of_slips = np.array([one.slip for one in rates])
         if self._sprung is None:
             return slips, of_slips
         friction = np.array([level.friction for level in levels])
@@ -382,22 +368,42 @@ class LevelRates:
         begin = -last.slip
         if self._sprung is not None:
             begin += self.flexibility[:, np.newaxis] * last.friction
-        z, forces = np.zeros_like(right), friction.known + self._by_slip(friction, begin)
-        known = self._from_rows @ forces
-        z[self.matrix.place[sticks]], fixed[self.matrix.place[sticks]] = last.slip[sticks], True
-        if self.contact is not None:
-            return self._next_opening(friction, after, right, held, z, known, fixed)
+        forces = friction.known + self._by_slip(friction, begin)
+        if self.shift:  # one more right side, the unit force, to give back what mass was added
+            right = np.column_stack([right, self._right_of_force[:, -1]])
+            held = np.column_stack([held, self._held_of_force[:, -1]])
+        z, known = np.zeros_like(right), np.zeros_like(right)
+        known[:, : forces.shape[1]] = self._from_rows @ forces
+        z[self.matrix.place[sticks], : last.slip.shape[1]] = last.slip[sticks]
+        fixed[self.matrix.place[sticks]] = True
+        if self.opens:
+            return self._next_opening(friction, after, right, held, z, known, forces, fixed)
         if not fixed.all():
             ends = friction.diagonal[self._first], friction.diagonal[self._second]
             blocks = np.stack([ends[0], friction.beside[self._first], ends[1]], axis=1)
             solve, r = self._factors.factorised(blocks, fixed), right - known
             z += solve(r - self.matrix.A @ z if sticks.size else r)
+        values, z = self._given_back(self._seen.T @ z + held, z)
         slip = self._on_rows(z)
-        if self._sprung is not None:
-            forces = np.where(self._sprung, forces + self._by_slip(friction, slip), 0.0)
-        else:
-            forces = last.friction
-        return Rates(self._seen.T @ z + held, slip, forces, last.limits, last.normal)
+        forces = self._of_springs(friction, forces, slip)
+        return Rates(values, slip, forces, last.limits, last.normal)
+
+    def _of_springs(self, friction: _Friction, forces: FloatArray, slip: FloatArray) -> FloatArray:
+        """Derivatives of the friction on springs, (rows, k), from what is known and the slips."""
+        if self._sprung is None:
+            return np.zeros_like(forces)
+        return np.where(self._sprung, forces + self._by_slip(friction, slip), 0.0)
+
+    def _given_back(self, values: FloatArray, *others: FloatArray) -> tuple[FloatArray, ...]:
+        """Derivatives, (..., k), with the force given back that the mass added to K has.
+
+        Levels have no added mass, but the matrix has: the last column of ``values`` and others,
+        (..., k + 1), is by the unit force, which is the inertia of a mode of unit mass.
+        """
+        if not self.shift:
+            return values, *others
+        more = self.shift * values[0, :-1] / (1.0 - self.shift * values[0, -1])
+        return tuple(x[:, :-1] + np.outer(x[:, -1], more) for x in (values, *others))
 
     def _next_opening(
         self,
@@ -407,20 +413,16 @@ class LevelRates:
         held: FloatArray,
         z: FloatArray,
         known: FloatArray,
+        forces: FloatArray,
         fixed: BoolArray,
     ) -> Rates:
         """Of the next level with contact that opens; unknowns that are ``fixed`` have values."""
-        if self.shift:  # one more right side, the unit force, to give back what mass was added
-            right, held = (
-                np.column_stack([x, y[:, -1]])
-                for x, y in ((right, self._right_of_force), (held, self._held_of_force))
-            )
-            z, known = (np.column_stack([x, np.zeros(len(x))]) for x in (z, known))
-        contact, A, at = cast("OpeningContact", self.contact), self.matrix.A, self.matrix.approach
+        contact, A, at = self.contact, self.matrix.A, self.matrix.approach
         normals = self._normals(after, right)
         elastic, closed = normals.elastic, at[normals.closed]
         z[closed, : self.gap.shape[1]], fixed[closed] = self.gap[normals.closed], True
-        follows = self._along(self._from_rows @ friction.direction)
+        of_rows = self._along(friction.direction)
+        follows = self._from_rows @ of_rows
         J = A + follows @ normals.by_unknowns
         J[at[elastic], at[elastic]] += contact.stiffness[elastic]
         rubs = self._rubs
@@ -433,14 +435,12 @@ class LevelRates:
         free = np.flatnonzero(~fixed)
         r = right[free] - known[free] - A[free] @ z
         z[free] = np.linalg.solve(J[np.ix_(free, free)], r)
-        values, normal = self._seen.T @ z + held, normals.forces(z)
-        if self.shift:  # levels have no added mass, but the matrix has: its force is given back
-            more = self.shift * values[0, :-1] / (1.0 - self.shift * values[0, -1])
-            z, values, normal = (x[:, :-1] + np.outer(x[:, -1], more) for x in (z, values, normal))
+        values, z, normal = self._given_back(self._seen.T @ z + held, z, normals.forces(z))
         slip = self._on_rows(z)
         limits = self._limits(cast("FloatArray", after.normal), normal)
         acts = cast("FloatArray", after.limits) > 0.0
-        return Rates(values, slip, 0.0 * slip, np.where(acts[:, np.newaxis], limits, 0.0), normal)
+        forces = self._of_springs(friction, forces + of_rows @ normal, slip)
+        return Rates(values, slip, forces, np.where(acts[:, np.newaxis], limits, 0.0), normal)
 
     def _on_rows(self, z: FloatArray) -> FloatArray:
         """Slips of all rows, (rows, k), from the unknowns (z, k)."""
@@ -451,49 +451,34 @@ class LevelRates:
     def _by_slip(self, friction: _Friction, slip: FloatArray) -> FloatArray:
         """What slips (..., rows, k) of increments change their friction by, (..., rows, k)."""
         forces = friction.diagonal[..., np.newaxis] * slip
-        if self.row_point.size > self.system.w.size:
+        if self.row_point.size > self.system.contact.w.size:
             forces += friction.beside[..., np.newaxis] * slip[..., self._partner, :]
         return forces
 
     @cached_property
-    def _gain_of_unknowns(self) -> sparse.csr_array:
-        """Friction limit of each unknown by normal forces, (z, q)."""
-        gain = sparse.csr_array(cast("OpeningContact", self.contact).gain)[self.row_point]
-        return sparse.csr_array(self._from_rows @ gain)
-
-    def _padded(self, g: FloatArray) -> FloatArray:
-        """Forces on all unknowns with those on sliders beside contact that opens, which are 0."""
-        return np.vstack([g, np.zeros((self.matrix.sliders, g.shape[1]))])
+    def _gain_of_rows(self) -> sparse.csr_array:
+        """Friction limit of each slip row by normal forces, (rows, q)."""
+        gain = sparse.csr_array(self.system.contact.gain)
+        return sparse.csr_array(gain[self.row_point])
 
     @cached_property
     def _pushing(self) -> IntArray:
         """Parameters that push the structure at a given level, beside the force."""
-        pushes = [p.K is not None or p.opening is not None for p in self.parameters]
-        if self.matrix.sliders:
-            pushes = [
-                a or p.stiffness is not None for a, p in zip(pushes, self.parameters, strict=True)
-            ]
-        return np.flatnonzero(pushes)
+        return np.flatnonzero([p.K is not None or p.opening is not None for p in self.parameters])
 
     def _pushed(self, levels: Sequence[Level]) -> FloatArray:
         """Right sides (n, levels x pushing) of what parameters push at some levels.
 
-        They are what K and springs beside contact that opens change by, and forces at rest.
+        They are what K changes by, and forces at rest.
         """
-        system, columns = self.system, list[FloatArray]()
+        columns = list[FloatArray]()
         u = np.array([level.u for level in levels]).T
         for j in self._pushing.tolist():
             parameter, g = self.parameters[j], np.zeros(u.shape)
             if parameter.K is not None:
                 g -= parameter.K @ u
-            if self.contact is not None:
+            if self.opens:
                 g += (self.contact.N.T @ self.at_rest[:, j])[:, np.newaxis]
-            if self.matrix.sliders:
-                forces = np.array([level.friction for level in levels]).T
-                rates = self.flexibility * self.spring_rates[self.row_point, j]
-                stiffer = rates[:, np.newaxis] * forces
-                g -= system.B.T @ stiffer
-                g = np.vstack([g, stiffer[system.on_rows(system.sprung)]])
             columns.append(g)
         return np.stack(columns, axis=2).reshape(len(columns[0]), -1) if columns else u[:, :0]
 
@@ -502,32 +487,41 @@ class LevelRates:
         system, rows, place = self.system, self.row_point, self.matrix.place
         path = before, *levels
         forces = np.array([level.friction for level in path])
-        step = np.diff(self.slips(path), axis=0)
-        limits = np.array([system.w if level.limits is None else level.limits for level in levels])
+        slips = np.array([level.slip for level in path])
+        step = np.diff(slips, axis=0)
+        limits = np.array(
+            [system.contact.w if level.limits is None else level.limits for level in levels]
+        )
         w = limits[:, rows]
         acts = (w > 0.0) & (place >= 0)
-        springs = np.zeros(rows.size)
-        if self.contact is None:
-            springs = system.on_rows(system.spring_constants)
+        springs = system.contact.on_rows(system.contact.spring_constants)
         sprung = springs > 0.0
         size, force, trial = (
-            system.slip_norm(x)[:, rows] for x in (step, forces[1:], forces[:-1] + springs * step)
+            system.contact.slip_norm(x)[:, rows]
+            for x in (step, forces[1:], forces[:-1] + springs * step)
         )
         # Slips of points that stick differ by round-off, and of sliders by what forces err by, so
         # that it takes their friction too to say which they are.
-        whole = system.slip_norm(np.array([level.slip for level in path]))[:, rows]
+        whole = system.contact.slip_norm(slips)[:, rows]
         size = np.where(size > ROUND_OFF * (whole[1:] + whole[:-1]), size, 0.0)
         largest = np.where(acts, size, 0.0).max(axis=1, initial=0.0, keepdims=True)
-        at_limit = force >= (1.0 - np.where(sprung, STILL, TURNING)) * w
+        slid = np.diff(slips - self.flexibility * forces, axis=0)
+        slides = system.contact.slip_norm(slid)[:, rows] > SLID * self.flexibility * w
+        at_limit = force >= (1.0 - np.where(sprung & ~slides, STILL, TURNING)) * w
         moves = acts & at_limit & (sprung | (size > 0.0))
         # Points that hardly slip, or whose force hardly differs from the limit.
         hardly = moves & (size < TURNING * largest)
         near = acts & ~moves & (np.where(sprung, trial, force) > (1.0 - TURNING) * w)
-        turning = system.by_point(1.0 * (hardly | near)) > 0.0
+        turning = system.contact.by_point(1.0 * (hardly | near)) > 0.0
         direction = np.divide(forces[1:], force, out=np.zeros_like(w), where=moves)
         curved = np.divide(w, np.where(sprung, trial, size), out=np.zeros_like(w), where=moves)
-        curved = np.where(sprung, springs * np.where(moves, curved, 1.0), curved)
-        single, across = system.on_rows(system.directions == 1), direction[:, self._partner]
+        curved = np.where(sprung & acts, springs * np.where(moves, curved, 1.0), curved)
+        single, across = (
+            system.contact.on_rows(system.contact.directions == 1),
+            direction[:, self._partner],
+        )
+        along = np.where(moves, 0.0, curved)
+        diagonal, mixed, _ = slip_tangent(along, curved, direction, across, direction, across)
         given = self.given[rows]
         if any(gain is not None for gain in self.gains):
             none = np.zeros_like(self.at_rest)
@@ -536,8 +530,8 @@ class LevelRates:
         found = _Friction(
             direction=direction,
             sticks=acts & ~moves & ~sprung,
-            diagonal=np.where(single & moves, 0.0, curved * (1.0 - direction**2)),
-            beside=np.where(single, 0.0, -curved * direction * across),
+            diagonal=np.where(single, along, diagonal),
+            beside=np.where(single, 0.0, mixed),
             known=direction[:, :, np.newaxis] * given,
             turning=turning.sum(axis=1),
         )
@@ -548,7 +542,7 @@ class LevelRates:
 
     def _limits(self, normal: FloatArray, rates: FloatArray) -> FloatArray:
         """Derivatives of the friction limits, (m, k), N, by those (q, k) of normal forces (q,)."""
-        contact = cast("OpeningContact", self.contact)
+        contact = self.system.contact
         limits = self.given + contact.gain @ rates
         for j, gain in enumerate(self.gains):
             if gain is not None:
@@ -556,14 +550,14 @@ class LevelRates:
         return np.asarray(limits)
 
     def _along(self, direction: FloatArray) -> sparse.csr_array:
-        """Friction of each unknown by normal forces, (z, q), in the directions of slip (z,)."""
-        gain = self._gain_of_unknowns
+        """Friction of each slip row by normal forces, (rows, q), in the directions of slip."""
+        gain = self._gain_of_rows
         data = gain.data * np.repeat(direction, np.diff(gain.indptr))
         return sparse.csr_array((data, gain.indices, gain.indptr), shape=gain.shape)
 
     def _normals(self, after: Level, right: FloatArray) -> _Normals:
         """Points that are pressed at a level, with the right side (z, k) of its equations."""
-        contact, at = cast("OpeningContact", self.contact), self.matrix.approach
+        contact, at = self.contact, self.matrix.approach
         pressed = cast("FloatArray", after.normal) > 0.0
         closed = np.flatnonzero(pressed & contact.rigid)
         elastic = np.flatnonzero(pressed & ~contact.rigid)

@@ -1,7 +1,8 @@
-"""Levels of a quasi-static run: what the driver needs of a solver, and Coulomb friction as one.
+"""Levels of slowly changing loads: what is known of one, and what drivers need of a solver.
 
-The driver (:mod:`skfem_joint.stepping.slow_run`) knows nothing of how a level is solved. A solver
-says in which system and unknowns it works, and goes from one level to the next: from the
+Drivers (:mod:`skfem_joint.stepping.slow_run`, :mod:`skfem_joint.analysis.cycles`) know nothing of
+how a level is solved: :mod:`skfem_joint.stepping.quasi_static` does it, for all kinds of contact. A
+solver says in which system and unknowns it works, and goes from one level to the next: from the
 displacement, the friction forces and the slips of a level, and the forces of the next one. Friction
 is in N, so that a solver may have limits that change from level to level. Where springs are in
 series with friction, its forces are theirs: a level starts from those of the one before.
@@ -12,16 +13,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import NamedTuple, Protocol
 
-import numpy as np
-
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.stepping.arrangement import Arranged
-from skfem_joint.stepping.quasi_static import Increment, QuasiStatic
-from skfem_joint.system import System
 
-#: Where friction alone holds, a level is solved again at most so many times.
-REPEATED = 3
 #: A level that does not converge is reached in parts, halved at most this often.
 HALVINGS = 8
 
@@ -41,6 +36,10 @@ class Level(NamedTuple):
         Friction limits, N, where they change from level to level.
     normal : ndarray, shape (q,), optional
         Normal forces of contact that opens, N.
+    moved : ndarray, shape (n,), optional
+        Increment of the displacement that led to it, m, by which the next one is guessed.
+    work : float
+        Work of the change of the forces on it, J.
     """
 
     u: FloatArray
@@ -48,6 +47,12 @@ class Level(NamedTuple):
     slip: FloatArray
     limits: FloatArray | None = None
     normal: FloatArray | None = None
+    moved: FloatArray | None = None
+    work: float = 0.0
+
+
+#: Levels that follow each other, with their multiples of a force.
+Walk = list[tuple[float, Level]]
 
 
 class NoLevelError(ConvergenceError):
@@ -132,92 +137,3 @@ def in_parts(
         for loads, level in in_parts(next_level, last, before, end, depth + 1):
             yield loads, level
             before, last = loads, level
-
-
-class CoulombLevels:
-    """Levels under Coulomb friction with constant limits and maybe springs, by `QuasiStatic`.
-
-    Parameters
-    ----------
-    system : System
-        Its law and masses do not count.
-    tolerance : float
-        Largest force residual relative to the largest force.
-
-    Raises
-    ------
-    InputError
-        If slip rows of a large sparse system depend on each other.
-    """
-
-    def __init__(self, system: System, tolerance: float) -> None:
-        self.path = QuasiStatic(system, tolerance, frictionless=True)
-        self.to = self.path.to
-        self._counts: dict[str, int] = {}
-
-    @property
-    def counts(self) -> Mapping[str, int]:
-        """See `LevelSolver`."""
-        return self._counts | {"factorizations": self.path.factorizations}
-
-    def rest(self) -> Level:
-        """See `LevelSolver`."""
-        n, rows = self.to.system.n, self.to.system.B.shape[0]
-        return Level(np.zeros(n), np.zeros(rows), np.zeros(rows))
-
-    def next(self, last: Level, force: FloatArray) -> Level:
-        """See `LevelSolver`."""
-        tried = self._tried(last.u, force, last.friction)
-        for _ in range(REPEATED):
-            if tried.beyond:
-                raise NoLevelError(self._beyond(self._limit(force)), beyond=True)
-            if not tried.found.converged or tried.carried <= self.path.tolerance:
-                break
-            # What the added mass has carried is what is left of the load: once more from there.
-            before, tried = tried.carried, self._tried(tried.u, force, tried.friction)
-            if tried.found.converged and tried.carried > 0.5 * before:
-                limit = self._limit(force)  # friction does not take it over
-                if limit <= 1.0:
-                    raise NoLevelError(self._beyond(limit), beyond=True)
-                break
-        if not tried.found.converged:
-            unknown = self.to.outer_number(tried.found.where)
-            raise NoLevelError(
-                f"a force residual of {tried.found.residual:.3g} N is left at unknown {unknown}",
-                unknown,
-            )
-        return Level(tried.u, tried.friction, np.asarray(self.to.system.B @ tried.u))
-
-    def _tried(self, u: FloatArray, force: FloatArray, friction: FloatArray) -> Increment:
-        """Increment of the path, whose work is counted."""
-        tried = self.path.increment(u, force, friction)
-        self._count(tried.found.counts)
-        return tried
-
-    def _count(self, work: Mapping[str, int]) -> None:
-        """Add the work of a level."""
-        for name, number in work.items():
-            if name == "factorizations":
-                continue
-            self._counts[name] = self._counts.get(name, 0) + number
-        most, last = "largest_iterations", work.get("newton_iterations", 0)
-        self._counts[most] = max(self._counts.get(most, 0), last)
-
-    def _limit(self, force: FloatArray) -> float:
-        """Multiple of forces (N) that supports and friction can just hold; 0 if it is not known."""
-        if not self.to.system.contact_points:
-            return 0.0
-        inner = self.path.afresh(Arranged(self.to.system, self.to.kind))
-        try:
-            return inner.limit(force)
-        except ConvergenceError:
-            return 0.0
-
-    def _beyond(self, limit: float) -> str:
-        """Why there is no level, by the multiple of the loads that supports and friction hold."""
-        if limit <= 0.0:
-            return "neither a support nor friction holds the structure against the loads"
-        return (
-            f"the loads are {1.0 / limit:.6g} times what supports and friction hold: the "
-            "structure slides"
-        )

@@ -38,7 +38,7 @@ ROUND_OFF = 1e-9
 class Loops:
     """Force over displacement of each load, and over slip of each joint, at every level of a run.
 
-    Columns are ordered as ``system.loads`` and ``system.joints``.
+    Columns are ordered as ``system.loads`` and ``system.contact.joints``.
 
     Attributes
     ----------
@@ -144,18 +144,18 @@ class LoopRecorder:
 
     def __init__(self, system: System) -> None:
         self.system = system
-        shares = as_dense(system.J)
-        mixed, weights = (shares > 0.0) & system.rubs, system.point_weights
-        two = (mixed & (system.directions == 2)).any(axis=1)
+        shares = as_dense(system.contact.J)
+        mixed, weights = (shares > 0.0) & system.contact.rubs, system.contact.point_weights
+        two = (mixed & (system.contact.directions == 2)).any(axis=1)
         # Of joints with points of two directions, those with one have no component.
-        counted = shares * np.where(two[:, np.newaxis], system.directions == 2, True)
+        counted = shares * np.where(two[:, np.newaxis], system.contact.directions == 2, True)
         weight = counted * weights
         limits, whole = weight.sum(axis=1), (shares * weights).sum(axis=1)
         self.covered = np.where(whole > 0.0, limits / np.where(whole > 0.0, whole, 1.0), 1.0)
         mean = weight / np.where(limits > 0.0, limits, 1.0)[:, np.newaxis]
-        row = system.first_row[:-1]
-        second = np.flatnonzero(system.directions == 2)
-        rows = system.B.shape[0]
+        row = system.contact.first_row[:-1]
+        second = np.flatnonzero(system.contact.directions == 2)
+        rows = system.contact.B.shape[0]
 
         def components(values: FloatArray) -> sparse.csr_array:
             """First components of all joints, then second ones, from slip rows."""
@@ -183,7 +183,7 @@ class LoopRecorder:
                 u @ self._vectors,
                 self._force @ friction,
                 self._slip @ slip,
-                np.asarray(self.system.J @ work),
+                np.asarray(self.system.contact.J @ work),
             )
         )
 

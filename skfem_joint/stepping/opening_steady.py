@@ -37,7 +37,7 @@ import numpy as np
 
 from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.errors import ConvergenceError
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 from skfem_joint.stepping.steady import SETTINGS as STEADY
 from skfem_joint.stepping.steady import Anderson, EnergyNorm, Newton, PeriodMap, Place, settles
 from skfem_joint.system import System
@@ -93,8 +93,8 @@ MAY_DEPEND = (
 
 def opening_norm(system: System) -> EnergyNorm:
     """Norm of states of a system with contact that opens, see the module."""
-    contact, K = system.opening, system.K
-    if contact is None:
+    contact, K = system.contact.normal, system.K
+    if not system.contact.opens:
         return EnergyNorm(K, system.M)
     stiffness = np.where(contact.rigid, contact.opposed(K), contact.stiffness)
     springs = contact.with_springs(stiffness)
@@ -118,7 +118,7 @@ class _Search:
         self,
         start: FloatArray,
         through: PeriodMap,
-        contact: OpeningContact,
+        contact: NormalPart,
         place: Place,
         changes: list[float],
     ) -> None:
@@ -246,7 +246,7 @@ class _Search:
 def marched_state(
     start: FloatArray,
     through: PeriodMap,
-    contact: OpeningContact,
+    contact: NormalPart,
     place: Place,
     changes: list[float],
 ) -> FloatArray:

@@ -51,6 +51,7 @@ friction has its limit from that force: they have no impacts.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple, cast
@@ -61,13 +62,16 @@ from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, as_dense, check_like
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.minimise.opening_dense import OpeningDense
-from skfem_joint.minimise.opening_loops import Hinges
-from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
-from skfem_joint.minimise.opening_springs import OpeningOnSprings
-from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.limits import Hinges
+from skfem_joint.minimise.problem import (
+    ContactPoints,
+    Minimum,
+    Pressed,
+    PressurePoints,
+    StepProblem,
+)
 from skfem_joint.minimise.touching import Touching
-from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.stepping.steppers import FailedStep, PythonStepper, Saved
 
@@ -140,39 +144,29 @@ class OpeningStepper(PythonStepper):
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
-        contact = cast("OpeningContact", self.system.opening)
+        contact = self.system.contact.normal
         self.contact = contact
         self.rigid = contact.rigid
         self.normal = NormalState(*np.repeat(contact.force[None], 3, axis=0))
-        self.limits = np.array(self.system.w)
-        self.constant = self.system.w - contact.limits_at_rest
-        self.gain = sparse.csr_array(contact.gain)
+        self.limits = np.array(self.system.contact.w)
+        self.constant = self.system.contact.given
+        self.gain = sparse.csr_array(self.system.contact.gain)
         # Points that rigid contact presses, whose friction is an impulse unless they have springs.
         follows = (self.gain != 0.0) @ self.rigid
-        self.sprung = follows & self.system.sprung
-        self.impulsive = follows & ~self.system.sprung
-        self.impulsive_rows = self.system.on_rows(self.impulsive)
-        self.friction = FrictionState.at(np.zeros(self.system.B.shape[0]))
+        self.sprung = follows & self.system.contact.sprung
+        self.impulsive = follows & ~self.system.contact.sprung
+        self.impulsive_rows = self.system.contact.on_rows(self.impulsive)
+        self.friction = FrictionState.at(np.zeros(self.system.contact.B.shape[0]))
         self.touching = Touching(contact.force > 0.0)
 
     def new_problem(self, c: Coefficients) -> Any:
         """See `Stepper`."""
         s = self.system
-        H, springs = c.c_M * s.M + s.C + c.c_K * s.K, c.c_K * s.spring_constants
-        return self._problem(H, self.contact.stiffness * c.c_K, self.of_step(c), springs)
+        return self._problem(c.c_M * s.M + s.C + c.c_K * s.K, self.of_step(c))
 
-    def _problem(
-        self, H: Any, stiffness: FloatArray, points: ContactPoints, springs: FloatArray
-    ) -> OpeningNewton | OpeningDense | OpeningOnSprings:
-        """Problem of a matrix, with the stiffness of pressure points and of springs, (m,)."""
-        contact = self.contact
-        if isinstance(contact.N, np.ndarray):
-            return OpeningDense(H, points, contact.N, contact.gain, stiffness)
+    def _problem(self, H: Any, points: ContactPoints) -> StepProblem:
         H = as_dense(H) if isinstance(H, np.ndarray) else as_compressed(H)
-        given = H, points, contact.N, contact.gain, stiffness
-        if not self.system.has_springs:
-            return OpeningNewton(*given)
-        return OpeningOnSprings(*given, self.system.on_rows(springs))
+        return step_problem(H, points, self.kind)
 
     @property
     def limits_now(self) -> FloatArray:
@@ -187,32 +181,36 @@ class OpeningStepper(PythonStepper):
         """Make acceleration and normal forces consistent with the loads now."""
         s, contact, (u, v) = self.system, self.contact, self.now[:2]
         if not self.rigid.any():  # else forces are not known before the first step
-            self.limits = np.maximum(self.constant + contact.gain @ contact.elastic_forces(u), 0.0)
-        slip = s.B @ v
-        moving = s.slip_norm(slip) > 0.0
+            self.limits = s.contact.limits(contact.elastic_forces(u))
+        slip = s.contact.B @ v
+        moving = s.contact.slip_norm(slip) > 0.0
         right = self.recorder.vectors @ amplitudes - s.C @ v - s.K @ u
         right += contact.N.T @ (contact.force - contact.elastic_forces(u))
         sigma = np.zeros(slip.size)
         given = self.constant.copy()
-        free = moving | np.isfinite(s.beta) | s.sprung
+        free = moving | np.isfinite(s.contact.beta) | s.contact.sprung
         if free.any():
             from skfem_joint.minimise.law import force_vectors
 
-            sigma = np.asarray(force_vectors(slip, s.beta, s.directions)) * s.on_rows(free)
-            sigma = np.where(s.on_rows(s.sprung), self.now.sigma, sigma)  # springs do not jump
+            sigma = np.asarray(
+                force_vectors(slip, s.contact.beta, s.contact.directions)
+            ) * s.contact.on_rows(free)
+            sigma = np.where(
+                s.contact.on_rows(s.contact.sprung), self.now.sigma, sigma
+            )  # springs do not jump
             given[free] = NEVER_RUBS
         closed = self.rigid & (self._gaps(u) <= 0.0) & (contact.N @ v >= 0.0)
         bound = np.where(closed, 0.0, np.inf)
         limits = self.limits
         for _ in range(RENEWALS):
-            own = right - s.B.T @ (s.on_rows(limits) * sigma)
-            minimum = self._still.minimise(own, bound, given, 1.0, None, self.tolerance)
+            own = right - s.contact.B.T @ (s.contact.on_rows(limits) * sigma)
+            minimum = self._still.minimise(own, None, self.tolerance, pressed=Pressed(bound, given))
             if not minimum.converged:
                 self.failure = FailedStep(minimum.residual, minimum.where)
                 return False
             p = np.where(self.rigid, minimum.p, contact.elastic_forces(u))
             before, follow = limits, self.constant + self.gain @ p
-            limits = np.where(free, np.where(s.sprung, before, follow), minimum.w)
+            limits = np.where(free, np.where(s.contact.sprung, before, follow), minimum.w)
             change = np.where(free, np.abs(limits - before), 0.0)
             if change.max(initial=0.0) <= RENEWED * limits.max(initial=0.0):
                 break
@@ -221,18 +219,24 @@ class OpeningStepper(PythonStepper):
             return False
         self.normal, self.limits = NormalState(p, p.copy(), p.copy()), limits
         # Sliding points have the friction of their law, not that of an acceleration besides.
-        sigma = np.where(s.on_rows(free), sigma, minimum.sigma) * s.on_rows(limits > 0.0)
-        self.friction = FrictionState.at(s.on_rows(limits) * sigma)
+        sigma = np.where(s.contact.on_rows(free), sigma, minimum.sigma) * s.contact.on_rows(
+            limits > 0.0
+        )
+        self.friction = FrictionState.at(s.contact.on_rows(limits) * sigma)
         self.started(minimum.v, sigma)
         return True
 
     @cached_property
-    def _still(self) -> OpeningNewton | OpeningDense | OpeningOnSprings:
+    def _still(self) -> StepProblem:
         """Problem of an acceleration; elastic pressure points have known forces in it."""
-        soft = np.where(self.rigid, np.inf, 1e-300)
-        # Sliders without friction follow: their springs, of whatever stiffness, are forceless.
-        springs = np.where(self.system.sprung, float(self.system.M.diagonal().mean()), 0.0)
-        return self._problem(self.system.M, soft, self.points, springs)
+        normal = cast("PressurePoints", self.points.normal)
+        normal = replace(normal, stiffness=np.where(self.rigid, np.inf, 1e-300))
+        points = replace(self.points, normal=normal)
+        if self.system.contact.has_springs:
+            # Sliders without friction follow: their springs, of whatever stiffness, are forceless.
+            unit = 1.0 / float(self.system.M.diagonal().mean())
+            points = replace(points, flexible=np.where(self.system.contact.sprung, unit, 0.0))
+        return self._problem(self.system.M, points)
 
     def _gaps(self, u: FloatArray) -> FloatArray:
         """Gap of each pressure point, m; what is round-off counts as closed."""
@@ -287,7 +291,7 @@ class OpeningStepper(PythonStepper):
     def _step(self, c: Coefficients, amplitudes: FloatArray) -> bool:
         """Do one step; False, and nothing changed, if it does not converge."""
         s, contact = self.system, self.contact
-        problem = cast("OpeningNewton | OpeningDense | OpeningOnSprings", self.problem(c))
+        problem = self.problem(c)
         u, v, a, d, _ = self.now
         predictor = u + c.u_v * v + c.u_a * a
         right = self.recorder.vectors @ amplitudes - s.K @ predictor
@@ -299,14 +303,16 @@ class OpeningStepper(PythonStepper):
         right += contact.N.T @ (contact.force - lowest)
         bound = self._bounds(c, predictor, u)
         known = -self._rest(c, self.friction.end, self.friction.filtered) / share
-        right -= s.B.T @ np.where(self.impulsive_rows, known, 0.0)
+        right -= s.contact.B.T @ np.where(self.impulsive_rows, known, 0.0)
         before = self._pressing()
         hinges = self._hinges(c, before)
-        held = {"held": self._held(predictor - u)} if s.has_springs else {}
+        factors = np.where(self.rigid, share, 1.0)
+        pressed = Pressed(bound, self.constant, factors, hinges, self.touching)
+        force = s.contact.on_rows(self.limits) * self.now.sigma
+        offset = s.contact.spring_offset(predictor - u, force, c.c_K)
         minimum = problem.minimise(
-            right, bound, self.constant, np.where(self.rigid, share, 1.0), 2.0 * v - self.v_before,
-            self.tolerance, touching=self.touching, hinges=hinges, **held,
-        )  # fmt: skip
+            right, 2.0 * v - self.v_before, self.tolerance, offset=offset, pressed=pressed
+        )
         self._count(minimum.counts)
         if not minimum.converged:
             self.failure = FailedStep(minimum.residual, minimum.where)
@@ -331,7 +337,11 @@ class OpeningStepper(PythonStepper):
 
         The force at the end is the mean f, without what earlier forces give to it, over its share.
         """
-        share, friction, limits = self._share(c), self.friction, self.system.on_rows(self.limits)
+        share, friction, limits = (
+            self._share(c),
+            self.friction,
+            self.system.contact.on_rows(self.limits),
+        )
         rest = self._rest(c, friction.smooth, friction.smooth_filtered)
         bias = np.divide(rest, share * limits, out=np.zeros_like(rest), where=limits > 0.0)
         follows, none = self.impulsive | self.sprung, np.full(before.size, np.inf)
@@ -347,7 +357,7 @@ class OpeningStepper(PythonStepper):
     def _take_over_friction(
         self,
         c: Coefficients,
-        minimum: OpeningMinimum,
+        minimum: Minimum,
         hinges: Hinges,
         known: FloatArray,
         before: FloatArray,
@@ -356,7 +366,7 @@ class OpeningStepper(PythonStepper):
 
         ``known`` (rows,), N, is what is known of the force at its end, ``before`` as in `_hinges`.
         """
-        on_rows, last, share = self.system.on_rows, self.friction, self._share(c)
+        on_rows, last, share = self.system.contact.on_rows, self.friction, self._share(c)
         impact = np.where(self.impulsive, np.maximum(self._pressing() - 2.0 * before, 0.0), 0.0)
         self.limits = minimum.w - (1.0 / share - 1.0) * impact
         smooth = on_rows(self.limits) * minimum.sigma
@@ -370,13 +380,6 @@ class OpeningStepper(PythonStepper):
         self.friction = FrictionState(
             end, filtered, smooth, np.where(anew, smooth, of_smooth), mean
         )
-
-    def _held(self, known: FloatArray) -> FloatArray:
-        """Forces of springs, (rows,), N, after a known displacement (n,), if no slider slips."""
-        s = self.system
-        springs = s.on_rows(s.spring_constants)
-        before = np.where(springs > 0.0, s.on_rows(self.limits) * self.now.sigma, 0.0)
-        return np.asarray(before + springs * (s.B @ known))
 
     def _share(self, c: Coefficients) -> float:
         """Share of the force at the end of a step in the mean force over it."""
@@ -410,7 +413,7 @@ class OpeningStepper(PythonStepper):
     def _add_scheme_work(self, before: State, friction: FrictionState) -> None:
         """Add what the scheme takes of the work of friction that is an impulse."""
         beside = 0.5 * (friction.end + self.friction.end) - self.friction.mean
-        moved = self.system.B @ (self.now.u - before.u)
+        moved = self.system.contact.B @ (self.now.u - before.u)
         self.recorder.dissipated[1] += float((beside * moved)[self.impulsive_rows].sum())
 
     def _add_normal_work(self, before: State, normal: NormalState) -> None:

@@ -115,8 +115,8 @@ class Counters:
 class Cycles:
     """Works and peaks of each complete cycle of a run, over every step of it.
 
-    Columns are ordered as ``system.loads``, ``system.points`` and ``system.joints``. There are no
-    rows where the run had no cycles.
+    Columns are ordered as ``system.loads``, ``system.points`` and ``system.contact.joints``. There
+    are no rows where the run had no cycles.
 
     Attributes
     ----------
@@ -214,9 +214,9 @@ class Run:
 
     Rows and frames are stored as asked for by `Save`; works and peaks are those of every step.
     After an interruption it holds the steps that were finished. Columns are ordered as
-    ``system.points``, ``system.loads`` and ``system.joints``; the n unknowns and m contact points
-    are those of ``system``, the rows of its ``B`` those of the contact points in turn, one or two
-    of each.
+    ``system.points``, ``system.loads`` and ``system.contact.joints``; the n unknowns and m contact
+    points are those of ``system``, the rows of ``system.contact.B`` those of the contact points in
+    turn, one or two of each.
 
     Attributes
     ----------
@@ -346,7 +346,7 @@ class Run:
         Displacement, velocity and friction over its limit, and with contact that opens the limits,
         see `integrate`.
         """
-        limits = () if self.system.opening is None else (self.final_limits,)
+        limits = () if not self.system.contact.opens else (self.final_limits,)
         return *self.final, self.final_sigma, *limits
 
     def __repr__(self) -> str:
@@ -359,7 +359,7 @@ class Run:
         return "\n".join(
             [
                 f"Run of {self.counters.steps} steps{until}{state}",
-                f"  system: {system.n} unknowns, {system.contact_points} contact points",
+                f"  system: {system.n} unknowns, {system.contact.count} contact points",
                 f"  stored: {self.times.size} rows of points, {self.field_times.size} of fields",
                 f"  peaks: {_first_of(peaks, 'm')}",
                 f"  friction energy: {_first_of(self.friction_energy, 'J')}; "
@@ -394,7 +394,7 @@ class Run:
         """Largest energy in the balance, J."""
         energies = *self.stored_energy, self._dissipated
         in_play = max(float(np.abs(self.input_work).sum()), *map(abs, energies))
-        if self.loops is not None and self.system.has_springs:
+        if self.loops is not None and self.system.contact.has_springs:
             # A whole cycle in which all sliders stick takes nothing: what it stored on the way.
             works = self.loops.load_force * self.loops.load_displacement
             in_play = max(in_play, 0.5 * float(np.abs(works).sum(axis=1).max()))
@@ -403,9 +403,7 @@ class Run:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Sentences on what the run shows to be wrong with its step."""
-        opening = self.system.opening
-        elastic = opening is not None and not np.all(opening.rigid)
-        if not elastic or -self.scheme_work <= GAINED * self._in_play:
+        if self.system.contact.normal.rigid.all() or -self.scheme_work <= GAINED * self._in_play:
             return ()
         return (
             f"The time steps added {-self.scheme_work:.3g} J, "
@@ -417,10 +415,9 @@ class Run:
     @property
     def opened(self) -> NDArray[np.bool_]:
         """Whether each pressure point that is pressed at rest came apart in some step, (q,)."""
-        opening = self.system.opening
-        if opening is None:
-            return np.zeros(0, dtype=bool)
-        return np.asarray((opening.force > 0.0) & (self.normal_force_least <= 0.0))
+        return np.asarray(
+            (self.system.contact.normal.force > 0.0) & (self.normal_force_least <= 0.0)
+        )
 
     def finished(self) -> Run:
         """The run itself; raises KeyboardInterrupt if it was interrupted."""
@@ -454,8 +451,8 @@ class Run:
     @property
     def friction_energy(self) -> dict[str, float]:
         """Energy that friction has dissipated over the run in each joint, by its name, J."""
-        energies = (self.system.J @ self.friction_work).tolist()
-        return dict(zip(self.system.joints, energies, strict=True))
+        energies = (self.system.contact.J @ self.friction_work).tolist()
+        return dict(zip(self.system.contact.joints, energies, strict=True))
 
     def _number(self, name: str) -> int:
         points = self.system.points
@@ -521,8 +518,8 @@ class Recorder:
         fields = self.n_steps // fields_every + 1 if self.save.fields else 0
         points = self.n_steps // every + 1 if self.save.points else 0
         slips = points if self.save.slips else 0
-        m, p, joints = s.w.size, len(s.points), len(s.joints)
-        shapes = [(fields, size) for size in (s.n, s.n, s.B.shape[0], m)]
+        m, p, joints = s.contact.w.size, len(s.points), len(s.contact.joints)
+        shapes = [(fields, size) for size in (s.n, s.n, s.contact.B.shape[0], m)]
         shapes += [(points, size) for size in (p, p, joints)] + 2 * [(slips, joints)]
         try:
             self.stored = StoredRows(*map(np.zeros, shapes))
@@ -531,29 +528,31 @@ class Recorder:
                 f"save: {points} rows of points and {fields} of fields do not fit into memory; "
                 "store fewer of them, or give fewer steps"
             ) from error
-        single = (s.directions == 1).all()  # then the order is the system's own
-        self.order = 2 * (slice(None),) if single else row_order(s.directions)
-        self._limits = s.on_rows(s.w)[self.order[0]]
-        self._rubs = bool(s.contact_points)
-        carrying = sparse.csr_array(s.J * s.rubs)
+        single = (s.contact.directions == 1).all()  # then the order is the system's own
+        self.order = 2 * (slice(None),) if single else row_order(s.contact.directions)
+        self._limits = s.contact.on_rows(s.contact.w)[self.order[0]]
+        self._rubs = bool(s.contact.count)
+        carrying = sparse.csr_array(s.contact.J * s.contact.rubs)
         carrying.eliminate_zeros()
         start, point, value = compressed_rows(carrying)
-        weights = s.point_weights
-        share = value * weights[point] / np.repeat(s.J @ weights, np.diff(start))
+        weights = s.contact.point_weights
+        share = value * weights[point] / np.repeat(s.contact.J @ weights, np.diff(start))
         # Points without a limit at rest are taken as if they had that of the others.
         weights = np.where(weights > 0.0, weights, weights.mean() if weights.any() else 1.0)[point]
-        creep = self.creeps / s.beta[point]
+        creep = self.creeps / s.contact.beta[point]
         self.joints = start, point, value, share, 0.25 / weights, creep
         self.input_work, self.impact_work = np.zeros(len(s.loads)), np.zeros(1)
         self.friction_work, self.slip_peak = np.zeros((2, m))
         self.peak, self.run_peak = np.zeros((2, p))
-        q = 0 if s.opening is None else s.opening.gap.size
+        q = 0 if not s.contact.opens else s.contact.normal.gap.size
         self.normal_force = np.zeros((fields, q))
-        self.limits = np.zeros((fields, 0 if s.opening is None else m))
+        self.limits = np.zeros((fields, 0 if not s.contact.opens else m))
         # Where limits change a slider's slip does not follow from that of its point.
-        self.slider_peak = np.zeros(0 if s.opening is None or not s.has_springs else m)
+        self.slider_peak = np.zeros(0 if not s.contact.opens or not s.contact.has_springs else m)
         self.normal_force_peak = np.zeros(q)
-        self.normal_force_least = np.zeros(0) if s.opening is None else s.opening.force.copy()
+        self.normal_force_least = (
+            np.zeros(0) if not s.contact.opens else s.contact.normal.force.copy()
+        )
         self.vectors = s.load_vectors()
         # Works up to the start and to the end of each cycle, and the peaks in the cycle.
         self.boundaries = [np.zeros(len(s.loads) + 3 + joints + p)]
@@ -583,13 +582,16 @@ class Recorder:
         if self.save.points and step % every == 0:
             k = self.rows
             stored.point_u[k], stored.point_v[k] = system.P @ state.u, system.P @ state.v
-            stored.joint_work[k] = system.J @ self.friction_work
+            stored.joint_work[k] = system.contact.J @ self.friction_work
             if self.save.slips:
                 start, point, _, share, sliding, creep = self.joints
                 if limits is not None:
                     share = self._shares(limits)
                 time, work = step * self.h, self.friction_work
-                sizes = system.slip_norm(system.B @ state.u), system.slip_norm(state.sigma)
+                sizes = (
+                    system.contact.slip_norm(system.contact.B @ state.u),
+                    system.contact.slip_norm(state.sigma),
+                )
                 results = stored.joint_slip[k], stored.joint_slipping[k]
                 energy.joint_slips(
                     start, point, share, sliding, creep, time, work, *sizes, *results
@@ -606,7 +608,7 @@ class Recorder:
     def _shares(self, limits: FloatArray) -> FloatArray:
         """Shares of the points with friction in the present limit of their joints; 0 without."""
         start, point, value = self.joints[:3]
-        whole = np.repeat(self.system.J @ limits, np.diff(start))
+        whole = np.repeat(self.system.contact.J @ limits, np.diff(start))
         own: FloatArray = value * limits[point]
         shares: FloatArray = np.divide(own, whole, out=np.zeros_like(own), where=whole > 0.0)
         return shares
@@ -623,11 +625,11 @@ class Recorder:
         system = self.system
         raise_to(self.peak, system.P @ state.u)
         if self.slip_peak.size:
-            slip = np.asarray(system.B @ state.u)
+            slip = np.asarray(system.contact.B @ state.u)
             self._raise(self.slip_peak, slip)
             if self.slider_peak.size and limits is not None:
-                force = system.on_rows(limits) * state.sigma
-                self._raise(self.slider_peak, slip - system.spring_flexibility * force)
+                force = system.contact.on_rows(limits) * state.sigma
+                self._raise(self.slider_peak, slip - system.contact.spring_flexibility * force)
 
     def _raise(self, peaks: FloatArray, slip: FloatArray) -> None:
         """Raise largest slips of the points, (m,), to those of the slip rows, (rows,), m."""
@@ -643,7 +645,7 @@ class Recorder:
         Under a limit that does not change it follows from that of the point.
         """
         if not self.slider_peak.size:
-            return self.system.slider_peak(self.slip_peak)
+            return self.system.contact.slider_peak(self.slip_peak)
         return np.where(self.slider_peak > STILL * self.slip_peak, self.slider_peak, 0.0)
 
     def add_step(
@@ -683,14 +685,14 @@ class Recorder:
         energy.add_input_work(self.vectors.T, *amplitudes, change, moved, self.input_work)
         if self._rubs:
             rows, points = self.order
-            slip_change = system.B @ change
+            slip_change = system.contact.B @ change
             work = self.friction_work[points]
             size, before, after = self._limits, old.sigma, new.sigma
-            soft = system.spring_stretch
+            soft = system.contact.spring_stretch
             if forces is not None:  # in place of shares of a constant limit
                 before, after = forces
-                size, soft = np.ones_like(size), system.spring_flexibility
-            if system.has_springs:  # the slider slips by what its spring leaves
+                size, soft = np.ones_like(size), system.contact.spring_flexibility
+            if system.contact.has_springs:  # the slider slips by what its spring leaves
                 slip_change -= soft * (after - before)
             slip_change = slip_change[rows]
             energy.add_friction_work(size, before[rows], after[rows], slip_change, work)
@@ -752,7 +754,7 @@ class Recorder:
 
     def end_cycle(self) -> None:
         """Note the accumulated works and this cycle's peaks at the end of a cycle."""
-        by_joint, total = self.system.J @ self.friction_work, [self.friction_work.sum()]
+        by_joint, total = self.system.contact.J @ self.friction_work, [self.friction_work.sum()]
         works = self.input_work, self.dissipated, total, by_joint, self.peak
         self.boundaries.append(np.concatenate(works))
         np.maximum(self.run_peak, self.peak, out=self.run_peak)
@@ -761,7 +763,7 @@ class Recorder:
     def _cycles(self) -> Cycles:
         marks, k = np.array(self.boundaries), self.input_work.size
         works = marks[1:] - marks[:-1]
-        end = k + 3 + len(self.system.joints)
+        end = k + 3 + len(self.system.contact.joints)
         sums = works[:, :k], works[:, k], works[:, k + 1], works[:, k + 2]
         return Cycles(*sums, marks[1:, end:], works[:, k + 3 : end])
 
@@ -783,8 +785,8 @@ class Recorder:
         """
         every, fields_every = self.save.strides
         times = self.h * every * np.arange(self.rows, dtype=np.float64)
-        w = self.system.w
-        constant = self.system.opening is None
+        w = self.system.contact.w
+        constant = not self.system.contact.opens
         stored_limits = np.broadcast_to(w, (self.field_rows, w.size)) if constant else self.limits
         return Run(
             system=self.system,
@@ -808,7 +810,7 @@ class Recorder:
             slider_peak=self._slid,
             final=Final(u.copy(), v.copy()),
             final_sigma=sigma.copy(),
-            final_limits=np.array(self.system.w if limits is None else limits),
+            final_limits=np.array(self.system.contact.w if limits is None else limits),
             counters=Counters(steps=steps, halved_steps=self.halved_steps, **counts),
             **others,
         )

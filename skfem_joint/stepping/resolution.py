@@ -213,8 +213,7 @@ def _jump_bounds(system: System, duration: float) -> Iterator[Bound]:
 
 def _as_closed(system: System) -> System:
     """System whose contact stays as it is at rest, where its unknowns tell which those are."""
-    opening = system.opening
-    return system if opening is None or not sparse.issparse(opening.N) else system.closed()
+    return system.closed() if sparse.issparse(system.contact.normal.N) else system
 
 
 def _acting(system: System, duration: float) -> Iterator[tuple[AppliedLoad, float]]:
@@ -312,7 +311,7 @@ def _static_shape(system: System, f: FloatArray) -> FloatArray:
     A load below the friction limit moves a part of the joint only, which vibrates the faster the
     smaller it is. In dense systems points share their unknowns: there friction is left out.
     """
-    if not system.is_dense and system.contact_points:
+    if not system.is_dense and system.contact.count:
         from skfem_joint.stepping.quasi_static import QuasiStatic
 
         try:
@@ -321,7 +320,7 @@ def _static_shape(system: System, f: FloatArray) -> FloatArray:
             pass  # points share their unknowns, or hold each other
         else:
             # Where all sticks nothing moves under Coulomb; a regularised law lets it creep.
-            if np.any(u) or np.isinf(system.beta[system.w > 0.0]).all():
+            if np.any(u) or np.isinf(system.contact.beta[system.contact.w > 0.0]).all():
                 return u
     try:
         if not isinstance(system.K, np.ndarray):

@@ -139,11 +139,12 @@ class Shooting:
         self.parts, self.sign = (2, -1.0) if turns else (1, 1.0)
         self.trapezoidal = plan.scheme.coefficients(driver.h).trapezoidal
         self.springs = Springs.of(driver.system, driver.h)
-        self.opens = driver.system.opening is not None
-        if (contact := driver.system.opening) is not None:  # on one side alone
+        self.opens = driver.system.contact.opens
+        if self.opens:  # on one side alone
             self.parts, self.sign = 1, 1.0
             # In few unknowns contact is elastic, else with a state of its own.
-            self.trapezoidal = self.trapezoidal and isinstance(contact.N, np.ndarray)
+            few = isinstance(driver.system.contact.normal.N, np.ndarray)
+            self.trapezoidal = self.trapezoidal and few
         equal = not driver.loads.jumps and not any(driver.loads.cuts.values())
         chain = driver.to.kind == "chain" and not self.springs.rows.size
         self.most = NEWTON.unknowns if chain else NEWTON.dense
@@ -220,7 +221,7 @@ class Shooting:
         """
         plan, recorder = self.driver.plan, self.driver.recorder
         system = self.driver.system
-        slip = self.parts * system.slid(recorder.friction_work)
+        slip = self.parts * system.contact.slid(recorder.friction_work)
         self.gross = self.gross + 1 if system.slips_as_a_whole(slip, plan.duration) else 0
         most = plan.gross_periods
         if most is None:
@@ -305,8 +306,8 @@ def steady_run(
 
     shooting, first = Shooting(driver, show, correction), stepper.now.u.copy()
     place, begun = Place.of(system), shooting.coordinates(stepper.now)
-    if system.opening is not None:
-        moved = marched_state(begun, shooting, system.opening, place, changes)
+    if system.contact.opens:
+        moved = marched_state(begun, shooting, system.contact.normal, place, changes)
     else:
         moved = periodic_state(begun, shooting, place, changes)
     end, periods = shooting.end, -(-len(changes) // shooting.parts)
@@ -329,7 +330,9 @@ def steady_run(
         driver.recorder.end_cycle()
     driver.elapsed = time.perf_counter() - begin
     state = start.state
-    limits = start.beside[-system.w.size :] if shooting.opens and system.w.size else None
+    limits = (
+        start.beside[-system.contact.w.size :] if shooting.opens and system.contact.w.size else None
+    )
     sigma = stepper.by_row(state.sigma)
     run = driver.finish(system.stored_energy(*state[:2], sigma, limits))
     counters = replace(run.counters, steps=(periods + 1) * driver.n_steps)
@@ -340,6 +343,6 @@ def steady_run(
         offset=0.5 * (high + low),
         drift=drift,
         unstrained=place.motions.shape[1],
-        notes=() if system.opening is None else (MAY_DEPEND,),
+        notes=() if not system.contact.opens else (MAY_DEPEND,),
     )
     return replace(run, steady=vibrates, counters=counters)

@@ -5,7 +5,8 @@ loads, cut where the loads jump or kink as the steps of `integrate` are. A level
 converge is reached in parts. One that has no solution, because friction does not hold the loads,
 ends the run with a `ConvergenceError` that carries what was reached.
 
-How a level is solved is left to a solver, see :mod:`skfem_joint.stepping.levels`.
+How a level is solved is left to a solver, see :mod:`skfem_joint.stepping.levels`: in general to
+:mod:`skfem_joint.stepping.quasi_static`.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.opening import OpeningContact
-from skfem_joint.stepping.levels import CoulombLevels, Level, LevelSolver, NoLevelError, in_parts
+from skfem_joint.stepping.levels import Level, LevelSolver, NoLevelError, in_parts
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.loops import LoopRecorder
 from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.recording import Final, Recorder, Run
 from skfem_joint.stepping.schemes import State
 from skfem_joint.stepping.stopwatch import Stopwatch
@@ -41,17 +42,17 @@ def rate_independent(system: System) -> System:
     Without inertia the friction of an arctan law would not depend on how fast the loads change but
     creep for as long as they last: its ``beta`` counts as infinite, which a note says.
     """
-    finite = bool(np.isfinite(system.beta[system.rubs]).any())
+    finite = bool(np.isfinite(system.contact.beta[system.contact.rubs]).any())
     if not finite and not np.any(system.C if system.is_dense else system.C.data):
         return system
     notes = system.notes
     if finite:
-        notes = (*notes, law_note(float(system.beta[system.rubs].min())))
+        notes = (*notes, law_note(float(system.contact.beta[system.contact.rubs].min())))
     origin = system.origin
     if origin is not None:  # so that errors can still be estimated
         origin = replace(origin, system=rate_independent(origin.system))
-    infinite = np.full(system.w.shape, np.inf)
-    return replace(system, C=0.0 * system.K, beta=infinite, notes=notes, origin=origin)
+    system = system.with_beta(np.inf)
+    return replace(system, C=0.0 * system.K, notes=notes, origin=origin)
 
 
 def law_note(beta: float) -> str:
@@ -81,7 +82,7 @@ def slow_run(
     progress : callable, optional
         Called with (levels done, levels in all).
     solver : LevelSolver, optional
-        Coulomb friction with the constant limits of the system, if not given.
+        `QuasiStatic` of the system, if not given.
 
     Returns
     -------
@@ -102,18 +103,9 @@ def slow_run(
         )
     watch = Stopwatch()
     system = rate_independent(system)
-    driver = _SlowDriver(system, plan, solver or _levels(system, tolerance))
+    driver = _SlowDriver(system, plan, solver or QuasiStatic(system, tolerance, frictionless=True))
     driver.preparation, driver.compilation = watch.read()
     return driver.run(progress)
-
-
-def _levels(system: System, tolerance: float) -> LevelSolver:
-    """Solver of a system's levels."""
-    if system.opening is None:
-        return CoulombLevels(system, tolerance)
-    from skfem_joint.stepping.opening_levels import OpeningLevels  # loads the compiler
-
-    return OpeningLevels(system, tolerance)
 
 
 class _Mark(NamedTuple):
@@ -151,7 +143,7 @@ class _SlowDriver:
         self.recorder = Recorder(self.system, plan.save, plan.n_steps, plan.step, creeps=False)
         self.loops = LoopRecorder(self.system)
         self.vectors = self.system.load_vectors()
-        self.limits = self.system.on_rows(self.system.w)
+        self.limits = self.system.contact.on_rows(self.system.contact.w)
         self.level, self.amplitudes = solver.rest(), np.zeros(len(self.system.loads))
         self.rate = np.zeros(self.system.n)
         self.started = False
@@ -230,7 +222,7 @@ class _SlowDriver:
 
     def _add_normal_work(self, before: Level, after: Level) -> None:
         """Add what closing contact takes, as the trapezoidal means of all works have it."""
-        contact = cast("OpeningContact", self.system.opening)
+        contact = self.system.contact.normal
         moved = np.asarray(contact.N @ (after.u - before.u))
         mean = 0.5 * (cast("FloatArray", before.normal) + cast("FloatArray", after.normal))
         stored = contact.potential(after.u) - contact.potential(before.u)
@@ -239,7 +231,7 @@ class _SlowDriver:
     def _state(self, level: Level) -> State:
         """State of a level, as the recorder takes it."""
         still = np.zeros(self.system.n)
-        limits = self.limits if level.limits is None else self.system.on_rows(level.limits)
+        limits = self.limits if level.limits is None else self.system.contact.on_rows(level.limits)
         sigma = np.divide(level.friction, limits, out=np.zeros_like(limits), where=limits > 0.0)
         return State(level.u, self.rate, still, still, sigma)
 

@@ -51,21 +51,24 @@ class Springs:
     @staticmethod
     def of(system: System, h: float) -> Springs:
         """Springs of a system for steps of ``h`` seconds."""
-        rows = np.flatnonzero(system.on_rows(system.sprung))
-        values = system.on_rows(system.stiffness)[rows], system.on_rows(system.w)[rows]
+        rows = np.flatnonzero(system.contact.on_rows(system.contact.sprung))
+        values = (
+            system.contact.on_rows(system.contact.stiffness)[rows],
+            system.contact.on_rows(system.contact.w)[rows],
+        )
         return Springs(system, rows, *values, 0.5 * h)
 
     def advanced(self, v: FloatArray, sigma: FloatArray) -> FloatArray:
         """Advanced forces (s,), N, at velocities (n,) and friction over its limit (rows,)."""
         if not self.rows.size:
             return np.zeros(0)
-        ahead = self.half * self.stiffness * np.asarray(self.system.B @ v)[self.rows]
+        ahead = self.half * self.stiffness * np.asarray(self.system.contact.B @ v)[self.rows]
         return np.asarray(self.limit * sigma[self.rows] + ahead)
 
     def friction(self, e: FloatArray, v: FloatArray, sigma: FloatArray) -> FloatArray:
         """Friction over its limit (rows,) with that of springs under advanced forces ``e``."""
         sigma = sigma.copy()
-        ahead = self.half * self.stiffness * np.asarray(self.system.B @ v)[self.rows]
+        ahead = self.half * self.stiffness * np.asarray(self.system.contact.B @ v)[self.rows]
         sigma[self.rows] = (e - ahead) / self.limit
         return sigma
 
@@ -93,7 +96,7 @@ def sprung_transition(
     kappa = springs.half * springs.stiffness
     M, C, K = (as_dense(A[moving][:, moving]) for A in (system.M, system.C, system.K))
     H = (2.0 / h) * M + C + (0.5 * h) * K
-    B = as_dense(system.B[:, moving])
+    B = as_dense(system.contact.B[:, moving])
     own = B[springs.rows]
     X = np.eye(2 * k + s)
     driving = np.hstack([-K, (2.0 / h * omega) * M, np.zeros((k, s))])
@@ -125,7 +128,7 @@ def _slips(
     system: System, springs: Springs, velocities: FloatArray, sigma: FloatArray
 ) -> FloatArray:
     """Slips at which the laws of all rows are evaluated at the ends of steps, m/s."""
-    slips = np.asarray((system.B @ velocities[1:].T).T)
+    slips = np.asarray((system.contact.B @ velocities[1:].T).T)
     before = zip(velocities[:-1], sigma[:-1], strict=True)
     e = np.array([springs.advanced(v, own) for v, own in before])
     slips[:, springs.rows] += e / (springs.half * springs.stiffness)
@@ -137,23 +140,18 @@ def _tangent(points: ContactPoints, slip: FloatArray) -> FloatArray:
 
     Zero at rest under Coulomb friction without springs, where unknowns stick.
     """
-    from skfem_joint.minimise.law import force, force_slope  # loads the compiler
+    from skfem_joint.minimise.law import along_and_across, slip_tangent  # loads the compiler
 
     first, pair = points.first_row[:-1], points.directions == 2
     second = first[pair] + 1
     size = np.abs(slip[first])
     size[pair] = np.hypot(slip[first[pair]], slip[second])
-    laws = points.beta, points.compliance
-    along = force_slope(size, *laws)
-    moves = size > 0.0
-    across = np.where(moves, force(size, *laws) / np.where(moves, size, 1.0), along)
-    sticks = np.isinf(along) | (points.w == 0.0)
-    along, across = (points.w * np.where(sticks, 0.0, part) for part in (along, across))
+    laws = along_and_across(size, points.beta, points.soft)
+    along, across = (points.w * part for part in laws)
     G = np.zeros((slip.size, slip.size))
     G[first, first] = along
-    x, y = (slip[rows] / np.where(moves, size, 1.0)[pair] for rows in (first[pair], second))
-    more = (along - across)[pair]
-    G[first[pair], first[pair]] = across[pair] + more * x * x
-    G[second, second] = across[pair] + more * y * y
-    G[first[pair], second] = G[second, first[pair]] = more * x * y
+    first, norm = first[pair], np.where(size > 0.0, size, 1.0)[pair]
+    x, y = slip[first] / norm, slip[second] / norm
+    own, mixed, G[second, second] = slip_tangent(along[pair], across[pair], x, y, x, y)
+    G[first, first], G[first, second], G[second, first] = own, mixed, mixed
     return G

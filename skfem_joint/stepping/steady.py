@@ -50,7 +50,7 @@ from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.loads import common_period
 from skfem_joint.modes import is_singular, rigid_motions
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 from skfem_joint.system import System
 
 
@@ -241,7 +241,7 @@ def odd_loads(system: System) -> bool:
     Then the steady vibration that the search finds is the only one, wherever it starts. With
     contact that opens, which is one-sided, this is never so.
     """
-    if system.opening is not None:
+    if system.contact.opens:
         return False
     amplitudes = [load.amplitude for load in system.loads]
     half = 0.5 * (common_period(amplitudes) or 0.0)
@@ -261,10 +261,12 @@ def unstrained(system: System) -> FloatArray:
     while motions.shape[1] == most < system.n:
         most *= 2
         motions = rigid_motions(system.K, system.M, most)
-    return motions if system.opening is None else _without_approach(motions, system.opening)
+    return (
+        motions if not system.contact.opens else _without_approach(motions, system.contact.normal)
+    )
 
 
-def _without_approach(motions: FloatArray, contact: OpeningContact) -> FloatArray:
+def _without_approach(motions: FloatArray, contact: NormalPart) -> FloatArray:
     """Those combinations of orthonormal motions (n, k) in which no faces approach each other."""
     approach = np.asarray(contact.N @ motions)
     if not motions.shape[1]:

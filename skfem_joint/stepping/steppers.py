@@ -101,7 +101,7 @@ class Stepper(ABC):
         self.failure = FailedStep()
         self.counts = dict.fromkeys((*self.COUNTS, "factorizations"), 0)
         self.prepared: dict[Coefficients, StepProblem] = {}
-        rest = *np.zeros((2, system.n)), np.zeros(system.B.shape[0])
+        rest = *np.zeros((2, system.n)), np.zeros(system.contact.B.shape[0])
         self.now = State(np.array(u), np.array(v), *rest)
 
     @property
@@ -136,15 +136,20 @@ class Stepper(ABC):
         failure noted, where none is found.
         """
         s, (u, v) = self.system, self.now[:2]
-        slip, limits = s.B @ v, s.on_rows(s.w)
+        slip, limits = s.contact.B @ v, s.contact.on_rows(s.contact.w)
         at_rest, sigma = self.points.at_rest(slip), np.zeros(slip.size)
-        if s.contact_points:
+        if s.contact.count:
             from skfem_joint.minimise.law import force_vectors
 
-            sigma = force_vectors(slip, s.beta, s.directions) * (limits > 0.0)
-            if s.has_springs:  # their forces do not jump
-                sigma = np.where(s.on_rows(s.sprung), self.state().sigma, sigma)
-        right = self.recorder.vectors @ amplitudes - s.C @ v - s.K @ u - s.B.T @ (limits * sigma)
+            sigma = force_vectors(slip, s.contact.beta, s.contact.directions) * (limits > 0.0)
+            if s.contact.has_springs:  # their forces do not jump
+                sigma = np.where(s.contact.on_rows(s.contact.sprung), self.state().sigma, sigma)
+        right = (
+            self.recorder.vectors @ amplitudes
+            - s.C @ v
+            - s.K @ u
+            - s.contact.B.T @ (limits * sigma)
+        )
         acceleration = np.zeros(s.n)
         if at_rest.any() and right.any():
             minimum = self._sticking(at_rest).minimise(right, None, self.tolerance)
@@ -176,7 +181,7 @@ class Stepper(ABC):
         """Factorise and compile what steps of ``h`` and restarts need; after :meth:`restart`."""
         self.problem(self.coefficients(h))
         s = self.system
-        coulomb = (s.w > 0.0) & np.isinf(s.beta) & ~s.sprung
+        coulomb = (s.contact.w > 0.0) & np.isinf(s.contact.beta) & ~s.contact.sprung
         if coulomb.any():
             self._sticking(coulomb).compile()
 
@@ -298,7 +303,9 @@ class CompiledStepper(Stepper):
     def __init__(self, kind: str, system: System, *others: Any) -> None:
         super().__init__(kind, system, *others)
         s = self.system
-        if kind == "dense" and np.any(np.isinf(s.beta[(s.w > 0.0) & ~s.sprung])):
+        if kind == "dense" and np.any(
+            np.isinf(s.contact.beta[(s.contact.w > 0.0) & ~s.contact.sprung])
+        ):
             raise InputError(
                 "set-valued Coulomb friction (beta = inf) without springs needs one unknown for "
                 "each contact point, which a reduced or dense system has not; use System.with_beta "
@@ -313,21 +320,21 @@ class CompiledStepper(Stepper):
         # The problem of the mass, from which those of all steps are made.
         own = cast("CompiledStepProblem", step_problem(M, self.points, kind))
         self.own = own
-        rows, m = own.limits.size, s.n if kind == "chain" else s.w.size
+        rows, m = own.limits.size, s.n if kind == "chain" else s.contact.w.size
         self.now = self.now._replace(sigma=self.placed(self.now.sigma))
         self.workspace = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
         self.first_call = own.steps_per_second
         start, point, value, share, sliding, creep = self.recorder.joints
         joints = start, own.places.point[point], value, share, sliding, creep
         places = own.places.row, own.places.point
-        stretch = self.placed(s.spring_stretch) if s.has_springs else np.zeros(0)
+        stretch = self.placed(s.contact.spring_stretch) if s.contact.has_springs else np.zeros(0)
         self.loop_system = LoopSystem(M, C, K, loads, observed, joints, *places, stretch)
 
     def new_problem(self, c: Coefficients) -> CompiledStepProblem:
         """See `Stepper`."""
         M, C, K = self.loop_system[:3]
         H = type(M)(*(c.c_M * m + d + c.c_K * k for m, d, k in zip(M, C, K, strict=True)))
-        return self.own.with_matrix(H, self.of_step(c) if self.system.has_springs else None)
+        return self.own.with_matrix(H, self.of_step(c) if self.system.contact.has_springs else None)
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
         """Go on with friction in the order of the problem."""
@@ -424,7 +431,8 @@ class PythonStepper(Stepper):
             predictor = u + c.u_v * v + c.u_a * a
             right = recorder.vectors @ ends[1] - s.K @ predictor
             right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-            offset = s.spring_offset(c.u_v * v + c.u_a * a, sigma, c.c_K)
+            force = s.contact.on_rows(s.contact.w) * sigma
+            offset = s.contact.spring_offset(c.u_v * v + c.u_a * a, force, c.c_K)
             start = self._extrapolated()
             minimum = problem.minimise(right, start, self.tolerance, offset=offset)
             self._count(minimum.counts)

@@ -2,8 +2,8 @@
 
 The law of friction is evaluated in `minimise_step`: for chains by `front_elimination` and its
 `minty_newton` (`law.graph`), for dense systems by `primal_dual_newton` (`law.forces`). Other
-systems have no part in this loop: `steppers.PythonStepper` steps them with `truncated_newton` or
-`condensed_newton`, whose `point_loops` call `law.sigma` (forces), `law.slope` (tangents) and
+systems have no part in this loop: `steppers.PythonStepper` steps them with `contact_newton` or
+`condensed_newton`, whose `contact_loops` call `law.sigma` (forces), `law.slope` (tangents) and
 `law.resolvent` (relaxation). `minimise.choice` chooses the method.
 """
 

@@ -32,7 +32,6 @@ A is not symmetric, and such runs may move apart.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +39,6 @@ from scipy.linalg import cho_factor, cho_solve, solve
 
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_dense
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.opening import OpeningContact
 from skfem_joint.stepping.schemes import State
 from skfem_joint.system import System
 
@@ -100,7 +98,7 @@ def unknowns_at_rest(points: ContactPoints, velocities: FloatArray) -> BoolArray
     Each slip row picks an unknown, except where no point obeys Coulomb's law.
     """
     resting = np.zeros(velocities.shape, dtype=np.bool_)
-    coulomb = (points.w > 0.0) & np.isinf(points.beta) & (points.compliance == 0.0)
+    coulomb = (points.w > 0.0) & np.isinf(points.beta) & ~points.has_spring
     if coulomb.any():
         rows = np.flatnonzero(points.on_rows(coulomb))
         still = velocities[:, points.unknowns[rows]] == 0.0
@@ -198,21 +196,20 @@ def _of_opening(
     """Matrix of a transition of a dense system with elastic contact that opens."""
     from skfem_joint.minimise.law import force_vectors  # loads the compiler
 
-    n, contact = system.n, cast("OpeningContact", system.opening)
-    M, C, K, B, N = map(as_dense, (system.M, system.C, system.K, system.B, contact.N))
+    n, contact = system.n, system.contact.normal
+    M, C, K, B, N = map(as_dense, (system.M, system.C, system.K, system.contact.B, contact.N))
     H = (2.0 / h) * M + C + (0.5 * h) * K
-    rubs = (system.w > 0.0) | contact.rubs
+    rubs = system.contact.rubs
     friction = _FrictionTangent(system, replace(points, w=rubs.astype(float)), np.arange(n), False)
-    constant = system.w - contact.limits_at_rest
-    beta = np.where(rubs, system.beta, 0.0)
+    beta = np.where(rubs, system.contact.beta, 0.0)
     X = np.eye(2 * n)
     for u, v in zip(displacements, velocities, strict=True):
         force = contact.elastic_forces(u)
-        limits = np.maximum(constant + contact.gain @ force, 0.0)
+        limits = system.contact.limits(force)
         stiff = np.where(force > 0.0, contact.stiffness, 0.0)[:, np.newaxis] * N
-        of_limits = np.where(limits > 0.0, 1.0, 0.0)[:, np.newaxis] * (contact.gain @ stiff)
-        sigma = force_vectors(B @ v, beta, system.directions)[:, np.newaxis]
-        A = N.T @ stiff + B.T @ (sigma * np.repeat(of_limits, system.directions, axis=0))
+        of_limits = np.where(limits > 0.0, 1.0, 0.0)[:, np.newaxis] * (system.contact.gain @ stiff)
+        sigma = force_vectors(B @ v, beta, system.contact.directions)[:, np.newaxis]
+        A = N.T @ stiff + B.T @ (sigma * np.repeat(of_limits, system.contact.directions, axis=0))
         T = friction.added(H, v, limits) + (0.5 * h) * A
         p, r = X[:n], X[n:]
         dv = solve(T, (2.0 / h * omega) * (M @ r) - (K + A) @ p, check_finite=False)
@@ -220,19 +217,6 @@ def _of_opening(
         r += (2.0 / omega) * dv
         p += h * dv
     return X
-
-
-def _across_and_along(size: FloatArray, beta: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Tangents of the law over the limit, s/m, across and along slips of some ``size``, m/s.
-
-    Zero at rest under Coulomb friction, where unknowns stick.
-    """
-    from skfem_joint.minimise.law import force, force_slope  # loads the compiler
-
-    along, moves = force_slope(size, beta), size > 0.0
-    across = np.where(moves, force(size, beta) / np.where(moves, size, 1.0), along)
-    sticks = np.isinf(along)
-    return np.where(sticks, 0.0, across), np.where(sticks, 0.0, along)
 
 
 class _FrictionTangent:
@@ -244,7 +228,7 @@ class _FrictionTangent:
     def __init__(
         self, system: System, points: ContactPoints, unknowns: IntArray, picks: bool
     ) -> None:
-        self.B, self.picks = system.B, picks
+        self.B, self.picks = system.contact.B, picks
         rubs = points.w > 0.0
         if picks:  # points that stick all the time have no rows in the matrices
             rubs[rubs] = np.isin(points.unknowns[points.first_row[:-1][rubs]], unknowns)
@@ -263,22 +247,21 @@ class _FrictionTangent:
     def added(self, H: FloatArray, v: FloatArray, limits: FloatArray | None = None) -> FloatArray:
         """H plus the tangent at the velocities v (n,) of all unknowns.
 
-        Along a slip vector it is the slope of the law, across it force over norm. ``limits`` (m,)
-        are those of all points, N, if not the constant ones.
+        ``limits`` (m,) are those of all points, N, if not the constant ones.
         """
         if not self.w.size:
             return H
+        from skfem_joint.minimise.law import along_and_across, slip_tangent  # loads the compiler
+
         w = self.w if limits is None else limits[self.rubs]
         slip, pairs = self.B @ v, self.pairs
         one, two = slip[self.first], slip[self.second]
         size = np.abs(one)
         size[pairs] = np.hypot(one[pairs], two)
-        across, along = (w * part for part in _across_and_along(size, self.beta))
+        along, across = (w * part for part in along_and_across(size, self.beta))
         norm = np.where(size > 0.0, size, 1.0)[pairs]
-        x, y, more = one[pairs] / norm, two / norm, (along - across)[pairs]
-        own = along
-        own[pairs] = across[pairs] + more * x**2
-        cross, other = more * x * y, across[pairs] + more * y**2
+        x, y, own = one[pairs] / norm, two / norm, along
+        own[pairs], cross, other = slip_tangent(along[pairs], across[pairs], x, y, x, y)
         if self.picks:
             T, i, j = H.copy(), self.i, self.j
             T[i, i] += own
@@ -305,6 +288,7 @@ def _of_chain(
 ) -> FloatArray:
     """Matrix of a transition of a chain, whose step matrices are tridiagonal, by elimination."""
     from skfem_joint.linalg.kernels import bands
+    from skfem_joint.minimise.law import along_and_across
     from skfem_joint.stepping.chain_transition import carry_through
 
     k, n, unknowns = moving.size, system.n, points.unknowns
@@ -312,7 +296,7 @@ def _of_chain(
     H = type(M)(*((2.0 / h) * m + c + (0.5 * h) * s for m, c, s in zip(M, C, K, strict=True)))
     tangents = np.zeros_like(velocities)
     rubs = points.w > 0.0
-    slopes = _across_and_along(np.abs(velocities[:, unknowns[rubs]]), points.beta[rubs])[1]
+    slopes = along_and_across(np.abs(velocities[:, unknowns[rubs]]), points.beta[rubs])[0]
     tangents[:, unknowns[rubs]] = points.w[rubs] * slopes
     tangents[resting] = np.inf
     p, r, work = np.zeros((3, n, 2 * k))

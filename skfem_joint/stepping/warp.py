@@ -37,5 +37,5 @@ def warped(system: System, kappa: float) -> System:
     """System whose steps are exact where kappa was made for; the system itself if it is 1."""
     if kappa == 1.0:
         return system
-    M, C, beta = kappa**2 * system.M, kappa * system.C, kappa * system.beta
-    return replace(system, M=M, C=C, beta=beta)
+    system = system.with_contact(beta=kappa * system.contact.beta)
+    return replace(system, M=kappa**2 * system.M, C=kappa * system.C)

@@ -35,17 +35,11 @@ class ActiveSetSettings:
     stiffness : float
         Stiffness of closed contact over that of the elements. It speeds up the iteration for the
         multipliers, which make contact exactly rigid.
-    shift : float
-        Share of the stiffness' diagonal that is added before factorisation, because K is singular
-        while too few nodes touch to support every body.
-    dense : tuple of float
-        Cost of a set of touching nodes with the stiffness condensed to those in contact, ns for the
-        square and the cube of their unknowns: all are factorised, and solved for a few times.
     active_sets : int
         Most sets of touching nodes that are tried.
     corrections : int
         Most corrections of a solution.
-    tolerance, exact : float
+    tolerance : float
         Shares of the forces that may be left out of balance, and that are not corrected further.
     kept : int
         Most unknowns of a solution whose factor is kept for its derivatives. Two solid plates of
@@ -55,12 +49,9 @@ class ActiveSetSettings:
     """
 
     stiffness: float = 1e5
-    shift: float = 1e-10
-    dense: tuple[float, float] = (4.0, 0.0133)
     active_sets: int = 100
     corrections: int = 20
     tolerance: float = 1e-9
-    exact: float = 1e-13
     kept: int = 50_000
     round_off: float = 1e-8
 
@@ -108,7 +99,10 @@ class UnilateralContact:
     @cached_property
     def _open(self) -> Uncondensed:
         """Stiffness with contact open, condensed to the unknowns that closed contact changes."""
-        return condensed(_shifted(self.K), np.unique(self.G.indices), SETTINGS.dense)
+        # Cost of a set of touching nodes with the stiffness condensed to those in contact, ns for
+        # the square and the cube of their unknowns: all are factorised, and solved for a few
+        # times.
+        return condensed(_shifted(self.K), np.unique(self.G.indices), (4.0, 0.0133))
 
     def _solver(self, active: BoolArray) -> Callable[[FloatArray], FloatArray]:
         """Solver with given contact closed, (m,); the last one is kept."""
@@ -240,9 +234,12 @@ class UnilateralContact:
 
 def _balanced(left: float, before: float) -> bool:
     """Whether a share of the forces is so small that it is not corrected, or falls no further."""
-    return left < SETTINGS.exact or (left > 0.5 * before and left < SETTINGS.tolerance)
+    # Share of the forces that is not corrected further.
+    return left < 1e-13 or (left > 0.5 * before and left < SETTINGS.tolerance)
 
 
 def _shifted(K: Matrix) -> sparse.csr_array:
     """Stiffness with a share of its diagonal, which has a factor also where bodies are loose."""
-    return sparse.csr_array(K + SETTINGS.shift * sparse.diags_array(K.diagonal()))
+    # Share of the stiffness' diagonal that is added before factorisation, because K is singular
+    # while too few nodes touch to support every body.
+    return sparse.csr_array(K + 1e-10 * sparse.diags_array(K.diagonal()))

@@ -6,63 +6,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
 from skfem_joint.mesh.cells import CONFORMING
 from skfem_joint.structure.body import SECTION, Body
-from skfem_joint.structure.clamps import Clamp
-from skfem_joint.structure.joints import Joint
 from skfem_joint.structure.nodes import Nodes, feet
 from skfem_joint.structure.patch import Patch
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class Usual:
-    """Ranges of values outside which the functions of this module yield a sentence.
-
-    Attributes
-    ----------
-    modulus, density : tuple of float
-        Young's modulus, Pa, from soft rubber to diamond; density, kg/m3, from foam to osmium.
-    size : tuple of float
-        Largest extent of a structure, m: a millimetre to a hundred metres.
-    slenderness : tuple of float
-        Length over thickness or width. A body outside this range was probably drawn in other units.
-    per_wavelength : float
-        Least number of elements in the length of a wave.
-    spanning, opposite : float
-        Elements that reach from side to side are reported above this share of all elements. Two
-        sides are opposite if the cosines of their normals with a direction and with its opposite
-        exceed the second number.
-    apart : float
-        Distance of curved faces over the size of their facets that is reported.
-    straightened : float
-        Change of an area or a mass by straight edges above which smaller elements are advised.
-    """
-
-    modulus: tuple[float, float] = (1e6, 2e12)
-    density: tuple[float, float] = (5.0, 3e4)
-    size: tuple[float, float] = (1e-3, 100.0)
-    slenderness: tuple[float, float] = (0.1, 2000.0)
-    per_wavelength: float = 6
-    spanning: float = 0.05
-    opposite: float = 0.85
-    apart: float = 0.05
-    straightened: float = 0.01
-
-
-USUAL = Usual()
+#: Least number of elements in the length of a wave.
+_PER_WAVELENGTH = 6
 
 
 def unusual_values(body: Body) -> Iterator[str]:
     """Sentences about material and sizes that suggest other units than SI."""
+    # From soft rubber to diamond, and from foam to osmium.
     for name, (least, most), unit, steel in (
-        ("E", USUAL.modulus, "Pa", "2e11"),
-        ("density", USUAL.density, "kg/m3", "7850"),
+        ("E", (1e6, 2e12), "Pa", "2e11"),
+        ("density", (5.0, 3e4), "kg/m3", "7850"),
     ):
         values = body.properties[name]
         if not least <= values.min() <= values.max() <= most:
@@ -72,7 +34,9 @@ def unusual_values(body: Body) -> Iterator[str]:
     given = [name for name in SECTION[body.dim] if getattr(body, name)]
     across = {name: body.properties[name].min() for name in given}
     ratios = [size / extent for extent in across.values()]
-    (least, most), (shortest, longest) = USUAL.size, USUAL.slenderness
+    # Largest extent of a structure, m, and length over thickness or width: a body outside of these
+    # was probably drawn in other units.
+    (least, most), (shortest, longest) = (1e-3, 100.0), (0.1, 2000.0)
     if not least <= size <= most or not all(shortest < ratio < longest for ratio in ratios):
         words = {"width": "wide", "thickness": "thick"}
         also = "".join(f", {extent:.4g} m {words[name]}" for name, extent in across.items())
@@ -97,10 +61,10 @@ def coarse_for_waves(body: Body, system: System) -> Iterator[str]:
     """Sentence about elements that are too long for the waves that the loads excite."""
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
     fewest = per_wavelength(body, frequency)[1] if frequency > 0.0 else np.inf
-    if fewest < USUAL.per_wavelength:
+    if fewest < _PER_WAVELENGTH:
         yield (
             f"There are {fewest:.2g} elements in the length of the slowest wave at {frequency:.5g} "
-            f"Hz, the highest frequency of the loads; {USUAL.per_wavelength:g} are the least: "
+            f"Hz, the highest frequency of the loads; {_PER_WAVELENGTH:g} are the least: "
             "refine the mesh, or check frequency, rise_time, E and density."
         )
 
@@ -137,7 +101,8 @@ def faces_apart(grid: Nodes, patches: Sequence[Patch]) -> Iterator[str]:
         ends = mesh.mesh.p[:, mesh.mesh.facets[:, mesh.boundaries[joint.on]]]
         size = float(np.ptp(ends, axis=1).max())
         flat = patch.normal is not None and np.ptp(patch.normal, axis=0).max() < CONFORMING
-        if apart.max() > (CONFORMING if flat else USUAL.apart) * size:
+        # Distance of curved faces over the size of their facets that is reported.
+        if apart.max() > (CONFORMING if flat else 0.05) * size:
             yield (
                 f"Joint '{joint.name}' and '{joint.against}' are up to {apart.max():.3g} m apart "
                 f"on the mesh, {apart.mean():.3g} m in the mean, and its pressure acts across that "
@@ -147,77 +112,13 @@ def faces_apart(grid: Nodes, patches: Sequence[Patch]) -> Iterator[str]:
 
 
 def locking(body: Body) -> Iterator[str]:
-    """Sentence about elements of first order, which are too stiff in bending.
-
-    It says how many have corners on two opposite sides of the body.
-    """
+    """Sentence about elements of first order, which are too stiff in bending."""
     if body.dim == 1 or body.mesh.order > 1:
         return
-    mesh = body.mesh.mesh
-    part = body.facet_basis(mesh.boundary_facets())
-    # Directions of the corners, edges and faces of a cube; in reverse order they are opposite.
-    directions = np.array([*product((-1.0, 0.0, 1.0), repeat=body.dim)])
-    directions /= np.maximum(np.linalg.norm(directions, axis=1), 1.0)[:, np.newaxis]
-    cosines = part.normals[..., 0].T @ directions.T
-    largest = np.full((mesh.p.shape[1], len(directions)), -1.0)
-    for corner in mesh.facets[:, part.find]:
-        np.maximum.at(largest, corner, cosines)
-    reached = largest[mesh.t].max(axis=0) > USUAL.opposite
-    share = (reached & reached[:, ::-1]).any(axis=1).mean()
     each = f"{body.cell.name}s".replace("hedrons", "hedra")
-    single = ""
-    if share > USUAL.spanning:
-        single = f", most where single ones reach from side to side, as {100.0 * share:.3g} % do"
     yield (
         f"The elements are {each} of first order, which bend too stiffly by tens of per cent (they "
-        f"lock){single}: where parts bend, frequencies are too high, displacements and friction "
+        "lock): where parts bend, frequencies are too high, displacements and friction "
         "energies too small by as much, which no estimated total counts but that of a full model "
         "with --certify. Take elements of second order (in Gmsh Mesh.ElementOrder = 2)."
     )
-
-
-def straightened(
-    body: Body, joints: Sequence[Joint], bolts: Sequence[Clamp], loads: Sequence[str]
-) -> Iterator[str]:
-    """Sentences about areas and mass that change because curved edges are made straight.
-
-    These are the mass and the size of each part that is a joint, is pressed by a bolt, or is
-    loaded; ``loads`` are names of `AppliedLoad`.
-    """
-    mesh, change = body.mesh, body.mesh.straightened
-    if change is None:
-        return
-    straight = body.basis.dx.sum(axis=1)
-    by_size = body.properties["density"] * body.across
-    mass = body.total_mass
-    changes = {"the mass": mass / (mass + float(by_size @ change.lost)) - 1.0}
-    uses = [("joint", name) for j in joints for name in (j.on, j.against)]
-    uses += [(key, name) for bolt in bolts for key, name in bolt.surfaces]
-    for name in loads:  # ".2" is a second direction
-        known = name in mesh.boundaries or name in mesh.regions
-        uses.append(("load", name if known else name.rpartition(".")[0]))
-    roles: dict[str, list[str]] = {}
-    for role, used in uses:
-        if used in mesh.boundaries or used in mesh.regions:
-            roles.setdefault(str(used), []).append(role)
-    sizes = ("length", "area", "volume")
-    for name, given in roles.items():
-        where = f"of {name!r} ({', '.join(dict.fromkeys(given))})"
-        if name in mesh.boundaries:
-            changes[f"the {sizes[mesh.dim - 2]} {where}"] = change.boundaries[name]
-        else:
-            own = mesh.regions[name]
-            size = float(straight[own].sum())
-            ratio = size / (size + float(change.lost[own].sum()))
-            changes[f"the {sizes[mesh.dim - 1]} {where}"] = ratio - 1.0
-    by_how_much = ", ".join(
-        f"{what} by {100.0 * x:.2g} %" for what, x in changes.items() if abs(x) > 1e-9
-    )
-    yield f"Edges that were curved are straight here, which changes {by_how_much or 'no size'}."
-    much = [what for what, x in changes.items() if abs(x) > USUAL.straightened]
-    if much:
-        yield (
-            f"Straight edges in place of curved ones change {', '.join(much)} by more than "
-            f"{100.0 * USUAL.straightened:g} %: use smaller elements there (in Gmsh "
-            "Mesh.MeshSizeFromCurvature = 36, elements a turn)."
-        )

@@ -91,13 +91,14 @@ def under_loads(
     fitted : callable
         As for `System.with_damping_ratio`.
     """
+    joints = tuple(patch.joint.name for patch in patches)
+    contact = replace(unloaded.contact, J=shares_of(patches, unloaded.contact.w), joints=joints)
     system = replace(
         unloaded,
+        contact=contact,
         loads=tuple(loads),
         P=stacked([row[np.newaxis] for row in rows.values()], unloaded.n),
         points=tuple(rows),
-        J=shares_of(patches, unloaded.w),
-        joints=tuple(patch.joint.name for patch in patches),
         notes=tuple(dict.fromkeys(notes)),
     )
     return system if damping_ratio is None else system.with_damping_ratio(damping_ratio, fitted)

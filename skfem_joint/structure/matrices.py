@@ -123,11 +123,6 @@ class MatrixModel:
         return int(self.K.shape[0])
 
     @property
-    def n_entries(self) -> int:
-        """Number of entries of the stiffness matrix."""
-        return int(sparse.csr_array(self.K).nnz)
-
-    @property
     def identity(self) -> list[Any]:
         """Arrays and names that distinguish these matrices from others."""
         return [self.M, self.K, self.C, self.fixed, self.contacts, self.points]

@@ -43,10 +43,6 @@ class AnyStructure(Protocol):
         """Number of degrees of freedom, supported ones included."""
 
     @property
-    def n_entries(self) -> int:
-        """Number of entries that the matrices are assembled from."""
-
-    @property
     def identity(self) -> list[Any]:
         """Arrays and names that distinguish this structure from another."""
 
@@ -96,7 +92,7 @@ def doubts(structure: AnyStructure, system: System, waves: bool = True) -> list[
         sentences.append("There is no joint: nothing slips, the structure is linear.")
     for patch in structure.patches:
         joint = patch.joint
-        if not np.any(system.rubs[patch.points]) or joint.friction == 0.0:
+        if not np.any(system.contact.rubs[patch.points]) or joint.friction == 0.0:
             sentences.append(
                 f"Joint '{joint.name}' carries no friction: its pressure or friction is 0."
             )

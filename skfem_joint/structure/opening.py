@@ -20,7 +20,7 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.mesh.cells import spot
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 from skfem_joint.slips import NormalRows, rows_along
 from skfem_joint.structure.joints import Joint
 from skfem_joint.structure.nodes import Nodes
@@ -43,7 +43,7 @@ class OpeningFace:
     means : sparse array, shape (q, q)
         Means of forces over the hats of corners, by which pressures are shown.
     gap, force, area, stiffness : ndarray, shape (q,)
-        As in :class:`skfem_joint.opening.OpeningContact`.
+        As in :class:`skfem_joint.normal.NormalPart`.
     moves : ndarray of bool, shape (q,)
         Whether supports let the node of each pressure point approach; the others are not among the
         pressure points of a system.
@@ -194,7 +194,7 @@ def opening_rows(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRow
     if not opening:
         return None
     count, dim = held.shape
-    rows, pivots, contacts = [], [], []
+    rows, pivots, parts, gains = [], [], [], []
     for patch in opening:
         face, moves = patch.opening, np.flatnonzero(patch.opening.moves)
         nodes = face.nodes[moves]
@@ -209,19 +209,14 @@ def opening_rows(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRow
         free_first = np.argsort(held[nodes], axis=1, kind="stable")
         pivots.append(dim * nodes + free_first[np.arange(nodes.size), slips[nodes]])
         gain = patch.joint.friction * friction_gain(patch, m, count)
-        every = OpeningContact(face.W, face.gap, face.force, gain, face.stiffness, face.area)
-        contacts.append(every.among(moves))
-    W = sparse.csr_array(sparse.block_diag([c.N for c in contacts]))
-    joined = OpeningContact(
-        W,
-        np.concatenate([c.gap for c in contacts]),
-        np.concatenate([c.force for c in contacts]),
-        sparse.csr_array(sparse.hstack([c.gain for c in contacts])),
-        np.concatenate([c.stiffness for c in contacts]),
-        np.concatenate([c.area for c in contacts]),
-    )
+        every = NormalPart(face.W, face.gap, face.force, face.stiffness, face.area)
+        parts.append(every.among(moves))
+        gains.append(sparse.csc_array(gain)[:, moves])
     D = sparse.csr_array(sparse.vstack(rows))
-    return NormalRows(D, np.concatenate(pivots), joined) if D.shape[0] else None
+    if not D.shape[0]:
+        return None
+    gain = sparse.csr_array(sparse.hstack(gains))
+    return NormalRows(D, np.concatenate(pivots), NormalPart.joined(parts), gain)
 
 
 def friction_gain(patch: Patch, m: int, count: int) -> sparse.csr_array:

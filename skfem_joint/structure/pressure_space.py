@@ -123,7 +123,7 @@ def pressure_space(
         return None
     own = np.unique(cells)
     _, beyond, other = _opposite(body, joint, body.nodes[own], normals[own])
-    points = _Points.of(body, joint, cells, beside, depth, normals)
+    points = _FacePoints.of(body, joint, cells, beside, depth, normals)
     node_area = points.hats @ points.weight
     over = ~np.isnan(beyond) & (node_area[own] > 0.0)
     if not over.any():
@@ -147,7 +147,7 @@ def pressure_space(
 
 
 @dataclass(frozen=True)
-class _Points:
+class _FacePoints:
     """Quadrature points of a face.
 
     Attributes
@@ -175,7 +175,7 @@ class _Points:
         beside: IntArray,
         depth: FloatArray,
         normals: FloatArray,
-    ) -> _Points:
+    ) -> _FacePoints:
         """Points in the sub-cells of a joint; arguments are as from `manifold_of`."""
         corners, gather, parent = hat_simplices(body.nodes, cells)
         places, weights = _quadrature(corners.shape[1])
@@ -194,7 +194,7 @@ class _Points:
         motion = rows_along(np.arange(len(x)), n, len(x)) @ sparse.kron(
             relative, sparse.eye_array(body.dim)
         )
-        return _Points(
+        return _FacePoints(
             hats=sparse.csr_array(hats),
             weight=np.where(np.isnan(gap), 0.0, weight),
             motion=sparse.csr_array(motion),

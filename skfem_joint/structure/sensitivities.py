@@ -166,7 +166,7 @@ class _Model:
         self, one: Parameter, rates: Mapping[int, Rates]
     ) -> tuple[FloatArray | None, OpeningSensitivity | None]:
         """Derivatives of the friction limits at rest, and of contact that opens."""
-        w, parts = np.zeros(self.system.w.size), []
+        w, parts = np.zeros(self.system.contact.w.size), []
         for i, patch in enumerate(self.structure.patches):
             part = self._of_joint(one, i, patch, rates.get(i))
             if part.w is not None:
@@ -193,7 +193,7 @@ class _Model:
         if "friction" in own:
             w = patch.normal_force
             if face is not None:
-                gain = friction_gain(patch, self.system.w.size, self.structure.n_nodes)
+                gain = friction_gain(patch, self.system.contact.w.size, self.structure.n_nodes)
         if "normal_stiffness" in own and face is not None:
             stiffness = face.area
         return _JointRates(patch, w, force, gap, stiffness, gain)
@@ -226,9 +226,9 @@ class _Model:
 
     def _joined(self, parts: Sequence[_JointRates]) -> OpeningSensitivity | None:
         """Derivatives of all contact that opens, from those of each joint that does."""
-        if self.system.opening is None:
+        if not self.system.contact.opens:
             return None
-        m = self.system.w.size
+        m = self.system.contact.w.size
         moves = [np.flatnonzero(part.patch.opening.moves) for part in parts]
 
         def values(name: str) -> FloatArray | None:
@@ -257,7 +257,7 @@ class _Model:
             if place[0] == "joint" and place[2] == "tangential_stiffness":
                 patch = self.structure.patches[int(place[1])]
                 if stiffness is None:
-                    stiffness = np.zeros(self.system.w.size)
+                    stiffness = np.zeros(self.system.contact.w.size)
                 stiffness[patch.points] += patch.area
         return stiffness
 
@@ -284,19 +284,19 @@ class _Model:
         if K is None and springs is None and normal is None:
             return None
         closed, fit = self._rayleigh
-        motions = None if system.opening is None else system.opening.closed_motions()
+        motions = None if not system.contact.opens else system.contact.normal.closed_motions()
 
         def square_rate(mode: FloatArray) -> float:
             u, rate = mode if motions is None else motions @ mode, 0.0
             if K is not None:
                 rate += float(u @ (K @ u))
             if springs is not None:
-                own = closed.on_rows(np.where(closed.sprung, springs, 0.0))
-                rate += float(own @ np.asarray(closed.B @ mode) ** 2)
-            if normal is not None and system.opening is not None:
-                touching = (system.opening.force > 0.0) & ~system.opening.rigid
+                own = closed.contact.on_rows(np.where(closed.contact.sprung, springs, 0.0))
+                rate += float(own @ np.asarray(closed.contact.B @ mode) ** 2)
+            if normal is not None and system.contact.opens:
+                touching = (system.contact.normal.force > 0.0) & ~system.contact.normal.rigid
                 own = np.where(touching, normal, 0.0)
-                rate += float(own @ np.asarray(system.opening.N @ u) ** 2)
+                rate += float(own @ np.asarray(system.contact.normal.N @ u) ** 2)
             return rate
 
         mass, stiffness = fit.factor_rates(ratio, square_rate)

@@ -37,7 +37,6 @@ from skfem_joint.unknowns import (
     ChangeOfUnknowns,
     congruent,
     expanded,
-    selection,
 )
 from skfem_joint.values import NOT_NEGATIVE, problems
 
@@ -218,12 +217,6 @@ class Structure:
         return self.dim * self.n_nodes
 
     @property
-    def n_entries(self) -> int:
-        """Number of entries of all element matrices."""
-        in_element, elements = self.body.of_element.shape
-        return int(elements * (self.dim * in_element) ** 2)
-
-    @property
     def positions(self) -> FloatArray:
         """Positions of the nodes in space, (N, 3), m."""
         return self.body.positions
@@ -274,10 +267,8 @@ class Structure:
 
     def unusual(self, system: System) -> list[str]:
         """Sentences about mesh, values and size that suggest a mistake of the user."""
-        loads = [load.on for load in system.loads]
         return [
             *self.mesh.notes,
-            *doubts.straightened(self.body, self.joints, self.bolts, loads),
             *doubts.unusual_values(self.body),
             *doubts.locking(self.body),
         ]
@@ -502,12 +493,7 @@ class Structure:
             M=M,
             C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
             K=K,
-            B=selection(new.slips[: rows.B.shape[0]], K.shape[0]),
-            opening=rows.opening_in(new),
-            w=rows.w,
-            beta=rows.beta,
-            directions=rows.directions,
-            stiffness=rows.springs,
+            contact=rows.contact_in(new),
             T=new.forward,
         )
 

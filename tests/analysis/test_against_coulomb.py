@@ -63,8 +63,7 @@ def test_a_large_full_model_is_compared_by_a_reduced_one(monkeypatch):
 
     scene = slow_plate("full")
     by_itself = run_scene(scene).models["full"].estimate
-    small = module.LawSettings(small=0.0)
-    monkeypatch.setattr(module, "SETTINGS", small)
+    monkeypatch.setattr(module, "SMALL", 0.0)
     by_reduced = run_scene(scene).models["full"].estimate
     for quantity in ("friction_energy", "loop_energy"):
         share = by_reduced.of("coulomb", quantity) / by_itself.of("coulomb", quantity)

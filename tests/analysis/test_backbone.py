@@ -12,7 +12,7 @@ from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.analysis.backbone import Backbone, Kept, backbone
+from skfem_joint.analysis.backbone import Backbone, Factors, backbone
 from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.analysis.stuck import Stuck
 from skfem_joint.linalg.schur import SchurComplement
@@ -129,7 +129,8 @@ def slider(limit: float = 1.0) -> sj.System:
     """Two masses of 1 kg on springs of 1 N/m, one of which drags a slider of ``limit`` N."""
     K = sparse.csr_array([[2.0, -1.0], [-1.0, 1.0]])
     one = sparse.csr_array([[1.0, 0.0]])
-    return sj.System(sparse.eye_array(2, format="csr"), None, K, one, np.array([limit]), np.inf)
+    contact = sj.Contact(one, [limit], np.inf)
+    return sj.System(sparse.eye_array(2, format="csr"), None, K, contact)
 
 
 def test_a_joint_of_one_slider_says_that_the_default_range_saw_no_slip():
@@ -191,7 +192,7 @@ def test_a_reduced_model_has_the_curve_of_the_full_one(system):
         (bar(), {"modes": (0,)}, r"modes\[0\]: found 0, must be >= 1"),
         (bar(), {"modes": (500,)}, "there are"),
         (bar(), {"levels": 0}, "levels: found 0, must be >= 1"),
-        (replace(bar(), w=np.zeros(100)), {}, "needs friction"),
+        (bar().with_contact(given=np.zeros(100)), {}, "needs friction"),
     ],
 )
 def test_modes_that_are_not_there_are_refused(system, how, says):
@@ -203,7 +204,8 @@ def test_nothing_is_left_where_all_is_in_contact():
     system = bar()
     contact = np.arange(100)
     part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]
-    whole = sj.System(*part, sparse.eye_array(100, format="csr"), system.w, np.inf)
+    every = sj.Contact(sparse.eye_array(100, format="csr"), system.contact.w, np.inf)
+    whole = sj.System(*part, every)
     with pytest.raises(sj.InputError, match="every unknown is in contact"):
         backbone(whole)
 
@@ -223,7 +225,7 @@ def test_a_pulse_rings_down_along_the_curve_and_loses_its_energy_in_the_joint():
     hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final
     (curve,) = backbone(system)
     halves = np.repeat(np.eye(2), 20, axis=1)
-    parted = replace(system, J=halves, joints=("inner", "outer"))
+    parted = system.with_contact(J=halves, joints=("inner", "outer"))
     found = sj.ring_down(parted, curve, 30, scheme=sj.generalized_alpha(1.0), start=hit)
     work = found.friction_work.sum(axis=1)
     assert found.energy[0] - found.energy == pytest.approx(work, abs=1e-9 * found.energy[0])
@@ -329,7 +331,7 @@ def test_curves_of_other_limits_and_damping_use_factors_again(held, monkeypatch)
             super().__init__(*given)
 
     monkeypatch.setattr(condensed_newton, "SchurComplement", Counted)
-    kept, modes, levels = Kept(), [4 if held else 1], [30.0, 120.0, 500.0]
+    kept, modes, levels = Factors(), [4 if held else 1], [30.0, 120.0, 500.0]
     for friction, damping in ((0.3, 0.01), (0.4, 0.02)):
         given = bolted(joint={"friction": friction}, damping_ratio=damping, **held)
         system = given.system(loads("right", 2))

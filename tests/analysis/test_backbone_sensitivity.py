@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -15,7 +15,9 @@ from stepping_systems import arm
 import skfem_joint as sj
 from skfem_joint.analysis import backbone as curves
 from skfem_joint.analysis.backbone import Backbone, backbone
+from skfem_joint.analysis.backbone_sensitivity import BackboneSensitivity, backbone_sensitivity
 from skfem_joint.analysis.mode_rates import mode_rates
+from skfem_joint.analysis.stuck import Stuck, StuckMode
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
@@ -98,15 +100,22 @@ CASES = {
 }  # fmt: skip
 
 
+def with_rates(
+    system: sj.System, parameters: list[SystemSensitivity], *how: Any, **more: Any
+) -> tuple[Backbone, BackboneSensitivity]:
+    """A curve and its derivatives."""
+    (found,) = backbone(system, *how, keep_path=True, **more)
+    return found, backbone_sensitivity(found, parameters)
+
+
 @cache
-def differentiated(name: str) -> tuple[sj.Structure, Backbone]:
-    """Structure of a case, and its curve with the derivatives."""
+def differentiated(name: str) -> tuple[sj.Structure, Backbone, BackboneSensitivity]:
+    """Structure of a case, its curve, and the derivatives."""
     case = CASES[name]
     given = case.given()
     system = given.system(case.loads)
     parameters = sensitivities(given, case.keys, system)
-    (found,) = backbone(system, case.modes, case.levels, 0.6, parameters=parameters)
-    return given, found
+    return given, *with_rates(system, parameters, case.modes, case.levels, 0.6)
 
 
 def sets(curve: Backbone) -> np.ndarray:
@@ -123,7 +132,7 @@ def sets(curve: Backbone) -> np.ndarray:
     ("name", "key"), [(name, key) for name, case in CASES.items() for key in case.keys]
 )
 def test_derivatives_are_central_differences_at_fixed_levels(name, key):
-    case, (given, found) = CASES[name], differentiated(name)
+    case, (given, found, rates) = CASES[name], differentiated(name)
     value, column = value_of(given, key), case.keys.index(key)
     ends = []
     for step in (STEP, -STEP):
@@ -132,12 +141,12 @@ def test_derivatives_are_central_differences_at_fixed_levels(name, key):
     same = (sets(ends[0]) == sets(ends[1])).all(axis=1)
     assert same.mean() > 0.7
     for kind in CURVES:
-        rate = getattr(found.sensitivity, kind)[same][..., column]
+        rate = getattr(rates, kind)[same][..., column]
         known = (getattr(ends[0], kind) - getattr(ends[1], kind))[same] / (2.0 * STEP * value)
         noise = NOISE * getattr(found, kind).max() / value
         atol = 5e-6 * np.abs(known).max() + noise
         np.testing.assert_allclose(rate, known, rtol=0.0, atol=atol, err_msg=kind)
-    assert found.sensitivity.parameters[column] == key
+    assert rates.parameters[column] == key
 
 
 TANGENTIAL, NORMAL = {"tangential_stiffness": 3e11}, {"normal_stiffness": 2e12}
@@ -160,7 +169,7 @@ def test_derivatives_from_a_thousandth_of_slip_on(joint):
     (whole,) = backbone(system, levels=1, up_to=0.1)
     level = np.append(np.geomspace(1e-3, 0.3, 16), np.linspace(0.35, 0.7, 11)) * whole.slips_at
     parameters = sensitivities(given, [FRICTION], system)
-    (found,) = backbone(system, levels=level, parameters=parameters)
+    found, rates = with_rates(system, parameters, levels=level)
     ends = []
     for step in (STEP, -STEP):
         changed = with_values(given, {FRICTION: 0.5 * (1.0 + step)}).system(loads)
@@ -169,7 +178,7 @@ def test_derivatives_from_a_thousandth_of_slip_on(joint):
     assert (found.friction_damping > 1e-7).sum() > 3
     noise = {"frequency": 2e-6 * found.frequency, "friction_damping": 1e-9}
     for kind, own in noise.items():
-        rate = 0.5 * getattr(found.sensitivity, kind)[:, 0]
+        rate = 0.5 * getattr(rates, kind)[:, 0]
         above, below = (
             (getattr(end, kind) - getattr(found, kind)) / step
             for end, step in zip(ends, (STEP, -STEP), strict=True)
@@ -183,7 +192,7 @@ def test_derivatives_from_a_thousandth_of_slip_on(joint):
 
 @pytest.mark.parametrize("name", ["bar on springs", "in plan", "plates", "open", "solid"])
 def test_the_last_column_is_the_derivative_by_the_levels(name):
-    case, (given, found) = CASES[name], differentiated(name)
+    case, (given, found, rates) = CASES[name], differentiated(name)
     system = given.system(case.loads)
     ends = [backbone(system, case.modes, found.level * np.exp(h))[0] for h in (STEP, -STEP)]
     same = (sets(ends[0]) == sets(ends[1])).all(axis=1)
@@ -191,16 +200,16 @@ def test_the_last_column_is_the_derivative_by_the_levels(name):
     for kind in CURVES:
         known = (getattr(ends[0], kind) - getattr(ends[1], kind))[same] / (2.0 * STEP)
         atol = 5e-6 * np.abs(known).max() + NOISE * getattr(found, kind).max()
-        rate = getattr(found.sensitivity, kind)[same][..., -1]
+        rate = getattr(rates, kind)[same][..., -1]
         np.testing.assert_allclose(rate, known, rtol=0.0, atol=atol, err_msg=kind)
-    assert not found.sensitivity.stuck_frequency[-1]
+    assert not rates.stuck_frequency[-1]
 
 
 @pytest.mark.parametrize("name", ["bar", "in plan", "plates on springs", "open"])
 def test_derivatives_do_not_change_the_curve(name):
-    case, (given, found) = CASES[name], differentiated(name)
+    case, (given, found, _) = CASES[name], differentiated(name)
     (plain,) = backbone(given.system(case.loads), case.modes, case.levels, 0.6)
-    assert plain.sensitivity is None
+    assert plain.path is None
     for kind in CURVES:
         np.testing.assert_allclose(getattr(plain, kind), getattr(found, kind), rtol=1e-12)
 
@@ -208,8 +217,8 @@ def test_derivatives_do_not_change_the_curve(name):
 @pytest.mark.parametrize(("name", "key"), [("bar on springs", FRICTION), ("plates", E)])
 def test_derivatives_at_a_fixed_amplitude(name, key):
     """Levels that keep the amplitude to first order have differences of that derivative."""
-    case, (given, found) = CASES[name], differentiated(name)
-    rates, column, value = found.sensitivity, case.keys.index(key), value_of(given, key)
+    case, (given, found, rates) = CASES[name], differentiated(name)
+    column, value = case.keys.index(key), value_of(given, key)
     point = rates.displacement[:, 0]
     moves = -point[:, column] / point[:, -1]
     ends = []
@@ -226,8 +235,8 @@ def test_derivatives_at_a_fixed_amplitude(name, key):
 @pytest.mark.parametrize("name", ["bar", "in plan", "plates", "solid"])
 def test_limits_and_levels_times_a_factor_leave_frequency_and_damping(name):
     """With constant normal force, exactly: the derivative by friction is minus that by levels."""
-    case, (given, found) = CASES[name], differentiated(name)
-    rates, column = found.sensitivity, case.keys.index(FRICTION)
+    case, (given, found, rates) = CASES[name], differentiated(name)
+    column = case.keys.index(FRICTION)
     for kind in ("frequency", "friction_damping", "viscous_damping"):
         both = getattr(rates, kind)
         by_logarithm = value_of(given, FRICTION) * both[:, column]
@@ -238,9 +247,9 @@ def test_limits_and_levels_times_a_factor_leave_frequency_and_damping(name):
 
 
 def test_friction_and_pressure_act_alike():
-    given, found = differentiated("bar")
+    given, _, rates = differentiated("bar")
     for kind in CURVES:
-        by = getattr(found.sensitivity, kind)
+        by = getattr(rates, kind)
         friction, pressure = (value_of(given, key) * by[..., k] for k, key in enumerate(OF_BAR[:2]))
         np.testing.assert_allclose(friction, pressure, atol=1e-12 * np.abs(by).max() or 1e-30)
 
@@ -258,7 +267,7 @@ def quarter_wave(elements: int) -> sj.System:
 
 def by_friction(system: sj.System) -> SystemSensitivity:
     """Derivative by the logarithm of friction."""
-    return SystemSensitivity("friction", w=system.w)
+    return SystemSensitivity("friction", w=system.contact.w)
 
 
 def test_derivatives_by_friction_converge_to_the_closed_form():
@@ -270,10 +279,10 @@ def test_derivatives_by_friction_converge_to_the_closed_form():
     errors = []
     for elements in (50, 200, 800):
         system = quarter_wave(elements)
-        (found,) = backbone(system, levels=24, parameters=[by_friction(system)])
+        found, rates = with_rates(system, [by_friction(system)], levels=24)
         square = (2.0 * np.pi * found.stuck_frequency) ** 2
         eps = square * momentum**3 * found.level / (2.0 * EA * TAU)
-        rates, seen = found.sensitivity, found.level > 0.2 * found.slips_at
+        seen = found.level > 0.2 * found.slips_at
         of_frequency = rates.frequency[:, 0] / found.frequency / (0.5 * eps / (1.0 + eps))
         known = -2.0 / (3.0 * np.pi) * eps / (1.0 + eps) ** 2
         of_damping = rates.friction_damping[:, 0] / known
@@ -290,11 +299,11 @@ def test_a_front_exactly_at_a_node_is_said_to_turn():
     # The loaded node has half of the limit of the others.
     points = np.array([8.7, 9.7, 10.49, 10.5, 10.51, 11.7, 12.7, 13.7, 14.7, 15.7])
     level = points * system.w.max() / np.abs(system.M @ mode.shape).sum()
-    (found,) = backbone(system, levels=level, parameters=[by_friction(system)])
+    found, rates = with_rates(system, [by_friction(system)], levels=level)
     near = slice(1, 4)  # no half cycles are followed from there
     assert sets(found)[near].sum(axis=1).tolist() == [10, 10, 10]
-    assert found.sensitivity.turning[near].tolist() == [0, 0, 1]
-    below, at, above = found.sensitivity.amplitude[2:5, 0] / found.amplitude[2:5]
+    assert rates.turning[near].tolist() == [0, 0, 1]
+    below, at, above = rates.amplitude[2:5, 0] / found.amplitude[2:5]
     assert min(abs(at - below), abs(at - above)) < 0.1 * abs(above - below)
 
 
@@ -312,15 +321,15 @@ def test_modes_of_one_frequency_have_derivatives_unless_they_are_mixed():
     given = square_beam()
     system = given.system()
     parameters = sensitivities(given, [E, FRICTION], system)
-    (found,) = backbone(system, levels=3, parameters=parameters)
-    ratio = found.sensitivity.stuck_frequency[0] * value_of(given, E) / found.stuck_frequency
+    found, rates = with_rates(system, parameters, levels=3)
+    ratio = rates.stuck_frequency[0] * value_of(given, E) / found.stuck_frequency
     assert ratio == pytest.approx(0.5, rel=1e-7)
     diagonal = np.zeros(system.n)
     rows = np.flatnonzero(np.abs(found.shape) > 0.5 * np.abs(found.shape).max())
     diagonal[rows[::2]] = 1e6
     mixing = SystemSensitivity("springs", K=sparse.csr_array(sparse.diags_array(diagonal)))
     with pytest.raises(InputError, match=r"modes 1 and 2 have the same frequency"):
-        backbone(system, levels=3, parameters=[mixing])
+        backbone_sensitivity(found, [mixing])
 
 
 def test_rates_of_modes_of_one_frequency():
@@ -328,7 +337,7 @@ def test_rates_of_modes_of_one_frequency():
     K = np.diag([1.0, 1.0, 4.0, 1.0])
     one, zero = sparse.eye_array(4, format="csr"), sparse.csr_array((4, 4))
     B = sparse.csr_array([[0.0, 0.0, 0.0, 1.0]])
-    system = sj.System(one, zero, sparse.csr_array(K), B, np.ones(1), np.inf)
+    system = sj.System(one, zero, sparse.csr_array(K), sj.Contact(B, np.ones(1), np.inf))
     frequencies, shapes = np.array([1.0, 1.0, 2.0]) / (2.0 * np.pi), np.eye(4)[:, :3]
 
     def rates(entries: dict[tuple[int, int], float]) -> tuple[np.ndarray, np.ndarray]:
@@ -336,7 +345,7 @@ def test_rates_of_modes_of_one_frequency():
         for (i, j), value in entries.items():
             change[i, j] = change[j, i] = value
         parameter = SystemSensitivity("p", K=sparse.csr_array(change))
-        return mode_rates(system, frequencies, shapes, 0, [parameter])
+        return mode_rates(StuckMode(1, frequencies, shapes, Stuck(system)), [parameter])
 
     of_frequency, of_shape = rates({(0, 0): 1.0, (1, 1): 3.0, (0, 2): 0.6})
     np.testing.assert_allclose(of_frequency, [0.5 / (2.0 * np.pi)])
@@ -357,17 +366,24 @@ def test_rates_of_modes_of_one_frequency():
     ],
 )
 def test_derivatives_of_another_system_are_refused(part, words):
-    system = bolted().system()
+    (found,) = backbone(bolted().system(), levels=2, keep_path=True)
     with pytest.raises(InputError, match=words):
-        backbone(system, levels=2, parameters=[SystemSensitivity("p", **part)])
+        backbone_sensitivity(found, [SystemSensitivity("p", **part)])
 
 
 def test_derivatives_of_another_contact_are_refused():
     system = bolted(joint={"contact": "unilateral"}).system()
+    (found,) = backbone(system, levels=2, up_to=0.1, keep_path=True)
     for name in ("gap", "force", "stiffness"):
         opening = OpeningSensitivity(**{name: np.ones(2)})
         with pytest.raises(InputError, match=rf"{name}: found shape \(2,\)"):
-            backbone(system, levels=2, parameters=[SystemSensitivity("p", opening=opening)])
+            backbone_sensitivity(found, [SystemSensitivity("p", opening=opening)])
+
+
+def test_a_curve_without_its_path_has_no_derivatives():
+    (found,) = backbone(bolted().system(), levels=2)
+    with pytest.raises(InputError, match="found no path; give backbone keep_path = True"):
+        backbone_sensitivity(found, [])
 
 
 @pytest.mark.parametrize("levels", [[], [0.0, 1.0], [2.0, 1.0], [[1.0]], [1.0, 1.0]])
@@ -385,8 +401,7 @@ def test_sliders_that_share_a_slip_add_up():
     joint = sj.iwan(np.eye(n)[0], F_S=1e3, K_T=2e7, chi=-0.5, beta=0.1, sliders=30)
     system = sj.System.from_matrices(M, K, 1e-6 * K, contact=joint, points={"end": n - 1})
     limits = sj.SystemSensitivity("limits", w=system.w)
-    (curve,) = sj.backbone(system, levels=6, up_to=0.6, parameters=[limits])
-    rates = curve.sensitivity
+    _, rates = with_rates(system, [limits], levels=6, up_to=0.6)
     for values in (rates.frequency, rates.damping_ratio):
         assert np.abs(values).max() > 0.0
         np.testing.assert_allclose(values[:, 0], -values[:, 1], rtol=1e-6, atol=1e-9)

@@ -35,7 +35,7 @@ def test_it_stands_between_full_and_reduced_in_all_results():
     full, model, reduced = study.models.values()
     assert [*study.models] == ["full", "condensed", "reduced"]
     assert reduced.run.system.n < model.run.system.n < full.run.system.n
-    assert model.run.system.contact_points == full.run.system.contact_points
+    assert model.run.system.contact.count == full.run.system.contact.count
     assert model.errors.displacement_max < min(1e-5, reduced.errors.displacement_max)
     found, true = (model_summary(study, m)["joints"]["joint"] for m in (model, full))
     for name, value in true.items():

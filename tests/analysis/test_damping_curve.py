@@ -86,7 +86,8 @@ def test_an_oscillator_with_coulomb_friction_loses_the_same_amplitude_in_each_cy
     """Its extremes fall by 4 w / k in a cycle: damping ratio 2 w / (pi k a)."""
     k, w, m = 1e4, 1.0, 1.0
     one = sparse.csr_array([[1.0]])
-    system = sj.System(m * one, None, k * one, one, np.array([w]), np.inf, P=one, points=("x",))
+    contact = sj.Contact(one, [w], np.inf)
+    system = sj.System(m * one, None, k * one, contact, P=one, points=("x",))
     a = 200.0 * w / k
     run = sj.integrate(
         system, step=2.5e-4, n_steps=11000, initial=(np.array([a]), np.zeros(1)),
@@ -104,10 +105,8 @@ def test_an_oscillator_with_coulomb_friction_loses_the_same_amplitude_in_each_cy
 def test_a_ring_down_has_the_damping_curve_of_its_slider():
     """A mass on a spring beside an elastic slider, whose backbone is exact."""
     one, k, spring, w = sparse.csr_array([[1.0]]), 1e4, 400.0, 1.0
-    system = sj.System(
-        one, None, k * one, one, np.array([w]), np.inf, stiffness=np.array([spring]), P=one,
-        points=("x",),
-    )  # fmt: skip
+    contact = sj.Contact(one, [w], np.inf, stiffness=np.array([spring]))
+    system = sj.System(one, None, k * one, contact, P=one, points=("x",))
     (known,) = sj.backbone(system, levels=30, slips_at=100.0, up_to=1.0)
     u = known.states[-1]
     springs = known.friction[-1]

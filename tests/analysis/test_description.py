@@ -130,7 +130,7 @@ def test_of_a_body_held_by_two_joints_the_stated_level_is_that_of_the_first_that
         path = QuasiStatic(system)
         ramp = np.linspace(0.1, 1.0, 10) * multiple
         u = path.follow(np.outer(ramp, force), limit_share=np.inf)[-1]
-        slip = system.slip_norm(system.B @ u)
+        slip = system.contact.slip_norm(system.contact.B @ u)
         return 1.0 - sticking_share(path, slip)
 
     assert slipping(1.01 * level) >= 0.99

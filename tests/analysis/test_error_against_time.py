@@ -46,11 +46,11 @@ def report():
     return et.error_time(small(), repeats=1, quick=True, wanted=TINY, more=others)
 
 
-def point(wall: float, error: float, status: str = et.FINISHED, **what: Any) -> et.Point:
+def point(wall: float, error: float, status: str = et.FINISHED, **what: Any) -> et.Measured:
     job = et.Job(
         what.pop("family", et.FULL), what, lambda: et.Outcome(None), what.pop("offline", 0.0)
     )
-    return et.Point(job, et.Outcome(None, wall, status=status), {et.RMS: error}, wall)
+    return et.Measured(job, et.Outcome(None, wall, status=status), {et.RMS: error}, wall)
 
 
 def test_error_of_the_full_model_falls_with_the_step(truth):

@@ -1,6 +1,5 @@
 """Results know their errors: what is stated is what a run that has hardly any shows."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -119,30 +118,21 @@ def test_missing_modes_reduce_the_error_of_a_basis_to_a_fraction():
     assert errors[2] < 0.5 * errors[1]
 
 
-@pytest.mark.parametrize(("sets", "looked_at"), [(80, False), (30, True)])
-def test_the_error_of_merged_points_is_stated_and_not_from_below(sets, looked_at, monkeypatch):
-    """Without a step of all points, where few of them resolve how the model slips."""
+@pytest.mark.parametrize("sets", [80, 30])
+def test_the_error_of_merged_points_is_stated(sets, monkeypatch):
     scene = plate_scene("reduced", mesh=plate(100))
     system, plan, basis = scene.system(), plan_of(scene), basis_for(scene)
     small = reduced_system(system, basis, periodic=scene.periodic)
     every = system.project(basis.V)
-    every = replace(every, beta=np.minimum(every.beta, small.beta.max()))
-    few = merged_points(every, basis.history.velocities, np.flatnonzero(every.w), sets)
+    every = every.with_contact(beta=np.minimum(every.contact.beta, small.contact.beta.max()))
+    few = merged_points(every, basis.history.velocities, np.flatnonzero(every.contact.w), sets)
     true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
-    sizes, real = [], estimate.integrate_plan
-
-    def counted(system: Any, *plan: Any, **options: Any) -> Any:
-        sizes.append(system.w.size)
-        return real(system, *plan, **options)
-
-    monkeypatch.setattr(estimate, "integrate_plan", counted)
-    settings = replace(estimate.SETTINGS, many=0, merged=sets)
-    monkeypatch.setattr(estimate, "SETTINGS", settings)
+    monkeypatch.setattr(estimate, "MANY", 0)
+    monkeypatch.setattr(estimate, "MERGED", sets)
     stated = estimate.of_reduced(system, basis, few, plan).parts["points"]
-    assert (max(sizes) == every.w.size) == looked_at
     for name in QUANTITIES:
         one, other = stated[name] or 0.0, true[name] or 0.0
-        assert 0.5 * other - 1e-4 < one < 2.0 * other + estimate.SETTINGS.sure
+        assert 0.5 * other - 1e-4 < one < 2.0 * other + 5e-3
     assert max(stated[name] or 0.0 for name in QUANTITIES) > 1e-4
 
 
@@ -183,12 +173,12 @@ def test_an_accuracy_that_is_asked_for_is_met(dimension):
     assert len(chosen) == 2
 
 
-def test_the_step_of_a_full_model_is_found_on_a_reduced_one(monkeypatch):
+def test_the_step_of_a_full_model_is_found_by_its_own_estimate(monkeypatch):
     taken = steps_taken(monkeypatch, study_module)
     time = {"cycles": 4, "steps_per_cycle": 25}
     study = run_scene(bar_scene("full", time=time, accuracy={"energy": 0.003}))
-    assert taken == [study.scene.n_steps]
-    assert study.scene.n_steps >= 4 * 100
+    assert taken[-1] == study.scene.n_steps >= 4 * 100
+    assert np.all(np.diff(taken) > 0)
 
 
 def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for():
@@ -202,7 +192,7 @@ def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for():
 
 
 def test_an_accuracy_out_of_reach_is_refused(monkeypatch):
-    monkeypatch.setattr(accuracy, "SETTINGS", accuracy.AccuracySettings(rounds=1))
+    monkeypatch.setattr(accuracy, "ROUNDS", 1)
     with pytest.raises(ConvergenceError, match="still errs by an estimated") as caught:
         run_scene(bar_scene("reduced", accuracy={"energy": 1e-6}))
     assert caught.value.exit_status == 3

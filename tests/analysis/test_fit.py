@@ -327,8 +327,8 @@ def test_the_gradient_of_the_log_likelihood(monkeypatch):
     """Exact but for errors of levels, and interpolation between them and the samples."""
     exact_levels = replace(backbone_module.SETTINGS, tolerance=1e-10)
     monkeypatch.setattr(backbone_module, "SETTINGS", exact_levels)
-    at_samples = replace(fit_model_module.SETTINGS, near=1e-9, trials=20)
-    monkeypatch.setattr(fit_model_module, "SETTINGS", at_samples)
+    monkeypatch.setattr(fit_model_module, "NEAR", 1e-9)
+    monkeypatch.setattr(fit_model_module, "TRIALS", 20)
     held = replace(START, fixed=["start"])  # levels that friction alone holds are less exact
     data = samples(DATA.frequency, DATA.damping, offset=["damping"])
     problem = sj.FitProblem(held, data, FREE, LOADS)
@@ -412,7 +412,7 @@ def test_amplitudes_near_gross_slip_are_reached():
 
 
 def test_a_search_that_does_not_end_is_said(monkeypatch):
-    monkeypatch.setattr(fit_module, "SETTINGS", replace(fit_module.SETTINGS, evaluations=2))
+    monkeypatch.setattr(fit_module, "EVALUATIONS", 2)
     with pytest.raises(ConvergenceError, match="not found in 2 evaluations"):
         fitted()
 

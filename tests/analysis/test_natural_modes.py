@@ -37,7 +37,7 @@ def test_modes_are_orthonormal_by_mass_and_stuck_joints_hold_what_they_touch(mak
         squares = np.diag(found.modes.T @ (system.K @ found.modes))
         omega = 2.0 * np.pi * found.frequencies
         np.testing.assert_allclose(squares, omega**2, rtol=1e-6, atol=1.0)
-    assert np.abs(system.B @ found.modes).max() < 1e-9 * np.abs(found.modes).max()
+    assert np.abs(system.contact.B @ found.modes).max() < 1e-9 * np.abs(found.modes).max()
     assert found.frequencies[0] == pytest.approx(SPEED / (4.0 * 0.5), rel=1e-3)
 
 

@@ -10,8 +10,7 @@ from scipy.optimize import brentq
 from test_backbone import bar
 
 import skfem_joint as sj
-from skfem_joint.analysis import opening_cycles
-from skfem_joint.opening import OpeningContact
+from skfem_joint.analysis import cycles
 
 K0, K1, K2 = 3e6, 2e6, 1e6  # N/m
 PRESSED, MU = 500.0, 0.3  # N
@@ -21,13 +20,11 @@ def oscillator(
     K: list[list[float]], normal: list[float], slip: list[float], stiffness: float = np.inf
 ) -> sj.System:
     """Unit masses, of which one vibrates, with a pressure point and a contact point."""
-    contact = OpeningContact(
-        sparse.csr_array([normal]), np.zeros(1), np.array([PRESSED]),
-        sparse.csr_array([[MU]]), np.array([stiffness]), np.ones(1),
-    )  # fmt: skip
-    M = sparse.eye_array(len(K), format="csr")
-    B, w = sparse.csr_array([slip]), np.array([MU * PRESSED])
-    return sj.System(M, None, sparse.csr_array(K), B, w, np.inf, opening=contact)
+    N, one = sparse.csr_array([normal]), np.ones(1)
+    pressed = sj.NormalPart(N, 0.0 * one, PRESSED * one, stiffness * one, one)
+    B, gain = sparse.csr_array([slip]), sparse.csr_array([[MU]])
+    contact = sj.Contact(B, [0.0], np.inf, normal=pressed, gain=gain)
+    return sj.System(sparse.eye_array(len(K), format="csr"), None, sparse.csr_array(K), contact)
 
 
 def test_a_mass_on_a_preloaded_spring_has_the_secant_of_two_stiffnesses():
@@ -84,8 +81,8 @@ def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_fo
     slips = MU * PRESSED * (K0 + K1 + K2) / K1
     errors, stated = [], []
     for increments in (8, 16, 32):
-        settings = replace(opening_cycles.SETTINGS, increments=increments)
-        monkeypatch.setattr(opening_cycles, "SETTINGS", settings)
+        settings = replace(cycles.SETTINGS, increments=increments)
+        monkeypatch.setattr(cycles, "SETTINGS", settings)
         (curve,) = sj.backbone(slider(), slips_at=slips, levels=3, up_to=3.0)
         assert curve.state == ("stick", "stick", "gross")
         q, work = loop_of_the_slider(curve.level[-1])
@@ -101,18 +98,18 @@ def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_fo
 def test_normal_forces_that_cannot_vary_have_the_curve_of_constant_ones():
     """Points whose normal motion is that of springs of their own."""
     constant = bar()
-    m, n = constant.w.size, constant.n
+    m, n, w = constant.contact.w.size, constant.n, constant.contact.w
     beside = sparse.eye_array(m, format="csr")
     both = {
         name: sparse.block_diag([getattr(constant, name), 1e9 * beside], format="csr")
         for name in ("M", "C", "K")
     }
-    contact = OpeningContact(
-        sparse.csr_array(sparse.hstack([sparse.csr_array((m, n)), beside])), np.zeros(m),
-        constant.w / MU, sparse.csr_array(MU * beside), np.full(m, np.inf), np.ones(m),
-    )  # fmt: skip
-    B = sparse.csr_array(sparse.hstack([constant.B, sparse.csr_array((m, m))]))
-    opens = sj.System(**both, B=B, w=constant.w, beta=np.inf, opening=contact)
+    B = sparse.hstack([constant.contact.B, sparse.csr_array((m, m))], format="csr")
+    N = sparse.hstack([sparse.csr_array((m, n)), beside], format="csr")
+    normal = sj.NormalPart(N, np.zeros(m), w / MU, np.full(m, np.inf), np.ones(m))
+    opens = sj.System(
+        **both, contact=sj.Contact(B, np.zeros(m), np.inf, normal=normal, gain=MU * beside)
+    )
     (one,) = sj.backbone(constant, levels=6)
     (other,) = sj.backbone(opens, levels=6, slips_at=one.slips_at)
     for name in ("amplitude", "frequency", "friction_damping", "share"):
@@ -121,28 +118,28 @@ def test_normal_forces_that_cannot_vary_have_the_curve_of_constant_ones():
     assert np.all(other.opened == 0.0)
     assert other.masing_error is None
     assert max(other.estimated.values()) < 1e-6
-    (own,) = sj.backbone(replace(opens, beta=np.full(m, 1e3)), levels=2)
+    (own,) = sj.backbone(opens.with_contact(beta=np.full(m, 1e3)), levels=2)
     assert any("the curve is of Coulomb's law" in text for text in own.warnings)
 
 
 def with_gaps(order: int) -> sj.System:
     """Block two of whose pressure points are apart at rest."""
     system = opening_system(order=order)
-    contact = system.opening
+    contact = system.contact.normal
     apart = np.arange(contact.gap.size) < 2
     contact = replace(
         contact, gap=np.where(apart, 1e-5, 0.0), force=np.where(apart, 0.0, contact.force)
     )
-    return replace(system, opening=contact, w=contact.limits_at_rest)
+    return system.with_contact(normal=contact)
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_small_vibration_has_the_stuck_frequency(order):
     """Also where a mean over a hat has nodes of pressed points and of others."""
     system = with_gaps(order)
-    pressed = np.flatnonzero(system.opening.force > 0.0)
-    motions = system.opening.closed_motions()
-    held = sparse.csr_array(system.opening.N)[pressed]
+    pressed = np.flatnonzero(system.contact.normal.force > 0.0)
+    motions = system.contact.normal.closed_motions()
+    held = sparse.csr_array(system.contact.normal.N)[pressed]
     assert np.abs((held @ motions).toarray()).max() < 1e-12
     assert motions.shape[1] == system.n - pressed.size
     (curve,) = sj.backbone(system, levels=2, up_to=1e-3)
@@ -177,8 +174,8 @@ def test_turning_points_are_the_middle_and_half_of_the_way():
     load = curve.level[:, np.newaxis] * (system.M @ curve.shape)
     for sign in (1.0, -1.0):
         u = curve.middle + sign * curve.states
-        normal = np.array([system.opening.elastic_forces(x) for x in u])
-        left = u @ system.K.toarray() + (normal - PRESSED) @ system.opening.N - sign * load
+        normal = np.array([system.contact.normal.elastic_forces(x) for x in u])
+        left = u @ system.K.toarray() + (normal - PRESSED) @ system.contact.normal.N - sign * load
         assert np.abs(left).max() < 1e-5 * np.abs(load).max()
 
 

@@ -33,7 +33,7 @@ def bar(tip: float = 0.0) -> sj.System:
 
 def test_small_and_large_loads_go_to_the_linear_limits():
     system = bar()
-    limit = float(system.w.sum())
+    limit = float(system.contact.w.sum())
     f = np.array([1500.0, 1700.0])
     (small, large) = sj.response(system, f, (1e-6 * limit, 3e3 * limit), refined=False)
     for curve, stuck in ((small, True), (large, False)):
@@ -82,9 +82,8 @@ def test_a_linear_response_at_a_natural_frequency_that_nothing_damps_is_refused(
     load = sj.AppliedLoad(np.array([1.0, 0.0]), sj.Harmonic(1.0, 1.0))
     one = sparse.csr_array([[0.0, 1.0]])
     eye = sparse.eye_array(2, format="csr")
-    system = sj.System(
-        eye, None, K, one, np.array([1.0]), np.inf, loads=(load,), P=eye, points=("a", "b")
-    )
+    contact = sj.Contact(one, [1.0], np.inf)
+    system = sj.System(eye, None, K, contact, loads=(load,), P=eye, points=("a", "b"))
     near = linear_response(system, np.array([1.25]), stuck=False)[0]
     assert near == pytest.approx([1.0 / square / (1.25**2 - 1.0), 0.0], rel=1e-4)
     with pytest.raises(sj.InputError, match=r"found 1 Hz, .* nothing damps: give damping"):
@@ -93,7 +92,7 @@ def test_a_linear_response_at_a_natural_frequency_that_nothing_damps_is_refused(
 
 def test_peaks_are_found_and_fall_with_the_level():
     system = bar()
-    levels = np.array([0.03, 0.1, 0.3]) * system.w.sum()
+    levels = np.array([0.03, 0.1, 0.3]) * system.contact.w.sum()
     asked = np.linspace(1600.0, 2600.0, 11)
     with ThreadPoolExecutor(1) as executor:
         curves = sj.response(system, asked, levels.tolist(), executor=executor)
@@ -119,7 +118,7 @@ def test_the_peak_lies_on_the_backbone_where_no_harmonic_meets_a_mode():
     damping = np.interp(down.amplitude[seen], curve.amplitude, curve.damping_ratio)
     assert down.frequency[seen] == pytest.approx(frequency, rel=5e-3)
     assert down.damping_ratio[seen] == pytest.approx(damping, rel=0.3)
-    level = 0.02 * float(system.w.sum())
+    level = 0.02 * float(system.contact.w.sum())
     between = np.linspace(0.8, 1.05, 9) * curve.stuck_frequency
     (swept,) = sj.response(system, between, (level,))
     peak, amplitude = swept.peak
@@ -141,12 +140,12 @@ def test_a_frequency_without_steady_vibration_is_no_point(monkeypatch):
 
 def test_a_search_is_given_up_where_a_joint_slips_as_a_whole_for_so_many_periods(caplog):
     """At resonance with 0.2 % damping: 1.5 times the joint's limit moves all of it."""
-    system = at_frequency(bar(), 1900.0, 1.5 * float(bar().w.sum()))
+    system = at_frequency(bar(), 1900.0, 1.5 * float(bar().contact.w.sum()))
     plan = steady_plan(system, 100)
     assert plan.gross_periods is not None
     run = integrate_plan(system, plan)  # its Newton's method needs fewer periods
     assert run.vibration.periods > 5
-    assert system.slips_as_a_whole(system.slid(run.friction_work), plan.duration)
+    assert system.slips_as_a_whole(system.contact.slid(run.friction_work), plan.duration)
     notes = []
     with pytest.raises(sj.ConvergenceError, match="slips as a whole for 5 periods in turn"):
         integrate_plan(
@@ -155,7 +154,7 @@ def test_a_search_is_given_up_where_a_joint_slips_as_a_whole_for_so_many_periods
             progress=lambda *what: notes.append(what[-1]),
         )
     assert "a joint slips as a whole" in notes[-1]
-    levels = 0.1 * float(system.w.sum()), 1.5 * float(system.w.sum())
+    levels = 0.1 * float(system.contact.w.sum()), 1.5 * float(system.contact.w.sum())
     low, high = sj.response(bar(), np.array([1900.0]), levels, refined=False, estimated=False)
     assert low.gross.size == 0
     assert high.gross == pytest.approx([1900.0])
@@ -194,7 +193,7 @@ def test_loads_at_another_frequency_keep_their_shape_and_pulses_have_none():
 def test_each_point_knows_the_error_of_its_step():
     """Near a resonance whose third harmonic meets another."""
     system, f = bar(), np.array([1750.0, 1780.0, 1790.0, 1800.0])
-    levels = (0.3 * system.w.sum(),)
+    levels = (0.3 * system.contact.w.sum(),)
     (rough,), (fine,) = (
         sj.response(system, f, levels, steps_per_cycle=steps, refined=False) for steps in (200, 800)
     )
@@ -219,7 +218,7 @@ def test_a_load_on_contact_alone_moves_nothing_while_it_sticks():
     bar = structure(mesh, pressed, (), stiffness_damping=1e-6)
     system = bar.system([sj.Load("end", sj.Harmonic(1e4, 1000.0))])
     system = replace(system, loads=(replace(system.loads[0], vector=np.eye(system.n)[-1]),))
-    assert system.B.toarray()[-1, -1] == 1.0
+    assert system.contact.B.toarray()[-1, -1] == 1.0
     assert not linear_response(system, np.array([500.0]), stuck=True).any()
 
 
@@ -307,10 +306,10 @@ def test_a_linear_response_is_exact_at_few_steps_whatever_the_damping():
 def test_light_damping_has_a_steady_vibration_below_and_above_the_first_slip(share):
     joint = sj.Joint("joint", pressure=50e6, friction=0.7, beta=np.inf)
     system = arm(sj.Harmonic(1.0, 1000.0), joint, (10, 10), damping_ratio=1e-5)
-    still = np.setdiff1d(np.arange(system.n), system.B.indices)
+    still = np.setdiff1d(np.arange(system.n), system.contact.B.indices)
     K, M = (A.toarray()[np.ix_(still, still)] for A in (system.K, system.M))
     frequency = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min()) / (2.0 * np.pi)
-    level = share * float(system.w.sum())
+    level = share * float(system.contact.w.sum())
     point = module.steady_point(system, frequency, level, 100)
     assert point.failure is None
     exact = linear_response(system, np.array([frequency]), stuck=True)[0] * level

@@ -7,7 +7,7 @@ import pytest
 from scipy.sparse import csr_array
 
 import skfem_joint as sj
-from skfem_joint.analysis.against_coulomb import SETTINGS, against_coulomb
+from skfem_joint.analysis.against_coulomb import SETTLED, against_coulomb
 
 STEPS = {"cycles": 5, "steps_per_cycle": 80}
 
@@ -54,7 +54,7 @@ def test_joints_of_different_laws_are_compared_with_coulombs(make):
 def test_a_reduced_model_makes_no_law_steeper():
     system = bar(10.0, np.inf)
     reduced = sj.reduce(system, friction_points="all", beta=1e4)
-    assert set(reduced.beta) == {10.0, 1e4}
+    assert set(reduced.contact.beta) == {10.0, 1e4}
 
 
 def test_laws_are_compared_until_the_cycles_of_both_are_alike():
@@ -69,7 +69,7 @@ def test_laws_are_compared_until_the_cycles_of_both_are_alike():
     true = run.cycles.friction[-1] / coulomb.cycles.friction[-1] - 1.0
     stated = against_coulomb(system, run, run.plan)["friction_energy"]
     assert true > 1.0
-    assert stated == pytest.approx(true, rel=SETTINGS.settled)
+    assert stated == pytest.approx(true, rel=SETTLED)
 
 
 @pytest.mark.parametrize("changed", ["C", "K"])
@@ -88,7 +88,7 @@ def test_points_that_share_an_unknown_are_compared_with_a_steep_law():
 
     def stated(w, of):
         one, rows = of(np.ones((1, 1))), of(np.ones((len(w), 1)))
-        given = one, 0.1 * one, 40.0 * one, rows, np.array(w), 20.0, (pull,), one, ("mass",)
+        given = one, 0.1 * one, 40.0 * one, sj.Contact(rows, w, 20.0), (pull,), one, ("mass",)
         run = sj.integrate(sj.System(*given), cycles=3, steps_per_cycle=100)
         return sj.estimate(run).of("coulomb", "friction_energy")
 
@@ -100,17 +100,14 @@ def test_points_that_share_an_unknown_are_compared_with_a_steep_law():
 def test_a_dense_model_of_contact_apart_at_rest_is_compared_with_a_steep_law():
     # Nothing is pressed before it is closed: no friction limit at rest says what carries friction.
     eye = np.eye(2)
-    contact = sj.OpeningContact(
-        eye[1:], np.array([0.01]), np.zeros(1), csr_array([[0.3]]), np.array([1e3]), np.ones(1)
-    )
+    apart = sj.NormalPart(eye[1:], np.array([0.01]), np.zeros(1), np.array([1e3]), np.ones(1))
+    contact = sj.Contact(eye[:1], [0.0], 20.0, normal=apart, gain=csr_array([[0.3]]))
     push = sj.AppliedLoad(np.array([1.0, 2.0]), sj.Harmonic(2.0, 0.5), "mass")
-    system = sj.System(
-        eye, 0.1 * eye, 20.0 * eye, eye[:1], np.zeros(1), 20.0, (push,), eye, ("x", "y"),
-        opening=contact,
-    )  # fmt: skip
+    matrices = eye, 0.1 * eye, 20.0 * eye
+    system = sj.System(*matrices, contact, loads=(push,), P=eye, points=("x", "y"))
     run = sj.integrate(system, cycles=3, steps_per_cycle=100)
     assert run.friction_work[0] > 0.0
-    apart = sj.estimate(run).of("coulomb", "friction_energy")
+    stated = sj.estimate(run).of("coulomb", "friction_energy")
     steep = sj.integrate(system.with_beta(2e4), cycles=3, steps_per_cycle=100)
     true = sj.compare(steep, run).friction_energy_per_cycle
-    assert apart == pytest.approx(abs(true), rel=1e-6)
+    assert stated == pytest.approx(abs(true), rel=1e-6)

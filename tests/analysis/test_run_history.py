@@ -124,7 +124,7 @@ def test_arctan_points_slip_from_a_share_of_their_own_speed_on(run):
     still = np.array([[0.0, -1e-12]])
     assert slip_state(still, np.full(2, np.inf)).tolist() == [[0, 1]]
     # Points near the clamp stick and those near the load slip.
-    ever = slip_state((run.system.B @ run.v.T).T, run.system.beta).any(axis=0)
+    ever = slip_state((run.system.contact.B @ run.v.T).T, run.system.contact.beta).any(axis=0)
     assert not ever[0]
     assert ever[-1]
 
@@ -174,9 +174,8 @@ def test_a_point_that_came_to_rest_elsewhere_does_not_slip():
     one = sparse.csr_array(np.eye(1))
     parts = sj.Harmonic(0.1, 1.0), sj.Harmonic(0.05, 2.0)  # of odd loads vibrations are centred
     load = sj.AppliedLoad(np.ones(1), sj.MultiHarmonic(parts))
-    system = sj.System(
-        one, 0.1 * one, one, one, np.ones(1), np.array([np.inf]), (load,), P=one, points=("mass",)
-    )
+    contact = sj.Contact(one, [1.0], np.inf)
+    system = sj.System(one, 0.1 * one, one, contact, loads=(load,), P=one, points=("mass",))
     still = steady_point(system, 1.0, start=(np.array([0.5]), np.zeros(1)))
     assert still.slip == pytest.approx([0.5])
     assert still.friction_energy == 0.0
@@ -194,7 +193,7 @@ def test_a_point_that_slips_by_less_than_a_thousandth_of_another_does_not_count(
         )
         one = sparse.csr_array(np.eye(2))
         w = np.ones(2)
-        system = sj.System(one, None, one, one, w, np.full(2, np.inf), loads)
+        system = sj.System(one, None, one, sj.Contact(one, w, np.full(2, np.inf)), loads=loads)
         run = sj.quasi_static(system, cycles=1, steps_per_cycle=4000, save=sj.Save(slips=True))
         assert run.slip_peak == pytest.approx([force - 1.0, other - 1.0], rel=1e-6)
         assert run.joint_slipping.max() == pytest.approx(share)

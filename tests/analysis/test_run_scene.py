@@ -80,7 +80,7 @@ def check_errors(results: Study, peak: float, energy: float = 0.05, rms: float =
 def test_structure_full_and_reduced(structure_study):
     reduced = structure_study.models["reduced"]
     assert reduced.run.system.n == 8
-    assert reduced.run.system.contact_points == 20
+    assert reduced.run.system.contact.count == 20
     check_errors(structure_study, 2e-3)
     assert errors_of(structure_study).by_point["free_end"][0] <= 2e-3
     assert set(reduced.basis.active_length) == {"joint"}
@@ -103,16 +103,17 @@ def test_energy_balances_close_and_joints_add_up(what, request):
         ends = run.joint_work[:: results.scene.cycle_steps].sum(axis=1)[1:]
         assert ends == pytest.approx(run.cycles.friction.cumsum(), rel=1e-12)
         assert run.cycles.by_joint.sum(axis=1) == pytest.approx(run.cycles.friction, rel=1e-12)
-        farthest = [run.slip_peak[points].max() for points in run.system.joint_points]
+        farthest = [run.slip_peak[points].max() for points in run.system.contact.joint_points]
         assert run.joint_slip.max(axis=0) == pytest.approx(farthest, rel=1e-12)
         frames = np.searchsorted(run.times, run.field_times * (1.0 - 1e-9))
-        reached = run.system.slip_norm(run.sigma) >= AT_LIMIT
-        share = (reached * run.system.w) @ run.system.J.T / (run.system.J @ run.system.w)
+        contact = run.system.contact
+        reached = contact.slip_norm(run.sigma) >= AT_LIMIT
+        share = (reached * contact.w) @ contact.J.T / (contact.J @ contact.w)
         assert run.joint_slipping[frames] == pytest.approx(share, abs=1e-12)
         assert 0.0 < share.max() < 1.0
         work = contact_history(results.structure, run).work
-        assert work.shape[1] == results.system.w.size
-        joints = work @ results.system.J.T
+        assert work.shape[1] == results.system.contact.w.size
+        joints = work @ results.system.contact.J.T
         assert np.all(np.diff(joints, axis=0) >= -1e-9 * friction)
         assert joints[-1].tolist() == pytest.approx(list(by_joint.values()), rel=1e-9)
 
@@ -296,7 +297,7 @@ def test_fields_of_the_reduced_model_are_those_of_the_mesh(what, request):
         found = contact_history(made, model.run)
         for patch in made.patches:
             relative = patch.relative(displacement)
-            rows = results.system.first_row[patch.points]
+            rows = results.system.contact.first_row[patch.points]
             along = np.einsum("fkx,kx->fk", relative, patch.directions[:, 0])
             np.testing.assert_allclose(found.slip[:, rows], along, atol=1e-12 * np.abs(along).max())
         assert np.abs(found.friction).max() <= 1.0 + 1e-12
@@ -305,9 +306,9 @@ def test_fields_of_the_reduced_model_are_those_of_the_mesh(what, request):
 def test_reduced_beta_follows_the_slip_velocity_and_is_reported():
     told = run_bar("reduced", time={"cycles": 2})
     assert any("uses beta = " in warning for warning in told.warnings)
-    assert np.all(told.models["reduced"].run.system.beta < 1e5)
+    assert np.all(told.models["reduced"].run.system.contact.beta < 1e5)
     asked = run_bar("reduced", time={"cycles": 2}, reduction=paper(beta=2e4))
-    assert np.all(asked.models["reduced"].run.system.beta == 2e4)
+    assert np.all(asked.models["reduced"].run.system.contact.beta == 2e4)
     assert not any("uses beta" in warning for warning in asked.warnings)
 
 

@@ -141,8 +141,8 @@ def test_the_model_as_if_made_of_a_scene_is_the_same(model):
     for inside in INSIDE:
         whole, point = of_scene(inside, model), point_of(inside, model)
         same = sj.at(whole, frequency=1.0 / inside.cycle_period, level=1.0)
-        assert same.w == pytest.approx(point.w, rel=1e-12)
-        assert same.beta == pytest.approx(point.beta, rel=1e-12)
+        assert same.contact.w == pytest.approx(point.contact.w, rel=1e-12)
+        assert same.contact.beta == pytest.approx(point.contact.beta, rel=1e-12)
         time = inside.cycle_period * np.array([0.1, 0.3, 0.8])
         assert same.load_amplitudes(time) == pytest.approx(point.load_amplitudes(time), rel=1e-9)
 

@@ -82,13 +82,13 @@ def test_joints_with_a_stiffness_of_their_own_run_slowly_too():
     assert study.failure is None
     full = study.runs["full"]
     content = model_summary(study, study.models["full"])["joints"]["joint"]
-    total = float(study.system.spring_constants.sum())
+    total = float(study.system.contact.spring_constants.sum())
     assert content["tangential_stiffness_N_per_m"] == pytest.approx(total)
     assert content["friction_energy_J"] == pytest.approx(full.friction_work.sum())
     assert full.cycles.friction[-1] > 0.1
     for name, run in study.runs.items():
         assert run.energy_residual < 1e-8
-        assert run.system.has_springs
+        assert run.system.contact.has_springs
         near = study.models[name].estimate.of("total", "friction_energy")
         assert run.cycles.friction[-1] == pytest.approx(full.cycles.friction[-1], rel=near + 1e-9)
 
@@ -274,12 +274,12 @@ def test_what_has_no_meaning_is_refused(changes, words):
 
 def test_a_scene_changes_to_quasi_static_and_back():
     fast = plate_scene("full", time={"cycles": 1, "steps_per_cycle": 40})
-    assert np.isfinite(fast.system().beta).all()
+    assert np.isfinite(fast.system().contact.beta).all()
     slow = fast.changed(time={"quasi_static": True})
-    assert np.isinf(slow.system().beta).all()
+    assert np.isinf(slow.system().contact.beta).all()
     assert not slow.system().C.nnz or not np.any(slow.system().C.data)
     again = slow.changed(time={"quasi_static": False})
-    assert np.isfinite(again.system().beta).all()
+    assert np.isfinite(again.system().contact.beta).all()
 
 
 @pytest.mark.slow

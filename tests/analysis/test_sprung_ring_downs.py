@@ -1,7 +1,5 @@
 """Ring-downs of springs in series with friction beside contact that opens: release and damping."""
 
-from dataclasses import replace
-
 import benchmarks.slider as closed_form
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from scipy import sparse
 import skfem_joint as sj
 from skfem_joint.analysis.backbone import Backbone
 from skfem_joint.analysis.scene_backbone import scene_backbone
-from skfem_joint.opening import OpeningContact
 
 MODELS = pytest.mark.parametrize("model", [lambda s: s, sj.condense], ids=["full", "condensed"])
 LIGHT = {"up": 1e3, "across": 1e3}
@@ -30,11 +27,12 @@ def left_at_release(system: sj.System, curve: Backbone) -> tuple[np.ndarray, np.
     u, v, sigma, limits = curve.release
     assert not v.any()
     load = curve.level[-1] * (system.M @ curve.shape)
-    open_forces = load - system.K @ u - system.B.T @ (system.on_rows(limits) * sigma)
-    N = sparse.csr_array(system.opening.N).toarray()
+    contact = system.contact
+    open_forces = load - system.K @ u - contact.B.T @ (contact.on_rows(limits) * sigma)
+    N = sparse.csr_array(contact.normal.N).toarray()
     change = np.linalg.lstsq(N.T, open_forces, rcond=None)[0]
     left = np.abs(open_forces - N.T @ change).max() / np.abs(load).max()
-    return left, system.opening.force + change
+    return left, contact.normal.force + change
 
 
 @MODELS
@@ -42,16 +40,15 @@ def left_at_release(system: sj.System, curve: Backbone) -> tuple[np.ndarray, np.
 def test_a_release_is_in_equilibrium_with_the_load_of_the_highest_level(model, stiffness):
     system = model(sprung(stiffness))
     (curve,) = sj.backbone(system, levels=2, up_to=0.05)
-    contact = system.opening
+    contact = system.contact.normal
     left, normal = left_at_release(system, curve)
     assert left < 1e-9
     assert np.all(normal > -1e-6 * contact.force.max())
     assert np.all(normal * contact.gaps(curve.highest) < 1e-9)
-    constant = system.w - contact.limits_at_rest
-    assert curve.limits[-1] == pytest.approx(constant + contact.gain @ normal, rel=1e-6)
-    assert np.abs(curve.limits[-1] / system.w - 1.0).max() > 0.5  # which they were at rest
+    assert curve.limits[-1] == pytest.approx(system.contact.limits(normal), rel=1e-6)
+    assert np.abs(curve.limits[-1] / system.contact.w - 1.0).max() > 0.5  # which they were at rest
     rung = sj.ring_down(system, curve, 8, 50)
-    held = system.spring_energy(curve.friction[-1], curve.limits[-1])
+    held = system.contact.spring_energy(curve.friction[-1], curve.limits[-1])
     assert held > 0.0
     u = curve.highest
     whole = 0.5 * u @ (system.K @ u) + contact.potential(u) + held
@@ -99,16 +96,12 @@ def test_contact_far_from_opening_has_the_ring_down_of_constant_normal_forces():
 def test_damping_is_that_of_a_slider_under_a_normal_force_in_phase(monkeypatch):
     """Unit mass on a strong spring, so that a cycle is nearly a sine of its amplitude."""
     K, presses = 1e8, 1.5e5  # N/m
-    contact = OpeningContact(
-        sparse.csr_array([[0.0, 1.0]]), np.zeros(1), np.array([PRESSED]),
-        sparse.csr_array([[MU]]), np.full(1, np.inf), np.ones(1),
-    )  # fmt: skip
+    N, B = sparse.csr_array([[0.0, 1.0]]), sparse.csr_array([[1.0, 0.0]])
+    gain, one = sparse.csr_array([[MU]]), np.ones(1)
+    pressed = sj.NormalPart(N, gap=0.0 * one, force=PRESSED * one, stiffness=np.inf * one, area=one)
+    contact = sj.Contact(B, [0.0], np.inf, stiffness=SPRING * one, normal=pressed, gain=gain)
     stiffness = sparse.csr_array([[K + presses, -presses], [-presses, presses]])
-    M, B = sparse.eye_array(2, format="csr"), sparse.csr_array([[1.0, 0.0]])
-    system = sj.System(
-        M, None, stiffness, B, np.array([MU * PRESSED]), np.inf, stiffness=np.full(1, SPRING),
-        opening=contact,
-    )  # fmt: skip
+    system = sj.System(sparse.eye_array(2, format="csr"), None, stiffness, contact)
     (curve,) = sj.backbone(system, levels=2, slips_at=1e5, up_to=1.0)
     rung = sj.ring_down(system, curve, 12, 200)
 
@@ -123,7 +116,7 @@ def test_damping_is_that_of_a_slider_under_a_normal_force_in_phase(monkeypatch):
     x = float(curve.highest[0])
     assert curve.limits[-1] == pytest.approx([MU * (PRESSED + presses * x)])
     assert curve.friction[-1] == pytest.approx([np.sign(x)])
-    assert replace(system, opening=None).has_springs
+    assert system.contact.constant().has_springs
 
 
 def test_pulses_of_scenes_release_springs_under_their_forces():
@@ -138,7 +131,7 @@ def test_pulses_of_scenes_release_springs_under_their_forces():
     )
     full, condensed = (model.ring_downs[0] for model in scene_backbone(scene).models)
     pulse = sj.integrate(scene.system(), step=1e-6, n_steps=200)
-    assert scene.system().spring_energy(pulse.final_sigma) > 0.05 * pulse.stored_energy[1]
+    assert scene.system().contact.spring_energy(pulse.final_sigma) > 0.05 * pulse.stored_energy[1]
     assert full.energy[0] == pytest.approx(pulse.stored_energy[1], rel=2e-3)
     assert condensed.energy[0] == pytest.approx(full.energy[0], rel=1e-4)
     assert condensed.damping_ratio == pytest.approx(full.damping_ratio, rel=1e-3)
@@ -149,7 +142,7 @@ def test_a_mode_that_is_weak_beside_others_is_said_to_be():
     n = 6
     K = sparse.csr_array(1e6 * (np.diag([2.0] * 5 + [1.0]) - np.eye(n, k=1) - np.eye(n, k=-1)))
     M, foot = sparse.eye_array(n, format="csr"), sparse.csr_array(np.eye(n)[:1])
-    system = sj.System(M, 2e-5 * K, K, foot, np.array([100.0]), np.inf)
+    system = sj.System(M, 2e-5 * K, K, sj.Contact(foot, np.array([100.0]), np.inf))
     second, first = sj.backbone(system, (2, 1), levels=4, up_to=0.5)
     for share, weak in ((0.02, 1), (1.0, 0)):
         size = share * np.linalg.norm(first.highest) / np.linalg.norm(second.highest)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, plate, plate_scene, steps_taken
 from random_contact import random_contact
-from scipy import sparse
 from stepping_systems import oscillator
 
 import skfem_joint as sj
@@ -17,6 +16,7 @@ from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.analysis.scene_plan import plan_of
 from skfem_joint.analysis.step_estimate import by_finer_steps, of_full
 from skfem_joint.analysis.study import run_scene
+from skfem_joint.contacts import Contact
 from skfem_joint.loads import Harmonic, MultiHarmonic
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
@@ -58,9 +58,7 @@ def test_a_higher_mode_that_twice_the_step_misses_is_stated():
         M=np.eye(2),
         C=np.diag(2.0 * ratios * own),
         K=np.diag(own**2),
-        B=np.zeros((0, 2)),
-        w=np.zeros(0),
-        beta=np.zeros(0),
+        contact=Contact.none(2),
         loads=(AppliedLoad(np.ones(2), loads, "both"),),
         P=np.ones((1, 2)),
         points=("both",),
@@ -163,8 +161,7 @@ def large(monkeypatch):
         return real(one, two, **options)
 
     monkeypatch.setattr(estimate, "integrate_plan", counted)
-    settings = replace(step_estimate.SETTINGS, small=0.0)
-    monkeypatch.setattr(step_estimate, "SETTINGS", settings)
+    monkeypatch.setattr(step_estimate, "SMALL", 0.0)
     return system, plan, run, taken
 
 
@@ -185,12 +182,10 @@ def test_a_large_model_without_a_good_reduced_one_is_run_with_half_the_step(
 ):
     system, plan, run, taken = large
     if why == "too poor":
-        settings = replace(step_estimate.SETTINGS, trusted=0.0, negligible=0.0)
-        monkeypatch.setattr(step_estimate, "SETTINGS", settings)
+        monkeypatch.setattr(step_estimate, "TRUSTED", 0.0)
+        monkeypatch.setattr(step_estimate, "NEGLIGIBLE", 0.0)
     else:
-        free = sparse.csr_array((0, system.n))
-        none = {"w": np.zeros(0), "beta": np.zeros(0), "directions": np.zeros(0, dtype=int)}
-        system = replace(system, B=free, J=system.J[:, :0], **none)
+        system = replace(system, contact=Contact.none(system.n))
         run = verification_run(system, plan)
         taken.clear()
     stated = of_full(system, run, plan).parts["total"]

@@ -50,10 +50,10 @@ def test_the_lap_joint_has_the_proper_values_of_table_1_and_its_closed_form(run)
 def test_the_reduced_structure_is_small_and_close_to_the_full_one(run):
     names = run("reduced_structure")
     small, full = names["small"], names["system"]
-    assert (full.n, full.contact_points) == (200, 100)
+    assert (full.n, full.contact.count) == (200, 100)
     # Modes, the load's response, interface modes.
     assert (small.n, names["last"].shape) == (10 + 1 + 2, (201, 1))
-    assert 30 <= small.w.size <= 39
+    assert 30 <= small.contact.w.size <= 39
     assert small.points == full.points
     assert names["errors"].by_point["free_end"][1] < 0.001
     assert abs(names["errors"].peak_displacement) < 0.001
@@ -74,7 +74,7 @@ def test_the_beam_has_its_static_deflection_and_friction_holds_its_tip(run):
 
 def test_bolted_plates_hold_as_much_as_their_bolts_press(run):
     names = run("bolted_plates")
-    assert names["system"].w.sum() == pytest.approx(0.3 * 2 * 10e3, rel=1e-12)
+    assert names["system"].contact.w.sum() == pytest.approx(0.3 * 2 * 10e3, rel=1e-12)
     assert names["run"].energy_residual < 1e-11
     assert names["run"].cycles.friction[-1] > 0.0
 
@@ -109,7 +109,7 @@ def test_the_brake_reuss_beam_has_the_published_frequencies(run):
 def test_a_joint_s_loop_is_as_high_as_what_the_joint_carries(run):
     names = run("joint_loop")
     by_joint, system = names["run"].cycles.by_joint[-1], names["system"]
-    limits = system.limits_by_joint.sum(axis=1)
+    limits = system.contact.limits_by_joint.sum(axis=1)
     assert limits == pytest.approx([0.7 * 20e6 * 0.05 * 0.05] * 2, rel=1e-12)
     assert names["force"].max() == pytest.approx(limits[1], rel=1e-9)  # the second slips whole
     assert 0.0 < by_joint[0] < 0.05 * by_joint[1]
@@ -132,7 +132,7 @@ def test_a_lifted_block_is_in_equilibrium_and_its_faces_only_push(run):
     force = opened.normal_force
     np.testing.assert_allclose(force.sum(axis=1), pressed - lift, rtol=1e-9)
     assert force.min() == 0.0
-    gap = opened.system.opening.gaps(opened.u)
+    gap = opened.system.contact.normal.gaps(opened.u)
     assert gap.min() > -1e-15  # m
     assert np.abs(force * gap).max() < 1e-12 * pressed * names["length"]
     assert opened.energy_residual < 1e-9  # what rigid contact is solved to
@@ -147,7 +147,7 @@ def test_a_bar_has_the_frequencies_of_its_closed_form_loose_and_stuck(run):
 
 def test_a_chain_of_another_program_loses_energy_in_its_contact_alone_where_it_has_friction(run):
     runs = {mu: study.runs["full"] for mu, study in run("own_matrices")["studies"].items()}
-    assert runs[0.3].system.w == pytest.approx([0.3 * 2e6 * 1e-3], rel=1e-12)
+    assert runs[0.3].system.contact.w == pytest.approx([0.3 * 2e6 * 1e-3], rel=1e-12)
     assert runs[0.0].cycles.friction[-1] == 0.0
     peak = runs[0.3].cycles.peak[-1, 0]
     # The contact's own loop is a rectangle, as high as the limit and as wide as the motion.

@@ -1,7 +1,6 @@
 """Explicit integration as in the paper: order, stable step, agreement with the implicit scheme."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -32,7 +31,7 @@ def test_stable_step_of_pure_friction_is_the_textbook_s():
     # Far above the mesh's own rates, the steepest slope over the nodal mass sets the step; the
     # region of the method reaches to -2.7853 on the real axis.
     system = LapJoint(elements=20, beta=1e7, options={"mass": "lumped"}).system
-    rate = (system.w * 2.0 / np.pi * 1e7 / system.M.diagonal()).max()
+    rate = (system.contact.w * 2.0 / np.pi * 1e7 / system.M.diagonal()).max()
     assert stable_step(system) == pytest.approx(2.785293563 / rate, rel=1e-4)
 
 
@@ -57,7 +56,7 @@ def test_bounds_for_large_systems_are_safe_and_near():
     damping, real_axis = 1e-5, 2.785293563
     rate = 0.5 * damping * highest**2 * (1.0 + np.sqrt(1.0 - (2.0 / damping / highest) ** 2))
     friction = LapJoint(elements=n, beta=1e7, options={"mass": "lumped"}).system
-    slope = (friction.w * 2.0 / np.pi * 1e7 / friction.M.diagonal()).max()
+    slope = (friction.contact.w * 2.0 / np.pi * 1e7 / friction.M.diagonal()).max()
     bars = [
         LapJoint(elements=n, friction=0.0, options={"mass": "lumped", "stiffness_damping": b})
         for b in (1e-12, damping)
@@ -97,7 +96,7 @@ def test_explicit_and_implicit_schemes_agree(kind):
     system, duration, share = {
         "chain": (LapJoint(elements=10, beta=10.0).system, 4e-4, 0.9),
         "plate": (reference_plate(10.0, (4, 2)), 1e-4, 0.9),
-        "dense": (replace(dense_system(singles=4), beta=np.full(10, 10.0)), 4.0, 0.05),
+        "dense": (dense_system(singles=4).with_contact(beta=np.full(10, 10.0)), 4.0, 0.05),
     }[kind]
     steps = int(np.ceil(duration / (share * stable_step(system))))
     save = sj.Save(fields=True)

@@ -23,7 +23,7 @@ def test_a_scene_is_drawn_by_its_class_seed_and_number_alone(kind, tmp_path):
     one, same, other = (draw(kind, seed, 3, tmp_path) for seed in (5, 5, 6))
     dumped = [drawn.scene.model_dump(warnings=False) for drawn in (one, same, other)]
     assert dumped[0] == dumped[1] != dumped[2]
-    assert one.scene.system().contact_points > 0
+    assert one.scene.system().contact.count > 0
 
 
 def test_all_kinds_of_load_are_drawn_alike(tmp_path):
@@ -61,7 +61,7 @@ def test_the_bracket_holds_what_its_bolts_press():
     made = bracket(size=8e-3, force=1e4, friction=0.25)
     pull = {"on": "pulled", "direction": [1, 0], "kind": "harmonic", "amplitude": 1, "frequency": 1}
     scene = scene_from(dict(made.tables) | {"load": [pull], "time": {"cycles": 1}}, made.mesh)
-    limits = scene.system().limits_by_joint.sum(axis=1)
+    limits = scene.system().contact.limits_by_joint.sum(axis=1)
     assert limits == pytest.approx([0.25 * 2e4, 0.25 * 2e4], rel=1e-9)
 
 

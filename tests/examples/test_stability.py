@@ -12,7 +12,7 @@ from stability.judge import REFUSED, RIGHT, WRONG, Verdict, judge
 
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.minimise import front_elimination
-from skfem_joint.minimise.truncated_newton import TruncatedNewton
+from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.output.record import LIST
 from skfem_joint.stepping import steppers
 
@@ -153,7 +153,7 @@ def test_a_broken_step_is_wrong_in_silence(monkeypatch, what, beta):
 @pytest.mark.parametrize("rho", [1.0, 0.5, 0.0])
 def test_half_the_friction_is_seen_by_the_equation_of_motion(monkeypatch, rho):
     """The law, the audit of each step and a quarter of the step all agree with one another."""
-    build, make = front_elimination.build_chain, TruncatedNewton.__init__
+    build, make = front_elimination.build_chain, ContactNewton.__init__
 
     def halved(self, H, points):
         make(self, H, replace(points, w=0.5 * points.w))
@@ -162,7 +162,7 @@ def test_half_the_friction_is_seen_by_the_equation_of_motion(monkeypatch, rho):
         return build(H, 0.5 * w, beta)
 
     monkeypatch.setattr(front_elimination, "build_chain", halved_chain)
-    monkeypatch.setattr(TruncatedNewton, "__init__", halved)
+    monkeypatch.setattr(ContactNewton, "__init__", halved)
     for case in (EASY, SMALL)[: 2 if rho > 0.0 else 1]:
         verdict = judge(replace(case, beta=inf, rho=rho))
         assert verdict.outcome == WRONG
@@ -191,12 +191,12 @@ def _creeps(problem, found):
 
 
 def judged_with(monkeypatch, damage, case):
-    real = TruncatedNewton.minimise_beside
+    real = ContactNewton.minimise_beside
 
     def minimise(self, *args, **rest):
         return damage(self, real(self, *args, **rest))
 
-    monkeypatch.setattr(TruncatedNewton, "minimise_beside", minimise)
+    monkeypatch.setattr(ContactNewton, "minimise_beside", minimise)
     return judge(case)
 
 

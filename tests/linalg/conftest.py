@@ -1,7 +1,5 @@
 """Large matrices by each of the libraries."""
 
-from dataclasses import replace
-
 import pytest
 
 from skfem_joint.linalg import factors
@@ -12,7 +10,7 @@ def library(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     """Large matrices by each of the libraries."""
     if request.param == "PARDISO":
         pytest.importorskip("pypardiso")
-        monkeypatch.setattr(factors, "SETTINGS", replace(factors.SETTINGS, large=1))
+        monkeypatch.setattr(factors, "LARGE", 1)
     else:
         monkeypatch.setattr(factors, "pardiso", lambda: None)
     return str(request.param)

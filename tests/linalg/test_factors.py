@@ -2,7 +2,6 @@
 
 import logging
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -38,7 +37,7 @@ def test_pardiso_without_its_library_is_as_if_not_installed(error, tmp_path, mon
     (tmp_path / "pypardiso.py").write_text(f"raise {error}\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "pypardiso", raising=False)
-    monkeypatch.setattr(factors, "SETTINGS", replace(factors.SETTINGS, large=1))
+    monkeypatch.setattr(factors, "LARGE", 1)
     factors.pardiso.cache_clear()
     A = grid((14, 14, 14))
     x = np.sin(1.0 + np.arange(A.shape[0]))

@@ -471,7 +471,7 @@ def test_curved_edges_are_made_straight_with_a_note(tmp_path, reverse):
     assert sizes(plate) == pytest.approx([0.5, 0.5])
     assert plate.notes == (
         f"{tmp_path / 'mesh.msh'}: 1 node of curved edges moved to the middles of straight ones, "
-        "by 0.0283 m at most. That changes the area of the mesh by 0 %.",
+        "by 0.0283 m at most, which changes no size.",
     )
 
 

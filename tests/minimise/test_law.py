@@ -180,3 +180,39 @@ def test_points_of_the_graph_lie_on_the_law_and_know_their_parameter(kind, kappa
         np.testing.assert_allclose(sigma, laws[kind], rtol=1e-11, atol=0.0)
         law.graph_parameters(kinds, kappa, inverse, v, sigma, again)
         np.testing.assert_allclose(again, PARAMETERS, rtol=1e-12, atol=0.0)
+
+
+@compiled
+def _tangent_at(w, x, y, beta, soft, stiffest, out):
+    law.add_tangent(w, x, y, True, beta, soft, stiffest, out)
+
+
+@pytest.mark.parametrize("soft", [0.0, 0.3])
+@pytest.mark.parametrize("beta", [2.0, inf])
+def test_tangent_is_the_derivative_of_the_force_of_a_slip_vector(beta, soft):
+    w, h = 1.7, 1e-6
+
+    def force(slip: Any) -> Any:
+        size = np.linalg.norm(slip)
+        return w * law.force(size, beta, soft) * slip / size
+
+    for slip in ([0.9, -0.4], [-0.2, -0.7], [3.0, 0.1]):
+        entries = np.zeros(3)
+        _tangent_at(w, *slip, beta, soft, inf, entries)
+        tangent = np.array([[entries[0], entries[1]], [entries[1], entries[2]]])
+        for k in range(2):
+            step = h * np.eye(2)[k]
+            known = (force(np.array(slip) + step) - force(np.array(slip) - step)) / (2.0 * h)
+            np.testing.assert_allclose(tangent[k], known, atol=1e-8)
+        along, across = (w * float(x) for x in law.along_and_across(np.hypot(*slip), beta, soft))
+        e = np.array(slip) / np.hypot(*slip)
+        np.testing.assert_allclose(law.slip_tangent(along, across, *e, *e), entries, rtol=1e-14)
+        capped = np.zeros(3)
+        _tangent_at(w, *slip, beta, soft, 0.1, capped)
+        stiffest = np.linalg.eigvalsh([[capped[0], capped[1]], [capped[1], capped[2]]])[1]
+        if np.isinf(beta) and np.hypot(*slip) > w * soft:
+            assert stiffest == pytest.approx(0.1)
+    if np.isinf(beta) and soft == 0.0:
+        at_rest = np.zeros(3)
+        _tangent_at(w, 0.0, 0.0, beta, soft, inf, at_rest)
+        assert not at_rest.any()

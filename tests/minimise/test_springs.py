@@ -82,7 +82,9 @@ def chain_of(seed: int, beta: float) -> tuple[Any, ContactPoints, Any, Any]:
     w[::7] = 0.0
     soft[::5] = 0.0
     soft[w == 0.0] = 0.0
-    points = ContactPoints(selection(np.arange(n), n), np.ones(n, int), w, np.full(n, beta), soft)
+    flexible = np.divide(soft, w, out=np.zeros(n), where=w > 0.0)
+    B = selection(np.arange(n), n)
+    points = ContactPoints(B, np.ones(n, int), w, np.full(n, beta), flexible)
     return H, points, 3.0 * random.normal(size=n), np.where(soft > 0.0, random.normal(size=n), 0.0)
 
 
@@ -118,7 +120,8 @@ def test_points_with_two_directions_and_groups_agree_with_a_general_method(beta)
     first = np.array([0, 0, 0, 2, 4, 4])  # points that share their unknowns, and one alone
     unknowns = np.column_stack([first, first + 1]).ravel()
     w, soft = random.uniform(0.5, 2.0, m), random.uniform(0.1, 1.0, m)
-    points = ContactPoints(selection(unknowns, n), np.full(m, 2), w, np.full(m, beta), soft)
+    B = selection(unknowns, n)
+    points = ContactPoints(B, np.full(m, 2), w, np.full(m, beta), soft / w)
     g, offset = 4.0 * random.normal(size=n), random.normal(size=2 * m)
     B = points.B.toarray()
 

@@ -7,8 +7,8 @@ from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.minimise import touching as module
-from skfem_joint.minimise.opening_newton import OpeningNewton
-from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
 from skfem_joint.minimise.touching import Touching
 from skfem_joint.stepping.checkpoint import Checkpoint
 
@@ -21,12 +21,13 @@ def _problem(rng, directions, beta):
     R = rng.normal(size=(n, n))
     rows = sparse.eye_array(n, format="csr")
     slips = directions * Q
-    points = ContactPoints(rows[:slips], np.full(Q, directions), np.ones(Q), np.full(Q, beta))
     gain = 0.5 * (np.eye(Q) + 0.3 * np.eye(Q, k=1) + 0.3 * np.eye(Q, k=-1))
     gain[:3] = 0.0  # joints of constant force
     stiffness = np.where(rng.random(Q) < 0.3, 50.0, np.inf)
     H = R @ R.T + n * np.eye(n)
-    problem = OpeningNewton(H, points, rows[slips : slips + Q], gain, stiffness)
+    normal = PressurePoints(rows[slips : slips + Q], gain, stiffness)
+    laws = np.full(Q, directions), np.ones(Q), np.full(Q, beta)
+    problem = step_problem(H, ContactPoints(rows[:slips], *laws, normal=normal), "contact")
     bound = np.where(rng.random(Q) < 0.7, rng.uniform(0.0, 0.5, Q), 0.0)
     given = np.where(np.arange(Q) < 3, 2.0, 0.0)
     return problem, rng.uniform(-100.0, 100.0, n), bound, given
@@ -39,12 +40,12 @@ def test_the_solution_does_not_depend_on_the_points_that_are_eliminated(directio
     for seed in range(6):
         rng = np.random.default_rng([seed, 11])
         problem, g, bound, given = _problem(rng, directions, beta)
-        whole = problem.minimise(g, bound, given)
+        whole = problem.minimise(g, pressed=Pressed(bound, given))
         assert whole.converged
         assert 0 < np.count_nonzero(whole.p) < Q - module.SETTINGS.fewest
         for kept in (whole.p > 0.0, rng.random(Q) < 0.3):
             touching = Touching(kept)
-            part = problem.minimise(g, bound, given, touching=touching)
+            part = problem.minimise(g, pressed=Pressed(bound, given, touching=touching))
             assert part.converged
             taken_back += np.count_nonzero(touching.kept & ~kept)
             assert not np.any(part.p[~touching.kept])

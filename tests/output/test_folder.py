@@ -216,7 +216,8 @@ def test_fields_add_up_to_the_friction_of_the_joints(study, dim):
     area = np.zeros(structure.n_nodes)
     for patch in structure.patches:
         area[patch.nodes] += patch.area
-    force = -(system.B.T @ (system.on_rows(system.w) * run.sigma).T).T
+    contact = system.contact
+    force = -(contact.B.T @ (contact.on_rows(contact.w) * run.sigma).T).T
     flat = (full.friction_traction * area[:, np.newaxis]).reshape(len(force), -1)
     np.testing.assert_allclose(flat @ system.T, force, atol=1e-9 * np.abs(force).max())
     assert set(np.unique(full.slip_state)) == {-1, 0, 1}
@@ -327,8 +328,8 @@ def test_a_series_written_by_hand_is_that_of_the_scene(study, tmp_path):
     structure, run = study.structure, study.models["full"].run
     reader = pyvista.PVDReader(by_hand[0])
     np.testing.assert_allclose(reader.time_values, run.field_times)
-    system, state = run.system, np.full(structure.n_nodes, -1)
-    slips = slip_state(system.slip_norm((system.B @ run.v.T).T), system.beta)
+    contact, state = run.system.contact, np.full(structure.n_nodes, -1)
+    slips = slip_state(contact.slip_norm((contact.B @ run.v.T).T), contact.beta)
     frame = int(slips.sum(axis=1).argmax())
     reader.set_active_time_value(reader.time_values[frame])
     block = reader.read()[0]["full"]
@@ -372,7 +373,7 @@ def test_friction_of_projected_models_is_the_forces_of_their_points(study):
     for small in (system.project(V), sj.reduce(system, 6, duration=1e-3, beta=1e4)):
         run = sj.integrate(small, **how)
         (field,) = frames_of(study.structure, {"small": run}).fields
-        total = small.J @ (small.w * np.abs(run.sigma)).T
+        total = small.contact.J @ (small.contact.w * np.abs(run.sigma)).T
         for patch, force in zip(study.structure.patches, total, strict=True):
             traction = np.abs(field.friction_traction[:, patch.nodes, 0]) @ patch.area
             assert np.abs(traction - force).max() < 0.1 * force.max()

@@ -65,7 +65,7 @@ def test_active_area_counts_the_area_of_slipping_points():
     structure, system, _ = case("lap")
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
-    peak = np.zeros(system.w.size)
+    peak = np.zeros(system.contact.w.size)
     assert active_fractions(structure, system, peak, 0.0) == ({"joint": 0.0}, {"joint": 0.0})
     peak[patch.points] = np.where(x > 0.125, 1e-4, 1e-8)
     # Nodes right of the middle: 19 whole columns and half a one, of 40.
@@ -80,8 +80,8 @@ def test_active_area_counts_the_area_of_slipping_points():
 def test_creep_of_points_that_stick_is_no_slip():
     """Under the arctan law a point at half of its limit creeps by period / beta."""
     _, system, _ = case("lap")
-    period, beta = 1e-3, float(system.beta[0])
-    creep = np.full(system.w.size, 0.9 * period / beta)
+    period, beta = 1e-3, float(system.contact.beta[0])
+    creep = np.full(system.contact.w.size, 0.9 * period / beta)
     assert not system.slipping(creep, period).any()
     assert system.slipping(creep).all()
     assert system.with_beta(np.inf).slipping(creep, period).all()
@@ -92,7 +92,7 @@ def test_gross_slip_is_distinguished_from_strain_and_creep(make):
     structure, system = make()
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
-    strained, part = np.zeros(system.w.size), np.zeros(system.w.size)
+    strained, part = np.zeros(system.contact.w.size), np.zeros(system.contact.w.size)
     strained[patch.points] = 1e-4 * x  # evenly from the support on
     part[patch.points] = 1e-4 * np.maximum(x - 0.05, 0.0)
     (sentence,) = gross_slip(structure, strained, 1e-3)
@@ -124,7 +124,7 @@ def test_profile_is_the_largest_slip_of_each_section_of_any_mesh():
         (low,) = contact_parts(s.body, s.patches[0])
         zone = low.from_other_end()
         x = s.nodes[s.patches[0].nodes, 0]
-        slip = np.zeros(system.w.size)
+        slip = np.zeros(system.contact.w.size)
         slip[s.patches[0].points] = np.maximum(x - 0.1, 0.0)  # alike across the axis
         distance, peak = zone.profile(slip)
         smooth = distance < 0.14
@@ -141,11 +141,11 @@ def test_measured_lengths_are_taken_from_the_end_that_moves_most():
     patch = structure.patches[0]
     x = structure.nodes[patch.nodes, 0]
     for decay in (np.exp(-200.0 * (0.1 - x)), np.exp(-200.0 * x)):
-        slip = np.zeros(system.w.size)
+        slip = np.zeros(system.contact.w.size)
         slip[patch.points] = decay
         expected = np.sort(decay)[::-1]
         length = measured(np.arange(100) * 1e-3, expected)
         assert measured_lengths(structure, slip) == {"joint": pytest.approx(length, rel=1e-9)}
     plain = replace(case("lap")[0].joints[0], axis=None)
     plate_joint = replace(case("lap")[0], joints=[plain])
-    assert measured_lengths(plate_joint, np.ones(case("lap")[1].w.size)) == {}
+    assert measured_lengths(plate_joint, np.ones(case("lap")[1].contact.w.size)) == {}

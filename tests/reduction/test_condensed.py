@@ -44,11 +44,11 @@ def system_of(kind: str, beta: float = np.inf, amplitude: float = FORCE) -> sj.S
     if kind != "matrices":
         return system
     # Slips as differences of unknowns, as matrices of one's own have them.
-    slips = sparse.csr_array(system.B).indices
+    slips = sparse.csr_array(system.contact.B).indices
     beside = np.setdiff1d(np.arange(system.n), slips)[: slips.size]
     differ = sparse.csr_array((-np.ones(slips.size), (slips, beside)), shape=2 * (system.n,))
     T = sparse.csr_array(sparse.eye_array(system.n) + differ)
-    return replace(system._with(T, system.B @ T), T=None)
+    return replace(system._with(T, system.contact.B @ T), T=None)
 
 
 @pytest.mark.parametrize("kind", ["plates", "solid", "matrices"])
@@ -56,8 +56,8 @@ def test_a_projection_is_widened_by_what_is_new_alone(kind):
     system = system_of(kind)
     V, W = np.split(np.random.default_rng(3).normal(size=(system.n, 12)), [8], axis=1)
     wide, whole = system.widened(system.project(V), V, W), system.project(np.hstack([V, W]))
-    for name in ("M", "C", "K", "B", "P", "T"):
-        one, other = (getattr(made, name) for made in (wide, whole))
+    matrices = [(getattr(wide, name), getattr(whole, name)) for name in "MCKPT"]
+    for one, other in [*matrices, (wide.contact.B, whole.contact.B)]:
         np.testing.assert_allclose(one, other, atol=1e-12 * np.abs(other).max())
     np.testing.assert_allclose(wide.load_vectors(), whole.load_vectors(), rtol=1e-12)
 
@@ -75,8 +75,8 @@ def test_with_all_fixed_interface_modes_it_is_the_full_model(kind, beta):
     assert np.abs(small.expand(run.u) - u).max() < 1e-9 * np.abs(u).max()
     assert np.abs(small.expand(run.v) - v).max() < 1e-8 * np.abs(v).max()
     assert full.friction_work.sum() > 0.0
-    acts = system.w > 0.0
-    assert small.contact_points == np.count_nonzero(acts)
+    acts = system.contact.w > 0.0
+    assert small.contact.count == np.count_nonzero(acts)
     works = full.friction_work[acts]
     assert run.friction_work == pytest.approx(works, abs=1e-9 * works.sum())
     assert run.energy_residual < 1e-9
@@ -86,12 +86,13 @@ def test_with_all_fixed_interface_modes_it_is_the_full_model(kind, beta):
 def test_static_slip_is_exact_without_a_single_mode(kind):
     system = system_of(kind)
     small = sj.condense(system, 0)
-    assert small.n == int(small.directions.sum()) + 1  # the response to the load beside the slips
+    # the response to the load beside the slips
+    assert small.n == int(small.contact.directions.sum()) + 1
     levels = FORCE * np.array([0.5, 1.0, 0.2, -1.0])[:, np.newaxis]
     full, found = (
         QuasiStatic(s, 1e-12).follow(levels * s.loads[0].vector) for s in (system, small)
     )
-    slips = np.abs(full @ system.B.T)
+    slips = np.abs(full @ system.contact.B.T)
     assert slips.max() > 0.0
     whole = system.expand(full)
     assert np.abs(small.expand(found) - whole).max() < 1e-9 * np.abs(whole).max()
@@ -115,8 +116,8 @@ def test_coulomb_points_that_stick_have_no_velocity_at_all():
     system = system_of("plates")
     small = sj.condense(system)
     run = sj.integrate(small, **TIMES, save=sj.Save(fields=True))
-    slip = small.slip_norm((small.B @ run.v.T).T)
-    sigma = small.slip_norm(run.sigma)
+    slip = small.contact.slip_norm((small.contact.B @ run.v.T).T)
+    sigma = small.contact.slip_norm(run.sigma)
     assert np.any(slip > 0.0)
     assert np.any(slip[1:] == 0.0)
     assert sigma[slip > 0.0] == pytest.approx(1.0, abs=1e-12)
@@ -139,7 +140,7 @@ def test_estimate_tells_what_missing_modes_cost():
 def test_what_cannot_be_condensed_is_refused():
     system = system_of("plates")
     with pytest.raises(sj.InputError, match="'condensed' needs friction"):
-        sj.condense(replace(system, w=np.zeros_like(system.w)))
+        sj.condense(system.with_contact(given=np.zeros_like(system.contact.w)))
     unknown = replace(system.loads[0], amplitude=np.sin)
     with pytest.raises(sj.InputError, match="interface_modes"):
         sj.condense(replace(system, loads=(unknown,)))

@@ -10,14 +10,13 @@ import skfem_joint as sj
 from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.reduction.elastic_contact import (
     FACTOR,
-    HALVINGS,
-    OpeningPath,
     elastic,
     strain_norm,
 )
 from skfem_joint.reduction.excitation import Excitation
 from skfem_joint.reduction.interface_modes import driven
 from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.quasi_static import SETTINGS, QuasiStatic
 
 TIMING = {"cycles": 1, "steps_per_cycle": 100}
 
@@ -27,15 +26,15 @@ def _system(elements=5, **joint):
 
 
 def test_stiffness_is_by_area_and_a_given_one_stays():
-    contact = elastic(_system(elements=4)).opening
+    contact = elastic(_system(elements=4)).contact.normal
     own = contact.stiffness / contact.area
     np.testing.assert_allclose(own, own[0], rtol=1e-12)
     given = _system(elements=4, normal_stiffness=1e13)
-    assert np.array_equal(elastic(given).opening.stiffness, given.opening.stiffness)
-    assert elastic(block().system(loads()).closed()).opening is None
+    assert np.array_equal(elastic(given).contact.normal.stiffness, given.contact.normal.stiffness)
+    assert not elastic(block().system(loads()).closed()).contact.opens
     # In proportion to the stiffness of the structure.
     softer = replace(block(elements=4), material=sj.Material(1e11, 8000.0, 0.3))
-    other = elastic(softer.system(loads())).opening
+    other = elastic(softer.system(loads())).contact.normal
     np.testing.assert_allclose(2.0 * other.stiffness, contact.stiffness, rtol=1e-12)
     assert FACTOR > 1.0
 
@@ -43,7 +42,7 @@ def test_stiffness_is_by_area_and_a_given_one_stays():
 def test_the_norm_has_the_energy_of_elastic_contact():
     system = elastic(_system())
     u = np.random.default_rng(0).normal(size=system.n) * 1e-6
-    contact = system.opening
+    contact = system.contact.normal
     assert np.all(contact.force > 0.0)
     pressed = 0.5 * contact.stiffness @ (contact.N @ u) ** 2
     whole = 0.5 * u @ (strain_norm(system) @ u)
@@ -53,13 +52,13 @@ def test_the_norm_has_the_energy_of_elastic_contact():
 def test_forces_beyond_what_is_held_are_followed_as_far_as_they_are():
     """Lifted by twice what presses it, the block is left with up to 1/16 of its normal force."""
     system = elastic(_system(elements=3))
-    contact, up = system.opening, system.load_vectors()[:, 0]  # a force of 1 N
+    contact, up = system.contact.normal, system.load_vectors()[:, 0]  # a force of 1 N
     pressed = contact.force.sum()
-    path = OpeningPath(system, 1e-9)
+    path = QuasiStatic(system, 1e-9)
     states = path.follow(np.array([[0.5], [2.0], [0.5]]) * up * pressed)
     left = np.array([contact.elastic_forces(u).sum() for u in states]) / pressed
     np.testing.assert_allclose(left[[0, 2]], 0.5, atol=1e-3)
-    assert 0.0 < left[1] <= 2.0 / 2**HALVINGS
+    assert 0.0 < left[1] <= 2.0 / 2**SETTINGS.held
     assert path.scaled_back == 1
 
 
@@ -145,7 +144,7 @@ def test_fixed_interface_modes_are_those_of_contact_that_stays_closed():
     plan = Plan(1.0 / 2000.0 / 100, 100)
     response = np.linalg.solve(system.K.toarray() + np.eye(system.n), system.load_vectors())
     shapes, _ = driven(system, response, Excitation.of(system, plan), 6)
-    closed = system.K + system.opening.springs
+    closed = system.K + system.contact.normal.springs
     found = np.einsum("ij,ij->j", shapes, closed @ shapes)
     found /= np.einsum("ij,ij->j", shapes, system.M @ shapes)
     known = sj.natural_modes(system, 15, joints="stuck").frequencies

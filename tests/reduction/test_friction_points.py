@@ -1,7 +1,5 @@
 """Fewer friction points: points that slip alike are merged."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from reduced_joints import case, full, three_periods
@@ -20,9 +18,12 @@ def example() -> tuple[sj.System, Basis]:
 def merged(system: sj.System, basis: Basis, count: int) -> tuple[sj.System, np.ndarray]:
     """Merged points, and the one that stands for each old point."""
     few = merged_points(system, basis.history.velocities, basis.history.active, count)
-    owner = np.full(system.w.size, -1)
-    owner[few.shares.indices] = np.repeat(np.arange(few.w.size), np.diff(few.shares.indptr))
-    np.testing.assert_allclose(few.shares.sum(axis=1), np.ones(few.w.size), rtol=1e-12)
+    contact = few.contact
+    owner = np.full(system.contact.w.size, -1)
+    owner[contact.shares.indices] = np.repeat(
+        np.arange(contact.w.size), np.diff(contact.shares.indptr)
+    )
+    np.testing.assert_allclose(contact.shares.sum(axis=1), np.ones(contact.w.size), rtol=1e-12)
     return few, owner
 
 
@@ -31,24 +32,25 @@ def test_merged_points_carry_the_same_total_and_are_means(count):
     system, basis = example()
     reduced = system.project(basis.V)
     few, owner = merged(reduced, basis, count)
-    assert 0.8 * count <= few.w.size <= count
-    assert np.all(few.w > 0.0)
-    assert few.w.sum() == pytest.approx(system.w[basis.history.active].sum(), rel=1e-12)
+    contact, limits = few.contact, system.contact.w
+    assert 0.8 * count <= contact.w.size <= count
+    assert np.all(contact.w > 0.0)
+    assert contact.w.sum() == pytest.approx(limits[basis.history.active].sum(), rel=1e-12)
     assert np.array_equal(np.flatnonzero(owner >= 0), basis.history.active)
-    rows = reduced.B.reshape(-1, 2, reduced.n)
-    for k in range(few.w.size):
+    rows = reduced.contact.B.reshape(-1, 2, reduced.n)
+    for k in range(contact.w.size):
         mine = owner == k
-        assert few.w[k] == pytest.approx(system.w[mine].sum(), rel=1e-12)
-        mean = np.average(rows[mine], axis=0, weights=system.w[mine])
-        np.testing.assert_allclose(few.B[2 * k : 2 * k + 2], mean, atol=1e-12)
+        assert contact.w[k] == pytest.approx(limits[mine].sum(), rel=1e-12)
+        mean = np.average(rows[mine], axis=0, weights=limits[mine])
+        np.testing.assert_allclose(contact.B[2 * k : 2 * k + 2], mean, atol=1e-12)
 
 
 def test_as_many_points_as_slip_leave_the_model_as_it_is():
     _, system, step = case("strip")
     basis = own_basis(system, full("strip"), 5)
     reduced = system.project(basis.V)
-    same, owner = merged(reduced, basis, system.w.size)
-    assert np.array_equal(np.sort(owner), np.arange(system.w.size))
+    same, owner = merged(reduced, basis, system.contact.w.size)
+    assert np.array_equal(np.sort(owner), np.arange(system.contact.w.size))
     one, other = three_periods(reduced, step), three_periods(same, step)
     np.testing.assert_allclose(other.point_u, one.point_u, atol=1e-9 * one.peak[0])
     np.testing.assert_allclose(other.friction_work[owner], one.friction_work, rtol=1e-6)
@@ -56,13 +58,15 @@ def test_as_many_points_as_slip_leave_the_model_as_it_is():
 
 def test_points_of_other_laws_or_joints_are_not_merged():
     system, basis = example()
-    odd = np.arange(system.w.size) % 2
-    reduced = replace(system.project(basis.V), beta=np.where(odd, 1e5, 1e3))
+    odd = np.arange(system.contact.w.size) % 2
+    reduced = system.project(basis.V).with_contact(beta=np.where(odd, 1e5, 1e3))
     few, owner = merged(reduced, basis, 12)
-    assert np.array_equal(few.beta[owner[basis.history.active]], reduced.beta[basis.history.active])
-    assert set(few.beta) == {1e3, 1e5}
-    two = replace(system.project(basis.V), J=np.stack([odd, 1.0 - odd]), joints=("odd", "even"))
-    J = merged_points(two, basis.history.velocities, basis.history.active, 12).J
+    assert np.array_equal(
+        few.contact.beta[owner[basis.history.active]], reduced.contact.beta[basis.history.active]
+    )
+    assert set(few.contact.beta) == {1e3, 1e5}
+    two = system.project(basis.V).with_contact(J=np.stack([odd, 1.0 - odd]), joints=("odd", "even"))
+    J = merged_points(two, basis.history.velocities, basis.history.active, 12).contact.J
     np.testing.assert_allclose(J, np.round(J), atol=1e-12)
     np.testing.assert_allclose(J.sum(axis=0), 1.0, rtol=1e-12)
 
@@ -81,16 +85,18 @@ def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve():
     system, basis = example()
     reduced = reduced_system(system, basis)
     assert reduced.n == 8
-    assert 20 <= reduced.w.size <= 24  # three a mode
-    assert reduced.shares.shape == (reduced.w.size, system.w.size)
-    np.testing.assert_allclose(reduced.beta, 1.0 / (1e-4 * basis.history.slip_velocity), rtol=1e-12)
+    assert 20 <= reduced.contact.w.size <= 24  # three a mode
+    assert reduced.contact.shares.shape == (reduced.contact.w.size, system.contact.w.size)
+    np.testing.assert_allclose(
+        reduced.contact.beta, 1.0 / (1e-4 * basis.history.slip_velocity), rtol=1e-12
+    )
     (note,) = reduced.notes
     assert "reduced model uses beta" in note
     decay = reduced_system(system, basis, periodic=False)
-    np.testing.assert_allclose(decay.beta, 1e5, rtol=1e-12)
+    np.testing.assert_allclose(decay.contact.beta, 1e5, rtol=1e-12)
     chosen = reduced_system(system, basis, friction_points="all", beta=77.0)
-    assert np.all(chosen.beta == 77.0)
-    assert chosen.w.size == system.w.size
+    assert np.all(chosen.contact.beta == 77.0)
+    assert chosen.contact.w.size == system.contact.w.size
     assert chosen.notes == ()
 
 
@@ -104,6 +110,6 @@ def test_fewer_points_than_asked_for_are_reported():
 def test_systems_without_friction_or_points_are_refused():
     system, basis = example()
     with pytest.raises(sj.InputError, match="needs friction in a joint"):
-        reduced_system(replace(system, w=0.0 * system.w), basis)
+        reduced_system(system.with_contact(given=0.0 * system.contact.w), basis)
     with pytest.raises(sj.InputError, match="found 0, must be >= 1"):
         reduced_system(system, basis, friction_points=0)

@@ -60,7 +60,7 @@ def test_fixed_interface_modes_do_not_slip():
     more = own_basis(system, full("strip"), 6, interface_modes=2)
     assert more.V.shape[1] == 8
     assert np.sin(subspace_angles(more.V, plain.V)).max() < 1e-12  # holds the others
-    assert np.linalg.matrix_rank(system.B @ more.V, tol=1e-9 * np.abs(more.V).max()) == 6
+    assert np.linalg.matrix_rank(system.contact.B @ more.V, tol=1e-9 * np.abs(more.V).max()) == 6
 
 
 def test_modes_need_a_run_that_moves_and_holds_enough_snapshots():
@@ -118,5 +118,5 @@ def test_a_run_of_ones_own_gives_the_modes():
     again = sj.integrate(small, step=5e-6, n_steps=400)
     at = system.points.index("end")
     difference = np.abs(again.point_u[:, at] - run.point_u[:, at]).max() / run.peak[at]
-    assert small.w.size == system.w.size
+    assert small.contact.w.size == system.contact.w.size
     assert difference < 2e-4

@@ -92,7 +92,7 @@ def sliding() -> tuple[sj.System, np.ndarray, np.ndarray]:
     K = sparse.diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n)).tolil()
     K[0, 0] = K[-1, -1] = 1.0
     M = EA / SPEED**2 * h * sparse.eye_array(n)
-    system = sj.System(M, None, EA / h * sparse.csr_array(K), sparse.csr_array((0, n)), [], 1.0)
+    system = sj.System(M, None, EA / h * sparse.csr_array(K))
     t, x = np.linspace(0.0, 300.0, 200)[:, None], np.linspace(0.0, 1.0, n)
     rate = 2.0 * np.pi * 0.01
     u = 3e5 * np.sin(rate * t) + 1e-6 * np.sin(3.0 * rate * t) * np.cos(np.pi * x)

@@ -113,34 +113,34 @@ def sharing():
 def test_the_design_point_of_joints_that_share_nodes_is_the_full_system(sharing):
     """Held nodes carry 300 of 6,000 N; a point was multiplied once for each of its joints."""
     there = sj.at(sharing, frequency=500.0, level=1.0)
-    assert sharing.w.sum() == pytest.approx(5700.0, rel=1e-12)
-    np.testing.assert_allclose(there.w, sharing.w, rtol=1e-14)
-    np.testing.assert_allclose(there.J.toarray(), sharing.J.toarray(), rtol=1e-14)
+    assert sharing.contact.w.sum() == pytest.approx(5700.0, rel=1e-12)
+    np.testing.assert_allclose(there.contact.w, sharing.contact.w, rtol=1e-14)
+    np.testing.assert_allclose(there.contact.J.toarray(), sharing.contact.J.toarray(), rtol=1e-14)
     ours, theirs = (sj.integrate(s, cycles=2, steps_per_cycle=100) for s in (there, sharing))
     assert ours.friction_energy == pytest.approx(theirs.friction_energy, rel=1e-9)
 
 
 def test_a_factor_on_a_joint_acts_on_its_share_of_points(sharing):
-    before = sharing.limits_by_joint
+    before = sharing.contact.limits_by_joint
     there = sj.at(sharing, frequency=500.0, level=1.0, limits={"b": 1.7})
-    after = there.limits_by_joint
+    after = there.contact.limits_by_joint
     np.testing.assert_allclose(after[0], before[0], rtol=1e-12)
     np.testing.assert_allclose(after[1], 1.7 * before[1], rtol=1e-12)
-    np.testing.assert_allclose(there.w, after.sum(axis=0), rtol=1e-12)
-    assert np.intersect1d(*sharing.joint_points).size == 5
+    np.testing.assert_allclose(there.contact.w, after.sum(axis=0), rtol=1e-12)
+    assert np.intersect1d(*sharing.contact.joint_points).size == 5
     rng = np.random.default_rng(0)
     reduced = sharing.project(rng.normal(size=(sharing.n, 6)))
-    merged = merged_points(reduced, rng.normal(size=(20, 6)), np.flatnonzero(sharing.w), 9)
-    own = merged.with_factors(np.array([1.0, 1.7])).limits_by_joint.sum(axis=1)
+    merged = merged_points(reduced, rng.normal(size=(20, 6)), np.flatnonzero(sharing.contact.w), 9)
+    own = merged.contact.with_factors(np.array([1.0, 1.7])).limits_by_joint.sum(axis=1)
     assert own == pytest.approx(before.sum(axis=1) * [1.0, 1.7], rel=1e-12)
 
 
 def test_a_factor_acts_on_what_normal_forces_give():
     system = opening_system(friction=0.5)
-    same = opening_system(friction=0.2).w
+    same = opening_system(friction=0.2).contact.w
     there = sj.at(system, frequency=500.0, level=1.0, limits={"base": 0.4})
-    np.testing.assert_allclose(there.w, same, rtol=1e-12)
-    np.testing.assert_allclose(there.opening.limits_at_rest, same, rtol=1e-12)
+    np.testing.assert_allclose(there.contact.w, same, rtol=1e-12)
+    np.testing.assert_allclose(there.contact.gain @ there.contact.normal.force, same, rtol=1e-12)
 
 
 @pytest.mark.parametrize("times", [1.15, 1e3])

@@ -116,7 +116,7 @@ def test_few_points_lose_little_friction_power_and_never_gain():
     for count in (10, 20, 40, 80):
         few = merged_points(every, basis.history.velocities, basis.history.active, count)
         lost.append(friction_lost(every, few, basis.history.velocities))
-        assert few.w.sum() == pytest.approx(system.w.sum(), rel=1e-12)
+        assert few.contact.w.sum() == pytest.approx(system.contact.w.sum(), rel=1e-12)
     assert all(-1e-12 < one < 0.01 for one in lost)
     assert lost[-1] < 0.1 * lost[0]
 

@@ -26,7 +26,7 @@ def outcome(path: Path) -> Scene | str:
     except InputError as error:
         text = str(error)
     else:
-        assert np.all(np.isfinite(scene.system().w))
+        assert np.all(np.isfinite(scene.system().contact.w))
         assert scene.n_steps > 0
         assert scene.time_step > 0.0
         return scene

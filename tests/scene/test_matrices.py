@@ -143,7 +143,7 @@ def test_pairs_with_two_slips_move_as_their_mesh(tmp_path, make):
     tables = exported(tmp_path, scene, npz, {str(load.on): "push.npz:push"})
     a = sj.run_scene(scene).models["full"].run
     b = sj.run_scene(matrix_scene(tmp_path, tables)).models["full"].run
-    assert b.system.directions.tolist() == a.system.directions.tolist()
+    assert b.system.contact.directions.tolist() == a.system.contact.directions.tolist()
     assert max(a.friction_energy.values()) > 0.0
     assert b.point_u[:, 0] == pytest.approx(a.point_u[:, 0], rel=0, abs=1e-10 * a.peak.max())
     assert b.friction_energy == pytest.approx(a.friction_energy, rel=1e-10)

@@ -7,7 +7,7 @@ from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.loads import Harmonic
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 
 STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)
 SIZE = 0.04
@@ -53,12 +53,10 @@ def oscillator(frequency: float, damping: float, contact: float, pressed: float 
     """
     omega = 2.0 * np.pi
     one = sparse.csr_array(np.eye(1))
-    opening = OpeningContact(
-        one, np.zeros(1), np.array([pressed]), sparse.csr_array((0, 1)),
-        np.array([contact * omega**2]), np.ones(1),
+    opening = NormalPart(
+        one, np.zeros(1), np.array([pressed]), np.array([contact * omega**2]), np.ones(1)
     )  # fmt: skip
-    return sj.System(
-        one, 2.0 * damping * omega * one, omega**2 * one, sparse.csr_array((0, 1)), np.zeros(0),
-        np.zeros(0), loads=(sj.AppliedLoad(np.ones(1), Harmonic(1.0, frequency), "mass"),), P=one,
-        points=("mass",), opening=opening,
-    )  # fmt: skip
+    wall = sj.Contact(sparse.csr_array((0, 1)), np.zeros(0), np.zeros(0), normal=opening)
+    load = sj.AppliedLoad(np.ones(1), Harmonic(1.0, frequency), "mass")
+    C, K = 2.0 * damping * omega * one, omega**2 * one
+    return sj.System(one, C, K, wall, loads=(load,), P=one, points=("mass",))

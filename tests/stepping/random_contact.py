@@ -65,15 +65,11 @@ class RandomContact:
         return rows[:, self.free]
 
     @property
-    def contact(self) -> sj.OpeningContact | None:
+    def normal(self) -> sj.NormalPart:
         """Contact that opens, on all degrees of freedom."""
         x = self.values
-        if not len(self.D):
-            return None
-        return sj.OpeningContact(
-            sparse.csr_array(self.D), x["gap"], x["force"], sparse.csr_array(x["gain"]),
-            x["stiffness"], np.ones(len(self.D)),
-        )  # fmt: skip
+        values = x["gap"], x["force"], x["stiffness"], np.ones(len(self.D))
+        return sj.NormalPart(sparse.csr_array(self.D), *values)
 
     @property
     def at_rest(self) -> Any:
@@ -93,18 +89,20 @@ class RandomContact:
         rows = sparse.csr_array(np.vstack([*self.B, np.zeros((0, n))]))
         if not self.held.size:
             loads = [sj.AppliedLoad(f, a, name) for name, (f, a) in self.loads.items()]
-            return sj.System(
-                *(sparse.csr_array(A) for A in (self.M, self.C, self.K)), rows, self.at_rest,
-                x["beta"], tuple(loads), sparse.eye_array(n, format="csr"),
-                tuple(map(str, range(n))), directions, stiffness=x["spring"], opening=self.contact,
+            contact = sj.Contact(
+                rows, x["given"], x["beta"], directions, x["spring"], self.normal,
+                sparse.csr_array(x["gain"]),
             )  # fmt: skip
-        normal, contact = None, self.contact
-        if contact is not None:
+            return sj.System(
+                *(sparse.csr_array(A) for A in (self.M, self.C, self.K)), contact, tuple(loads),
+                sparse.eye_array(n, format="csr"), tuple(map(str, range(n))),
+            )  # fmt: skip
+        normal = None
+        if len(self.D):
             pivots = np.array([np.abs(row).argmax() for row in self.D])
-            one = sparse.eye_array(len(pivots), format="csr")
-            normal = NormalRows(
-                sparse.csr_array(self.D), pivots, sj.OpeningContact(one, *_rest(contact))
-            )
+            nodes = replace(self.normal, N=sparse.eye_array(len(pivots), format="csr"))
+            gain = sparse.csr_array(x["gain"])
+            normal = NormalRows(sparse.csr_array(self.D), pivots, nodes, gain)
         slips = SlipRows(
             rows, self.at_rest, x["beta"], directions, sparse.csr_array((0, n)),
             stiffness=x["spring"], normal=normal,
@@ -135,10 +133,6 @@ class RandomContact:
             np.array([len(rows) for rows in B if len(rows)], dtype=np.int64), given[slips],
             x["gain"][np.ix_(slips, moves)], x["beta"][slips], x["spring"][slips],
         )  # fmt: skip
-
-
-def _rest(contact: sj.OpeningContact) -> tuple[Any, ...]:
-    return contact.gap, contact.force, contact.gain, contact.stiffness, contact.area
 
 
 def _amplitude(rng: Any, size: float, duration: float) -> Any:

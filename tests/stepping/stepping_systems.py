@@ -9,6 +9,7 @@ import numpy as np
 from bodies import MU, STEEL, THICKNESS, WIDTH, pressed, structure
 from scipy import sparse
 
+from skfem_joint.contacts import Contact
 from skfem_joint.loads import Amplitude, Harmonic
 from skfem_joint.mesh import build_bar, build_plate
 from skfem_joint.stepping.integrate import integrate
@@ -73,9 +74,7 @@ def oscillator(load: Amplitude, frequency: float = 1.0, damping_ratio: float = 0
         M=one,
         C=2.0 * damping_ratio * omega * one,
         K=omega**2 * one,
-        B=np.zeros((0, 1)),
-        w=np.zeros(0),
-        beta=np.zeros(0),
+        contact=Contact(np.zeros((0, 1)), np.zeros(0), np.zeros(0)),
         loads=(AppliedLoad(np.ones(1), load, "mass"),),
         P=one,
         points=("mass",),
@@ -112,15 +111,17 @@ def dense_system(singles: int = 0, pairs: int = 6, **changes: Any) -> System:
         "M": np.eye(n),
         "C": 0.02 * (A @ A.T + n * np.eye(n)),
         "K": 4.0 * (A @ A.T + n * np.eye(n)),
-        "B": generator.standard_normal((int(directions.sum()), n)),
-        "w": generator.uniform(0.05, 0.3, pairs + singles),
-        "beta": np.full(pairs + singles, 1e3),
+        "contact": Contact(
+            generator.standard_normal((int(directions.sum()), n)),
+            generator.uniform(0.05, 0.3, pairs + singles),
+            np.full(pairs + singles, 1e3),
+            directions,
+        ),
         "loads": tuple(
             AppliedLoad(generator.standard_normal(n), Harmonic(4.0, f, f), f"{f}") for f in (0.3, 1)
         ),
         "P": np.eye(n),
         "points": tuple("abcdefgh"[:n]),
-        "directions": directions,
     }
     return System(**{**values, **changes})
 
@@ -135,7 +136,15 @@ def relative_slips(n: int = 30, beta: float = 1e3, load: Any = None) -> System:
     pull = AppliedLoad(vector, load or Harmonic(63e3, 1000.0), "end")
     P = sparse.csr_array(np.eye(2 * n)[[n - 1, 2 * n - 1]])
     M, C, K = both
-    return System(M, C, K, rows, bar.w, np.full(n, beta), (pull,), P, ("one", "other"))
+    return System(
+        M,
+        C,
+        K,
+        Contact(rows, bar.contact.w, np.full(n, beta)),
+        loads=(pull,),
+        P=P,
+        points=("one", "other"),
+    )
 
 
 def not_a_chain(system: System) -> System:

@@ -114,14 +114,14 @@ def _oblique(speed: float, normal: float, spring: float, beta: float, rho: float
         rows, none, none, lambda t: np.zeros((t.size, 2)), across, *values, along,
         np.ones(1, dtype=np.int64), np.zeros(1), gain, np.array([beta]), np.array([spring]),
     )  # fmt: skip
-    wall = sj.OpeningContact(
-        sparse.csr_array(across), *values[:2], sparse.csr_array(gain), values[2], one
-    )
+    wall = sj.NormalPart(sparse.csr_array(across), *values, one)
     mass = sparse.csr_array(rows)
-    system = sj.System(
-        mass, None, sparse.csr_array((2, 2)), sparse.csr_array(along), np.zeros(1), beta, (), mass,
-        ("along", "across"), stiffness=np.array([spring]), opening=wall,
+    rubs = sj.Contact(
+        sparse.csr_array(along), np.zeros(1), beta, stiffness=np.array([spring]), normal=wall,
+        gain=sparse.csr_array(gain),
     )  # fmt: skip
+    none, points = sparse.csr_array((2, 2)), ("along", "across")
+    system = sj.System(mass, None, none, rubs, P=mass, points=points)
     run = sj.integrate(
         system, step=1e-6, n_steps=600, initial=tuple(start), scheme=sj.generalized_alpha(rho)
     )

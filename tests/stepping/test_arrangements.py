@@ -39,7 +39,7 @@ def assert_same(one: Run, other: Run, rtol: float = 1e-9) -> None:
 def test_each_system_gets_its_stepper():
     system = LapJoint(elements=10).system
     assert arranged(system).kind == "chain"
-    assert arranged(replace(system, w=0 * system.w)).kind == "linear"
+    assert arranged(system.with_contact(given=0 * system.contact.w)).kind == "linear"
     assert arranged(system.project(np.eye(10)[:, :3])).kind == "dense"
     assert arranged(reference_plate(elements=(4, 2))).kind == "contact"
     assert arranged(structure(lap(), [LAP], ["lower_left"]).system()).kind == "contact"
@@ -48,9 +48,9 @@ def test_each_system_gets_its_stepper():
     band = sparse.csr_array(0.5 * (band + band.T))
     assert arranged(replace(system, M=band)).kind == "contact"
     # Slip rows that depend on each other cannot all be unknowns.
-    twice = sparse.csr_array(sparse.vstack([system.B, system.B[:2]]))
-    more = replace(system, B=twice, w=np.append(system.w, [1.0, 1.0]), beta=np.full(12, 1e5),
-                   directions=np.ones(12, dtype=int), J=None, joints=())  # fmt: skip
+    twice = sparse.csr_array(sparse.vstack([system.contact.B, system.contact.B[:2]]))
+    limits = np.append(system.contact.w, [1.0, 1.0])
+    more = replace(system, contact=sj.Contact(twice, limits, 1e5))
     assert arranged(more).kind == "dense"
 
 
@@ -58,9 +58,9 @@ def test_each_system_gets_its_stepper():
 def test_slips_that_depend_on_each_other_in_a_large_system_are_refused(rows):
     """Whether there are more of them than unknowns, or not."""
     system = LapJoint(elements=600).system
-    twice = sparse.csr_array(sparse.vstack([system.B[:rows], system.B[:1]]))
-    more = replace(system, B=twice, w=np.append(system.w[:rows], 1.0), beta=np.full(rows + 1, 1e5),
-                   directions=np.ones(rows + 1, dtype=int), J=None, joints=())  # fmt: skip
+    twice = sparse.csr_array(sparse.vstack([system.contact.B[:rows], system.contact.B[:1]]))
+    limits = np.append(system.contact.w[:rows], 1.0)
+    more = replace(system, contact=sj.Contact(twice, limits, 1e5))
     with pytest.raises(sj.InputError, match="depend on each other"):
         sj.integrate(more, step=1e-5, n_steps=1)
 
@@ -116,7 +116,7 @@ def test_relative_slips_are_those_of_the_same_system_in_slips(beta):
     np.testing.assert_array_equal(run.friction_work, expected.friction_work)
     assert run.friction_work.sum() > 0.0
     assert run.energy_residual < 1e-10
-    slip = (system.B @ run.v.T).T
+    slip = (system.contact.B @ run.v.T).T
     if np.isinf(beta):
         assert np.abs(slip[np.abs(run.sigma) < 1.0]).max() < 1e-12 * np.abs(slip).max()
     else:
@@ -158,8 +158,8 @@ def test_a_load_on_a_region_works_on_its_mean_displacement():
 def test_all_steppers_keep_the_same_books(scheme):
     """A linear system, with friction too faint to be felt where a stepper needs some."""
     system = LapJoint(elements=25).system
-    none = replace(system, w=0.0 * system.w)
-    faint = replace(system, w=1e-18 * system.w)
+    none = system.with_contact(given=0.0 * system.contact.w)
+    faint = system.with_contact(given=1e-18 * system.contact.w)
     start = (np.linspace(0.0, 1e-5, 25), np.linspace(0.1, -0.1, 25))
     options: dict[str, Any] = {"scheme": scheme, "cycle_steps": 40, "initial": start}
     runs = {"linear": run_of(none, **options), "chain": run_of(faint, **options),
@@ -197,18 +197,15 @@ def test_contact_steps_of_a_chain_agree_with_the_chain_s_own(beta, normal_force)
 def _stops(N: Any, gap: Any, stiffness: float = inf, **values: Any) -> sj.System:
     """Masses of 1 kg on springs of 1 N/m beside stops, pushed to these."""
     N = np.array(N, dtype=float)
-    (q, n), m = N.shape, len(values.get("w", ()))
+    q, n = N.shape
     one = sparse.eye_array(n, format="csr")
-    stops = sj.OpeningContact(
-        sparse.csr_array(N), np.array(gap), np.zeros(q), sparse.csr_array((m, q)),
-        np.full(q, stiffness), np.ones(q),
+    stops = sj.NormalPart(
+        sparse.csr_array(N), np.array(gap), np.zeros(q), np.full(q, stiffness), np.ones(q)
     )  # fmt: skip
-    given = {
-        "M": one, "C": None, "K": one, "B": sparse.csr_array((0, n)), "w": np.zeros(0),
-        "beta": np.zeros(0), "loads": (sj.AppliedLoad(np.ones(n), sj.Harmonic(1.0, 0.1), "all"),),
-        "P": one, "points": tuple("abcd"[:n]), "opening": stops,
-    }  # fmt: skip
-    return sj.System(**given | values)
+    given = {"B": sparse.csr_array((0, n)), "given": [], "beta": []} | values
+    push = sj.AppliedLoad(np.ones(n), sj.Harmonic(1.0, 0.1), "all")
+    contact = sj.Contact(normal=stops, **given)
+    return sj.System(one, None, one, contact, (push,), P=one, points=tuple("abcd"[:n]))
 
 
 @pytest.mark.parametrize(
@@ -230,15 +227,6 @@ def test_stops_of_independent_means_are_not_refused():
     assert run.peak == pytest.approx([0.1, 0.1], abs=2e-3)  # half of a step
 
 
-def test_springs_beside_contact_that_opens_are_refused_in_a_dense_system():
-    system = _stops(
-        [[0.0, 1.0]], [0.1], 10.0, B=sparse.csr_array([[1.0, 0.0]]), w=np.ones(1), beta=inf
-    )  # fmt: skip
-    system = replace(system, stiffness=np.array([2.0])).project(np.eye(2))
-    with pytest.raises(sj.InputError, match="must be a full or condensed one"):
-        sj.integrate(system, step=0.1, n_steps=1)
-
-
 @pytest.mark.parametrize("directions", [1, 2])
 def test_springs_share_a_node_beside_a_stop_and_a_support(directions):
     # Degree of freedom 3 is held: the system is that without it.
@@ -247,9 +235,8 @@ def test_springs_share_a_node_beside_a_stop_and_a_support(directions):
 
     def run_with(n: int, fixed: Any) -> Run:
         one = sparse.eye_array(1, format="csr")
-        stop = sj.OpeningContact(
-            one, np.array([0.05]), np.zeros(1), sparse.csr_array((2, 1)), np.array([inf]),
-            np.ones(1),
+        stop = sj.NormalPart(
+            one, np.array([0.05]), np.zeros(1), np.array([inf]), np.ones(1)
         )  # fmt: skip
         sliders = [
             sj.point_friction(rows[:, :n], limit, stiffness=spring)
@@ -257,7 +244,9 @@ def test_springs_share_a_node_beside_a_stop_and_a_support(directions):
         ]
         contact = replace(
             sliders[0] + sliders[1],
-            normal=NormalRows(sparse.csr_array(np.eye(4)[2:3, :n]), np.array([2]), stop),
+            normal=NormalRows(
+                sparse.csr_array(np.eye(4)[2:3, :n]), np.array([2]), stop, sparse.csr_array((2, 1))
+            ),
         )
         system = sj.System.from_matrices(
             np.eye(n), K[:n, :n], fixed=fixed, contact=contact, points={"a": 0},

@@ -78,7 +78,7 @@ def test_what_is_integrated_must_be_the_same(tmp_path):
     sj.integrate(system, **TIMING, checkpoint=checkpoint)
     before = checkpoint.path.read_bytes()
     changes: list[tuple[sj.System, dict[str, Any]]] = [
-        (replace(system, beta=np.nextafter(system.beta, 0.0)), {}),
+        (system.with_contact(beta=np.nextafter(system.contact.beta, 0.0)), {}),
         (replace(JOINT, force=63e3 + 1.0).system, {}),
         (system, {"step": 5.1e-6}),
         (system, {"n_steps": 121}),

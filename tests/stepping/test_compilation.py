@@ -128,7 +128,7 @@ def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path)
 
 def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once():
     before = "from numba.core.caching import CacheImpl; CacheImpl._locator_classes = []"
-    after = "from skfem_joint.minimise import front_elimination, truncated_newton; forces(False)"
+    after = "from skfem_joint.minimise import front_elimination, contact_newton; forces(False)"
     errors = errors_of(before, FORCES, after)
     assert errors.count("RuntimeWarning: compiled code cannot be kept") == 1
     assert "NUMBA_CACHE_DIR" in errors

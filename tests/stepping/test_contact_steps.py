@@ -28,11 +28,14 @@ def test_a_solid_on_its_base_is_stepped_as_a_plate_is(beta):
     mesh = sj.build_box([("joint", 0.25, 6)], (WIDTH, 0.01), (2, 1), boundaries=sides)
     made = structure(mesh, [pressed("base", beta=beta)], stiffness_damping=1e-5)
     system = made.system([sj.Load("right", sj.Harmonic(60e3, 1000.0), (1.0, 0.2, 0.0))])
-    assert np.all(system.directions == 2)
+    assert np.all(system.contact.directions == 2)
     found = run(system, 100)
     assert found.energy_residual < 1e-11
     assert found.friction_work.sum() > 0.1 * found.input_work.sum()
-    slip, force = system.slip_norm((system.B @ found.v.T).T), system.slip_norm(found.sigma)
+    slip, force = (
+        system.contact.slip_norm((system.contact.B @ found.v.T).T),
+        system.contact.slip_norm(found.sigma),
+    )
     np.testing.assert_allclose(force[slip > 0], law.force(slip[slip > 0], beta), rtol=1e-7)
 
 
@@ -68,18 +71,18 @@ def test_points_that_slip_in_one_direction_and_in_two_stand_side_by_side():
     mesh = sj.build_plate([("joint", 0.25, 10)], WIDTH, 2)
     made = structure(mesh, [pressed(beta=np.inf)], fixed_y=("bottom",))
     system = made.system([sj.Load("right", sj.Harmonic(60e3, 1000.0), (1.0, 0.0))])
-    assert set(system.directions) == {1, 2}
+    assert set(system.contact.directions) == {1, 2}
     found = run(system)
     assert found.energy_residual < 1e-10
-    assert found.slip_peak.shape == system.w.shape
-    assert found.sigma.shape[1] == system.directions.sum()
+    assert found.slip_peak.shape == system.contact.w.shape
+    assert found.sigma.shape[1] == system.contact.directions.sum()
     # The order of the points is the system's own: nothing else changes when they change places.
-    order = np.random.default_rng(0).permutation(system.w.size)
-    rows = np.concatenate([np.arange(*system.first_row[p : p + 2]) for p in order])
-    shuffled = replace(
-        system, B=sparse.csr_array(system.B[rows]), w=system.w[order], beta=system.beta[order],
-        directions=system.directions[order],
-    )  # fmt: skip
+    order = np.random.default_rng(0).permutation(system.contact.w.size)
+    rows = np.concatenate([np.arange(*system.contact.first_row[p : p + 2]) for p in order])
+    c, B = system.contact, sparse.csr_array(system.contact.B[rows])
+    shuffled = system.with_contact(
+        B=B, given=c.w[order], beta=c.beta[order], directions=c.directions[order]
+    )
     other = run(shuffled)
     np.testing.assert_allclose(other.u, found.u, atol=1e-9 * np.abs(found.u).max())
     atol = 1e-9 * found.friction_work.max()

@@ -1,6 +1,5 @@
 """Dense steps with points that slip in one direction and in two."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +8,7 @@ from stepping_systems import LapJoint, dense_system
 
 from skfem_joint import reduce
 from skfem_joint.arrays import slip_norms
+from skfem_joint.contacts import Contact
 from skfem_joint.loads import Harmonic
 from skfem_joint.minimise import law
 from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
@@ -35,11 +35,14 @@ def test_steps_meet_the_trapezoidal_rule_and_the_law_in_a_few_iterations(
     pairs, singles, beta, iterations
 ):
     """A wrong tangent of the friction would take tens of iterations."""
-    s = dense_system(singles, pairs, beta=np.full(pairs + singles, beta))
+    s = dense_system(singles, pairs).with_beta(beta)
     run = run_of(s, tolerance=1e-13)
-    expected = [law.force_vectors(slip, s.beta, s.directions) for slip in run.v @ s.B.T]
+    expected = [
+        law.force_vectors(slip, s.contact.beta, s.contact.directions)
+        for slip in run.v @ s.contact.B.T
+    ]
     np.testing.assert_allclose(run.sigma, expected, atol=1e-9)
-    forces = (run.sigma * s.on_rows(s.w)) @ s.B + run.v @ s.C + run.u @ s.K
+    forces = (run.sigma * s.contact.on_rows(s.contact.w)) @ s.contact.B + run.v @ s.C + run.u @ s.K
     left = s.load_amplitudes(run.field_times).T @ s.load_vectors().T - forces
     change = np.diff(run.v, axis=0) @ s.M / STEP
     np.testing.assert_allclose(change, 0.5 * (left[1:] + left[:-1]), atol=1e-10)
@@ -52,9 +55,9 @@ def test_steps_meet_the_trapezoidal_rule_and_the_law_in_a_few_iterations(
 @pytest.mark.parametrize("singles", [0, 3])
 def test_points_without_friction_have_no_force(singles):
     s = dense_system(singles)
-    free = np.arange(s.w.size) % 2 == 0
-    run = run_of(replace(s, w=np.where(free, 0.0, s.w)))
-    by_row = np.repeat(free, s.directions)
+    free = np.arange(s.contact.w.size) % 2 == 0
+    run = run_of(s.with_contact(given=np.where(free, 0.0, s.contact.w)))
+    by_row = np.repeat(free, s.contact.directions)
     assert not run.sigma[:, by_row].any()
     assert run.sigma[-1, ~by_row].all()
 
@@ -87,10 +90,12 @@ def assert_same(one: Run, other: Run) -> None:
 @pytest.mark.parametrize("singles", [0, 5])
 def test_turned_slip_rows_change_nothing(singles):
     s = dense_system(singles=singles)
-    B = s.B.copy()
-    for i, angle in zip(s.first_row[:-1][s.directions == 2], range(1, 99), strict=False):
+    B = s.contact.B.copy()
+    for i, angle in zip(
+        s.contact.first_row[:-1][s.contact.directions == 2], range(1, 99), strict=False
+    ):
         B[i : i + 2] = turn(float(angle)) @ B[i : i + 2]
-    assert_same(run_of(s), run_of(replace(s, B=B)))
+    assert_same(run_of(s), run_of(s.with_contact(B=B)))
 
 
 @pytest.mark.parametrize("scheme", [generalized_alpha(1.0), generalized_alpha(0.6)])
@@ -98,13 +103,15 @@ def test_energy_and_works_of_each_point_add_up(scheme):
     s = dense_system(singles=5)
     run = run_of(s, scheme=scheme, tolerance=1e-13)
     assert run.energy_residual < 1e-12
-    du = np.diff(run.u @ s.B.T, axis=0)
+    du = np.diff(run.u @ s.contact.B.T, axis=0)
     mean = 0.5 * (run.sigma[1:] + run.sigma[:-1])
-    work = np.add.reduceat(mean * du, s.first_row[:-1], axis=1) * s.w
+    work = np.add.reduceat(mean * du, s.contact.first_row[:-1], axis=1) * s.contact.w
     np.testing.assert_allclose(run.friction_work, work.sum(axis=0), rtol=1e-9)
     np.testing.assert_allclose(run.friction_work_rows[1:], np.cumsum(work, axis=0), atol=1e-9)
     np.testing.assert_allclose(
-        run.slip_peak, slip_norms(run.u @ s.B.T, s.directions).max(axis=0), rtol=1e-12
+        run.slip_peak,
+        slip_norms(run.u @ s.contact.B.T, s.contact.directions).max(axis=0),
+        rtol=1e-12,
     )
     assert np.all(work > -1e-12)
 
@@ -123,7 +130,15 @@ def test_steady_circular_sliding_is_exact():
         AppliedLoad(e, Harmonic(abs(F), frequency, phase + shift))
         for e, shift in zip(one, (np.pi / 2.0, 0.0), strict=True)
     )
-    s = System(M * one, C * one, K * one, one, [w], beta, loads, one, ("x", "y"), np.array([2]))
+    s = System(
+        M * one,
+        C * one,
+        K * one,
+        Contact(one, [w], beta, directions=np.array([2])),
+        loads=loads,
+        P=one,
+        points=("x", "y"),
+    )
     start = (np.array([r, 0.0]), np.array([0.0, rate * r]))
     run = integrate(s, cycles=3, steps_per_cycle=steps, initial=start)
     np.testing.assert_allclose(np.hypot(*run.point_u.T), r, rtol=1e-9)

@@ -121,7 +121,11 @@ def test_rows_are_stored_at_the_asked_strides(kind):
     scale = np.abs(every.u).max()
     np.testing.assert_allclose((system.P @ every.u.T).T, every.point_u, atol=1e-12 * scale)
     np.testing.assert_allclose(np.abs(every.point_u).max(axis=0), every.peak, rtol=1e-12)
-    slips = system.slip_norm((system.B @ every.u.T).T) if system.w.size else np.zeros((1, 0))
+    slips = (
+        system.contact.slip_norm((system.contact.B @ every.u.T).T)
+        if system.contact.w.size
+        else np.zeros((1, 0))
+    )
     np.testing.assert_allclose(every.slip_peak, slips.max(axis=0), atol=1e-12 * scale)
     np.testing.assert_array_equal(every.final[0], every.u[-1])
     np.testing.assert_array_equal(every.friction_work_rows[-1], every.friction_work)
@@ -387,7 +391,7 @@ def test_round_pulses_between_two_steps_are_never_missed(load):
 def test_a_jump_below_the_friction_limit_sets_off_the_part_that_slips(share):
     """Static slip tau x^2 / (2 EA) over the active length a: 2 pi sqrt(3/20) a / c by Rayleigh."""
     joint = LapJoint(elements=200, beta=inf)
-    load = sj.Rectangle(share * float(joint.system.w.sum()), 1.0)
+    load = sj.Rectangle(share * float(joint.system.contact.w.sum()), 1.0)
     system = replace(joint, load=load).system
     period = 2.0 * pi * np.sqrt(3.0 / 20.0) * share * joint.length / np.sqrt(E / DENSITY)
     check_jumps(system, Plan(0.095 * period, 10))

@@ -52,7 +52,11 @@ def test_energy_balance_closes_from_a_moving_start(scheme):
     system = LapJoint(elements=12).system
     rng = np.random.default_rng(0)
     start = (1e-5 * rng.normal(size=12), rng.normal(size=12))
-    for model in (system, system.project(np.eye(12)), replace(system, w=0 * system.w)):
+    for model in (
+        system,
+        system.project(np.eye(12)),
+        system.with_contact(given=0 * system.contact.w),
+    ):
         run = run_of(model, 100, scheme=scheme, initial=start)
         assert run.energy_residual < 1e-10
         assert run.stored_energy[0] == pytest.approx(system.stored_energy(*start), rel=1e-12)
@@ -86,8 +90,9 @@ def test_points_without_pressure_need_no_law_in_a_reduced_system():
     # A joint without friction may be Coulomb: it is never evaluated.
     system = LapJoint(elements=10, beta=1e3).system
     half = np.arange(10) < 5
-    mixed = replace(
-        system, w=np.where(half, 0.0, system.w), beta=np.where(half, np.inf, system.beta)
+    mixed = system.with_contact(
+        given=np.where(half, 0.0, system.contact.w),
+        beta=np.where(half, np.inf, system.contact.beta),
     )
     full, reduced = run_of(mixed, 50), run_of(mixed.project(np.eye(10)), 50)
     np.testing.assert_allclose(reduced.point_u, full.point_u, atol=1e-9 * full.peak[0])

@@ -94,7 +94,7 @@ def test_normal_forces_of_random_impacts_never_do_work(seed):
         system, step=float(rng.choice([2e-6, 1e-5])), n_steps=200, initial=start,
         scheme=generalized_alpha(float(rng.choice([1.0, 0.8, 0.0]))), save=sj.Save(fields=True),
     )  # fmt: skip
-    contact = system.opening
+    contact = system.contact.normal
     assert (run.normal_force > 0.0).any()
     assert run.normal_force.min() >= 0.0
     energy = np.array([system.stored_energy(u, v) for u, v in zip(run.u, run.v, strict=True)])
@@ -108,16 +108,17 @@ def test_normal_forces_of_random_impacts_never_do_work(seed):
 
 def _point(friction, speed, *, gap=1e-4, pressed=0.0, loads=(), **law):
     """Mass of 1 kg beside a rigid wall that it slides along: unknowns along, towards the wall."""
-    contact = sj.OpeningContact(
+    contact = sj.NormalPart(
         N=sparse.csr_array([[0.0, 1.0]]), gap=np.array([gap]), force=np.array([pressed]),
-        gain=sparse.csr_array([[friction]]), stiffness=np.array([np.inf]), area=np.ones(1),
+        stiffness=np.array([np.inf]), area=np.ones(1),
     )  # fmt: skip
     one, zero = sparse.csr_array(np.eye(2)), sparse.csr_array((2, 2))
-    system = sj.System(
-        one, zero, zero, sparse.csr_array([[1.0, 0.0]]), contact.limits_at_rest,
-        law.get("beta", np.inf), P=one, points=("along", "across"), opening=contact, loads=loads,
-        stiffness=np.array([law.get("spring", np.inf)]),
+    rubs = sj.Contact(
+        sparse.csr_array([[1.0, 0.0]]), [0.0], law.get("beta", np.inf), normal=contact,
+        stiffness=np.array([law.get("spring", np.inf)]), gain=sparse.csr_array([[friction]]),
     )  # fmt: skip
+    points = "along", "across"
+    system = sj.System(one, zero, zero, rubs, loads=loads, P=one, points=points)
     return system, (np.zeros(2), np.array([speed, 1.0 if gap else 0.0]))
 
 
@@ -213,10 +214,10 @@ def test_energy_that_steps_add_where_they_cannot_follow_elastic_contact_is_said(
     said = {}
     for step in (1e-5, 2.5e-7):
         system, start = _point(0.3, 1.0)
-        elastic = replace(system.opening, stiffness=np.array([1e10]))
+        elastic = replace(system.contact.normal, stiffness=np.array([1e10]))
         caplog.clear()
         run = sj.integrate(
-            replace(system, opening=elastic), step=step, n_steps=int(3e-4 / step), initial=start
+            system.with_contact(normal=elastic), step=step, n_steps=int(3e-4 / step), initial=start
         )
         said[step] = run.doubts
         warned = [record.message for record in caplog.records if record.levelname == "WARNING"]

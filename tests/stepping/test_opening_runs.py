@@ -72,9 +72,11 @@ def test_a_loaded_system_integrates_to_the_same_bits(order, tmp_path):
     system = opening_system(order=order)
     for model in (system, sj.condense(system)):
         again = sj.load(sj.save(model, tmp_path / "model.npz"))
-        assert again.opening is not None
+        assert again.contact.opens
         for name in ("gap", "force", "stiffness", "area"):
-            assert np.array_equal(getattr(again.opening, name), getattr(model.opening, name))
+            assert np.array_equal(
+                getattr(again.contact.normal, name), getattr(model.contact.normal, name)
+            )
         a, b = (sj.integrate(s, cycles=1, steps_per_cycle=60) for s in (model, again))
         assert np.array_equal(a.point_u, b.point_u)
         assert a.impact_work == b.impact_work
@@ -84,20 +86,22 @@ def test_a_loaded_system_integrates_to_the_same_bits(order, tmp_path):
     ("name", "change", "problem"),
     [
         ("area", lambda x: -x, "area: must be finite and positive"),
-        ("force", lambda x: x[:-1], "opening: force: found shape"),
-        ("gap", lambda x: x + np.nan, "opening: gap: must be"),
-        ("stiffness", lambda x: 1.0 + 0.0 * x[:, None], "opening: stiffness: found shape"),
+        ("force", lambda x: x[:-1], "normal: force: found shape"),
+        ("gap", lambda x: x + np.nan, "normal: gap: must be"),
+        ("stiffness", lambda x: 1.0 + 0.0 * x[:, None], "normal: stiffness: found shape"),
         ("gain", lambda x: -x, "gain: must be finite and not negative"),
     ],
 )
 def test_damaged_contact_is_refused_in_files_and_by_the_system(name, change, problem, tmp_path):
     model = sj.condense(opening_system())
     path = sj.save(model, tmp_path / "model.npz")
-    value = getattr(model.opening, name)
-    value = change(value if name == "gain" else np.where(np.isinf(value), 1.0, value))
+    normal, of_gain = model.contact.normal, name == "gain"
+    value = getattr(model.contact if of_gain else normal, name)
+    value = change(value if of_gain else np.where(np.isinf(value), 1.0, value))
+    changes = {name: value} if of_gain else {"normal": replace(normal, **{name: value})}
     with pytest.raises(InputError, match=problem):
-        replace(model, opening=replace(model.opening, **{name: value}))
-    member = "opening gain/data" if name == "gain" else f"opening {name}"
+        model.with_contact(**changes)
+    member = "contact gain/data" if of_gain else f"normal {name}"
     with np.load(path) as file:
         arrays = dict(file)
     arrays[member] = value.data if name == "gain" else value
@@ -115,26 +119,26 @@ def test_the_closed_system_is_that_of_constant_contact(order):
     """Where all of a base is pressed both have the same motions, and so the same frequencies."""
     opens = opening_system(order=order).closed()
     constant = block(order=order, contact="constant").system(loads())
-    assert opens.opening is None
+    assert not opens.contact.opens
     assert opens.n == constant.n
     for joints in ("loose", "stuck"):
         a, b = (sj.natural_modes(s, 4, joints=joints).frequencies for s in (opens, constant))
         assert a == pytest.approx(b, rel=1e-9)
-    assert opens.w.sum() == pytest.approx(constant.w.sum())
+    assert opens.contact.w.sum() == pytest.approx(constant.contact.w.sum())
 
 
 def test_natural_modes_do_not_move_what_is_pressed():
     system = opening_system()
     modes = sj.natural_modes(system, 3, joints="stuck").modes
-    assert np.all(system.opening.N @ modes == 0.0)
-    assert np.all(system.B @ modes == 0.0)
+    assert np.all(system.contact.normal.N @ modes == 0.0)
+    assert np.all(system.contact.B @ modes == 0.0)
     assert np.diag(modes.T @ (system.M @ modes)) == pytest.approx(np.ones(3))
 
 
 def test_damping_ratios_take_contact_as_closed():
     opens, constant = (
         sj.Structure(
-            s.mesh, s.material, thickness=s.thickness, fixed_x=s.fixed_x, joints=s.joints,
+            s.mesh, s.material, thickness=s.thickness, fixed_x=s.fixed_x, joints=s.contact.joints,
             damping_ratio=0.01, mass="lumped",
         ).system(loads())
         for s in (block(), block(contact="constant"))
@@ -165,13 +169,29 @@ def test_springs_beside_contact_that_opens_are_alike_in_full_and_condensed_model
     condensed = sj.condense(full, 12)
     runs = [sj.quasi_static(system, cycles=2, steps_per_cycle=40) for system in (full, condensed)]
     assert runs[0].cycles.friction[-1] == pytest.approx(runs[1].cycles.friction[-1], rel=1e-6)
-    assert runs[0].slider_peak == pytest.approx(runs[1].slider_peak @ condensed.shares, rel=1e-6)
+    assert runs[0].slider_peak == pytest.approx(
+        runs[1].slider_peak @ condensed.contact.shares, rel=1e-6
+    )
     hammered = block(elements=5, **SPRUNG, **across).system(loads(up=230e3))
     run = sj.integrate(hammered, cycles=2, steps_per_cycle=100)
     assert run.opened.any()
     assert run.energy_residual < 1e-9
-    with pytest.raises(InputError, match="springs in series with friction"):
-        sj.reduce(full)
+
+
+@pytest.mark.parametrize("beta", [np.inf, 100.0])
+@pytest.mark.parametrize("solve", [sj.quasi_static, sj.integrate])
+def test_springs_are_alike_in_a_reduced_model_with_a_full_basis(solve, beta):
+    joint = SPRUNG | {"beta": beta, "normal_stiffness": 1e14}
+    full = block(elements=4, **joint).system(loads(up=190e3, across=350e3))
+    basis = np.linalg.qr(np.random.default_rng(3).normal(size=(full.n, full.n)))[0]
+    runs = [solve(s, cycles=2, steps_per_cycle=60) for s in (full, full.project(basis))]
+    assert runs[1].opened.any()
+    assert runs[1].energy_residual < 1e-8
+    whole, small = runs
+    assert small.friction_work == pytest.approx(whole.friction_work, rel=1e-6)
+    for name in ("peak", "slip_peak", "slider_peak", "normal_force_peak"):
+        value = getattr(whole, name)
+        assert getattr(small, name) == pytest.approx(value, abs=1e-7 * value.max()), name
 
 
 def test_stiffer_springs_tend_to_the_friction_of_rigid_surfaces():

@@ -4,12 +4,24 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.slider import HOLDS, MASS, MU, PRESSED, SPRING, X, followed, loop_energy, slider
+from benchmarks.slider import (
+    HOLDS,
+    LIFTS,
+    MASS,
+    MU,
+    PRESSED,
+    SPRING,
+    X,
+    followed,
+    loop_energy,
+    slider,
+)
 from opening_blocks import block, loads
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
+from skfem_joint.stepping.arrangement import arranged
 
 SCHEME = sj.generalized_alpha(0.5)
 
@@ -48,14 +60,48 @@ def test_vibration_that_is_slow_has_the_loop_of_the_closed_form():
     assert stiff.cycles.friction[-1] == pytest.approx(rigid.cycles.friction[-1], rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("solve", "options"), [(sj.quasi_static, {}), (sj.integrate, {"scheme": SCHEME})]
+)
+def test_a_slider_in_unknowns_that_are_no_slips_has_the_loop_of_its_closed_form(solve, options):
+    """Elastic contact carries the share of the normal load that its stiffness has."""
+    system, stiffness, turned = slider(150.0, 0.0), 4.0 * LIFTS, np.array([[0.8, -0.6], [0.6, 0.8]])
+    contact = replace(system.opening, stiffness=np.full(1, stiffness))
+    small, errors = replace(system, opening=contact).project(turned), []
+    assert arranged(small).kind == "dense"
+    for steps in (50, 100, 200):
+        run = solve(small, cycles=2, steps_per_cycle=steps, **options)
+        errors.append(abs(run.cycles.friction[-1] / loop_energy(0.8 * 150.0) - 1.0))
+        assert run.energy_residual < 1e-9
+    assert errors[2] < 2e-3
+    assert 8.0 * errors[2] < errors[0]
+
+
+def test_sparse_matrices_whose_slip_and_approach_share_unknowns_are_stepped_as_dense_ones():
+    system, turned = slider(150.0, 0.0), np.array([[0.8, -0.6], [0.6, 0.8]])
+    rigid = system.project(turned)
+    contact = replace(rigid.opening, N=sparse.csr_array(rigid.opening.N))
+    values = {name: sparse.csr_array(getattr(rigid, name)) for name in ("M", "C", "K", "B", "P")}
+    rigid = replace(rigid, opening=contact, **values)
+    with pytest.raises(sj.InputError, match="or contact elastic"):
+        arranged(rigid)
+    soft = {"stiffness": np.full(1, 1e4)}
+    small = replace(rigid, opening=replace(contact, **soft))
+    assert arranged(small).kind == "dense"
+    whole = replace(system, opening=replace(system.opening, **soft))
+    for solve in (sj.integrate, sj.quasi_static):
+        runs = [solve(s, cycles=2, steps_per_cycle=60) for s in (whole, small)]
+        assert runs[1].friction_work == pytest.approx(runs[0].friction_work, rel=1e-7)
+        assert runs[1].slider_peak == pytest.approx(runs[0].slider_peak, rel=1e-7)
+
+
 def test_a_constant_normal_force_gives_the_slider_of_constant_contact():
     opens = slider(0.0, 0.0)
     B, one = sparse.csr_array([[1.0]]), sparse.csr_array([[1.0]])
     load = sj.AppliedLoad(np.ones(1), sj.Harmonic(HOLDS * X, 1.0), "along")
-    constant = sj.System(
-        MASS * one, 1e-3 * MASS * one, HOLDS * one, B, opens.w, np.inf,
-        stiffness=opens.stiffness, loads=[load], P=one, points=("along",),
-    )  # fmt: skip
+    rubs = sj.Contact(B, opens.contact.w, np.inf, stiffness=opens.contact.stiffness)
+    matrices = MASS * one, 1e-3 * MASS * one, HOLDS * one
+    constant = sj.System(*matrices, rubs, loads=[load], P=one, points=("along",))
     for solve in (sj.integrate, sj.quasi_static):
         run, other = (solve(s, cycles=2, steps_per_cycle=100) for s in (opens, constant))
         assert run.cycles.friction == pytest.approx(other.cycles.friction, rel=1e-9)
@@ -65,13 +111,15 @@ def test_a_constant_normal_force_gives_the_slider_of_constant_contact():
 
 def test_the_backbone_of_a_slider_is_that_of_its_loop():
     """Unit mass on a slider of constant normal load: 4 w (x - w / k) lost in a cycle."""
-    contact = OpeningContact(
-        sparse.csr_array([[0.0, 1.0]]), np.zeros(1), np.array([PRESSED]),
-        sparse.csr_array([[MU]]), np.full(1, np.inf), np.ones(1),
+    contact = NormalPart(
+        sparse.csr_array([[0.0, 1.0]]), np.zeros(1), np.array([PRESSED]), np.full(1, np.inf),
+        np.ones(1),
     )  # fmt: skip
     K, M = sparse.diags_array([1e6, 1e6]).tocsr(), sparse.eye_array(2, format="csr")
-    B, w = sparse.csr_array([[1.0, 0.0]]), np.array([MU * PRESSED])
-    system = sj.System(M, None, K, B, w, np.inf, stiffness=np.full(1, SPRING), opening=contact)
+    B, w, gain = sparse.csr_array([[1.0, 0.0]]), MU * PRESSED, sparse.csr_array([[MU]])
+    spring = np.full(1, SPRING)
+    rubs = sj.Contact(B, [0.0], np.inf, stiffness=spring, normal=contact, gain=gain)
+    system = sj.System(M, None, K, rubs)
     (curve,) = sj.backbone(system, levels=4, slips_at=600.0, up_to=2.0)
     x = (curve.level - np.minimum(curve.level * SPRING / (1e6 + SPRING), w)) / 1e6
     assert curve.amplitude == pytest.approx(x, rel=1e-6)
@@ -79,7 +127,7 @@ def test_the_backbone_of_a_slider_is_that_of_its_loop():
     damping = lost / (2.0 * np.pi * curve.level * x)
     assert curve.friction_damping == pytest.approx(damping, rel=5e-3, abs=1e-9)
     assert curve.state[0] == "stick"
-    assert replace(system, opening=None).sprung.all()
+    assert system.contact.constant().sprung.all()
 
 
 def test_steady_vibration_of_a_slider_has_the_loop_of_its_closed_form():
@@ -103,8 +151,8 @@ def test_a_slider_slips_by_what_its_spring_takes_of_the_limit_of_the_time(solve,
 
 def test_a_slider_that_sticks_on_its_spring_has_no_slip():
     system = slider(0.0, 0.0)
-    strong = replace(system.opening, force=np.array([10.0 * PRESSED]))
-    system = replace(system, opening=strong, w=strong.limits_at_rest)
+    strong = replace(system.contact.normal, force=np.array([10.0 * PRESSED]))
+    system = system.with_contact(normal=strong)
     for solve in (sj.quasi_static, sj.integrate):
         run = solve(system, cycles=2, steps_per_cycle=100)
         assert run.slip_peak == pytest.approx([X], rel=1e-3)
@@ -119,7 +167,7 @@ def test_a_run_goes_on_from_the_forces_of_springs_and_their_limits(model):
     u = 2e-6 * np.ones(system.n)
     whole = sj.integrate(system, step=1e-7, n_steps=200, initial=(u, 0.0 * u))
     first = sj.integrate(system, step=1e-7, n_steps=120, initial=(u, 0.0 * u))
-    assert np.abs(first.final_limits / system.w - 1.0).max() > 0.1
+    assert np.abs(first.final_limits / system.contact.w - 1.0).max() > 0.1
     state = *first.final, first.final_sigma, first.final_limits
     rest = sj.integrate(system, step=1e-7, n_steps=80, initial=state)
     assert first.stored_energy[1] == rest.stored_energy[0]
@@ -135,7 +183,7 @@ def test_friction_at_the_start_needs_the_limits_that_it_is_over():
     for wrong in (-one, still):
         with pytest.raises(sj.InputError, match=r"must be \(1,\) and not negative"):
             sj.integrate(system, **plan, initial=(still, still, one, wrong))
-    constant = replace(system, opening=None)
+    constant = replace(system, contact=system.contact.constant())
     with pytest.raises(sj.InputError, match="beside constant contact"):
         sj.integrate(constant, **plan, initial=(still, still, one, one))
     with pytest.raises(sj.InputError, match="or four with the limits"):

@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.opening import OpeningContact
+from skfem_joint.normal import NormalPart
 
 MASS, STIFFNESS, GAP, SPEED = 2.0, 8e4, 1e-3, 0.5
 #: Angular frequency in contact, rad/s, and time from the start to the first touch, s.
@@ -14,16 +14,16 @@ OMEGA, TOUCH = np.sqrt(STIFFNESS / MASS), GAP / SPEED
 
 def _system(stiffness, loads=(), held=0.0, gap=GAP, force=0.0):
     """Mass that a base stops at the gap; a spring may hold it."""
-    contact = OpeningContact(
+    contact = NormalPart(
         sparse.csr_array(np.eye(1)), np.array([gap]), np.array([force]),
-        sparse.csr_array((0, 1)), np.array([stiffness]), np.ones(1),
+        np.array([stiffness]), np.ones(1),
     )  # fmt: skip
     M, K = sparse.csr_array([[MASS]]), sparse.csr_array([[held]])
     B, none = sparse.csr_array((0, 1)), np.zeros(0)
     applied = [sj.AppliedLoad(np.ones(1), load, "mass") for load in loads]
     P = sparse.csr_array(np.eye(1))
     return sj.System(
-        M, None, K, B, none, none, loads=applied, P=P, points=("mass",), opening=contact
+        M, None, K, sj.Contact(B, none, none, normal=contact), loads=applied, P=P, points=("mass",)
     )
 
 

@@ -115,7 +115,7 @@ def test_a_block_that_lifts_off_is_steady_where_a_long_run_leads(model, steps, o
     run = sj.integrate(system, until="steady", steps_per_cycle=steps)
     long = sj.integrate(system, cycles=60, steps_per_cycle=steps)
     assert run.opened.any() == opens
-    assert (run.normal_force_least < 0.15 * system.opening.force).any()
+    assert (run.normal_force_least < 0.15 * system.contact.normal.force).any()
     u = long.point_u[-steps:]
     amplitude = 0.5 * np.ptp(u, axis=0)
     assert run.steady.amplitude == pytest.approx(amplitude, rel=1e-5)
@@ -134,9 +134,9 @@ def test_no_point_lies_deeper_than_steps_leave_it():
     system = sj.condense(block().system(loads(up=150e3, across=50e3)))
     run = sj.integrate(system, until="steady", steps_per_cycle=60, save=sj.Save(fields=True))
     marched = sj.integrate(system, cycles=12, steps_per_cycle=60, save=sj.Save(fields=True))
-    deepest = -system.opening.gaps(marched.u).min()
+    deepest = -system.contact.normal.gaps(marched.u).min()
     largest = np.abs(marched.u).max()
-    assert -system.opening.gaps(run.u).min() < deepest + 1e-9 * largest
+    assert -system.contact.normal.gaps(run.u).min() < deepest + 1e-9 * largest
 
 
 def test_a_vibration_of_two_periods_is_named():

@@ -36,9 +36,10 @@ def test_every_attribute_is_described(result):
 def test_shapes_are_those_that_are_described(run):
     system = run.system
     sizes = {
-        "rows": 61, "frames": 25, "cycles": 3, "n": system.n, "m": system.w.size,
-        "points": len(system.points), "loads": len(system.loads), "joints": len(system.joints),
-        "rows of B": system.B.shape[0], "q": 0,
+        "rows": 61, "frames": 25, "cycles": 3, "n": system.n, "m": system.contact.w.size,
+        "points": len(system.points), "loads": len(system.loads),
+        "joints": len(system.contact.joints),
+        "rows of B": system.contact.B.shape[0], "q": 0,
     }  # fmt: skip
     checked = 0
     for result in (run, run.cycles):
@@ -54,20 +55,20 @@ def test_shapes_are_those_that_are_described(run):
 
 def test_a_system_is_shown_in_a_few_lines(run):
     system = run.system
-    limit = f"{system.w.sum():.6g} N"
+    limit = f"{system.contact.w.sum():.6g} N"
     lines = repr(system).splitlines()
     assert lines[0].startswith(f"Full model: {system.n} unknowns for {system.n + 1} degrees of")
-    assert lines[1] == f"  joints: joint ({system.w.size} contact points, limit {limit})"
+    assert lines[1] == f"  joints: joint ({system.contact.w.size} contact points, limit {limit})"
     assert lines[2:] == ["  loads: end", f"  points: {', '.join(system.points)}"]
     assert str(sj.condense(system)).startswith("Condensed or projected model: ")
     reduced = repr(sj.reduce(system, modes=3)).splitlines()
     assert reduced[0].startswith("Reduced model: ")
     assert f"limit {limit})" in reduced[1]
     assert reduced[-1] == "  made for: its loads as they are (500 Hz)"
-    own = sj.System(np.eye(2), None, np.eye(2), np.zeros((0, 2)), [], 1e5)
+    own = sj.System(np.eye(2), None, np.eye(2), sj.Contact(np.zeros((0, 2)), [], 1e5))
     assert repr(own) == "System: 2 unknowns\n  joints: none\n  loads: none\n  points: none"
     named = [f"p{k}" for k in range(6)]
     many = sj.System(
-        np.eye(6), None, np.eye(6), np.zeros((0, 6)), [], 1.0, P=np.eye(6), points=named
+        np.eye(6), None, np.eye(6), sj.Contact(np.zeros((0, 6)), [], 1.0), P=np.eye(6), points=named
     )
     assert repr(many).endswith("  points: p0, p1, p2, p3, 2 more")

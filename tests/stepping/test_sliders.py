@@ -31,7 +31,7 @@ def forces_along(system: sj.System, slip: Any) -> tuple[Any, Any]:
     """Displacements that were reached, (times, n), and the friction forces there, N."""
     path = QuasiStatic(system, 1e-13)
     u = path.follow(HELD * np.asarray(slip), limit_share=np.inf)
-    return u, path.frictions * system.on_rows(system.w)
+    return u, path.frictions
 
 
 def bar(stiffness: float, beta: float = inf, n: int = 24, **changes: Any) -> sj.System:
@@ -125,8 +125,8 @@ def test_energy_is_kept_and_all_methods_agree(monkeypatch, kind, rho, beta):
 
 def test_sliders_that_never_slide_are_springs():
     system = bar(1e12)
-    system = replace(system, w=1e6 * system.w)
-    linear = replace(system, K=system.stuck_stiffness, w=0.0 * system.w)
+    system = system.with_contact(given=1e6 * system.contact.w)
+    linear = replace(system.with_contact(given=0.0 * system.contact.w), K=system.stuck_stiffness)
     plan = {"cycles": 2, "steps_per_cycle": 100}
     run, springs = sj.integrate(system, **plan), sj.integrate(linear, **plan)
     np.testing.assert_allclose(run.point_u, springs.point_u, atol=1e-9 * run.peak.max())
@@ -138,9 +138,9 @@ def test_a_bar_moves_as_another_solver_says():
     """Elastic sliders as a system of ordinary differential equations, by scipy."""
     system = bar(2e12, n=3, stiffness_damping=1e-5)
     inner = arranged(system).system
-    M, C, K, B = (A.toarray() for A in (inner.M, inner.C, inner.K, inner.B))
+    M, C, K, B = (A.toarray() for A in (inner.M, inner.C, inner.K, inner.contact.B))
     P, f = inner.P.toarray(), inner.loads[0]
-    n, m, w, k = inner.n, inner.w.size, inner.w, inner.stiffness
+    n, m, w, k = inner.n, inner.contact.w.size, inner.contact.w, inner.contact.stiffness
     inverse = np.linalg.inv(M)
 
     def rate(t: float, y: Any) -> Any:
@@ -182,11 +182,11 @@ def test_a_point_that_loses_its_limit_lets_its_spring_go():
     contact = sj.point_friction([1.0], LIMIT, stiffness=SPRING)
     system = sj.System.from_matrices([[1.0]], [[HELD]], contact=contact)
     for share in (0.5, 0.0):
-        lower = replace(system, w=share * system.w)
+        lower = system.with_contact(given=share * system.contact.w)
         start = np.zeros(1), np.zeros(1), np.array([0.9])
         run = sj.integrate(lower, step=1e-6, n_steps=1, initial=start, save=sj.Save(fields=True))
-        force = lower.w * run.sigma[-1]
-        assert np.all(np.abs(force) <= lower.w)
+        force = lower.contact.w * run.sigma[-1]
+        assert np.all(np.abs(force) <= lower.contact.w)
 
 
 @pytest.mark.parametrize("kind", ["chain", "contact", "dense"])
@@ -258,7 +258,7 @@ def test_joints_in_the_middle_of_a_bar_on_springs_are_those_of_the_mirrored_bar(
         loads = sj.Load("tip", sj.Harmonic(32e3, 500.0)), sj.Load("tip", sj.Rectangle(5e3, 1e-3))
         run = sj.integrate(structure.system(loads), step=5e-6, n_steps=600)
         assert run.energy_residual < 1e-12
-        return [*(run.system.J @ run.friction_work), *run.stored_energy, run.peak_of("tip")]
+        return [*(run.system.contact.J @ run.friction_work), *run.stored_energy, run.peak_of("tip")]
 
     mirrored = energies(parts[::-1], 0.4)
     assert min(mirrored[: len(joints)]) > 1e-2 * mirrored[-2]
@@ -287,7 +287,7 @@ def test_sliders_along_a_chain_do_not_depend_on_their_order(between, stiffness):
             loads={"end": (Q @ np.eye(n)[-1], sj.Harmonic(40.0, 11.0))},
         )  # fmt: skip
         run = sj.integrate(system, cycles=3, steps_per_cycle=80)
-        own = dict(zip(system.joints, system.J @ run.friction_work, strict=True))
+        own = dict(zip(system.contact.joints, system.contact.J @ run.friction_work, strict=True))
         return [*(own[str(joint)] for joint in range(3)), run.peak_of("end")]
 
     first = works((0, 1, 2), numberings[0])
@@ -304,9 +304,11 @@ def test_condensed_and_reduced_models_keep_springs():
     assert condensed.energy_residual < 1e-11
     assert condensed.friction_work.sum() == pytest.approx(full.friction_work.sum(), rel=1e-3)
     model = sj.reduce(system, modes=8, friction_points=10)
-    assert model.w.size <= 10
-    assert model.stiffness.sum() == pytest.approx(system.stiffness.sum(), rel=1e-12)
-    assert np.all(np.isinf(model.beta))  # sliders on springs need no law of finite steepness
+    assert model.contact.w.size <= 10
+    assert model.contact.stiffness.sum() == pytest.approx(system.contact.stiffness.sum(), rel=1e-12)
+    assert np.all(
+        np.isinf(model.contact.beta)
+    )  # sliders on springs need no law of finite steepness
     reduced = sj.integrate(model, **plan)
     assert reduced.energy_residual < 1e-12
     assert reduced.friction_work.sum() == pytest.approx(full.friction_work.sum(), rel=0.1)
@@ -317,7 +319,7 @@ def test_condensed_and_reduced_models_keep_springs():
 def test_systems_keep_springs_in_files_and_sums(tmp_path: Path):
     system = bar(1e12)
     again = sj.load(sj.save(system, tmp_path / "system.npz"))
-    np.testing.assert_array_equal(again.stiffness, system.stiffness)
+    np.testing.assert_array_equal(again.contact.stiffness, system.contact.stiffness)
     both = sj.point_friction([1.0, 0.0], 1.0) + sj.point_friction([0.0, 1.0], 1.0, stiffness=5.0)
     assert both.springs.tolist() == [inf, 5.0]
     for wrong in (0.0, -1.0, np.nan):
@@ -328,12 +330,12 @@ def test_systems_keep_springs_in_files_and_sums(tmp_path: Path):
 def test_stiffness_of_points_is_that_of_the_area():
     system = bar(1e12)
     held = 0.5 * 0.25 / 24  # of the node at the support
-    assert system.stiffness.sum() == pytest.approx(1e12 * 0.05 * (0.25 - held), rel=1e-12)
+    assert system.contact.stiffness.sum() == pytest.approx(1e12 * 0.05 * (0.25 - held), rel=1e-12)
 
 
 def test_stuck_joints_are_those_on_their_springs():
     system = bar(1e12)
-    stuck = replace(system, K=system.stuck_stiffness, w=0.0 * system.w)
+    stuck = replace(system.with_contact(given=0.0 * system.contact.w), K=system.stuck_stiffness)
     expected = sj.natural_modes(stuck, 3).frequencies
     found = sj.natural_modes(system, 3, joints="stuck").frequencies
     np.testing.assert_allclose(found, expected, rtol=1e-9)

@@ -10,8 +10,9 @@ from stepping_systems import LapJoint, arm
 
 import skfem_joint as sj
 from skfem_joint.stepping.integrate import integrate_plan
-from skfem_joint.stepping.levels import CoulombLevels, Level
+from skfem_joint.stepping.levels import Level
 from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.slow_run import slow_run
 
@@ -90,7 +91,9 @@ def test_point_with_a_spring_goes_round_an_exact_parallelogram():
 
 def sprung(system, per_newton=1e3):
     """Springs in series with friction that stretch by a part of a meter under its limits."""
-    return replace(system, stiffness=np.where(system.w > 0.0, per_newton * system.w, np.inf))
+    return system.with_contact(
+        stiffness=np.where(system.contact.w > 0.0, per_newton * system.contact.w, np.inf)
+    )
 
 
 def returned(slip, spring, limit):
@@ -149,9 +152,9 @@ def test_bar_on_springs_unloads_by_its_loading_doubled(model):
     # Each point is a Jenkins element of its own.
     if model == "full":
         fields = sj.quasi_static(system, duration=5.0, step=0.02, save=sj.Save(fields=True))
-        slips, limits = fields.u @ system.B.T, system.w
+        slips, limits = fields.u @ system.contact.B.T, system.contact.w
         for k in (0, 14, 29):
-            own = returned(slips[:, k], system.stiffness[k], limits[k])
+            own = returned(slips[:, k], system.contact.stiffness[k], limits[k])
             assert limits[k] * fields.sigma[:, k] == pytest.approx(own, abs=1e-8 * limits[k])
 
 
@@ -204,7 +207,7 @@ def test_plates_on_springs_balance_in_two_directions(model):
     assert run.energy_residual < 1e-8
     assert run.friction_work.min() > -1e-9 * run.friction_work.sum()
     assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=2e-2)
-    stored = run.system.spring_energy(run.final_sigma)
+    stored = run.system.contact.spring_energy(run.final_sigma)
     assert 0.0 < stored < run.stored_energy[1]
 
 
@@ -289,13 +292,13 @@ def test_a_body_that_friction_holds_goes_round_closed_loops(model):
 def test_levels_of_a_body_that_friction_holds_balance_without_added_mass(solid):
     """K is singular, and a little mass is added to it; no force of that is left at a level."""
     given = bolted(solid).system(loads("right", 3 if solid else 2))
-    levels = CoulombLevels(given, 1e-11)
+    levels = QuasiStatic(given, 1e-11)
     system, level = levels.to.system, levels.rest()
-    assert levels.path.shift > 0.0
+    assert levels.shift > 0.0
     force = levels.to.force(100.0 * given.loads[0].vector)
     for share in (0.5, 1.0, -0.2):
         level = levels.next(level, share * force)
-        left = share * force - system.K @ level.u - system.B.T @ level.friction
+        left = share * force - system.K @ level.u - system.contact.B.T @ level.friction
         assert np.abs(left).max() < 1e-10 * np.abs(force).max()
 
 
@@ -315,13 +318,13 @@ def test_peaks_between_levels_are_not_missed():
 
 
 def test_a_linear_system_is_solved_too():
-    system = replace(foot(sj.Harmonic(100.0, 1.0)), w=np.zeros(1))
+    system = foot(sj.Harmonic(100.0, 1.0)).with_contact(given=np.zeros(1))
     run = sj.quasi_static(system, cycles=1, steps_per_cycle=40)
     assert run.point("mass") == pytest.approx(run.amplitudes[:, 0] / 4e4, abs=1e-15)
 
 
 def test_without_any_hold_there_is_no_level():
-    system = replace(free_bar(sj.Harmonic(1.0, 1.0)), w=np.zeros(21))
+    system = free_bar(sj.Harmonic(1.0, 1.0)).with_contact(given=np.zeros(21))
     with pytest.raises(sj.ConvergenceError, match="neither a support nor friction") as caught:
         sj.quasi_static(system, cycles=1, steps_per_cycle=40)
     assert caught.value.run.counters.steps == 0
@@ -333,7 +336,7 @@ def test_works_of_plates_balance_and_their_loops_close(model):
     made = structure(lap(), [LAP], ("lower_left",), stiffness_damping=0.0)
     load = sj.Load("upper_right", sj.Harmonic(1.0, 1.0), (1.0, 0.2))
     system = made.system([load], [])
-    pull = 0.4 * float(system.w.sum())
+    pull = 0.4 * float(system.contact.w.sum())
     system = made.system([replace(load, amplitude=sj.Harmonic(pull, 1.0))], [])
     full = sj.quasi_static(system, cycles=2, steps_per_cycle=40)
     run = full
@@ -366,7 +369,11 @@ def test_the_loop_of_a_joint_is_that_of_its_slip_vectors():
     K += np.kron(np.ones((points, points)), spring / points**2 * np.eye(2))
     load = sj.AppliedLoad(np.tile(along, points) / points, sj.Harmonic(300.0, 1.0), "face")
     system = sj.System(
-        np.eye(2 * points), None, K, B, w, np.inf, loads=(load,), directions=np.full(points, 2)
+        np.eye(2 * points),
+        None,
+        K,
+        sj.Contact(B, w, np.inf, directions=np.full(points, 2)),
+        loads=(load,),
     )
     run = sj.quasi_static(system, cycles=2, steps_per_cycle=200)
     loops = run.loops
@@ -381,7 +388,7 @@ def test_the_loop_of_a_joint_is_that_of_its_slip_vectors():
 def test_another_solver_of_levels_can_take_the_place():
     """The driver takes friction in N from it, here a limit that rises with the load."""
 
-    class Rising(CoulombLevels):
+    class Rising(QuasiStatic):
         def next(self, last, force):
             limit = 60.0 + 0.5 * abs(force[0])
             trial = force[0] - 4e4 * last.u[0]
@@ -485,4 +492,4 @@ def test_pressed_plate_takes_two_directions():
     assert np.abs(run.loops.direction[0, 0]) == pytest.approx(1.0, abs=1e-3)
     assert run.energy_residual < 1e-10
     total = np.abs(run.loops.force[:, 0]).max()
-    assert 0.1 * 9e3 < total <= float(system.w.sum()) * (1 + 1e-9)
+    assert 0.1 * 9e3 < total <= float(system.contact.w.sum()) * (1 + 1e-9)

@@ -27,7 +27,7 @@ def bar(frequency: float, share: float, elements: int = 50, beta: float = np.inf
     system = arm(
         sj.Harmonic(1.0, frequency), joint, (elements, elements), stiffness_damping=damping
     )
-    force = share * float(system.w.sum()) if share else 1.0
+    force = share * float(system.contact.w.sum()) if share else 1.0
     load = replace(system.loads[0], amplitude=sj.Harmonic(force, frequency, 0.3))
     return replace(system, loads=(load,))
 
@@ -44,7 +44,7 @@ def loose(*parts: sj.Harmonic, share: float = 2.0) -> sj.System:
     joint = pressed(beta=np.inf)
     made = struts(mesh, [joint], fixed=(), free=True, stiffness_damping=0.0, damping_ratio=5e-3)
     system = made.system([sj.Load("end", sj.Harmonic(1.0, 1500.0))], [])
-    scale = share * float(system.w.sum())
+    scale = share * float(system.contact.w.sum())
     load = sj.MultiHarmonic(tuple(replace(a, amplitude=scale * a.amplitude) for a in parts))
     return replace(system, loads=(replace(system.loads[0], amplitude=load),))
 
@@ -217,10 +217,10 @@ def test_vibration_that_friction_does_not_reach_is_no_fixed_point(monkeypatch):
 def test_the_transition_is_the_derivative_of_a_period(kind, beta):
     system = bar(1790.0, 0.3, 10, beta=beta) if kind != "contact" else on_base()
     if kind == "contact":
-        system = replace(system, beta=np.full_like(system.beta, beta))
+        system = system.with_contact(beta=np.full_like(system.contact.beta, beta))
     if kind == "dense":
         _, V = np.linalg.eigh(system.K.toarray())
-        system = replace(system.project(V[:, :12]), beta=np.full_like(system.beta, 1e4))
+        system = system.project(V[:, :12]).with_contact(beta=np.full_like(system.contact.beta, 1e4))
     plan = steady_plan(system, 100)
     driver = Driver(system, plan, (np.zeros(system.n), np.zeros(system.n)), 1e-13)
     assert driver.to.kind == kind
@@ -315,7 +315,7 @@ def test_warped_steps_have_true_velocities_and_energies():
 def test_without_damping_a_change_at_round_off_is_steady(elements, share):
     """All points stick: nothing is lost, and the work of a period is round-off, too."""
     system = bar(500.0, share, elements)
-    force = share * float(system.w.sum())
+    force = share * float(system.contact.w.sum())
     load = replace(system.loads[0], amplitude=sj.Harmonic(force, 500.0))
     system = replace(system, C=0.0 * system.C, loads=(load,))
     run = sj.integrate(system, until="steady", steps_per_cycle=100)
@@ -323,7 +323,7 @@ def test_without_damping_a_change_at_round_off_is_steady(elements, share):
     assert run.steady.periods < 50
     # The trapezoidal rule has the amplitude of this frequency, exactly.
     omega = 2.0 * 500.0 * 100 * np.tan(np.pi / 100)
-    free = np.setdiff1d(np.arange(system.n), system.B.indices)
+    free = np.setdiff1d(np.arange(system.n), system.contact.B.indices)
     stiffness = (system.K - omega**2 * system.M).toarray()[np.ix_(free, free)]
     u = np.linalg.solve(stiffness, force * system.load_vectors()[free, 0])
     exact = np.abs(system.P.toarray()[:, free] @ u)

@@ -23,7 +23,7 @@ def loaded(structure: sj.Structure, amplitude: Amplitude) -> sj.System:
 
 def free_decay(system: sj.System) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies, rad/s, and ratios of a system's free vibrations with its joints stuck."""
-    free = np.setdiff1d(np.arange(system.n), system.B.indices)
+    free = np.setdiff1d(np.arange(system.n), system.contact.B.indices)
     M, C, K = (A.toarray()[np.ix_(free, free)] for A in (system.M, system.C, system.K))
     zero, one = np.zeros_like(M), np.eye(free.size)
     first = np.block([[zero, one], [-K, -C]])
@@ -73,8 +73,8 @@ def test_a_ratio_is_given_alone_and_of_something_that_vibrates():
         with pytest.raises(sj.InputError, match="must be given alone"):
             sj.System.from_matrices(M, K, damping_ratio=RATIO, **changes)
     with pytest.raises(sj.InputError, match="nothing vibrates"):
-        sj.System(M, None, sparse.csr_array(0.0 * K), np.zeros((0, 2)), [], 1.0).with_damping_ratio(
-            RATIO
-        )
+        sj.System(
+            M, None, sparse.csr_array(0.0 * K), sj.Contact(np.zeros((0, 2)), [], 1.0)
+        ).with_damping_ratio(RATIO)
     with pytest.raises(sj.InputError, match=r"(?s)below 1.*must be given alone"):
         some("line", damping_ratio=2.0, stiffness_damping=1e-5)

@@ -78,8 +78,10 @@ def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind):
     M, K = some.matrices()
     heavy = 1e6 * M.sum()
     base = np.eye(M.shape[0])[int(np.flatnonzero(some.held.ravel())[0])]
-    rows = (np.asarray(row) - base for row in (relative.B @ relative.T.T).toarray())
-    slip = [sj.point_friction(row, w, beta=1e3) for row, w in zip(rows, relative.w, strict=True)]
+    rows = (np.asarray(row) - base for row in (relative.contact.B @ relative.T.T).toarray())
+    slip = [
+        sj.point_friction(row, w, beta=1e3) for row, w in zip(rows, relative.contact.w, strict=True)
+    ]
     absolute = sj.System.from_matrices(
         sparse.csr_array(M + heavy * sparse.csr_array(np.outer(base, base))),
         K,

@@ -63,7 +63,7 @@ def test_pressure_with_kinks_is_integrated_exactly_in_every_dimension():
 @pytest.mark.parametrize("kind", ["equal", "consistent"])
 def test_equal_forces_share_all_and_consistent_ones_by_length(elements, kind):
     body = build_bar([("joint", 0.25, elements)], {"fixed": 0.0, "free_end": 0.25})
-    w = structure(body, [pressed(normal_force=kind)], ["fixed"]).system().w
+    w = structure(body, [pressed(normal_force=kind)], ["fixed"]).system().contact.w
     share = MU * 8e6 * WIDTH * 0.25 / elements
     last = share if kind == "equal" else share / 2
     np.testing.assert_allclose(w, [*[share] * (elements - 1), last], rtol=1e-12)

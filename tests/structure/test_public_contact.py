@@ -12,6 +12,7 @@ from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from skfem_joint.analysis.natural_modes import natural_modes
+from skfem_joint.contacts import Contact
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.slips import SlipRows
@@ -43,9 +44,9 @@ def same_up_to_order(one: System, two: System) -> None:
         for s in (one, two)
     ]
     np.testing.assert_allclose(values[0], values[1], rtol=1e-7)
-    np.testing.assert_allclose(np.sort(one.w), np.sort(two.w), rtol=1e-12)
-    np.testing.assert_array_equal(np.sort(one.directions), np.sort(two.directions))
-    assert np.isinf([one.beta, two.beta]).all()  # the default law is Coulomb's
+    np.testing.assert_allclose(np.sort(one.contact.w), np.sort(two.contact.w), rtol=1e-12)
+    np.testing.assert_array_equal(np.sort(one.contact.directions), np.sort(two.contact.directions))
+    assert np.isinf([one.contact.beta, two.contact.beta]).all()  # the default law is Coulomb's
 
 
 @pytest.mark.parametrize(("shape", "order"), [kind for kind in ELEMENTS if kind[0] != "line"])
@@ -94,17 +95,21 @@ def test_rows_of_ones_own_become_unknowns_and_displacements_come_back():
     u = np.random.default_rng(0).normal(size=system.n)
     full = system.expand(u)
     assert full[0] == 0.0
-    np.testing.assert_allclose(system.B @ u, np.array(rows) @ full, rtol=1e-12)
-    np.testing.assert_array_equal(system.B.data, 1.0)
+    np.testing.assert_allclose(system.contact.B @ u, np.array(rows) @ full, rtol=1e-12)
+    np.testing.assert_array_equal(system.contact.B.data, 1.0)
     np.testing.assert_allclose(u @ (system.K @ u), full @ (K @ full), rtol=1e-12)
     np.testing.assert_allclose(system.P @ u, [full[11], full.mean()], rtol=1e-12)
     assert system.points == ("tip", "mean")
     np.testing.assert_allclose(system.load_amplitudes(np.array([0.5])), [[3.0 * np.sin(0.5)]])
     # The same rows, taken first as they are.
-    plain = System(M=M, C=None, K=K, B=sparse.csr_array(np.array(rows)), w=[10.0, 5.0], beta=1e4)
+    plain = System(
+        M=M, C=None, K=K, contact=Contact(sparse.csr_array(np.array(rows)), [10.0, 5.0], 1e4)
+    )
     inner, arrangement = plain.with_slips_as_unknowns()
     q = np.random.default_rng(1).normal(size=inner.n)
-    np.testing.assert_allclose(plain.B @ (arrangement.forward @ q), inner.B @ q, rtol=1e-12)
+    np.testing.assert_allclose(
+        plain.contact.B @ (arrangement.forward @ q), inner.contact.B @ q, rtol=1e-12
+    )
     np.testing.assert_allclose(arrangement.inverse @ (arrangement.forward @ q), q, rtol=1e-12)
 
 
@@ -125,9 +130,11 @@ def test_a_point_with_two_directions_keeps_the_norm_of_its_slip_beside_supports(
     free = System.from_matrices(M, K, contact=point_friction(rows, 1.0))
     held = System.from_matrices(M, K, fixed=[2], contact=point_friction(rows, 1.0))
     gone = System.from_matrices(M, K, fixed=[2, 3], contact=point_friction(rows, 1.0))
-    assert [list(s.directions) for s in (free, held, gone)] == [[2], [1], []]
+    assert [list(s.contact.directions) for s in (free, held, gone)] == [[2], [1], []]
     u = np.random.default_rng(0).normal(size=held.n)
-    np.testing.assert_allclose(held.slip_norm(held.B @ u), abs(held.expand(u)[3]), rtol=1e-12)
+    np.testing.assert_allclose(
+        held.contact.slip_norm(held.contact.B @ u), abs(held.expand(u)[3]), rtol=1e-12
+    )
 
 
 def refused(match: str, **changes: Any) -> None:
@@ -165,14 +172,14 @@ def test_matrices_that_would_be_wrong_in_silence_are_refused():
 def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
     M, K = chain(4)
     plain = System(
-        M=M, C=None, K=K, B=sparse.eye_array(4, format="csr")[:2], w=[1.0, 2.0], beta=1e5
+        M=M, C=None, K=K, contact=Contact(sparse.eye_array(4, format="csr")[:2], [1.0, 2.0], 1e5)
     )
     assert plain.C.nnz == 0 or abs(plain.C).max() == 0.0
-    np.testing.assert_array_equal(plain.beta, [1e5, 1e5])
+    np.testing.assert_array_equal(plain.contact.beta, [1e5, 1e5])
     with pytest.raises(InputError, match=r"K: found shape \(4, 3\)"):
         replace(plain, K=K[:, :3])
-    with pytest.raises(InputError, match="w: friction limits"):
-        replace(plain, w=-plain.w)
+    with pytest.raises(InputError, match="given: friction limits"):
+        plain.with_contact(given=-plain.contact.w)
     with pytest.raises(InputError, match="beta: found nan, must be > 0"):
         plain.with_beta(np.nan)
     with pytest.raises(InputError, match="basis: found shape"):
@@ -230,7 +237,7 @@ def test_contacts_of_a_sum_keep_their_names_and_energies_apart():
     parts = [point_friction(rows[k], limits[k], 1e4, name=names[k]) for k in names]
     loads = {"tip": (rows[2], Harmonic(50.0, 40.0))}
     system = System.from_matrices(M, K, contact=parts[0] + parts[1] + parts[2], loads=loads)
-    assert system.joints == ("left", "right")
+    assert system.contact.joints == ("left", "right")
     run = integrate(system, cycles=1, steps_per_cycle=50)
     work = run.friction_work
     assert np.all(work > 0.0)
@@ -244,7 +251,7 @@ def test_contacts_are_named_as_the_part_of_the_mesh_unless_named_otherwise():
     both = contact(basis, "base", **how) + contact(basis, "top", name="lid", **how)
     M, K = matrices(basis)
     fixed = basis.get_dofs("right")
-    assert System.from_matrices(M, K, fixed=fixed, contact=both).joints == ("base", "lid")
+    assert System.from_matrices(M, K, fixed=fixed, contact=both).contact.joints == ("base", "lid")
     nameless = SlipRows(
         np.eye(2)[:1], np.ones(1), np.ones(1), np.ones(1, np.int64), both.closed[:0]
     )

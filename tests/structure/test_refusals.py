@@ -239,7 +239,7 @@ def test_what_is_pressed_on_another_body_must_not_be_supported():
         structure(lap((4, 3)), [LAP], ["lower_left"], fixed_y=["upper_left"])
     # The other body may be: its nodes do not move, the slip is the whole displacement.
     held = structure(lap(), [LAP], ["lower_left", "lower_joint"]).system()
-    assert held.contact_points > 0
+    assert held.contact.count > 0
 
 
 def test_joints_on_borders_that_cannot_slip_are_refused():
@@ -301,16 +301,12 @@ def test_pressures_and_tractions_act_on_borders(load, message):
 
 
 @pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)
-@pytest.mark.parametrize("across", [1, 2])
-def test_first_order_elements_are_said_to_lock_and_how_many_span_the_thickness(
-    shape, order, across
-):
-    some = structure(turned(block(shape, order, across, (0.4, 0.05, 0.02)), 20.0))
+def test_first_order_elements_are_said_to_lock(shape, order):
+    some = structure(turned(block(shape, order, 1, (0.4, 0.05, 0.02)), 20.0))
     sentences = [text for text in doubts(some, some.system()) if "they lock" in text]
     assert len(sentences) == (order == 1)
     for sentence in sentences:
         assert "bend too stiffly by tens of per cent" in sentence
-        assert ("reach from side to side, as 100 % do" in sentence) == (across == 1)
 
 
 def said(joint: sj.Joint, force: float = 1e3, elements: int = 40, **changes: Any) -> list[str]:

@@ -36,14 +36,14 @@ def check_form(some: sj.Structure, system: sj.System) -> None:
     for A in (system.M, system.C, system.K):
         assert isinstance(A, sparse.csr_array)
         assert abs(A - A.T).max() <= 1e-16 * abs(A).max()
-    np.testing.assert_array_equal(system.B.data, 1.0)
-    np.testing.assert_array_equal(np.diff(system.B.indptr), 1)
-    assert np.unique(system.B.indices).size == system.B.shape[0]
+    np.testing.assert_array_equal(system.contact.B.data, 1.0)
+    np.testing.assert_array_equal(np.diff(system.contact.B.indptr), 1)
+    assert np.unique(system.contact.B.indices).size == system.contact.B.shape[0]
     # Unknowns and displacements determine each other.
     u = np.random.default_rng(4).standard_normal(system.n)
     back = some.change_of_unknowns.inverse @ system.expand(u)
     np.testing.assert_allclose(back, u, rtol=1e-10, atol=1e-12)
-    slips, first = system.B @ u, system.first_row
+    slips, first = system.contact.B @ u, system.contact.first_row
     displacement = some.expand(u)
     np.testing.assert_array_equal(displacement[some.held], 0.0)
     for patch in some.patches:
@@ -53,7 +53,7 @@ def check_form(some: sj.Structure, system: sj.System) -> None:
             np.testing.assert_allclose(across, 0.0, atol=1e-12)
         for d in range(patch.directions.shape[1]):
             has = np.any(patch.directions[:, d] != 0.0, axis=1)
-            np.testing.assert_array_equal(system.directions[patch.points[has]] > d, True)
+            np.testing.assert_array_equal(system.contact.directions[patch.points[has]] > d, True)
             expected = np.sum(relative * patch.directions[:, d], axis=1)[has]
             np.testing.assert_allclose(
                 slips[first[patch.points[has]] + d], expected, rtol=1e-10, atol=1e-12
@@ -70,7 +70,7 @@ def test_on_its_base_a_body_slips_in_its_own_directions(shape, order):
     system = some.system()
     check_form(some, system)
     expected = {"line": 1, "tri": 2, "quad": 2, "tet": 2, "hex": 2}[shape]
-    np.testing.assert_array_equal(system.directions, expected)
+    np.testing.assert_array_equal(system.contact.directions, expected)
     assert np.linalg.eigvalsh(system.K.toarray())[0] > 0.0
     assert np.linalg.eigvalsh(system.M.toarray())[0] > 0.0
 
@@ -115,8 +115,8 @@ def test_supports_take_slip_directions(shape, order):
         assert along.T[rows].nnz == 0
     else:
         held = np.isin(patch.nodes, along.body.nodes_of("left"))
-        np.testing.assert_array_equal(system.directions[patch.points[held]], 1)
-        np.testing.assert_array_equal(system.directions[patch.points[~held]], 2)
+        np.testing.assert_array_equal(system.contact.directions[patch.points[held]], 1)
+        np.testing.assert_array_equal(system.contact.directions[patch.points[~held]], 2)
 
 
 def test_an_inclined_support_leaves_what_is_perpendicular_to_it_and_the_normal():
@@ -180,7 +180,10 @@ def test_joints_side_by_side_add_at_the_nodes_they_share_and_need_one_law():
         body = replace(body, mesh=body.mesh.with_subdomains({"whole": elements}))
         one = structure(body, [pressed("whole")]).system()
         two = structure(body, [pressed("joint"), pressed("rest")]).system()
-        np.testing.assert_allclose(two.B.T @ two.on_rows(two.w), one.B.T @ one.on_rows(one.w))
+        np.testing.assert_allclose(
+            two.contact.B.T @ two.contact.on_rows(two.contact.w),
+            one.contact.B.T @ one.contact.on_rows(one.contact.w),
+        )
         with pytest.raises(sj.InputError, match=r"'rest' shares a node, .*of another law, beta"):
             structure(body, [pressed("joint"), pressed("rest", beta=1e5)])
 
@@ -188,8 +191,8 @@ def test_joints_side_by_side_add_at_the_nodes_they_share_and_need_one_law():
 def check_balance(some: sj.Structure, system: sj.System) -> None:
     """What `check_form` says; friction forces, as applied, are in balance over both bodies."""
     check_form(some, system)
-    forces = np.random.default_rng(7).standard_normal(system.B.shape[0])
-    first = system.first_row
+    forces = np.random.default_rng(7).standard_normal(system.contact.B.shape[0])
+    first = system.contact.first_row
     applied = np.zeros((some.n_nodes, some.dim))
     for patch in some.patches:
         force = np.zeros((patch.nodes.size, some.dim))
@@ -200,7 +203,9 @@ def check_balance(some: sj.Structure, system: sj.System) -> None:
         applied[patch.nodes] += force
         applied -= patch.other.T @ force
     # Those forces on all nodes are the friction forces B^T f of the unknowns.
-    np.testing.assert_allclose(some.T.T @ applied.ravel(), system.B.T @ forces, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        some.T.T @ applied.ravel(), system.contact.B.T @ forces, rtol=0, atol=1e-10
+    )
     size = np.abs(applied).sum()
     np.testing.assert_allclose(applied.sum(axis=0), 0.0, atol=1e-13 * size)
     for i in range(some.dim):
@@ -264,7 +269,7 @@ def test_a_pile_of_three_plates_slips_at_both_faces():
     field = (some.nodes @ np.array([[1e-3, 2e-4], [3e-4, -1e-3]])).ravel()
     field[np.repeat(some.body.body_of_node > 0, 2) | some.held.ravel()] = 0.0
     q = some.change_of_unknowns.inverse @ field
-    q[system.B.indices] = 0.0
+    q[system.contact.B.indices] = 0.0
     expanded = some.expand(q)
     for patch in some.patches:
         np.testing.assert_allclose(patch.relative(expanded), 0.0, atol=1e-17)

@@ -171,15 +171,15 @@ def test_on_faces_that_do_not_match_action_is_reaction_energy_is_kept_and_what_s
     system = some.system(loads, [])
     run = integrate(system, cycles=1, steps_per_cycle=60, save=Save(fields=True))
     assert run.energy_residual < 1e-11
-    slip = system.slip_norm((system.B @ run.v.T).T)
-    stuck = system.slip_norm(run.sigma) < 1.0 - 1e-9
+    slip = system.contact.slip_norm((system.contact.B @ run.v.T).T)
+    stuck = system.contact.slip_norm(run.sigma) < 1.0 - 1e-9
     np.testing.assert_array_equal(slip[stuck], 0.0)
     assert 0.05 < (~stuck[1:]).mean() < 0.95
     # All that elasticity, inertia and loads leave over is what acts in the contact.
     k = int((~stuck).sum(axis=1).argmax())
     u, v, t = run.u[k], run.v[k], run.field_times[k]
     force = system.load_vectors() @ system.load_amplitudes(np.array([t]))[:, 0]
-    rubbed = system.B.T @ (system.on_rows(system.w) * run.sigma[k])
+    rubbed = system.contact.B.T @ (system.contact.on_rows(system.contact.w) * run.sigma[k])
     a = spsolve(system.M.tocsc(), force - rubbed - system.C @ v - system.K @ u)
     M, K = some.matrices()
     full = [some.T @ x for x in (u, v, a)]

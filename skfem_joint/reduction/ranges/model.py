@@ -22,7 +22,7 @@ from skfem_joint.reduction.ranges.points import (
     searched_level,
 )
 from skfem_joint.reduction.ranges.training import SETTINGS as TRAINING
-from skfem_joint.reduction.ranges.training import Place, Pool, scaled, spread
+from skfem_joint.reduction.ranges.training import Pool, Training, scaled, spread
 from skfem_joint.served import Point, Range, Served
 from skfem_joint.stepping.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
@@ -129,18 +129,18 @@ def reduced_for_range(
             "range: the loads must be harmonic, with a common period, whose frequency and level "
             "the range is of"
         )
-    if system.contact_points == 0:
+    if system.contact.count == 0:
         raise InputError(NO_FRICTION)
     refuse(
-        f"range.limits: found joint {name!r}, must be one of {first_of(system.joints)}"
+        f"range.limits: found joint {name!r}, must be one of {first_of(system.contact.joints)}"
         for name in range_.limits
-        if name not in system.joints
+        if name not in system.contact.joints
     )
     return _Maker(system, range_, accuracy, period).model(modes)
 
 
 #: A point of the range at which models are run, and its level.
-_Checked = tuple[Place, float]
+_Checked = tuple[Training, float]
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ class _Maker:
             self._follow_further(pool, known, rough)
             fitted = self._fitted(pool, known, checked, (SETTINGS.many,))
         factors = self._factors(pool, fitted, checked)
-        larger = replace(fitted.larger, T=None, shares=None, serves=None)
+        larger = replace(fitted.larger.with_contact(shares=None), T=None, serves=None)
         serves = self._serves(pool, larger, known)
         serves = replace(serves, factors=factors, reached=max(fitted.worst, 1e-12))
         if serves.shortfall is not None:
@@ -202,7 +202,7 @@ class _Maker:
         for place in places[: TRAINING.first]:
             levels.append(factor * pool.nominal(place))
             peak = pool.follow(replace(place, slip=1.0), levels[-1]).slip_peak
-            sticks = self.system.least_share(peak <= THRESHOLD * peak.max())
+            sticks = self.system.contact.least_share(peak <= THRESHOLD * peak.max())
             if sticks > TRAINING.still:
                 factor *= TRAINING.raised
             elif sticks < 0.1 * TRAINING.still:
@@ -216,7 +216,7 @@ class _Maker:
         pairs = zip(places[count:], levels[count:], strict=True)
         return pool, known, rough, [self._inside(*pair) for pair in pairs]
 
-    def _inside(self, place: Place, level: float) -> _Checked:
+    def _inside(self, place: Training, level: float) -> _Checked:
         """A place with its share of slip in the range, and the level there."""
         low, high = self.range.slip
         slip = min(max(place.slip, low), high)
@@ -271,7 +271,7 @@ class _Maker:
         law, accuracy = pool.law(), self.accuracy
         return Served(self.range, larger, {}, accuracy, accuracy, law, self.period, known)
 
-    def _run(self, model: System, place: Place, level: float, fields: bool = False) -> Run:
+    def _run(self, model: System, place: Training, level: float, fields: bool = False) -> Run:
         point = point_of(model, Point(place.frequency, level, {}, place.slip), place.factors)
         steps, cycles = SETTINGS.steps, SETTINGS.cycles
         every = stride(steps * cycles, steps)
@@ -302,7 +302,7 @@ class _Maker:
         return max(history, energy / SETTINGS.energies)
 
     def _better(
-        self, residual: Residual, V: FloatArray, best: System, place: Place, level: float
+        self, residual: Residual, V: FloatArray, best: System, place: Training, level: float
     ) -> Run:
         """Run of the best model with the modes that its run misses, with all friction points."""
         run = self._run(best, place, level, fields=True)
@@ -310,13 +310,13 @@ class _Maker:
         missing = residual.under(there).missing_modes(V, run, SETTINGS.missing, V[:, :0])
         point = run.system
         model = there.widened(there.project(V), V, missing)
-        if point.shares is not None:
-            model = shared_points(model, point.shares, point.w)
-        model = model.no_steeper(point.steepest)
+        if point.contact.shares is not None:
+            model = shared_points(model, point.contact.shares, point.contact.w)
+        model = model.no_steeper(point.contact.steepest)
         return integrate(model, cycles=SETTINGS.cycles, steps_per_cycle=SETTINGS.steps)
 
 
-def _level(rough: System, place: Place) -> float:
+def _level(rough: System, place: Training) -> float:
     """Level at which the first joint slips as a whole, of a rough model, or a guess."""
     level, guess = searched_level(rough, place.frequency, place.factors)
     return TRAINING.missed * guess if level is None else level

@@ -149,13 +149,15 @@ def placed(
 ) -> System:
     """System with its loads at another frequency (Hz) and level, and other friction limits.
 
-    ``factors`` on the limits are of all ``system.joints``; ``period`` is the loads' common one, s.
+    ``factors`` on the limits are of all ``system.contact.joints``; ``period`` is the loads' common
+    one, s.
     """
     if period is None:
         period = common_period(load.amplitude for load in system.loads)
     if period is None or not all(load.amplitude.harmonics for load in system.loads):
         raise InputError("range: all loads must be harmonic, with a common period")
-    return loaded_at(system, frequency, level, period).with_factors(factors)
+    loaded = loaded_at(system, frequency, level, period)
+    return replace(loaded, contact=loaded.contact.with_factors(factors))
 
 
 def loaded_at(system: System, frequency: float, level: float, period: float) -> System:
@@ -186,11 +188,11 @@ def check_within(system: System, frequency: float, factors: FloatArray) -> None:
             f"at: found frequency {frequency:g} Hz, outside the range of the reduced model, "
             f"{low:g} to {high:g} Hz; make one for a wider range, or run the full system there"
         )
-    box = [serves.range.limits.get(name, (1.0, 1.0)) for name in system.joints]
+    box = [serves.range.limits.get(name, (1.0, 1.0)) for name in system.contact.joints]
     least = max((f / pair[1] for f, pair in zip(factors, box, strict=True)), default=1.0)
     most = min((f / pair[0] for f, pair in zip(factors, box, strict=True)), default=1.0)
     if least > most * (1.0 + near):
-        found = dict(zip(system.joints, (float(f"{f:.6g}") for f in factors), strict=True))
+        found = dict(zip(system.contact.joints, (float(f"{f:.6g}") for f in factors), strict=True))
         raise InputError(
             f"at: found limits {found}, outside the range of the reduced model ({serves}), even "
             "with a common factor; make one for a wider range, or run the full system there"
@@ -212,12 +214,12 @@ def _check_slip(serves: Served, share: float) -> None:
 def _factors(system: System, limits: Mapping[str, float]) -> FloatArray:
     """Factors on the limits of all joints, (joints,)."""
     refuse(
-        f"limits: found joint {name!r}, must be one of {first_of(system.joints)}"
+        f"limits: found joint {name!r}, must be one of {first_of(system.contact.joints)}"
         for name in limits
-        if name not in system.joints
+        if name not in system.contact.joints
     )
     check_some(POSITIVE, **{f"limits.{name}": value for name, value in limits.items()})
-    return np.array([float(limits.get(name, 1.0)) for name in system.joints])
+    return np.array([float(limits.get(name, 1.0)) for name in system.contact.joints])
 
 
 def sticking(run: Run) -> float:
@@ -228,8 +230,8 @@ def sticking(run: Run) -> float:
     system = run.system
     slip = run.slider_peak
     period = common_period(load.amplitude for load in system.loads) or 0.0
-    still = slip <= np.maximum(SETTINGS.still * slip.max(initial=0.0), period / system.beta)
-    return system.least_share(still)
+    still = slip <= np.maximum(SETTINGS.still * slip.max(initial=0.0), period / system.contact.beta)
+    return system.contact.least_share(still)
 
 
 def check_short_of_gross_slip(run: Run) -> None:
@@ -305,4 +307,4 @@ def found_level(there: Callable[[float], System], guess: float) -> float | None:
 
 def intervals(system: System, limits: Mapping[str, Interval]) -> list[Interval]:
     """Interval of the factor of each joint."""
-    return [limits.get(name, (1.0, 1.0)) for name in system.joints]
+    return [limits.get(name, (1.0, 1.0)) for name in system.contact.joints]

@@ -43,7 +43,7 @@ class StuckVibration:
 
         ``path`` is a quasi-static path of the system, whose factors are used.
         """
-        F = motions_without_slip(system, carrying=system.has_springs)
+        F = motions_without_slip(system, carrying=system.contact.has_springs)
         held = replace(system, K=system.stuck_stiffness)
         restricted = RestrictedMotion.of(held, F)
         solve = path.stuck(F) or restricted.solver
@@ -56,7 +56,7 @@ class StuckVibration:
         inner = path.to.system
 
         def on_rows(forces: FloatArray) -> FloatArray:
-            return np.asarray(inner.B @ path.to.force(forces))
+            return np.asarray(inner.contact.B @ path.to.force(forces))
 
         loads = system.load_vectors()
         rows = on_rows(loads), on_rows(system.M @ W), on_rows(system.C @ W), on_rows(system.K @ W)
@@ -67,7 +67,7 @@ class StuckVibration:
 
         The system has the unknowns, slip rows and load vectors of the one that this was made of.
         """
-        forces = np.zeros(system.w.size)
+        forces = np.zeros(system.contact.w.size)
         parts = [
             (harmonic, number)
             for number, load in enumerate(system.loads)
@@ -79,8 +79,8 @@ class StuckVibration:
             x = np.linalg.solve(Z, self.loads[:, number].astype(complex))
             load, M, C, K = self.rows
             row = load[:, number] - (K @ x - omega**2 * (M @ x) + 1j * omega * (C @ x))
-            forces += abs(harmonic.amplitude) * system.slip_norm(np.abs(row))
-        limits = system.J @ system.w
-        shares = (system.J @ forces)[limits > 0.0] / limits[limits > 0.0]
+            forces += abs(harmonic.amplitude) * system.contact.slip_norm(np.abs(row))
+        limits = system.contact.J @ system.contact.w
+        shares = (system.contact.J @ forces)[limits > 0.0] / limits[limits > 0.0]
         largest = float(shares.max(initial=0.0))
         return 1.0 / largest if largest > 0.0 else np.inf

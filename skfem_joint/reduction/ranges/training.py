@@ -88,7 +88,7 @@ SETTINGS = TrainingSettings()
 
 
 @dataclass(frozen=True)
-class Place:
+class Training:
     """Where training is done: frequency (Hz), share of slip, factors on the limits (joints,)."""
 
     frequency: float
@@ -96,7 +96,7 @@ class Place:
     factors: FloatArray
 
 
-def spread(system: System, range_: Range, count: int) -> list[Place]:
+def spread(system: System, range_: Range, count: int) -> list[Training]:
     """Points spread over a range by Sobol's sequence, the same ones at each call.
 
     Frequencies are even, shares of slip and factors even in their logarithms: few points slip at
@@ -114,7 +114,7 @@ def spread(system: System, range_: Range, count: int) -> list[Place]:
         for k, share in zip(free, x[2:], strict=True):
             factors[k] = pairs[k][0] * (pairs[k][1] / pairs[k][0]) ** share
         slip = low * (high / low) ** float(x[1])
-        places.append(Place(slow + (fast - slow) * float(x[0]), slip, factors))
+        places.append(Training(slow + (fast - slow) * float(x[0]), slip, factors))
     return places
 
 
@@ -134,7 +134,7 @@ class Pool:
     paths : list of StaticPath
     snapshots : list of ndarray, shape (s, n)
         Of each path, compressed: its proper orthogonal modes times their singular values.
-    places : list of Place
+    places : list of Training
     """
 
     system: System
@@ -143,7 +143,7 @@ class Pool:
     energy: Any
     paths: list[StaticPath] = field(default_factory=list)
     snapshots: list[FloatArray] = field(default_factory=list)
-    places: list[Place] = field(default_factory=list)
+    places: list[Training] = field(default_factory=list)
 
     @staticmethod
     def of(system: System, range_: Range) -> Pool:
@@ -152,11 +152,11 @@ class Pool:
         stuck = StuckVibration.of(system, path, range_.frequency[1], SETTINGS.interface)
         return Pool(system, path, stuck, shifted(system.K, system.M))
 
-    def nominal(self, place: Place) -> float:
+    def nominal(self, place: Training) -> float:
         """Level at which the first joint slips as a whole, about, by the stuck vibration."""
         return self.stuck.level(placed(self.system, place.frequency, 1.0, place.factors))
 
-    def follow(self, place: Place, level: float) -> StaticPath:
+    def follow(self, place: Training, level: float) -> StaticPath:
         """Static slip path of a point at a level of load; it is added to the pool."""
         there = placed(self.system, place.frequency, level, place.factors)
         period, cycles = 1.0 / place.frequency, SETTINGS.cycles
@@ -173,7 +173,7 @@ class Pool:
 
     def _limits(self, there: System) -> FloatArray:
         """Limits of a point in the unknowns of the path, whose contact points are the same."""
-        return there.w
+        return there.contact.w
 
     def proper(self) -> ProperModes:
         """Proper orthogonal modes of all snapshots, in the norm of strain energy."""
@@ -196,7 +196,7 @@ class Pool:
 
     def merged(self, V: FloatArray, count: int | None) -> System:
         """Reduced system on a basis; with merged friction points unless ``count`` is None."""
-        unmerged, points = self.system.project(V), np.flatnonzero(self.system.w)
+        unmerged, points = self.system.project(V), np.flatnonzero(self.system.contact.w)
         if count is None or count >= points.size:
             return unmerged
         return merged_points(unmerged, self.velocities(V), points, count)
@@ -205,15 +205,15 @@ class Pool:
         """Steepness that resolves slip velocities, s/m, with the limits of the system."""
         velocities = []
         for path, place in zip(self.paths, self.places, strict=True):
-            B = np.asarray(path.run.system.B)
-            velocity = float(path.run.system.slip_norm(path.run.v @ B.T).max(initial=0.0))
+            B = np.asarray(path.run.system.contact.B)
+            velocity = float(path.run.system.contact.slip_norm(path.run.v @ B.T).max(initial=0.0))
             mean = float(np.exp(np.log(place.factors).mean())) if place.factors.size else 1.0
             velocities.append(velocity / mean)
         # The median: preliminary models of some paths may slip as a whole.
         return 1.0 / (SETTINGS.resolved * max(float(np.median(velocities)), 1e-12))
 
 
-def scaled(places: Sequence[Place], levels: Sequence[float]) -> FloatArray:
+def scaled(places: Sequence[Training], levels: Sequence[float]) -> FloatArray:
     """Rows of frequency, factors and level, as `Served.known` has them."""
     rows = [[p.frequency, *p.factors, level] for p, level in zip(places, levels, strict=True)]
     return np.array(rows, dtype=float)

@@ -151,7 +151,7 @@ def scaled_basis(
         Fixed-interface modes, see `skfem_joint.reduction.interface_modes.participating`.
     """
     slips = _slip_vectors(structure, system)
-    active = np.zeros(system.w.size, dtype=bool)
+    active = np.zeros(system.contact.w.size, dtype=bool)
     pulled, breathing, lines = [], [], []
     whole: dict[str, float] = {}
     for zone, length in zip(zones, lengths, strict=True):
@@ -173,7 +173,7 @@ def scaled_basis(
     parts.append(_following(system, RestrictedMotion.of(system, F), np.hstack(breathing)))
     if F.shape[1]:
         parts += _beside(system, wide, parts[0], interface_modes)
-    velocity = slip_norms(probe.point_v, system.directions[loaded_ends(zones)])
+    velocity = slip_norms(probe.point_v, system.contact.directions[loaded_ends(zones)])
     basis = basis_of(
         system,
         np.hstack(parts),
@@ -183,9 +183,11 @@ def scaled_basis(
         v=probe.v,
         slip_peak=probe.slip_peak,
         slip_velocity=float(velocity.max(initial=0.0)),
-        active=active & (system.w > 0.0),
+        active=active & (system.contact.w > 0.0),
     )
-    on_lines = all(zone.is_line for zone in zones) and np.all(system.directions[active] == 1)
+    on_lines = all(zone.is_line for zone in zones) and np.all(
+        system.contact.directions[active] == 1
+    )
     return ScaledBasis(
         basis.V,
         basis.modes,
@@ -218,7 +220,7 @@ class _SlipVectors:
 
 def _slip_vectors(structure: Structure, system: System) -> _SlipVectors:
     """Slips along and across the axes of a structure's joints."""
-    m = system.w.size
+    m = system.contact.w.size
     directions, axis = np.zeros((m, 2, structure.dim)), np.zeros((m, structure.dim))
     for patch in structure.patches:
         directions[patch.points, : patch.directions.shape[1]] = patch.directions
@@ -226,16 +228,16 @@ def _slip_vectors(structure: Structure, system: System) -> _SlipVectors:
     along, across = np.einsum("mkd,md->mk", directions, axis), np.zeros((m, 2))
     size = np.linalg.norm(along, axis=1)[:, np.newaxis]
     # A point with one slip direction, nearly perpendicular to the axis, slips across alone.
-    lone = (system.directions == 1) & (size[:, 0] <= THRESHOLD)
+    lone = (system.contact.directions == 1) & (size[:, 0] <= THRESHOLD)
     along[lone], across[lone] = 0.0, [1.0, 0.0]
-    pair = system.directions == 2
+    pair = system.contact.directions == 2
     turned = along[:, ::-1] * [-1.0, 1.0] / np.where(size > 0.0, size, 1.0)
     across[pair] = np.where(size > 0.0, turned, [0.0, 1.0])[pair]
-    has = system.directions[:, np.newaxis] > [0, 1]
-    place = np.arange(np.count_nonzero(has)), np.repeat(np.arange(m), system.directions)
+    has = system.contact.directions[:, np.newaxis] > [0, 1]
+    place = np.arange(np.count_nonzero(has)), np.repeat(np.arange(m), system.contact.directions)
     A, C = (sparse.csr_array((x[has], place), shape=(len(place[0]), m)) for x in (along, across))
     C.eliminate_zeros()
-    B = sparse.csr_array(system.B)
+    B = sparse.csr_array(system.contact.B)
     sideways = np.einsum("mk,mkd->md", across, directions)
     return _SlipVectors(sparse.csc_array(B.T @ A), sparse.csc_array(B.T @ C), sideways)
 

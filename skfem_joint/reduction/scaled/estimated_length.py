@@ -134,4 +134,4 @@ def estimate_active_length(system: System, zone: ContactPart) -> ActiveLengthEst
 
 def picked(system: System) -> IntArray:
     """Unknown that each row of the slip operator picks."""
-    return np.asarray(sparse.csr_array(system.B).indices, dtype=np.intp)
+    return np.asarray(sparse.csr_array(system.contact.B).indices, dtype=np.intp)

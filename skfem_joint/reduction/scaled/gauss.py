@@ -84,21 +84,21 @@ def gauss_points(
     System
         Its ``shares`` are those of the old points in the new ones.
     """
-    shares, weights = [sparse.csr_array((0, system.w.size))], [np.zeros(0)]
+    shares, weights = [sparse.csr_array((0, system.contact.w.size))], [np.zeros(0)]
     for points, position in lines:
         order = np.argsort(position)
         points, position = points[order], position[order]
-        acting = system.w[points] > 0.0
+        acting = system.contact.w[points] > 0.0
         if not np.any(acting):
             continue
         most = min(count, int(np.count_nonzero(acting)))
-        x, w = gauss_rule(position[acting], system.w[points[acting]], most)
+        x, w = gauss_rule(position[acting], system.contact.w[points[acting]], most)
         left = np.clip(np.searchsorted(position, x), 1, max(points.size - 1, 1)) - 1
         right = np.minimum(left + 1, points.size - 1)
         gap = position[right] - position[left]
         share = (x - position[left]) / np.where(gap > 0.0, gap, 1.0)
         entries = np.concatenate([1.0 - share, share])
         places = np.tile(np.arange(x.size), 2), np.concatenate([points[left], points[right]])
-        shares.append(sparse.csr_array((entries, places), shape=(x.size, system.w.size)))
+        shares.append(sparse.csr_array((entries, places), shape=(x.size, system.contact.w.size)))
         weights.append(w)
     return shared_points(system, sparse.vstack(shares, format="csr"), np.concatenate(weights))

@@ -44,7 +44,7 @@ def active_zones(structure: Structure, system: System) -> list[ContactPart]:
                 f"axis = [1.0, 0.0]; or {own}"
             )
     force = np.abs(system.load_vectors()).sum(axis=1)
-    loaded = system.by_point(force[picked(system)]) > 0.0
+    loaded = system.contact.by_point(force[picked(system)]) > 0.0
     zones: list[ContactPart] = []
     for patch in structure.patches:
         others = [p.nodes for p in structure.patches if p is not patch]
@@ -107,10 +107,12 @@ def probed(system: System, zones: Sequence[ContactPart], plan: Plan) -> Run:
     length hardly depends on the threshold by which it is measured. The run stores the slips at the
     loaded ends. If the ``plan`` of the run to come has cycles it takes a few of them.
     """
-    rows = np.isin(np.repeat(np.arange(system.w.size), system.directions), loaded_ends(zones))
+    rows = np.isin(
+        np.repeat(np.arange(system.contact.w.size), system.contact.directions), loaded_ends(zones)
+    )
     coulomb = replace(
         system.with_beta(np.inf),
-        P=sparse.csr_array(system.B)[np.flatnonzero(rows)],
+        P=sparse.csr_array(system.contact.B)[np.flatnonzero(rows)],
         points=tuple(f"slip {row}" for row in np.flatnonzero(rows)),
     )
     step, n_steps, cycle_steps = plan.step, plan.n_steps, plan.cycle_steps

@@ -41,7 +41,7 @@ def test_isolated_joint_reproduces_the_factors_of_figure_6():
 
 def test_isolated_joint_near_resonance_does_not_settle():
     structure, system = case_i(4000.0)  # 0.25 m of active bar alone resonate at 5 kHz
-    _, notes = zone_lengths(system, active_zones(structure, system), "estimate", system.w)
+    _, notes = zone_lengths(system, active_zones(structure, system), "estimate", system.contact.w)
     assert "did not settle and is doubtful" in notes[0]
 
 
@@ -79,4 +79,4 @@ def test_what_has_no_estimate_is_refused():
         zones = active_zones(s, system)
         assert estimate_active_length(system, zones[0]) is None
         with pytest.raises(InputError, match="'estimate' needs a bar under harmonic loads"):
-            zone_lengths(system, zones, "estimate", system.w)
+            zone_lengths(system, zones, "estimate", system.contact.w)

@@ -60,11 +60,14 @@ def test_gauss_points_keep_the_friction_limit_of_the_active_length():
     system, _, points, position = on_a_line()
     for count in (1, 4, 12):
         few = gauss_points(system, [(points, position)], count)
-        assert few.contact_points == count
-        assert few.w.sum() == pytest.approx(system.w[points].sum(), rel=1e-12)
-        assert np.array_equal(few.beta, np.full(count, 1e5))
-        np.testing.assert_allclose(few.shares.sum(axis=1), 1.0, rtol=1e-14)
-        np.testing.assert_allclose(few.shares @ system.B, few.B, atol=1e-13 * np.abs(few.B).max())
+        contact, B = few.contact, few.contact.B
+        assert contact.count == count
+        assert contact.w.sum() == pytest.approx(system.contact.w[points].sum(), rel=1e-12)
+        assert np.array_equal(contact.beta, np.full(count, 1e5))
+        np.testing.assert_allclose(contact.shares.sum(axis=1), 1.0, rtol=1e-14)
+        np.testing.assert_allclose(
+            contact.shares @ system.contact.B, B, atol=1e-13 * np.abs(B).max()
+        )
 
 
 def test_all_points_as_gauss_points_give_the_model_of_all_nodes():
@@ -77,7 +80,7 @@ def test_all_points_as_gauss_points_give_the_model_of_all_nodes():
 
 def test_a_reduced_system_has_gauss_points_of_each_line():
     line, basis = fig_18()[1], on_a_line()[1]
-    assert reduced_system(line, basis).w.size == 4 * 5  # Gauss: of each stretch
-    assert reduced_system(line, basis, friction_points=7).w.size == 7
+    assert reduced_system(line, basis).contact.w.size == 4 * 5  # Gauss: of each stretch
+    assert reduced_system(line, basis, friction_points=7).contact.w.size == 7
     with pytest.raises(sj.InputError, match="found 0, must be"):
         reduced_system(line, basis, friction_points=0)

@@ -112,7 +112,7 @@ def test_linear_region_between_two_loaded_ends_follows_linearly():
 def test_static_response_with_a_stuck_joint_is_exact(on):
     structure, system = fig_18(on=on)
     V = scaled(structure, system, 0.05, interface_modes=0).V
-    free = V @ linalg.null_space(system.B @ V)  # what the basis can do without slip
+    free = V @ linalg.null_space(system.contact.B @ V)  # what the basis can do without slip
     reduced = system.project(free)
     force = reduced.load_vectors()[:, 0]
     tip = structure.expand((free @ np.linalg.solve(reduced.K, force))[np.newaxis])[0, -1, 0]
@@ -230,7 +230,7 @@ def test_nothing_slips_beyond_the_active_length(name):
     distance = along.max() - along
     if name == "two":  # slips from both ends alike
         distance, length = np.minimum(distance, along - along.min()), 0.5 * length
-    slip = system.slip_norm((system.B @ basis.V).T)[:, patch.points]
+    slip = system.contact.slip_norm((system.contact.B @ basis.V).T)[:, patch.points]
     assert np.abs(slip[:, distance >= length]).max() < 1e-12 * slip.max()
     assert np.array_equal(np.sort(basis.history.active), np.sort(patch.points[distance < length]))
     spacing = np.diff(np.unique(along.round(9))).max()
@@ -247,7 +247,7 @@ def test_slip_along_an_edge_is_a_line_of_gauss_points():
         three_periods(reduced_system(system, basis, friction_points=k, beta=1e4), step)
         for k in ("all", 2)
     )
-    assert few.system.w.size == 2 < basis.history.active.size
+    assert few.system.contact.w.size == 2 < basis.history.active.size
     history, energy = errors(few, every)
     assert history < 0.01
     assert abs(energy) < 0.06

@@ -127,20 +127,20 @@ def test_active_length_outside_the_joint_is_refused(length):
     zones = active_zones(structure, system)
     for asked in (length, {"joint": length}):
         with pytest.raises(InputError, match="active length of joint 'joint'"):
-            zone_lengths(system, zones, asked, np.zeros(system.w.size))
+            zone_lengths(system, zones, asked, np.zeros(system.contact.w.size))
 
 
 def test_lengths_from_both_ends_of_a_joint_are_kept_apart():
     regions = [("a", 0.2, 20), ("joint", 0.1, 10), ("b", 0.2, 20)]
     structure, system = bar(regions, ["joint"], [("end", PULL)])
     zones = active_zones(structure, system)
-    slip = np.zeros(system.w.size)
+    slip = np.zeros(system.contact.w.size)
     for asked, expected in ((0.04, [0.04, 0.04]), (0.08, [0.05, 0.05])):
         found, notes = zone_lengths(system, zones, asked, slip)
         assert found == pytest.approx(expected, rel=1e-12)
     (note,) = notes  # once for both ends
     assert "comes out as 0.16 m, more than the joint has: capped at 0.1 m" in note
-    probed, _ = zone_lengths(system, zones, "auto", np.ones(system.w.size))
+    probed, _ = zone_lengths(system, zones, "auto", np.ones(system.contact.w.size))
     assert sum(probed) == pytest.approx(0.1, rel=1e-12)
     stuck, _ = zone_lengths(system, zones, "auto", slip)
     assert stuck == pytest.approx([0.01, 0.01])  # one element

@@ -1,24 +1,20 @@
-"""Contact that opens and closes: what it adds to the equations of a system.
+"""Contact that opens and closes: approaches, gaps and normal forces of pressure points.
 
-The faces of a joint approach each other by N u, the mean over each pressure point. A pressure point
-carries a normal force p (N), and its faces are apart by a gap g (m):
+Faces approach each other at each pressure point by N u, the mean approach of the displacements
+around it (`skfem_joint.structure.pressure_space`). Faces do not pass through each other, and press
+but never pull:
 
-    g = gap - N u >= 0,    p >= 0,    p g = 0                       (rigid)
-    p = max(0, force + stiffness (N u - gap)),                      (with a stiffness)
+    N u <= gap,   p >= 0,   (N u - gap) p = 0       (rigid)
+    p = max(0, force + stiffness (N u - gap)),      (with a stiffness)
 
 where ``gap`` and ``force`` are those at rest, u = 0. The equations of motion get the forces
--N^T (p - force), and friction limits follow the present forces,
-
-    w = given + gain p,
-
-in which ``given`` belongs to joints whose normal force is constant. A system has the limits at
-rest, given + gain force.
+-N^T (p - force). What the forces give to friction limits is in `skfem_joint.contacts`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import linalg, sparse
@@ -38,8 +34,8 @@ def constant_contact_alone(what: str, cure: str) -> str:
 
 
 @dataclass(frozen=True)
-class OpeningContact:
-    """Pressure points of contact that opens, on the unknowns of a system.
+class NormalPart:
+    """Normal part of a contact, on the unknowns of a system.
 
     Attributes
     ----------
@@ -49,8 +45,6 @@ class OpeningContact:
         Gap at rest, m; zero where faces touch.
     force : ndarray, shape (q,)
         Normal force at rest, N; zero where faces are apart.
-    gain : sparse array, shape (m, q)
-        Friction limit of each contact point by the normal force of each pressure point.
     stiffness : ndarray, shape (q,)
         Of each pressure point, N/m; ``inf`` is rigid.
     area : ndarray, shape (q,)
@@ -64,25 +58,37 @@ class OpeningContact:
     N: Matrix
     gap: FloatArray
     force: FloatArray
-    gain: Matrix
     stiffness: FloatArray
     area: FloatArray
     shares: Matrix = None
 
     def __post_init__(self) -> None:
-        for name in ("N", "gap", "force", "gain", "stiffness", "area", "shares"):
+        for name in ("N", "gap", "force", "stiffness", "area", "shares"):
             if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, as_real(value, f"opening: {name}"))
+                object.__setattr__(self, name, as_real(value, f"normal: {name}"))
 
-    def problems(self, m: int, n: int) -> list[str]:
-        """What is wrong with shapes and values for ``m`` contact points and ``n`` unknowns."""
+    @staticmethod
+    def none(n: int) -> NormalPart:
+        """Without pressure points, for ``n`` unknowns."""
+        return NormalPart(sparse.csr_array((0, n)), *np.zeros((4, 0)))
+
+    @staticmethod
+    def joined(parts: Sequence[NormalPart]) -> NormalPart:
+        """Pressure points of several, each with unknowns of its own."""
+        values = {
+            name: np.concatenate([getattr(part, name) for part in parts])
+            for name in ("gap", "force", "stiffness", "area")
+        }
+        return NormalPart(sparse.csr_array(sparse.block_diag([p.N for p in parts])), **values)
+
+    def problems(self, n: int) -> list[str]:
+        """What is wrong with shapes and values for ``n`` unknowns."""
         q = self.gap.size
-        shapes = {"N": (q, n), "gap": (q,), "force": (q,), "gain": (m, q)}
-        shapes |= {"stiffness": (q,), "area": (q,)}
+        shapes = {"N": (q, n)} | dict.fromkeys(("gap", "force", "stiffness", "area"), (q,))
         if self.shares is not None:
             shapes["shares"] = (q, self.shares.shape[1])
         wrong = [
-            f"opening: {name}: found shape {getattr(self, name).shape}, must be {right}"
+            f"normal: {name}: found shape {getattr(self, name).shape}, must be {right}"
             for name, right in shapes.items()
             if getattr(self, name).shape != right
         ]
@@ -91,32 +97,19 @@ class OpeningContact:
         for name in ("gap", "force"):
             value = getattr(self, name)
             if np.any(~np.isfinite(value)) or np.any(value < 0.0):
-                wrong.append(f"opening: {name}: must be finite and not negative")
-        gain = self.gain.data if sparse.issparse(self.gain) else self.gain
-        if np.any(~np.isfinite(gain)) or np.any(gain < 0.0):
-            wrong.append("opening: gain: must be finite and not negative")
+                wrong.append(f"normal: {name}: must be finite and not negative")
         if np.any(~(self.area > 0.0)) or np.any(np.isinf(self.area)):
-            wrong.append("opening: area: must be finite and positive")
+            wrong.append("normal: area: must be finite and positive")
         if np.any(~(self.stiffness > 0.0)):
-            wrong.append("opening: stiffness: must be positive (inf for rigid contact)")
+            wrong.append("normal: stiffness: must be positive (inf for rigid contact)")
         if not wrong and np.any((self.gap > 0.0) & (self.force > 0.0)):
-            wrong.append("opening: a point with a gap at rest cannot carry a normal force")
+            wrong.append("normal: a point with a gap at rest cannot carry a normal force")
         return wrong
 
     @property
-    def rubs(self) -> Any:
-        """Whether a normal force gives each contact point, (m,), a friction limit."""
-        return np.diff(sparse.csr_array(self.gain).indptr) > 0
-
-    @property
-    def rigid(self) -> Any:
+    def rigid(self) -> BoolArray:
         """Whether each pressure point is rigid, (q,)."""
-        return np.isinf(self.stiffness)
-
-    @property
-    def limits_at_rest(self) -> FloatArray:
-        """Friction limits of the contact points at rest, (m,), N."""
-        return np.asarray(self.gain @ self.force)
+        return np.asarray(np.isinf(self.stiffness))
 
     def closed_motions(self) -> sparse.csc_array:
         """Motions, (n, k), in which all rigid points that are pressed at rest stay closed.
@@ -154,17 +147,15 @@ class OpeningContact:
         own = np.divide(1.0, of_points, out=np.zeros_like(of_points), where=of_points > 0.0)
         return np.asarray(own)
 
-    def among(self, moves: IntArray) -> OpeningContact:
-        """Contact of nodes each of which has its pressure point, without the nodes held.
+    def among(self, moves: IntArray) -> NormalPart:
+        """Of nodes each of which has its pressure point, those with some numbers.
 
-        ``moves`` are the numbers of the others. ``N`` has a column for each node. The part of the
-        friction limits that comes from the forces at held nodes becomes constant, see the module.
+        ``N`` has a column for each node.
         """
         values = {x: getattr(self, x)[moves] for x in ("gap", "force", "stiffness", "area")}
-        N, gain = (sparse.csc_array(A)[:, moves] for A in (self.N, self.gain))
-        return OpeningContact(N=sparse.csr_array(N)[moves], gain=sparse.csr_array(gain), **values)
+        return NormalPart(sparse.csr_array(sparse.csc_array(self.N)[:, moves])[moves], **values)
 
-    def in_unknowns(self, T: Matrix) -> OpeningContact:
+    def in_unknowns(self, T: Matrix) -> NormalPart:
         """Same contact in the unknowns q of u = T q."""
         N = self.N @ T
         if sparse.issparse(N):
@@ -173,23 +164,17 @@ class OpeningContact:
             N.eliminate_zeros()
         return replace(self, N=N)
 
-    def of_points(self, shares: Matrix) -> OpeningContact:
-        """Same contact for points that merge present ones, those with ``shares`` (k, m) above 0."""
-        members = sparse.csr_array(sparse.csr_array(shares) > 0.0).astype(float)
-        return replace(self, gain=sparse.csr_array(members @ self.gain))
-
-    def merged(self, shares: sparse.csr_array) -> OpeningContact:
+    def merged(self, shares: sparse.csr_array) -> NormalPart:
         """Contact whose pressure points are means of present ones, with ``shares`` (k, q).
 
         Forces, stiffness and areas are summed. Where the shares are those of the stiffness, closed
         points together have the force that each of them would have at its own approach.
         """
         members = sparse.csr_array(shares > 0.0).astype(float)
-        return OpeningContact(
+        return NormalPart(
             N=shares @ self.N,
             gap=shares @ self.gap,
             force=members @ self.force,
-            gain=sparse.csr_array(self.gain @ shares.T),
             stiffness=members @ self.stiffness,
             area=members @ self.area,
             shares=shares if self.shares is None else sparse.csr_array(shares @ self.shares),

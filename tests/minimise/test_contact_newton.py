@@ -6,30 +6,30 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from skfem_joint.minimise import law, truncated_newton
+from skfem_joint.minimise import contact_newton, law
+from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.minimise.truncated_newton import TruncatedNewton
 from skfem_joint.unknowns import selection
 
 LAWS = [1e3, 1e5, 1e9, np.inf]
 
 
-def problem_of(A: Any, first: Any, second: Any, w: Any, beta: Any) -> TruncatedNewton:
+def problem_of(A: Any, first: Any, second: Any, w: Any, beta: Any) -> ContactNewton:
     """Step problem of points with these unknowns; the second is -1 where there is but one."""
     unknowns = np.column_stack([first, second]).ravel()
     unknowns = unknowns[unknowns >= 0]
     B = selection(unknowns, A.shape[0])
-    return TruncatedNewton(A, ContactPoints(B, 1 + (np.array(second) >= 0), w, beta))
+    return ContactNewton(A, ContactPoints(B, 1 + (np.array(second) >= 0), w, beta))
 
 
-def by_unknown(made: TruncatedNewton, sigma: Any) -> Any:
+def by_unknown(made: ContactNewton, sigma: Any) -> Any:
     """Friction of each unknown from that of each slip row."""
     return made.points.B.T @ sigma
 
 
 def problem(
     beta: float, dense: bool, seed: int = 0, condition: float = 1e4
-) -> tuple[TruncatedNewton, np.ndarray, Any]:
+) -> tuple[ContactNewton, np.ndarray, Any]:
     """Random problem of points with one, two and no directions of slip, some without friction."""
     random = np.random.default_rng(seed)
     n = 40
@@ -145,11 +145,11 @@ def test_points_that_turn_do_not_block_the_others():
 
 
 @pytest.mark.parametrize("directions", [1, 2])
-@pytest.mark.parametrize("sweeps", [0, truncated_newton.SETTINGS.sweeps])
+@pytest.mark.parametrize("sweeps", [0, contact_newton.SETTINGS.sweeps])
 def test_velocities_below_the_smallest_normal_number_keep_the_law(directions, sweeps, monkeypatch):
     """Motion dies out by 1000 a point: far from the load its inverse overflows."""
-    settings = truncated_newton.SETTINGS._replace(sweeps=sweeps)
-    monkeypatch.setattr(truncated_newton, "SETTINGS", settings)
+    settings = contact_newton.SETTINGS._replace(sweeps=sweeps)
+    monkeypatch.setattr(contact_newton, "SETTINGS", settings)
     n = 240
     diagonals = [np.full(n - 1, -1.0), np.full(n, 1e3), np.full(n - 1, -1.0)]
     A = sparse.csr_array(sparse.diags_array(diagonals, offsets=[-1, 0, 1]))

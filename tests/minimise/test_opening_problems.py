@@ -1,5 +1,6 @@
 """Step problems with contact that opens: what a solution must fulfil, on random small problems."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -8,16 +9,19 @@ from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.errors import InputError
-from skfem_joint.minimise.opening_newton import OpeningMinimum, OpeningNewton
-from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.opening import OpeningContact
+from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.contact_loops import coupled_tangent, tangent_blocks
+from skfem_joint.minimise.contact_newton import ContactNewton, _Forces
+from skfem_joint.minimise.limits import Hinges
+from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
+from skfem_joint.normal import NormalPart
 
 #: Largest entry of the loads; errors are relative to it.
 LOAD = 30.0
 
 
 class Contact(NamedTuple):
-    """A random problem, see `OpeningNewton`."""
+    """A random problem, see `ContactPoints`, `PressurePoints` and `Pressed`."""
 
     H: np.ndarray
     points: ContactPoints
@@ -28,10 +32,12 @@ class Contact(NamedTuple):
     bound: np.ndarray
     given: np.ndarray
 
-    def minimum(self, start: np.ndarray | None = None, factors: float = 1.0) -> OpeningMinimum:
+    def minimum(self, start: np.ndarray | None = None, factors: float = 1.0) -> Minimum:
         """Solution for the friction limits ``factors`` times those of the gain."""
-        problem = OpeningNewton(self.H, self.points, self.N, self.gain, self.stiffness)
-        return problem.minimise(self.g, self.bound, self.given, factors, start, 1e-13)
+        normal = PressurePoints(self.N, self.gain, self.stiffness)
+        problem = step_problem(self.H, replace(self.points, normal=normal), "contact")
+        pressed = Pressed(self.bound, self.given, factors)
+        return problem.minimise(self.g, start, 1e-13, pressed=pressed)
 
 
 def _contact(rng, friction, directions, beta, soft, averaging, q=6):
@@ -228,12 +234,114 @@ def test_loads_that_are_not_finite_do_not_converge():
 @pytest.mark.parametrize("N", [[[1.0, 0.0], [1.0, 0.0]], [[0.0, 0.0]], [[1.0, 2.0], [2.0, 4.0]]])
 def test_pressure_points_that_no_unknown_moves_by_itself_are_refused(N):
     q = len(N)
-    opening = OpeningContact(
-        sparse.csr_array(np.array(N)), np.zeros(q), np.ones(q), sparse.csr_array((0, q)),
-        np.full(q, np.inf), np.ones(q),
+    opening = NormalPart(
+        sparse.csr_array(np.array(N)), np.zeros(q), np.ones(q), np.full(q, np.inf), np.ones(q)
     )  # fmt: skip
     one = sparse.csr_array(np.eye(2))
     none = sparse.csr_array((0, 2)), np.zeros(0), np.zeros(0)
-    system = sj.System(one, None, one, *none, opening=opening)
+    system = sj.System(one, None, one, sj.Contact(*none, normal=opening))
     with pytest.raises(InputError, match="depend on each other, or no unknown moves one"):
         sj.integrate(system, step=0.1, n_steps=1)
+
+
+def _with_sliders_as_unknowns(c, flexible, offset):
+    """The same problem without springs: each slider has unknowns y, and its spring an energy.
+
+    1/2 k |B v - offset - y|^2 of each point with a spring k = 1 / flexible.
+    """
+    B, rows = c.points.B.toarray(), np.repeat(flexible, c.points.directions)
+    sprung, n = np.flatnonzero(rows), c.g.size
+    k, own = np.diag(1.0 / rows[sprung]), B[sprung]
+    H = np.block([[c.H + own.T @ k @ own, -own.T @ k], [-k @ own, k]])
+    held = k @ offset[sprung]
+    slips = np.hstack([B, np.zeros((len(B), sprung.size))])
+    slips[sprung] = np.eye(n + sprung.size)[n:]
+    return c._replace(
+        H=H,
+        points=replace(c.points, B=sparse.csr_array(slips)),
+        N=np.hstack([c.N, np.zeros((len(c.N), sprung.size))]),
+        g=np.concatenate([c.g + own.T @ held, -held]),
+    )
+
+
+@pytest.mark.parametrize("averaging", [False, True], ids=["picking", "averaging"])
+@pytest.mark.parametrize("beta", [np.inf, 30.0], ids=["coulomb", "arctan"])
+@pytest.mark.parametrize("directions", [1, 2])
+def test_springs_are_sliders_with_unknowns_of_their_own(directions, beta, averaging):
+    slides = sticks = opened = 0
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 17])
+        c = _contact(rng, 0.7, directions, beta, "both", averaging)
+        if seed % 2:  # two points share their unknowns, as sliders of an Iwan joint do
+            B = c.points.B.toarray()
+            B[directions : 2 * directions] = B[:directions]
+            c = c._replace(points=replace(c.points, B=sparse.csr_array(B)))
+        flexible = rng.choice([0.0, 0.02, 0.3], 6) if not seed % 2 else rng.uniform(0.01, 0.3, 6)
+        offset = rng.normal(size=6 * directions) * np.repeat(flexible > 0.0, directions)
+        points = replace(
+            c.points, flexible=flexible, normal=PressurePoints(c.N, c.gain, c.stiffness)
+        )
+        problem = step_problem(c.H, points, "contact")
+        pressed = Pressed(c.bound, c.given)
+        found = problem.minimise(c.g, None, 1e-13, offset=offset, pressed=pressed)
+        known = _with_sliders_as_unknowns(c, flexible, offset).minimum()
+        assert found.converged
+        assert known.converged
+        size = np.abs(known.v).max()
+        np.testing.assert_allclose(found.v, known.v[: c.g.size], atol=1e-12 * max(size, 1.0))
+        on_rows = np.repeat(known.w, directions)
+        np.testing.assert_allclose(found.p, known.p, atol=1e-10)
+        np.testing.assert_allclose(found.w, known.w, atol=1e-10)
+        np.testing.assert_allclose(on_rows * found.sigma, on_rows * known.sigma, atol=1e-10)
+        size = np.linalg.norm(found.sigma.reshape(6, directions), axis=1)
+        slides += np.sum((flexible > 0.0) & (size > 1.0 - 1e-9))
+        sticks += np.sum((flexible > 0.0) & (size < 0.99))
+        opened += np.sum(found.w == 0.0)
+    assert opened
+    assert sticks
+    assert slides or np.isfinite(beta)
+
+
+def test_tangent_is_the_derivative_of_all_forces():
+    rng, q, h = np.random.default_rng(3), 6, 1e-6
+    for directions, beta in ((1, np.inf), (2, np.inf), (2, 3.0)):
+        c = _contact(rng, 0.7, directions, beta, "both", False)
+        n, slips = (directions + 1) * q, directions * q
+        H, one = c.H[:n, :n], sparse.eye_array(n, format="csr")
+        gain = 0.5 * (np.eye(q) + np.eye(q, k=1))
+        normal = PressurePoints(one[slips:], gain, c.stiffness)
+        points = ContactPoints(
+            one[:slips], c.points.directions, np.ones(q), c.points.beta,
+            rng.choice([0.0, 0.2], q), normal,
+        )  # fmt: skip
+        hinges = Hinges(
+            np.full(q, 0.5), np.full(q, 1.0), np.full(q, 3.0), np.full(q, -0.4),
+            rng.choice([3.0, np.inf], q), rng.normal(size=slips),
+        )  # fmt: skip
+        method = ContactNewton(H, points)
+        bound = rng.uniform(0.0, 0.5, q)
+        contact = method.contact_of(
+            None, rng.normal(size=slips), Pressed(bound, np.full(q, 0.3), 0.8, hinges)
+        )
+        v, g = 0.3 * rng.normal(size=n), np.full(n, 20.0)
+        rigid = np.isinf(c.stiffness)
+        v[slips:] = np.where(rigid, bound, bound + 0.2)
+
+        def left(v, g=g, method=method, contact=contact):
+            forces, r = _Forces(contact, v.size), g - method.H @ v
+            forces.renew(v, r)
+            forces.balance(v, r)
+            return forces
+
+        at = left(v)
+        free = np.flatnonzero(~at.held)
+        assert np.sum(at.p > 0.0) > q // 2
+        blocks, J = np.zeros((method.first.size, 3)), np.zeros((free.size, free.size))
+        place = np.full(n, -1)
+        place[free] = np.arange(free.size)
+        tangent_blocks(contact, method.stiff, v, blocks)
+        coupled_tangent(H, contact, blocks, v, at.friction, at.p, at.slopes, free, place, J)
+        for k, unknown in enumerate(free):
+            step = h * np.eye(n)[unknown]
+            known = (left(v - step).r - left(v + step).r)[free] / (2.0 * h)
+            np.testing.assert_allclose(J[:, k], known, atol=1e-6 * np.abs(J).max())
