@@ -660,7 +660,7 @@ def _reduction(rng, kind):
         table["interface_modes"] = int(rng.integers(1, 5))
     if rng.random() < 0.2:
         table["friction_points"] = "all"
-    if kind == "laps-opening":  # all points, and modes of the static path, are what they have
+    if kind == "laps-opening":  # modes of the static path are what they have
         return {key: table[key] for key in ("modes", "interface_modes") if key in table}
     if kind != "plates-bolted" and rng.random() < 0.1:
         table["reference"] = "self"

@@ -97,16 +97,11 @@ def friction_lost(
         Of the unknowns; with contact that opens limits are means over these displacements.
     """
     rates = thinned(velocities, SETTINGS.times)
-    all_of_it, rest = (
-        float(
-            (
-                system.contact.slip_norm(rates @ np.asarray(system.contact.B).T)
-                @ _States.of(system, displacements).limits
-            ).sum()
-        )
-        for system in (unmerged, merged)
-    )
-    return abs(1.0 - rest / all_of_it) if all_of_it > 0.0 else 0.0
+    powers = []
+    for system in (unmerged, merged):
+        speeds = system.contact.slip_norm(rates @ np.asarray(system.contact.B).T)
+        powers.append(float((speeds @ _States.of(system, displacements).limits).sum()))
+    return abs(1.0 - powers[1] / powers[0]) if powers[0] > 0.0 else 0.0
 
 
 def merged_points(
@@ -223,14 +218,11 @@ class _States(NamedTuple):
     @classmethod
     def of(cls, system: System, displacements: FloatArray | None) -> _States:
         """States of a system whose contact that opens has a stiffness."""
-        contact = system.contact.normal
-        if not system.contact.opens:
-            return cls(np.zeros((1, 0)), system.contact.w)
-        u = np.zeros((1, system.n))
+        normal, u = system.contact.normal, np.zeros((1, system.n))
         if displacements is not None:
             u = np.vstack([u, thinned(displacements, SETTINGS.times)])
-        reach = contact.force / contact.stiffness - contact.gaps(u)
-        limits = system.contact.limits(contact.elastic_forces(u).mean(axis=0))
+        reach = normal.force / normal.stiffness - normal.gaps(u)
+        limits = system.contact.limits(normal.elastic_forces(u).mean(axis=0))
         # Those of points that are pressed at no time are not zero, as they are weights.
         return cls(reach, np.maximum(limits, 1e-9 * limits.max(initial=0.0)))
 
@@ -259,39 +251,34 @@ class _Units(NamedTuple):
     @classmethod
     def of(cls, system: System, points: IntArray, states: _States, count: int) -> _Units:
         """Units of some friction points of a system, and of all pressure points that touch."""
-        points = points[system.contact.rubs[points]]
-        contact, given = system.contact.normal, system.contact.given
-        if not system.contact.opens:
-            none = np.full(points.size, -1)
-            kinds, alone = _laws(system, points), np.zeros(points.size, dtype=bool)
-            return cls(points, none, kinds, alone, system.contact.w[points])
-        gain = sparse.csr_array(system.contact.gain, copy=True)
+        contact, normal = system.contact, system.contact.normal
+        gain = sparse.csr_array(contact.gain, copy=True)
         gain.eliminate_zeros()
         pressing, limited = np.diff(gain.indptr), np.bincount(gain.indices, minlength=gain.shape[1])
         pairs = np.flatnonzero(pressing == 1)
         pairs = pairs[limited[gain.indices[gain.indptr[pairs]]] == 1]
         partner = np.full(pressing.size, -1)
         partner[pairs] = gain.indices[gain.indptr[pairs]]
-        pressed, closed = contact.force > 0.0, states.reach.max(axis=0)
-        touches = pressed | (closed + SETTINGS.near * contact.gap >= 0.0)
-        kept = (pressing != 1) | (partner < 0) | touches[partner] | (given > 0.0)
-        points = points[kept[points]]
-        presser = np.where(touches[partner[points]], partner[points], -1)
-        others = np.setdiff1d(np.flatnonzero(touches), presser)
-        slider = np.concatenate([points, np.full(others.size, -1)])
-        presser = np.concatenate([presser, others])
-        linked = np.where(slider < 0, limited[presser] > 0, (pressing[slider] > 0) & (presser < 0))
-        apart = (presser >= 0) & ~pressed[presser]
+        pressed = normal.force > 0.0
+        touches = pressed | (states.reach.max(axis=0) + SETTINGS.near * normal.gap >= 0.0)
+        # The number -1 stands for none, and takes what is appended.
+        left = np.where(np.append(touches, False)[partner], partner, -1)
+        kept = contact.rubs & ((left == partner) | (contact.given > 0.0))
+        slider = points[kept[points]]
+        others = np.setdiff1d(np.flatnonzero(touches), left[slider])
+        presser = np.concatenate([left[slider], others])
+        slider = np.concatenate([slider, np.full(others.size, -1)])
+        slides, presses = slider >= 0, presser >= 0
+        links = np.where(slides, np.append(pressing, 0)[slider], np.append(limited, 0)[presser])
+        apart = presses & ~np.append(pressed, False)[presser]
         few = np.count_nonzero(apart) <= SETTINGS.apart * count
-        alone = linked | (apart & few)
-        pair = (slider >= 0) & (presser >= 0)
-        slopes = np.where(pair, gain.sum(axis=1)[slider], 0.0)
-        with np.errstate(invalid="ignore"):
-            slopes = np.round(slopes / slopes.max(initial=0.0), 9)
+        alone = (links > 0) & ~(slides & presses) | (apart & few)
+        slopes = np.where(slides & presses, np.append(gain.sum(axis=1), 0.0)[slider], 0.0)
+        slopes = np.round(slopes / (slopes.max(initial=0.0) or 1.0), 9)
         own = np.where(alone, np.arange(1, slider.size + 1), 0)
-        kinds = np.stack([presser >= 0, apart, slopes, own]).T
-        weight = np.where(presser >= 0, contact.stiffness[presser], states.limits[slider])
-        kinds = np.hstack([_laws(system, slider), kinds])
+        kinds = np.hstack([_laws(system, slider), np.stack([presses, apart, slopes, own]).T])
+        stiffness, limits = np.append(normal.stiffness, 0.0), np.append(states.limits, 0.0)
+        weight = np.where(presses, stiffness[presser], limits[slider])
         return cls(slider, presser, kinds, alone, weight)
 
     @property
@@ -330,8 +317,6 @@ class _Units(NamedTuple):
         slider = owner[slides], self.slider[slides]
         given = np.asarray(_members(*slider, system.contact.given).sum(axis=1))
         shares = _means(*slider, states.limits)
-        if not system.contact.opens:
-            return shared_points(system, shares, given)
         pressed = _means(owner[presses], self.presser[presses], system.contact.normal.stiffness)
         return shared_points(system, shares, given, pressed)
 
@@ -351,17 +336,17 @@ def _means(owner: IntArray, points: IntArray, weights: FloatArray) -> sparse.csr
 
 def _laws(system: System, points: IntArray) -> FloatArray:
     """Joints, directions, law and springs of friction points, (k, ...); zero for the number -1."""
-    joints = sparse.csr_array(system.contact.J)[:, points].toarray() > 0.0
-    laws = system.contact.directions, system.contact.beta, np.isfinite(system.contact.stiffness)
+    contact = system.contact
+    joints = sparse.csr_array(contact.J)[:, points].toarray() > 0.0
+    laws = contact.directions, contact.beta, np.isfinite(contact.stiffness)
     return np.where(points >= 0, np.vstack([joints, *(law[points] for law in laws)]), 0.0).T
 
 
 def _slips(system: System, velocities: FloatArray, points: IntArray) -> FloatArray:
     """Histories of y / sqrt(|y|) of points with equal directions."""
-    rows = system.contact.first_row[points][:, np.newaxis] + np.arange(
-        system.contact.directions[points[0]]
-    )
-    slip = np.asarray(system.contact.B)[rows] @ velocities.T  # (points, directions, times)
+    contact = system.contact
+    rows = contact.first_row[points][:, np.newaxis] + np.arange(contact.directions[points[0]])
+    slip = np.asarray(contact.B)[rows] @ velocities.T  # (points, directions, times)
     size = np.sqrt((slip * slip).sum(axis=1, keepdims=True))
     return (slip / np.sqrt(np.where(size > 0.0, size, 1.0))).reshape(points.size, -1)
 

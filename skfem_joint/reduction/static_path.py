@@ -344,9 +344,10 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
     points are merged as they slip on the path.
     """
     small, merging = system.project(V), friction_points.SETTINGS
-    if system.contact.count > merging.many and not system.contact.opens:
-        rates = path @ (system.M @ V)
-        small = merged_points(small, rates, np.flatnonzero(system.contact.w), merging.merged)
+    if system.contact.count > merging.many:
+        known = path @ (system.M @ V)  # of contact that opens states, and then as many increments
+        points, states = np.flatnonzero(system.contact.rubs), known[: len(known) // 2]
+        small = merged_points(small, known, points, merging.merged, states)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
     steepest = SETTINGS.resolved / max(velocity, SETTINGS.slow)
     small = small.no_steeper(steepest)

@@ -149,6 +149,14 @@ def test_pressures_of_all_points_follow_from_the_motion_of_a_merged_model(model)
     assert away < 0.02
 
 
+def test_a_saved_model_runs_to_the_same_bits(model, tmp_path):
+    few = replace(_merged(*model, 7), origin=None)
+    again = sj.load(sj.save(few, tmp_path / "few.npz"))
+    assert np.array_equal(again.opening.shares.toarray(), few.opening.shares.toarray())
+    runs = [sj.integrate(system, **TIMING) for system in (few, again)]
+    assert np.array_equal(runs[0].point_u, runs[1].point_u)
+
+
 def test_few_points_give_history_and_energy_of_all(model):
     small, run = model
     system = small.origin.system
