@@ -156,6 +156,8 @@ class OpeningStepper(PythonStepper):
         self.sprung = follows & self.system.contact.sprung
         self.impulsive = follows & ~self.system.contact.sprung
         self.impulsive_rows = self.system.contact.on_rows(self.impulsive)
+        self.has_impulses = bool(self.rigid.any())
+        self._stored = self.now.u, contact.potential(self.now.u)
         self.friction = FrictionState.at(np.zeros(self.system.contact.B.shape[0]))
         self.touching = Touching(contact.force > 0.0)
 
@@ -180,7 +182,7 @@ class OpeningStepper(PythonStepper):
     def restart(self, amplitudes: FloatArray) -> bool:
         """Make acceleration and normal forces consistent with the loads now."""
         s, contact, (u, v) = self.system, self.contact, self.now[:2]
-        if not self.rigid.any():  # else forces are not known before the first step
+        if not self.has_impulses:  # else forces are not known before the first step
             self.limits = s.contact.limits(contact.elastic_forces(u))
         slip = s.contact.B @ v
         moving = s.contact.slip_norm(slip) > 0.0
@@ -277,9 +279,11 @@ class OpeningStepper(PythonStepper):
                 break
             self.v_before = before.v
             now, impulsive = self.friction.mean, self.impulsive_rows
-            forces = np.where(impulsive, now, friction.mean), now
-            recorder.add_step(h, ends, before, self.now, c.trapezoidal, forces, self.limits)
-            self._add_scheme_work(before, friction)
+            earlier = np.where(impulsive, now, friction.mean)
+            works = earlier, now
+            recorder.add_step(h, ends, before, self.now, c.trapezoidal, works, self.limits)
+            if self.has_impulses:
+                self._add_scheme_work(before, friction)
             self._add_normal_work(before, normal)
             done += 1
             self.frequency = 0.0
@@ -303,10 +307,10 @@ class OpeningStepper(PythonStepper):
         right += contact.N.T @ (contact.force - lowest)
         bound = self._bounds(c, predictor, u)
         known = -self._rest(c, self.friction.end, self.friction.filtered) / share
-        right -= s.contact.B.T @ np.where(self.impulsive_rows, known, 0.0)
-        before = self._pressing()
-        hinges = self._hinges(c, before)
-        factors = np.where(self.rigid, share, 1.0)
+        before, hinges, factors = self._pressing(), None, 1.0
+        if self.has_impulses:
+            right -= s.contact.B.T @ np.where(self.impulsive_rows, known, 0.0)
+            hinges, factors = self._hinges(c, before), np.where(self.rigid, share, 1.0)
         pressed = Pressed(bound, self.constant, factors, hinges, self.touching)
         force = s.contact.on_rows(self.limits) * self.now.sigma
         offset = s.contact.spring_offset(predictor - u, force, c.c_K)
@@ -330,6 +334,8 @@ class OpeningStepper(PythonStepper):
 
     def _pressing(self) -> FloatArray:
         """What the forces of rigid points, over the last step, give to limits, (m,), N."""
+        if not self.has_impulses:
+            return np.zeros(self.limits.size)
         return np.asarray(self.gain @ np.where(self.rigid, self.normal.mean, 0.0))
 
     def _hinges(self, c: Coefficients, before: FloatArray) -> Hinges:
@@ -358,7 +364,7 @@ class OpeningStepper(PythonStepper):
         self,
         c: Coefficients,
         minimum: Minimum,
-        hinges: Hinges,
+        hinges: Hinges | None,
         known: FloatArray,
         before: FloatArray,
     ) -> None:
@@ -370,8 +376,9 @@ class OpeningStepper(PythonStepper):
         impact = np.where(self.impulsive, np.maximum(self._pressing() - 2.0 * before, 0.0), 0.0)
         self.limits = minimum.w - (1.0 / share - 1.0) * impact
         smooth = on_rows(self.limits) * minimum.sigma
-        kept = on_rows(np.minimum(4.0 * minimum.w, hinges.cap)) * hinges.bias
-        end = on_rows(minimum.w) * minimum.sigma + kept
+        end = on_rows(minimum.w) * minimum.sigma
+        if hinges is not None:
+            end += on_rows(np.minimum(4.0 * minimum.w, hinges.cap)) * hinges.bias
         mean = np.where(self.impulsive_rows, share * end, end)
         end = np.where(self.impulsive_rows, end + known, end)
         filtered = self._filtered(c, end, last.end, last.filtered)
@@ -402,12 +409,12 @@ class OpeningStepper(PythonStepper):
         Of points with a stiffness the velocity at which they begin to carry force.
         """
         contact = self.contact
-        known = np.asarray(contact.N @ (predictor - u))
-        bound = np.maximum(0.0, (np.maximum(self._gaps(u), 0.0) - known) / c.c_K)
-        soft = ~self.rigid
-        if soft.any():
-            apart = contact.gap - contact.force / contact.stiffness - contact.N @ predictor
-            bound[soft] = apart[soft] / c.c_K
+        apart = contact.gap - contact.force / contact.stiffness - contact.N @ predictor
+        bound = apart / c.c_K
+        if self.has_impulses:
+            known = np.asarray(contact.N @ (predictor - u))
+            rigid = np.maximum(0.0, (np.maximum(self._gaps(u), 0.0) - known) / c.c_K)
+            bound = np.where(self.rigid, rigid, bound)
         return np.asarray(bound)
 
     def _add_scheme_work(self, before: State, friction: FrictionState) -> None:
@@ -422,7 +429,11 @@ class OpeningStepper(PythonStepper):
         rigid = self.rigid
         lost = float(self.normal.mean[rigid] @ moved[rigid])
         trapezoidal = float((0.5 * (normal.end + self.normal.end)) @ moved)
-        stored = self.contact.potential(self.now.u) - self.contact.potential(before.u)
+        at, potential = self._stored
+        if at is not before.u:
+            potential = self.contact.potential(before.u)
+        self._stored = self.now.u, self.contact.potential(self.now.u)
+        stored = self._stored[1] - potential
         stored += float(self.contact.force @ moved)  # of elastic points alone
         self.recorder.impact_work += lost
         self.recorder.dissipated[1] += trapezoidal - lost - stored
