@@ -145,38 +145,25 @@ class NormalForces:
         self.gain = sparse.csr_array(system.contact.gain)
         # Points that rigid contact presses, whose friction is an impulse unless they have springs.
         follows = (self.gain != 0.0) @ self.rigid
-        self.sprung = follows & self.system.contact.sprung
-        self.impulsive = follows & ~self.system.contact.sprung
-        self.impulsive_rows = self.system.contact.on_rows(self.impulsive)
+        self.sprung = follows & system.contact.sprung
+        self.impulsive = follows & ~system.contact.sprung
+        self.impulsive_rows = system.contact.on_rows(self.impulsive)
         self.has_impulses = bool(self.rigid.any())
-        self._stored = self.now.u, contact.potential(self.now.u)
-        self.friction = FrictionState.at(np.zeros(self.system.contact.B.shape[0]))
+        self.friction = FrictionState.at(np.zeros(system.contact.B.shape[0]))
         self.touching = Touching(contact.force > 0.0)
         # Of the step that is done: mean forces before it, and what its end and works need.
         self._last = self.normal, self.friction
         self._known = self._lowest = np.zeros(0)
-        self._hinges_now = cast("Hinges", None)
+        self._hinges_now: Hinges | None = None
         self._of_mass: StepProblem | None = None
 
     def restart(self, stepper: PythonStepper, amplitudes: FloatArray) -> Minimum:
         """Acceleration and friction over its limit that are consistent with the loads now.
 
-    def _problem(self, H: Any, points: ContactPoints) -> StepProblem:
-        H = as_dense(H) if isinstance(H, np.ndarray) else as_compressed(H)
-        return step_problem(H, points, self.kind)
-
-    @property
-    def limits_now(self) -> FloatArray:
-        """See `Stepper`."""
-        return self.limits
-
-    def set_limits(self, limits: FloatArray) -> None:
-        """See `Stepper`."""
-        self.limits = np.array(limits)
-
-    def restart(self, amplitudes: FloatArray) -> bool:
-        """Make acceleration and normal forces consistent with the loads now."""
-        s, contact, (u, v) = self.system, self.contact, self.now[:2]
+        The stepper is at rest in them if what was found has converged.
+        """
+        s, contact, (u, v) = self.system, self.contact, stepper.now[:2]
+        on_rows = s.contact.on_rows
         if not self.has_impulses:  # else forces are not known before the first step
             self.limits = s.contact.limits(contact.elastic_forces(u))
         slip = s.contact.B @ v
@@ -252,10 +239,12 @@ class NormalForces:
         self._lowest = np.where(self.rigid, -rest / share, 0.0)
         right = contact.N.T @ (contact.force - self._lowest)
         self._known = -_rest(c, self.friction.end, self.friction.filtered) / share
+        bound, given = self._bounds(c, predictor, u), self.system.contact.given
+        if not self.has_impulses:
+            return right, Pressed(bound, given, 1.0, None, self.touching)
         right -= self.system.contact.B.T @ np.where(self.impulsive_rows, self._known, 0.0)
         self._hinges_now = self._hinges(c, self._pressing())
         factors = np.where(self.rigid, share, 1.0)
-        bound, given = self._bounds(c, predictor, u), self.system.contact.given
         return right, Pressed(bound, given, factors, self._hinges_now, self.touching)
 
     def after(self, c: Coefficients, minimum: Minimum) -> None:
@@ -273,7 +262,8 @@ class NormalForces:
         They are arguments of `Recorder.add_step`.
         """
         normal, friction = self._last
-        self._add_scheme_work(recorder, before, now, friction)
+        if self.has_impulses:
+            self._add_scheme_work(recorder, before, now, friction)
         self._add_normal_work(recorder, before, now, normal)
         mean = self.friction.mean
         forces = np.where(self.impulsive_rows, mean, friction.mean), mean
@@ -296,77 +286,6 @@ class NormalForces:
         end, filtered, mean = parts[5:]
         self.normal = NormalState(end, filtered, np.maximum(mean, 0.0))
         self.limits = np.maximum(limits, 0.0)
-        self.now, self.v_before = now, now.v
-
-    def store_start(self) -> None:
-        """Store the normal forces of the start."""
-        self.recorder.store_normal(0, self.normal.mean)
-
-    def prepare(self, h: float) -> None:
-        """Prepare what steps of ``h`` need; after :meth:`restart`."""
-        self.problem(self.coefficients(h))
-
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
-        """Do the steps."""
-        c, recorder, done = self.coefficients(h), self.recorder, 0
-        for ends in pairwise(amplitudes.T):
-            before, normal, friction = self.now, self.normal, self.friction
-            if not self._step(c, ends[1]):
-                break
-            self.v_before = before.v
-            now, impulsive = self.friction.mean, self.impulsive_rows
-            earlier = np.where(impulsive, now, friction.mean)
-            works = earlier, now
-            recorder.add_step(h, ends, before, self.now, c.trapezoidal, works, self.limits)
-            if self.has_impulses:
-                self._add_scheme_work(before, friction)
-            self._add_normal_work(before, normal)
-            done += 1
-            self.frequency = 0.0
-            if store:
-                recorder.store(first_step + done, self.now, self.limits)
-                recorder.store_normal(first_step + done, self.normal.mean)
-        return done
-
-    def _step(self, c: Coefficients, amplitudes: FloatArray) -> bool:
-        """Do one step; False, and nothing changed, if it does not converge."""
-        s, contact = self.system, self.contact
-        problem = self.problem(c)
-        u, v, a, d, _ = self.now
-        predictor = u + c.u_v * v + c.u_a * a
-        right = self.recorder.vectors @ amplitudes - s.K @ predictor
-        right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-        # Mean force over the step: m = (share of the force at its end) + (rest).
-        share = self._share(c)
-        rest = self._rest(c, self.normal.end, self.normal.filtered)
-        lowest = np.where(self.rigid, -rest / share, 0.0)
-        right += contact.N.T @ (contact.force - lowest)
-        bound = self._bounds(c, predictor, u)
-        known = -self._rest(c, self.friction.end, self.friction.filtered) / share
-        before, hinges, factors = self._pressing(), None, 1.0
-        if self.has_impulses:
-            right -= s.contact.B.T @ np.where(self.impulsive_rows, known, 0.0)
-            hinges, factors = self._hinges(c, before), np.where(self.rigid, share, 1.0)
-        pressed = Pressed(bound, self.constant, factors, hinges, self.touching)
-        force = s.contact.on_rows(self.limits) * self.now.sigma
-        offset = s.contact.spring_offset(predictor - u, force, c.c_K)
-        minimum = problem.minimise(
-            right, 2.0 * v - self.v_before, self.tolerance, offset=offset, pressed=pressed
-        )
-        self._count(minimum.counts)
-        if not minimum.converged:
-            self.failure = FailedStep(minimum.residual, minimum.where)
-            return False
-        self.touching.follow(minimum.p)
-        end = lowest + minimum.p
-        filtered = self._filtered(c, end, *self.normal[:2])
-        self.normal = NormalState(end, filtered, np.where(self.rigid, share * minimum.p, end))
-        self._take_over_friction(c, minimum, hinges, known, before)
-        v_new = minimum.v
-        a_new = c.a_v * (v_new - v) + c.a_a * a
-        d_new = c.d_a * a_new + c.d_a0 * a + c.d_d0 * d
-        self.now = State(predictor + c.c_K * v_new, v_new, a_new, d_new, minimum.sigma)
-        return True
 
     def _pressing(self) -> FloatArray:
         """What the forces of rigid points, over the last step, give to limits, (m,), N."""
@@ -393,25 +312,16 @@ class NormalForces:
             bias=np.where(self.impulsive_rows, bias, 0.0),
         )
 
-    def _take_over_friction(
-        self,
-        c: Coefficients,
-        minimum: Minimum,
-        hinges: Hinges | None,
-        known: FloatArray,
-        before: FloatArray,
-    ) -> None:
-        """Take over friction and its limits after a step.
-
-        ``known`` (rows,), N, is what is known of the force at its end, ``before`` as in `_hinges`.
-        """
-        on_rows, last, share = self.system.contact.on_rows, self.friction, self._share(c)
+    def _take_over_friction(self, c: Coefficients, minimum: Minimum, before: FloatArray) -> None:
+        """Take over friction and its limits after a step; ``before`` as in `_hinges`."""
+        hinges, known = self._hinges_now, self._known
+        on_rows, last, share = self.system.contact.on_rows, self.friction, _share(c)
         impact = np.where(self.impulsive, np.maximum(self._pressing() - 2.0 * before, 0.0), 0.0)
         self.limits = minimum.w - (1.0 / share - 1.0) * impact
         smooth = on_rows(self.limits) * minimum.sigma
         end = on_rows(minimum.w) * minimum.sigma
         if hinges is not None:
-            end += on_rows(np.minimum(4.0 * minimum.w, hinges.cap)) * hinges.bias
+            end = end + on_rows(np.minimum(4.0 * minimum.w, hinges.cap)) * hinges.bias
         mean = np.where(self.impulsive_rows, share * end, end)
         end = np.where(self.impulsive_rows, end + known, end)
         filtered = _filtered(c, end, last.end, last.filtered)
@@ -451,11 +361,7 @@ class NormalForces:
         rigid = self.rigid
         lost = float(self.normal.mean[rigid] @ moved[rigid])
         trapezoidal = float((0.5 * (normal.end + self.normal.end)) @ moved)
-        at, potential = self._stored
-        if at is not before.u:
-            potential = self.contact.potential(before.u)
-        self._stored = self.now.u, self.contact.potential(self.now.u)
-        stored = self._stored[1] - potential
+        stored = self.contact.potential(now.u) - self.contact.potential(before.u)
         stored += float(self.contact.force @ moved)  # of elastic points alone
         recorder.impact_work += lost
         recorder.dissipated[1] += trapezoidal - lost - stored
