@@ -158,6 +158,9 @@ class OpeningStepper(PythonStepper):
         self.impulsive_rows = self.system.contact.on_rows(self.impulsive)
         self.friction = FrictionState.at(np.zeros(self.system.contact.B.shape[0]))
         self.touching = Touching(contact.force > 0.0)
+        # Transposes, which scipy would make anew in each step.
+        rows = contact.N, self.system.contact.B
+        self._faces, self._slips = (as_compressed(A.T) for A in rows)
 
     def new_problem(self, c: Coefficients) -> Any:
         """See `Stepper`."""
@@ -300,10 +303,10 @@ class OpeningStepper(PythonStepper):
         share = self._share(c)
         rest = self._rest(c, self.normal.end, self.normal.filtered)
         lowest = np.where(self.rigid, -rest / share, 0.0)
-        right += contact.N.T @ (contact.force - lowest)
+        right += self._faces @ (contact.force - lowest)
         bound = self._bounds(c, predictor, u)
         known = -self._rest(c, self.friction.end, self.friction.filtered) / share
-        right -= s.contact.B.T @ np.where(self.impulsive_rows, known, 0.0)
+        right -= self._slips @ np.where(self.impulsive_rows, known, 0.0)
         before = self._pressing()
         hinges = self._hinges(c, before)
         factors = np.where(self.rigid, share, 1.0)
