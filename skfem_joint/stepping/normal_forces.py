@@ -59,6 +59,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
+from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.limits import Hinges
 from skfem_joint.minimise.problem import Minimum, Pressed, PressurePoints, StepProblem
 from skfem_joint.minimise.touching import Touching
@@ -152,8 +153,13 @@ class NormalForces:
         self.friction = FrictionState.at(np.zeros(system.contact.B.shape[0]))
         self.touching = Touching(contact.force > 0.0)
         # Transposes, which scipy would make anew in each step.
-        rows = contact.N, self.system.contact.B
+        rows = contact.N, system.contact.B
         self._faces, self._slips = (as_compressed(A.T) for A in rows)
+        # Of the step that is done: mean forces before it, and what its end and works need.
+        self._last = self.normal, self.friction
+        self._known = self._lowest = np.zeros(0)
+        self._hinges_now: Hinges | None = None
+        self._of_mass: StepProblem | None = None
 
     def restart(self, stepper: PythonStepper, amplitudes: FloatArray) -> Minimum:
         """Acceleration and friction over its limit that are consistent with the loads now.
@@ -235,12 +241,12 @@ class NormalForces:
         # Mean force over the step: m = (share of the force at its end) + (rest).
         rest = _rest(c, self.normal.end, self.normal.filtered)
         self._lowest = np.where(self.rigid, -rest / share, 0.0)
-        right = contact.N.T @ (contact.force - self._lowest)
+        right = self._faces @ (contact.force - self._lowest)
         self._known = -_rest(c, self.friction.end, self.friction.filtered) / share
         bound, given = self._bounds(c, predictor, u), self.system.contact.given
         if not self.has_impulses:
             return right, Pressed(bound, given, 1.0, None, self.touching)
-        right -= self.system.contact.B.T @ np.where(self.impulsive_rows, self._known, 0.0)
+        right -= self._slips @ np.where(self.impulsive_rows, self._known, 0.0)
         self._hinges_now = self._hinges(c, self._pressing())
         factors = np.where(self.rigid, share, 1.0)
         return right, Pressed(bound, given, factors, self._hinges_now, self.touching)
@@ -284,75 +290,6 @@ class NormalForces:
         end, filtered, mean = parts[5:]
         self.normal = NormalState(end, filtered, np.maximum(mean, 0.0))
         self.limits = np.maximum(limits, 0.0)
-        self.now, self.v_before = now, now.v
-
-    def store_start(self) -> None:
-        """Store the normal forces of the start."""
-        self.recorder.store_normal(0, self.normal.mean)
-
-    def prepare(self, h: float) -> None:
-        """Prepare what steps of ``h`` need; after :meth:`restart`."""
-        self.problem(self.coefficients(h))
-
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
-        """Do the steps."""
-        c, recorder, done = self.coefficients(h), self.recorder, 0
-        for ends in pairwise(amplitudes.T):
-            before, normal, friction = self.now, self.normal, self.friction
-            if not self._step(c, ends[1]):
-                break
-            self.v_before = before.v
-            now, impulsive = self.friction.mean, self.impulsive_rows
-            forces = np.where(impulsive, now, friction.mean), now
-            recorder.add_step(h, ends, before, self.now, c.trapezoidal, forces, self.limits)
-            self._add_scheme_work(before, friction)
-            self._add_normal_work(before, normal)
-            done += 1
-            self.frequency = 0.0
-            if store:
-                recorder.store(first_step + done, self.now, self.limits)
-                recorder.store_normal(first_step + done, self.normal.mean)
-        return done
-
-    def _step(self, c: Coefficients, amplitudes: FloatArray) -> bool:
-        """Do one step; False, and nothing changed, if it does not converge."""
-        s, contact = self.system, self.contact
-        problem = self.problem(c)
-        u, v, a, d, _ = self.now
-        predictor = u + c.u_v * v + c.u_a * a
-        right = self.recorder.vectors @ amplitudes - s.K @ predictor
-        right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-        # Mean force over the step: m = (share of the force at its end) + (rest).
-        share = self._share(c)
-        rest = self._rest(c, self.normal.end, self.normal.filtered)
-        lowest = np.where(self.rigid, -rest / share, 0.0)
-        right += self._faces @ (contact.force - lowest)
-        bound = self._bounds(c, predictor, u)
-        known = -self._rest(c, self.friction.end, self.friction.filtered) / share
-        right -= self._slips @ np.where(self.impulsive_rows, known, 0.0)
-        before = self._pressing()
-        hinges = self._hinges(c, before)
-        factors = np.where(self.rigid, share, 1.0)
-        pressed = Pressed(bound, self.constant, factors, hinges, self.touching)
-        force = s.contact.on_rows(self.limits) * self.now.sigma
-        offset = s.contact.spring_offset(predictor - u, force, c.c_K)
-        minimum = problem.minimise(
-            right, 2.0 * v - self.v_before, self.tolerance, offset=offset, pressed=pressed
-        )
-        self._count(minimum.counts)
-        if not minimum.converged:
-            self.failure = FailedStep(minimum.residual, minimum.where)
-            return False
-        self.touching.follow(minimum.p)
-        end = lowest + minimum.p
-        filtered = self._filtered(c, end, *self.normal[:2])
-        self.normal = NormalState(end, filtered, np.where(self.rigid, share * minimum.p, end))
-        self._take_over_friction(c, minimum, hinges, known, before)
-        v_new = minimum.v
-        a_new = c.a_v * (v_new - v) + c.a_a * a
-        d_new = c.d_a * a_new + c.d_a0 * a + c.d_d0 * d
-        self.now = State(predictor + c.c_K * v_new, v_new, a_new, d_new, minimum.sigma)
-        return True
 
     def _pressing(self) -> FloatArray:
         """What the forces of rigid points, over the last step, give to limits, (m,), N."""
