@@ -83,10 +83,24 @@ def ringing(system: System, frequency: float) -> System:
     return point_of(system, point, np.ones(len(system.joints)))
 
 
+def largest_apart(curve: Any, other: Any, factors: Mapping[str, float]) -> dict[str, float]:
+    """Largest distances of values of two curves, times factors, by the names of the values.
+
+    They are relative to the largest value of ``other``. The curves are of any classes that have
+    these values; the shorter one's length counts.
+    """
+    errors = {}
+    for name, factor in factors.items():
+        values, reference = getattr(curve, name), getattr(other, name)
+        count = min(values.size, reference.size)
+        size = float(np.abs(reference[:count]).max(initial=0.0))
+        apart = float(np.abs(values[:count] - reference[:count]).max(initial=0.0))
+        errors[name] = factor * apart / size if size > 0.0 else 0.0
+    return errors
+
+
 def distances(serves: Served, curve: Any, larger: Any) -> dict[str, float]:
     """Estimated errors of a curve's frequency and damping, by their names.
-
-    They are relative to the largest value of the curve.
 
     Parameters
     ----------
@@ -94,14 +108,8 @@ def distances(serves: Served, curve: Any, larger: Any) -> dict[str, float]:
     curve, larger : Backbone or RingDown
         Of the model and of its larger one, at the same levels or in the same cycles.
     """
-    errors = {}
-    for name, factor in (("frequency", "history"), ("damping_ratio", "energy")):
-        values, reference = getattr(curve, name), getattr(larger, name)
-        count = min(values.size, reference.size)
-        size = float(np.abs(reference[:count]).max(initial=0.0))
-        apart = float(np.abs(values[:count] - reference[:count]).max(initial=0.0))
-        errors[name] = serves.factors.get(factor, 1.0) * apart / size if size > 0.0 else 0.0
-    return errors
+    history, energy = (serves.factors.get(name, 1.0) for name in ("history", "energy"))
+    return largest_apart(curve, larger, {"frequency": history, "damping_ratio": energy})
 
 
 def alone(system: System) -> System:
