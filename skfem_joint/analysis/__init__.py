@@ -13,7 +13,7 @@ against run time).
 
 A system: `natural_modes`; `backbone` (damping over amplitude) with `cycles`, `masing_cycles`,
 `opening_cycles` and `gross_slip`; `ring_down`; `response` (steady
-vibration over frequency) with `linear_response` and `step_errors`. `scene_backbone` and
+vibration over frequency) with `linear_response`. `scene_backbone` and
 `scene_response` do this for a scene's models; `sweep` runs many scenes; `rows` keeps finished work.
 
 A measurement: `damping_curve` (of a free vibration); `measured` (curves in files and arrays) with
