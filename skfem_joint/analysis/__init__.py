@@ -11,10 +11,10 @@ A run: `history` (loops, stick and slip, distances between runs), `contact_histo
 Its errors: `estimate` (of every result), `certificate` (mesh and law as well), `error_time` (errors
 against run time).
 
-A system: `natural_modes`; `backbone` (damping over amplitude) with `cycles`, `masing_cycles`,
-`opening_cycles` and `gross_slip`; `ring_down`; `response` (steady
-vibration over frequency) with `linear_response`. `scene_backbone` and
-`scene_response` do this for a scene's models; `sweep` runs many scenes; `rows` keeps finished work.
+A system: `natural_modes`; `backbone` (damping over amplitude) with `cycles`, `gross_slip` and
+`backbone_sensitivity`; `ring_down`; `response` (steady vibration over frequency) with
+`linear_response`. `scene_backbone` and `scene_response` do this for a scene's models; `sweep` runs
+many scenes; `rows` keeps finished work.
 
 A measurement: `damping_curve` (of a free vibration); `measured` (curves in files and arrays) with
 `measured_table`; `fit` (values that fit such curves) with `fit_model` and `fit_curves`.
