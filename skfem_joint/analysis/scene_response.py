@@ -41,7 +41,7 @@ from skfem_joint.reduction.friction_points import NOWHERE
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.stepping.integrate import integrate_plan
-from skfem_joint.stepping.opening_steady import MAY_DEPEND
+from skfem_joint.stepping.marching import MAY_DEPEND
 from skfem_joint.stepping.steady import odd_loads
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import doubts
