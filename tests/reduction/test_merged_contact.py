@@ -26,79 +26,73 @@ def model():
 
 
 def _merged(small, run, count):
-    return merged_points(small, run.v, np.flatnonzero(small.rubs), count, run.u)
+    return merged_points(small, run.v, np.flatnonzero(small.contact.rubs), count, run.u)
 
 
 def _apart(small, gaps):
     """The same model with pressure points that are apart at rest by ``gaps``, (q,), m."""
-    contact = small.opening
-    opening = replace(contact, gap=gaps, force=np.where(gaps > 0.0, 0.0, contact.force))
-    return replace(small, opening=opening, w=opening.limits_at_rest)
+    normal = small.contact.normal
+    force = np.where(gaps > 0.0, 0.0, normal.force)
+    return small.with_contact(normal=replace(normal, gap=gaps, force=force))
 
 
 def _halved(small):
     """The same model with each contact point as two of half its size at the same place."""
-    contact, m = small.opening, small.w.size
-    twice, pressed = (
-        sparse.kron(sparse.eye_array(k), np.ones((2, 1)), format="csr")
-        for k in (m, contact.gap.size)
-    )
+    contact, normal = small.contact, small.contact.normal
+    m, pair, q = contact.given.size, np.ones((2, 1)), normal.gap.size
+    twice, pressed = (sparse.kron(sparse.eye_array(k), pair, format="csr") for k in (m, q))
     values = ("force", "area", "stiffness")
-    opening = replace(
-        contact,
-        N=pressed @ contact.N,
-        gap=pressed @ contact.gap,
-        gain=sparse.csr_array(sparse.kron(contact.gain, np.eye(2))),
-        **{name: 0.5 * (pressed @ getattr(contact, name)) for name in values},
-    )
-    return replace(
-        small,
-        B=twice @ small.B,
-        w=0.5 * (twice @ small.w),
-        beta=twice @ small.beta,
+    halves = {name: 0.5 * (pressed @ getattr(normal, name)) for name in values}
+    return small.with_contact(
+        B=twice @ contact.B,
+        given=0.5 * (twice @ contact.given),
+        beta=twice @ contact.beta,
         directions=np.ones(2 * m, dtype=int),
-        J=small.J @ twice.T,
+        J=contact.J @ twice.T,
         stiffness=None,
         shares=None,
-        opening=opening,
+        normal=replace(normal, N=pressed @ normal.N, gap=pressed @ normal.gap, **halves),
+        gain=sparse.csr_array(sparse.kron(contact.gain, np.eye(2))),
     )
 
 
 def test_forces_limits_stiffness_and_areas_at_rest_are_sums(model):
     small, run = model
-    few, contact = _merged(small, run, 7), small.opening
-    merged = few.opening
-    assert (few.w.size, merged.gap.size) == (6, 7)  # a point at a support does not slip
+    few, normal = _merged(small, run, 7), small.contact.normal
+    merged, w = few.contact.normal, few.contact.w
+    assert (w.size, merged.gap.size) == (6, 7)  # a point at a support does not slip
     np.testing.assert_allclose(merged.shares.sum(axis=1), 1.0, rtol=1e-12)
     members = (merged.shares > 0.0).astype(float)
     for name in ("force", "stiffness", "area"):
-        known = members @ getattr(contact, name)
+        known = members @ getattr(normal, name)
         np.testing.assert_allclose(getattr(merged, name), known, rtol=1e-12)
-    np.testing.assert_allclose(few.w, (few.shares > 0.0) @ small.w, rtol=1e-12)
-    np.testing.assert_allclose(few.w, merged.limits_at_rest, rtol=1e-12)
-    assert few.w.sum() == pytest.approx(small.w.sum(), rel=1e-12)
+    np.testing.assert_allclose(w, (few.contact.shares > 0.0) @ small.contact.w, rtol=1e-12)
+    assert w.sum() == pytest.approx(small.contact.w.sum(), rel=1e-12)
 
 
 def test_closed_points_have_the_forces_and_limits_of_their_parts_together(model):
     small, run = model
     few = _merged(small, run, 7)
     u = np.random.default_rng(0).normal(size=(5, small.n))
-    contact = small.opening
-    pressed_in = contact.force / contact.stiffness
-    u *= 0.5 / np.abs((contact.N @ u.T).T / pressed_in).max()
-    every, merged = (system.opening.elastic_forces(u) for system in (small, few))
+    normal = small.contact.normal
+    pressed_in = normal.force / normal.stiffness
+    u *= 0.5 / np.abs((normal.N @ u.T).T / pressed_in).max()
+    every, merged = (system.contact.normal.elastic_forces(u) for system in (small, few))
     assert every.min() > 0.0
-    members = (few.opening.shares > 0.0).astype(float)
+    members = (few.contact.normal.shares > 0.0).astype(float)
     np.testing.assert_allclose(merged, (members @ every.T).T, rtol=1e-9)
-    limits = [(system.opening.gain @ p.T).T for system, p in ((small, every), (few, merged))]
-    np.testing.assert_allclose(limits[1], ((few.shares > 0.0) @ limits[0].T).T, rtol=1e-9)
+    limits = small.contact.limits(every.T), few.contact.limits(merged.T)
+    np.testing.assert_allclose(limits[1], (few.contact.shares > 0.0) @ limits[0], rtol=1e-9)
 
 
 def test_points_that_are_alike_are_merged_without_an_error(model):
     small, run = model
     one = sj.integrate(replace(small, origin=None), **TIMING)
-    few = _merged(_halved(small), run, small.opening.gap.size)
-    assert (few.w.size, few.opening.gap.size) == (small.w.size, small.opening.gap.size)
+    few = _merged(_halved(small), run, small.contact.normal.gap.size)
+    assert (few.contact.w.size, few.contact.normal.gap.size) == (
+        small.contact.w.size,
+        small.contact.normal.gap.size,
+    )
     other = sj.integrate(few, **TIMING)
     np.testing.assert_allclose(other.point_u, one.point_u, atol=1e-9 * one.peak.max())
     assert other.friction_work.sum() == pytest.approx(one.friction_work.sum(), rel=1e-8)
@@ -124,15 +118,17 @@ def test_merged_points_create_no_energy(model):
 
 def test_points_apart_at_rest_stay_alone_or_are_left_out(model):
     small, run = model
-    reach = (small.opening.N @ run.u.T).max(axis=1)
+    reach = (small.contact.normal.N @ run.u.T).max(axis=1)
     gaps = np.zeros(reach.size)
     near, far = np.argsort(reach)[[-1, -2]], np.argsort(reach)[[0, 1]]
     gaps[near], gaps[far] = 0.9 * reach[near], 2.0 * np.abs(reach[far]) + 1e-6
     few = _merged(_apart(small, gaps), run, 8)
-    members = few.opening.shares.toarray() > 0.0
+    members = few.contact.normal.shares.toarray() > 0.0
     assert not members[:, far].any()
     assert np.all(members[members[:, near].any(axis=1)].sum(axis=1) == 1)
-    assert sorted(few.opening.gap[few.opening.gap > 0.0]) == pytest.approx(sorted(gaps[near]))
+    assert sorted(few.contact.normal.gap[few.contact.normal.gap > 0.0]) == pytest.approx(
+        sorted(gaps[near])
+    )
     pressed = np.flatnonzero(gaps == 0.0)
     assert np.array_equal(np.flatnonzero(members.any(axis=0)), np.union1d(pressed, near))
 
@@ -152,7 +148,9 @@ def test_pressures_of_all_points_follow_from_the_motion_of_a_merged_model(model)
 def test_a_saved_model_runs_to_the_same_bits(model, tmp_path):
     few = replace(_merged(*model, 7), origin=None)
     again = sj.load(sj.save(few, tmp_path / "few.npz"))
-    assert np.array_equal(again.opening.shares.toarray(), few.opening.shares.toarray())
+    assert np.array_equal(
+        again.contact.normal.shares.toarray(), few.contact.normal.shares.toarray()
+    )
     runs = [sj.integrate(system, **TIMING) for system in (few, again)]
     assert np.array_equal(runs[0].point_u, runs[1].point_u)
 
@@ -161,12 +159,12 @@ def test_few_points_give_history_and_energy_of_all(model):
     small, run = model
     system = small.origin.system
     auto = sj.reduce(system, modes=8)
-    assert auto.w.size == small.w.size  # fewer than three for each unknown
+    assert auto.contact.w.size == small.contact.w.size  # fewer than three for each unknown
     errors = []
     for count in (4, 12):
         few = reduced_system(system, small.origin.basis, friction_points=count)
         errors.append(difference(results(run), results(sj.integrate(few, **TIMING))))
-        assert few.opening.gap.size == count
+        assert few.contact.normal.gap.size == count
     assert errors[1]["displacement_rms"] < 0.005
     assert errors[1]["friction_energy"] < 0.02
     assert errors[0]["displacement_rms"] > 2.0 * errors[1]["displacement_rms"]
@@ -186,7 +184,12 @@ def test_two_bolted_solid_plates_are_those_of_all_points(kind):
     system = replace(structure, joints=joints, **free).system([load])
     small = sj.reduce(system, modes=30)
     every = reduced_system(system, small.origin.basis, friction_points="all")
-    assert small.w.size == small.opening.gap.size <= 4 * small.n < every.w.size // 3
+    assert (
+        small.contact.w.size
+        == small.contact.normal.gap.size
+        <= 4 * small.n
+        < every.contact.w.size // 3
+    )
     whole, run = (sj.integrate(one, cycles=3, steps_per_cycle=100) for one in (every, small))
     assert difference(results(whole), results(run))["displacement_rms"] < 0.01
     np.testing.assert_allclose(run.cycles.friction, whole.cycles.friction, rtol=0.02)
