@@ -47,8 +47,7 @@ STILL = 1e-9
 #: What a slider slips by less, over what its spring takes at the limit, is an error of the forces.
 SLID = 1e-7
 #: Points that slip by less than this share of the largest slip of an increment may be turning, and
-#: others whose friction is less than this share below its limit. (Where friction holds a body, what
-#: has slipped is left as far below it as the added mass carries.)
+#: others whose friction is less than this share below its limit.
 TURNING = 1e-4
 
 

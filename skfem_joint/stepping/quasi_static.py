@@ -190,7 +190,7 @@ class QuasiStatic:
         if self.to.kind == "contact":
             from skfem_joint.minimise.condensed_newton import CondensedNewton  # loads the compiler
 
-            if isinstance(self.problem, CondensedNewton):
+            if isinstance(self.problem, CondensedNewton) and not self.opens:
                 self.whole = self.problem
                 self._step_contact_alone(self.whole)
         self._to_rest()
