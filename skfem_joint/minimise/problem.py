@@ -49,7 +49,6 @@ from skfem_joint.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.minimise.limits import Hinges
-    from skfem_joint.minimise.touching import Touching
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ class Pressed(NamedTuple):
         Factors of the normal forces: w = max(0, given + (matrix ``gain``) (factors p)).
     hinges : Hinges, optional
         How friction follows the forces of rigid points; as above if not given.
-    touching : Touching, optional
+    touching : skfem_joint.minimise.touching.Touching, optional
         Pressure points that touch: others are eliminated. It follows what is found to touch.
     """
 
@@ -127,7 +126,7 @@ class Pressed(NamedTuple):
     given: FloatArray
     gain: FloatArray | float = 1.0
     hinges: Hinges | None = None
-    touching: Touching | None = None
+    touching: Any = None
 
 
 @dataclass(frozen=True)

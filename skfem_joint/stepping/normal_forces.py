@@ -51,8 +51,9 @@ friction has its limit from that force: they have no impacts.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,14 +62,19 @@ from scipy import sparse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.limits import Hinges
-from skfem_joint.minimise.problem import Minimum, Pressed, PressurePoints, StepProblem
+from skfem_joint.minimise.problem import (
+    ContactPoints,
+    Minimum,
+    Pressed,
+    PressurePoints,
+    StepProblem,
+)
 from skfem_joint.minimise.touching import Touching
 from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.system import System
 
-if TYPE_CHECKING:
-    from skfem_joint.stepping.steppers import PythonStepper, Saved
+Saved = Mapping[str, NDArray[Any]]
 
 #: Gaps below this share of the largest displacement or gap are closed.
 CLOSED = 64 * float(np.finfo(np.float64).eps)
@@ -161,18 +167,20 @@ class NormalForces:
         self._hinges_now: Hinges | None = None
         self._of_mass: StepProblem | None = None
 
-    def restart(self, stepper: PythonStepper, amplitudes: FloatArray) -> Minimum:
-        """Acceleration and friction over its limit that are consistent with the loads now.
+    def restart(
+        self, now: State, loads: FloatArray, tolerance: float, made: Callable[..., StepProblem]
+    ) -> Minimum:
+        """Acceleration and friction over its limit that are consistent with the ``loads``, (n,), N.
 
-        The stepper is at rest in them if what was found has converged.
+        ``made`` makes the problem of a matrix and contact points.
         """
-        s, contact, (u, v) = self.system, self.contact, stepper.now[:2]
+        s, contact, (u, v) = self.system, self.contact, now[:2]
         on_rows = s.contact.on_rows
         if not self.has_impulses:  # else forces are not known before the first step
             self.limits = s.contact.limits(contact.elastic_forces(u))
         slip = s.contact.B @ v
         moving = s.contact.slip_norm(slip) > 0.0
-        right = stepper.recorder.vectors @ amplitudes - s.C @ v - s.K @ u
+        right = loads - s.C @ v - s.K @ u
         right += contact.N.T @ (contact.force - contact.elastic_forces(u))
         sigma, given = np.zeros(slip.size), s.contact.given.copy()
         free = moving | np.isfinite(s.contact.beta) | s.contact.sprung
@@ -181,14 +189,14 @@ class NormalForces:
 
             law = s.contact.beta, s.contact.directions
             sigma = np.asarray(force_vectors(slip, *law)) * on_rows(free)
-            sigma = np.where(on_rows(s.contact.sprung), stepper.now.sigma, sigma)  # do not jump
+            sigma = np.where(on_rows(s.contact.sprung), now.sigma, sigma)  # do not jump
             given[free] = NEVER_RUBS
         closed = self.rigid & (self._gaps(u) <= 0.0) & (contact.N @ v >= 0.0)
         pressed = Pressed(np.where(closed, 0.0, np.inf), given)
-        problem, limits = self._still(stepper), self.limits
+        problem, limits = self._still(made), self.limits
         for _ in range(RENEWALS):
             own = right - s.contact.B.T @ (on_rows(limits) * sigma)
-            minimum = problem.minimise(own, None, stepper.tolerance, pressed=pressed)
+            minimum = problem.minimise(own, None, tolerance, pressed=pressed)
             if not minimum.converged:
                 return minimum
             p = np.where(self.rigid, minimum.p, contact.elastic_forces(u))
@@ -205,17 +213,18 @@ class NormalForces:
         self.friction = FrictionState.at(on_rows(limits) * sigma)
         return replace(minimum, sigma=sigma)
 
-    def _still(self, stepper: PythonStepper) -> StepProblem:
+    def _still(self, made: Callable[..., StepProblem]) -> StepProblem:
         """Problem of an acceleration; elastic pressure points have known forces in it."""
         if self._of_mass is None:
-            normal = cast("PressurePoints", stepper.points.normal)
+            points = ContactPoints.of(self.system)
+            normal = cast("PressurePoints", points.normal)
             normal = replace(normal, stiffness=np.where(self.rigid, np.inf, 1e-300))
-            points = replace(stepper.points, normal=normal)
+            points = replace(points, normal=normal)
             if self.system.contact.has_springs:
                 # Sliders without friction follow: springs of any stiffness are forceless then.
                 unit = 1.0 / float(self.system.M.diagonal().mean())
                 points = replace(points, flexible=np.where(self.system.contact.sprung, unit, 0.0))
-            self._of_mass = stepper.made(self.system.M, points)
+            self._of_mass = made(self.system.M, points)
         return self._of_mass
 
     def _gaps(self, u: FloatArray) -> FloatArray:

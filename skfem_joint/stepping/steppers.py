@@ -473,7 +473,8 @@ class PythonStepper(Stepper):
         """See `Stepper`."""
         if isinstance(self.forces, ConstantForces):
             return super().restart(amplitudes)
-        minimum = self.forces.restart(self, amplitudes)
+        loads = self.recorder.vectors @ amplitudes
+        minimum = self.forces.restart(self.now, loads, self.tolerance, self.made)
         if not minimum.converged:
             self.failure = FailedStep(minimum.residual, minimum.where)
             return False
