@@ -53,8 +53,8 @@ def stepped_as(monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
         to = arranged(system)
         s = to.system
         if kind == "dense":
-            dense = {name: getattr(s, name).toarray() for name in ("M", "C", "K", "B", "P")}
-            s = replace(s, **dense)
+            dense = {name: getattr(s, name).toarray() for name in ("M", "C", "K", "P")}
+            s = replace(s, **dense, contact=replace(s.contact, B=s.contact.B.toarray()))
         return Arranged(s, kind, to.maps)
 
     monkeypatch.setattr(driving, "arranged", other)
