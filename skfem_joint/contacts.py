@@ -278,7 +278,7 @@ class Contact:
         B = sparse.csr_array(self.B)
         return sparse.csr_array(B.T @ sparse.diags_array(k) @ B)
 
-    @property
+    @cached_property
     def spring_flexibility(self) -> FloatArray:
         """Slip that each row's spring takes under a unit force, (rows,), m/N; 0 for none."""
         return self.on_rows(np.where(self.sprung, 1.0 / self.stiffness, 0.0))

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg, sparse
@@ -106,7 +107,7 @@ class NormalPart:
             wrong.append("normal: a point with a gap at rest cannot carry a normal force")
         return wrong
 
-    @property
+    @cached_property
     def rigid(self) -> BoolArray:
         """Whether each pressure point is rigid, (q,)."""
         return np.asarray(np.isinf(self.stiffness))

@@ -13,8 +13,8 @@ against run time).
 
 A system: `natural_modes`; `backbone` (damping over amplitude) with `cycles`, `gross_slip` and
 `backbone_sensitivity`; `ring_down`; `response` (steady vibration over frequency) with
-`linear_response` and `step_errors`. `scene_backbone` and `scene_response` do this for a scene's
-models; `sweep` runs many scenes; `rows` keeps finished work.
+`linear_response`. `scene_backbone` and `scene_response` do this for a scene's models; `sweep` runs
+many scenes; `rows` keeps finished work.
 
 A measurement: `damping_curve` (of a free vibration); `measured` (curves in files and arrays) with
 `measured_table`; `fit` (values that fit such curves) with `fit_model` and `fit_curves`.

@@ -43,7 +43,7 @@ from skfem_joint.system import System
 
 #: Relative change of the friction energy of cycles below which they are alike.
 SETTLED = 0.02
-#: Steps times (unknowns + `overhead`) up to which the full model itself is run.
+#: Steps times (unknowns + 1000) up to which the full model itself is run.
 SMALL = 1e6
 
 

@@ -9,7 +9,7 @@ first joint slips as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,26 +50,19 @@ OF_THE_MESH = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass
 class Description:
     """What a structure is, and its response to static loads, in whole sentences and in numbers.
 
     Attributes
     ----------
-    facts, doubts : tuple of str
+    told : callable, optional
+        Called with each fact that is added.
+    facts, doubts : list of str
         Facts about the structure, and reasons to doubt that it is what was meant.
-    values : mapping of str
+    values : dict of str
         Its figures by name, as in ``summary.json``.
     """
-
-    facts: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
-    values: Mapping[str, Any] = field(default_factory=dict)
-
-
-@dataclass
-class _Draft:
-    """A description as it is written."""
 
     told: Callable[[str], None] | None = None
     facts: list[str] = field(default_factory=list)
@@ -102,7 +95,7 @@ def describe(
         Called with each fact as soon as it is known.
     """
     structure, system = scene.structure(), scene.system().closed()
-    draft = _Draft(told)
+    draft = Description(told)
     draft.add(*_parts(structure))
     if structure.body is not None:
         size, mass = np.ptp(structure.body.positions, axis=0), structure.body.total_mass
@@ -124,7 +117,7 @@ def describe(
         draft.doubts.append(
             f"What the structure does under its loads at rest is not known: {error}"
         )
-    return Description(tuple(draft.facts), tuple(draft.doubts), draft.values)
+    return draft
 
 
 def _parts(structure: AnyStructure) -> Iterator[str]:
@@ -158,7 +151,7 @@ def _moves(
     structure: AnyStructure,
     system: System,
     path: QuasiStatic | None,
-    draft: _Draft,
+    draft: Description,
 ) -> None:
     """Add frequencies, waves, static displacement, strain, and how much of the joints' limit."""
     values, no_unknowns = draft.values, np.zeros(0, np.intp)
@@ -222,7 +215,7 @@ def _moves(
 
 
 def _frequencies(
-    scene: Scene, structure: AnyStructure, system: System, rubs: bool, draft: _Draft
+    scene: Scene, structure: AnyStructure, system: System, rubs: bool, draft: Description
 ) -> tuple[bool, NaturalModes]:
     """Add natural frequencies, and whether the structure floats, which is returned with the modes.
 
@@ -257,7 +250,9 @@ def _frequencies(
     return rigid[1] > 0, stuck
 
 
-def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft: _Draft) -> None:
+def _normal(
+    scene: Scene, structure: AnyStructure, vibration: _Vibration, draft: Description
+) -> None:
     """Add by how much loads or vibration of the stuck structure change the normal forces."""
     if any(patch.joint.opens for patch in structure.patches):
         return  # whose normal forces may change
@@ -279,7 +274,7 @@ def _normal(scene: Scene, structure: AnyStructure, vibration: _Vibration, draft:
     draft.doubts.extend(found.doubts(what=what))
 
 
-def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: _Draft) -> None:
+def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: Description) -> None:
     """Add what is displaced and strained under static loads, and whether that is small."""
     moved = np.abs(np.asarray(system.P @ u))
     names = dict.fromkeys(load.on for load in system.loads)

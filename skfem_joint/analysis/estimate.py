@@ -102,7 +102,7 @@ ADDED = 8
 #: Relative change by added modes below which no more are added.
 ENOUGH = 1e-3
 #: Ratio of a change by added modes to the one before above which more are added. The rest is
-#: extrapolated with it where the ratio is not known, or where the change is less than ``enough``.
+#: extrapolated with it where the ratio is not known, or where the change is less than `ENOUGH`.
 SLOWEST = 0.4
 #: Steepness of the law in its verification run over that of the model.
 STEEPER = 10.0

@@ -575,19 +575,23 @@ class Fit:
         return float(self.problem.outer(changed)[k])
 
     def band(
-        self, predicted: PredictedCurve, level: float = LEVEL
+        self, predicted: PredictedCurve, level: float = LEVEL, number: int | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """Half widths of the band of a curve by the uncertainty of the values, (k,) each.
 
-        Of the frequency, Hz, and of the damping ratio, to first order.
+        Of the frequency, Hz, and of the damping ratio, to first order. ``number`` is that of a
+        measured curve whose offsets count too.
         """
-        count, factor = len(self.problem.model.keys), float(norm.ppf(0.5 + 0.5 * level))
-        own = self.covariance[:count, :count]
-        frequency, damping = (
-            factor * np.sqrt(np.einsum("ki,ij,kj->k", rates, own, rates))
-            for rates in (predicted.frequency_rates, predicted.damping_rates)
-        )
-        return frequency, damping
+        names, factor = self.problem.names, float(norm.ppf(0.5 + 0.5 * level))
+        name, halves = "" if number is None else self.problem.curves[number].name, []
+        for quantity in ("frequency", "damping"):
+            rates = getattr(predicted, f"{quantity}_rates")
+            offset = f"offset of {name}: {quantity}" if name else ""
+            own = np.array([float(each == offset) for each in names[rates.shape[1] :]])
+            every = np.hstack([rates, np.tile(own, (len(rates), 1))])
+            variance = np.einsum("ki,ij,kj->k", every, self.covariance, every)
+            halves.append(factor * np.sqrt(np.maximum(variance, 0.0)))
+        return halves[0], halves[1]
 
     def draws(self, count: int, seed: int = 0) -> list[dict[str, float]]:
         """Values of the free keys drawn from their distribution to first order.

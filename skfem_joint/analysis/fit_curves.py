@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import norm
 
-from skfem_joint.analysis.fit import LEVEL, Fit
+from skfem_joint.analysis.fit import Fit
 from skfem_joint.analysis.fit_model import PredictedCurve
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.arrays import FloatArray
@@ -91,22 +89,12 @@ def _at(curve: MeasuredCurve, displacement: FloatArray) -> MeasuredCurve:
 
 
 def _fine(fit: Fit, k: int, amplitude: FloatArray, predicted: PredictedCurve) -> FineCurve:
-    inside, added = predicted.inside, shifts(fit, k)
+    inside, added, bands = predicted.inside, shifts(fit, k), fit.band(predicted, number=k)
     return FineCurve(
         measured=fit.problem.curves[k],
         amplitude=amplitude[inside],
         frequency=(predicted.frequency + added["frequency"])[inside],
         damping=(predicted.damping + added["damping"])[inside],
-        frequency_band=_band(fit, k, "frequency", predicted.frequency_rates)[inside],
-        damping_band=_band(fit, k, "damping", predicted.damping_rates)[inside],
+        frequency_band=bands[0][inside],
+        damping_band=bands[1][inside],
     )
-
-
-def _band(fit: Fit, k: int, quantity: str, rates: FloatArray) -> FloatArray:
-    """Half width of a band, to first order in values and offset together, (k,)."""
-    names: Sequence[str] = fit.problem.names[rates.shape[1] :]
-    offset = f"offset of {fit.problem.curves[k].name}: {quantity}"
-    own = np.array([float(name == offset) for name in names])
-    all_rates = np.hstack([rates, np.tile(own, (rates.shape[0], 1))])
-    variance = np.einsum("ki,ij,kj->k", all_rates, fit.covariance, all_rates)
-    return np.asarray(norm.ppf(0.5 + 0.5 * LEVEL) * np.sqrt(np.maximum(variance, 0.0)))

@@ -118,12 +118,12 @@ def gross_slip_level(
     if not loaded.any():
         return limit
     nominal = float((limits[loaded] / by_joint[loaded]).min())
-    search = _Search(path, force)
+    search = _FirstWhole(path, force)
     return search.held(nominal) if np.isinf(limit) else search.free(nominal, limit, raised)
 
 
 @dataclass
-class _Search:
+class _FirstWhole:
     """Search for the multiple of a force at which the first joint slips as a whole.
 
     Attributes

@@ -5,10 +5,9 @@ from __future__ import annotations
 from functools import partial
 from pathlib import Path
 
-from skfem_joint.analysis import accuracy, range_estimate
+from skfem_joint.analysis import accuracy, range_modes
 from skfem_joint.analysis.accuracy import Choice, InRange
 from skfem_joint.analysis.estimate import Estimate, verification_run
-from skfem_joint.analysis.range_modes import served_by
 from skfem_joint.analysis.scene_plan import plan_of
 from skfem_joint.analysis.scene_range import ServedScene, point_of, range_model
 from skfem_joint.errors import JointError
@@ -53,7 +52,7 @@ def choose_in_range(
             check_short_of_gross_slip(verification_run(point, plan_of(scene), progress=report))
     except JointError as error:
         return Choice(scene, notes=(_own(str(error)),))
-    short = served_by(model).shortfall
+    short = range_modes.served_by(model).shortfall
     chosen, notes = InRange(point), () if short is None else (f"{short}.",)
     if scene.accuracy.is_given:
         scene = shorter
@@ -89,7 +88,7 @@ def _with_steps(scene: Scene, point: System, progress: Progress) -> tuple[Scene,
     for halvings in range(accuracy.MOST_HALVINGS + 1):
         plan = plan_of(scene)
         run = verification_run(point, plan, progress=progress)
-        errors = range_estimate.of_range(run, plan)
+        errors = range_modes.of_range(run, plan)
         in_time = accuracy.excess(scene.accuracy, errors, "time_step")
         enough = in_time <= accuracy.WORTHWHILE
         last = halvings == accuracy.MOST_HALVINGS

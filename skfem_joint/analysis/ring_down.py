@@ -22,7 +22,7 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 from skfem_joint.analysis.backbone import Backbone, backbone
 from skfem_joint.analysis.history import extrapolation
 from skfem_joint.analysis.peaks import parabola_vertex
-from skfem_joint.analysis.range_modes import alone, check_whole, distances, ringing
+from skfem_joint.analysis.range_modes import alone, check_whole, distances, largest_apart, ringing
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.served import Served
@@ -205,11 +205,12 @@ def ring_down(
     finer = integrate_plan(unloaded, again, initial=initial, progress=progress).finished()
     ours = _decay(run.point("modal")[: some.n_steps + 1], some)
     energy = _energies(system, run)
+    second_order = dict.fromkeys(("frequency", "damping_ratio"), extrapolation(2.0**2))
     return RingDown(
         *decay,
         energy=energy,
         friction_work=run.joint_work[::steps_per_cycle],
-        step_error=_apart(ours, _decay(finer.point("modal"), again)),
+        step_error=largest_apart(ours, _decay(finer.point("modal"), again), second_order),
         impact_work=run.impact_work,
         warnings=_doubts(curve.mode, decay, energy, steps_per_cycle * plan.step),
     )
@@ -286,18 +287,6 @@ def _decay(q: FloatArray, plan: Plan) -> _Decay:
         frequency=angle / (2.0 * np.pi * lasting),
         damping_ratio=decrement / angle,
     )
-
-
-def _apart(ours: _Decay, finer: _Decay) -> dict[str, float]:
-    """Estimated errors of a decay by one with half of its step."""
-    errors = {}
-    for name in ("frequency", "damping_ratio"):
-        one, other = getattr(ours, name), getattr(finer, name)
-        count = min(one.size, other.size)
-        size = float(np.abs(other[:count]).max())
-        apart = float(np.abs(one[:count] - other[:count]).max())
-        errors[name] = extrapolation(2.0**2) * apart / size if size > 0.0 else 0.0
-    return errors
 
 
 def _peaks(q: FloatArray, steps_per_cycle: int, step: float) -> tuple[FloatArray, FloatArray]:

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.analysis import opening_estimate, range_estimate, step_estimate
+from skfem_joint.analysis import opening_estimate, range_modes, step_estimate
 from skfem_joint.analysis.against_coulomb import against_coulomb
 from skfem_joint.analysis.estimate import Estimate, Parts, of_reduced
 from skfem_joint.analysis.history import QUANTITIES
@@ -66,7 +66,7 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
     if not plan.save.points:
         raise InputError("estimate: the run stored no named points; leave out points=False")
     if system.serves is not None:
-        return range_estimate.of_range(run, plan, progress)
+        return range_modes.of_range(run, plan, progress)
     origin = system.origin
     if origin is None:
         if system.made_for or not (system.T is None or sparse.issparse(system.T)):
@@ -141,7 +141,7 @@ def of_run(
     reduced one with contact that opens by :mod:`skfem_joint.analysis.opening_estimate`.
     """
     if run.system.serves is not None:
-        return range_estimate.of_range(run, plan, progress)
+        return range_modes.of_range(run, plan, progress)
     if basis is None:
         return step_estimate.of_full(system, run, plan, progress)
     if system.contact.opens:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import partial
@@ -32,7 +32,6 @@ from skfem_joint.analysis.scene_plan import (
     with_friction,
 )
 from skfem_joint.analysis.scene_range import of_scene, range_model, served_scene
-from skfem_joint.analysis.step_errors import step_error_notes
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.progress import Progress, announced, silent
@@ -42,7 +41,7 @@ from skfem_joint.reduction.friction_points import NOWHERE
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.stepping.integrate import integrate_plan
-from skfem_joint.stepping.opening_steady import MAY_DEPEND
+from skfem_joint.stepping.marching import MAY_DEPEND
 from skfem_joint.stepping.steady import odd_loads
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.structure import doubts
@@ -59,6 +58,8 @@ RESPONSE_ROWS = (SteadyPoint,)
 #: Frequencies of the linear limits beside those asked for, and entries that the stiffness may have
 #: in all of them together. Their factors take some ten seconds so, of plates and of solids.
 BETWEEN, ENTRIES = 400, 10_000_000
+#: Relative error of an amplitude by its time step that is doubtful.
+DOUBTFUL = 0.05
 
 
 @dataclass(frozen=True)
@@ -361,8 +362,46 @@ def _checked(
                 f"not estimated: {error}"
             )
         estimates.append(Estimate(parts))
-        notes += step_error_notes(model.name, curve, scene.time.steps_per_cycle)
+        notes += _step_error_notes(model.name, curve, scene.time.steps_per_cycle)
     return estimates, notes
+
+
+def _step_error_notes(name: str, curve: Curve, steps_per_cycle: int) -> Iterator[str]:
+    """Sentences about where the time step makes a curve doubtful, and the cure.
+
+    A sentence also says where the error is not estimated. The steps are exact at the driven
+    frequency: what errs are the harmonics of friction, where they meet higher modes.
+
+    Parameters
+    ----------
+    name : str
+        Of the model, for the sentences.
+    curve : Curve
+        With its estimated errors of the step.
+    steps_per_cycle : int
+    """
+    error = curve.column("step_error")
+    failed = np.array([point.failure is not None for point in curve.points])
+    if not (np.isfinite(error) | failed).all():
+        yield (
+            f"The {name} model at level {curve.level:g} has no steady vibration with half the "
+            "step at every frequency: where step_error is empty in response.csv the error of the "
+            "step is not known."
+        )
+    error = np.nan_to_num(error)
+    doubtful = error > DOUBTFUL
+    if doubtful.any():
+        frequency = curve.column("frequency")[doubtful]
+        # Errors fall with the square of the step: so many steps leave one percent, in whole
+        # fifties.
+        enough = 50 * np.ceil(steps_per_cycle * np.sqrt(error.max() / 0.01) / 50)
+        yield (
+            f"The {name} model at level {curve.level:g}: the time step alone errs by up to "
+            f"{100 * error.max():.2g} % of the amplitude, and by more than {100 * DOUBTFUL:g} % at "
+            f"{frequency.size} frequencies from {frequency[0]:.6g} to {frequency[-1]:.6g} Hz, "
+            "where harmonics of friction meet higher modes; see column step_error of "
+            f"response.csv. Set time.steps_per_cycle = {enough:.0f}."
+        )
 
 
 def _whole_slip(name: str, curve: Curve) -> list[str]:

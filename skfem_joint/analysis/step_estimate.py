@@ -56,7 +56,7 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
-#: Steps of a run times (unknowns + `overhead`) up to which the full model itself is run with half
+#: Steps of a run times (unknowns + 150) up to which the full model itself is run with half
 #: and quarter steps, some two seconds of its own run; chains, whose steps cost next to nothing,
 #: always are.
 SMALL = 5e5

@@ -151,8 +151,6 @@ class CondensedNewton:
     ) -> Minimum:
         """See `StepProblem`."""
         force = float(np.abs(g).max())
-        if not np.isfinite(force):
-            return self._not_finite(g, pressed)
         right, beside = self.restrict(g)
         law = None if beta is None else beta[self._points]
         slips = None if offset is None else offset[self._limited]
@@ -213,14 +211,6 @@ class CondensedNewton:
         others[self._part.frictions] = False
         return None if np.any(given[others] > 0.0) else self._part
 
-    def _not_finite(self, g: FloatArray, pressed: Pressed | None) -> Minimum:
-        """Answer to forces that are not finite."""
-        where, counts = int(np.flatnonzero(~np.isfinite(g))[0]), {"newton_iterations": 0}
-        sigma = np.zeros(self.points.B.shape[0])
-        p = np.zeros(0 if pressed is None else pressed.bound.size)
-        v = np.full(g.size, np.nan)
-        return Minimum(v, sigma, False, counts, np.nan, where, p, self.points.w)
-
     def saved(self) -> dict[str, NDArray[Any]]:
         """See `StepProblem`."""
         return self.contact.saved()
@@ -272,8 +262,12 @@ class MeanApproaches:
         A = np.block([[S[np.ix_(t, t)], S_ts], [S_ts.T, self.P.T @ S_dP]])
         self.beside = np.hstack([(S_td @ self.Z).T, self.Z.T @ S_dP])
         self.factor = linalg.cho_factor(self.Z.T @ (S_dd @ self.Z))
-        A -= self.beside.T @ linalg.cho_solve(self.factor, self.beside)
+        A -= self.beside.T @ self._interior(self.beside)
         self.matrix = np.ascontiguousarray(0.5 * (A + A.T))
+
+    def _interior(self, right: FloatArray) -> FloatArray:
+        """What forces on y move it by."""
+        return np.asarray(linalg.cho_solve(self.factor, right, check_finite=False))
 
     @staticmethod
     def of(S: FloatArray, points: ContactPoints) -> MeanApproaches | None:
@@ -308,12 +302,12 @@ class MeanApproaches:
         """Right side of the matrix, and what `extend` needs."""
         of_y = self.Z.T @ g[self.d]
         right = np.concatenate([g[self.t], self.P.T @ g[self.d]])
-        return right - self.beside.T @ linalg.cho_solve(self.factor, of_y), of_y
+        return right - self.beside.T @ self._interior(of_y), of_y
 
     def extend(self, z: FloatArray, of_y: FloatArray) -> FloatArray:
         """All of t and d."""
         v = np.empty((self.t.size + self.d.size, *z.shape[1:]))
         v[self.t] = z[: self.t.size]
-        y = linalg.cho_solve(self.factor, of_y - self.beside @ z)
+        y = self._interior(of_y - self.beside @ z)
         v[self.d] = self.P @ z[self.t.size :] + self.Z @ y
         return v

@@ -1240,8 +1240,11 @@ class PrimalDualNewton:
                     "whose unknowns are no slips and approaches, must have a finite stiffness at "
                     "each of them; sj.reduce gives it one"
                 )
-            self._gain = sparse.csr_array(points.normal.gain)
+            self._follows = np.diff(sparse.csr_array(points.normal.gain).indptr) > 0
+            self._sprung = points.has_spring
             self.normal = pressure_rows(points, self.places)
+            q = self.normal.bound.size
+            self._presses = np.repeat(np.arange(q), np.diff(self.normal.point_start))
             self._gains = self.normal.gain.copy(), self.normal.point_gain.copy()
             self.following = Following(self.H, self.contact, self.normal)
             self.kept = Kept(self.H, self.contact, self.normal)
@@ -1347,8 +1350,8 @@ class PrimalDualNewton:
     ) -> Minimum:
         """Minimise with contact that opens."""
         normal, places, space = self.normal, self.places, self.workspace
-        rubs = (pressed.given > 0.0) | (np.diff(self._gain.indptr) > 0)
-        if np.isinf(law[rubs & ~self.points.has_spring]).any():
+        rubs = (pressed.given > 0.0) | self._follows
+        if np.isinf(law[rubs & ~self._sprung]).any():
             raise InputError(
                 "contact that opens: set-valued Coulomb friction (beta = inf) needs one unknown "
                 "for each slip, which a reduced model has not; use System.no_steeper"
@@ -1358,9 +1361,9 @@ class PrimalDualNewton:
         normal.bound[:] = pressed.bound
         normal.given[places.point], normal.steep[places.point] = pressed.given, law
         self.contact.beta[places.point] = law
-        factors = np.broadcast_to(np.asarray(pressed.gain, dtype=float), normal.bound.shape)
+        factors = np.full(normal.bound.size, pressed.gain)
         normal.gain[:] = self._gains[0] * factors[normal.column]
-        normal.point_gain[:] = self._gains[1] * np.repeat(factors, np.diff(normal.point_start))
+        normal.point_gain[:] = self._gains[1] * factors[self._presses]
         if self.contact.soft.size:  # a force of springs to compare with
             _keep_limits(self.contact, normal, self.points.w[np.argsort(places.point)])
         work: Counter[str] = Counter()

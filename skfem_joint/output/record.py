@@ -41,7 +41,7 @@ _PASSED = re.compile(
 _CURE = "move it away, choose another folder, or give --overwrite"
 
 
-class _Line(NamedTuple):
+class _Listed(NamedTuple):
     """A file of a list: its name below the folder, and whether this program wrote it."""
 
     name: str
@@ -50,7 +50,7 @@ class _Line(NamedTuple):
     ours: bool
 
     @classmethod
-    def of(cls, path: Path, name: str, ours: bool) -> _Line:
+    def of(cls, path: Path, name: str, ours: bool) -> _Listed:
         status = path.lstat()
         return cls(name, status.st_size, status.st_mtime_ns, ours)
 
@@ -65,14 +65,14 @@ def _is_plain(folder: Path, *parts: str) -> bool:
     return os.path.realpath(path) == path
 
 
-def _is_as_written(folder: Path, name: str, lines: set[_Line]) -> bool:
+def _is_as_written(folder: Path, name: str, lines: set[_Listed]) -> bool:
     """Whether a name is a file that this program wrote, and was not changed since."""
     path = folder / name
     plain = _is_plain(folder, *name.split("/")) and path.is_file()
-    return plain and _Line.of(path, name, True) in lines
+    return plain and _Listed.of(path, name, True) in lines
 
 
-def _listed(folder: Path) -> set[_Line] | None:
+def _listed(folder: Path) -> set[_Listed] | None:
     """Lines of the list in a folder; None if there is none.
 
     InputError if this program did not write it.
@@ -87,7 +87,7 @@ def _listed(folder: Path) -> set[_Line] | None:
         first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
         if first != _HEADER:
             raise ValueError("not ours")
-        return {_Line(str(name), *rest) for name, *rest in map(json.loads, lines)}
+        return {_Listed(str(name), *rest) for name, *rest in map(json.loads, lines)}
     except (OSError, ValueError, TypeError, RecursionError) as error:
         raise InputError(
             f"{path}: is not a list of files that skfem-joint wrote; nothing was removed; "
@@ -95,7 +95,7 @@ def _listed(folder: Path) -> set[_Line] | None:
         ) from error
 
 
-def _write_list(folder: Path, lines: Iterable[_Line]) -> None:
+def _write_list(folder: Path, lines: Iterable[_Listed]) -> None:
     with replacing(folder / LIST) as temporary, temporary.open("w", encoding="utf-8") as file:
         file.write(_HEADER + "\n")
         for line in lines:
@@ -138,13 +138,13 @@ def clear(folder: Path, overwrite: bool = False) -> list[str]:
     return left
 
 
-def _found(folder: Path, lines: set[_Line]) -> tuple[set[str], list[_Line]]:
+def _found(folder: Path, lines: set[_Listed]) -> tuple[set[str], list[_Listed]]:
     """Names of files in a folder that are as they were written, and lines of all others."""
     written = (line.name for line in lines if line.ours)
     try:
         there = {*_names(folder), *(name for name in written if os.path.lexists(folder / name))}
         ours = {name for name in there if _is_as_written(folder, name, lines)}
-        return ours, [_Line.of(folder / name, name, False) for name in sorted(there - ours)]
+        return ours, [_Listed.of(folder / name, name, False) for name in sorted(there - ours)]
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
 
@@ -161,7 +161,7 @@ def _remove(folder: Path, names: set[str]) -> None:
             (folder / below).rmdir()
 
 
-def _refuse(folder: Path, names: Sequence[str], lines: set[_Line] | None) -> None:
+def _refuse(folder: Path, names: Sequence[str], lines: set[_Listed] | None) -> None:
     """InputError for files of other origin in a folder with a list, unless they are harmless."""
     written = {line.name for line in lines or () if line.ours}
     if changed := [name for name in names if name in written]:
@@ -233,14 +233,14 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
         parts = path.absolute().relative_to(folder.absolute()).parts
         name = "/".join(parts)
         free = not os.path.lexists(path) or any(
-            _Line.of(path, name, mine) in known for mine in (True, False)
+            _Listed.of(path, name, mine) in known for mine in (True, False)
         )
         if not free or not _is_plain(folder, *parts[:-1]):
             raise InputError(
                 f"{path}: is there, and this run did not write it: it is left as it is; move it "
                 "away, or choose another folder"
             )
-        known.add(line := _Line.of(temporary, name, True))
+        known.add(line := _Listed.of(temporary, name, True))
         written.append(name)
         line.write(lines)
         lines.flush()

@@ -204,9 +204,6 @@ def choose(to: Arranged, *others: Any) -> Stepper:
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    if to.system.contact.opens:
-        from skfem_joint.stepping.opening_stepper import OpeningStepper  # loads the compiler
-
-        return OpeningStepper(to.kind, to.system, *others)
-    stepper = CompiledStepper if to.kind in ("chain", "dense") else PythonStepper
+    opens = to.system.contact.opens
+    stepper = CompiledStepper if to.kind in ("chain", "dense") and not opens else PythonStepper
     return stepper(to.kind, to.system, *others)

@@ -76,7 +76,7 @@ def integrate(
     until : {"end", "steady"}
         ``"steady"`` gives the one period at which vibration under loads that repeat has become
         steady, see :mod:`skfem_joint.stepping.steady` and, with contact that opens,
-        :mod:`skfem_joint.stepping.opening_steady`; its amplitudes and offsets are in `Run.steady`.
+        :mod:`skfem_joint.stepping.marching`; its amplitudes and offsets are in `Run.steady`.
     initial : Run or tuple of ndarray, shape (n,), optional
         A run to go on from, or displacement (m) and velocity (m/s) at the start; at rest if not
         given. A run goes on with its whole state: where matrices, scheme and loads are those of its

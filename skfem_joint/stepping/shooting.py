@@ -19,7 +19,7 @@ from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import GrossSlipError
 from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import SETTINGS, Driver
-from skfem_joint.stepping.opening_steady import MAY_DEPEND, marched_state, opening_norm
+from skfem_joint.stepping.marching import MAY_DEPEND, marched_state, opening_norm
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.schemes import State
 from skfem_joint.stepping.sprung_transition import Springs, sprung_transition

@@ -22,13 +22,14 @@ from skfem_joint.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed, compressed_rows
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.minimise.choice import step_problem
-from skfem_joint.minimise.problem import ContactPoints, StepProblem
+from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
 from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.minimise.compiled_step import CompiledStepProblem
+    from skfem_joint.stepping.normal_forces import NormalForces
 
 Saved = Mapping[str, NDArray[Any]]
 
@@ -395,26 +396,94 @@ class CompiledStepper(Stepper):
         return int(steps)
 
 
+class ConstantForces:
+    """Friction with constant limits, from step to step: all of it is in the state of a stepper.
+
+    `skfem_joint.stepping.normal_forces.NormalForces` has the same methods, see there.
+    """
+
+    limits = None
+    beside = np.zeros(0)
+
+    def before(self, c: Coefficients, u: FloatArray, predictor: FloatArray) -> tuple[float, None]:
+        """Nothing on the right side of a step."""
+        return 0.0, None
+
+    def after(self, c: Coefficients, minimum: Minimum) -> None:
+        """Nothing to take over."""
+
+    def works(self, recorder: Recorder, before: State, now: State) -> dict[str, Any]:
+        """No works beside those of the recorder."""
+        return {}
+
+    def store(self, recorder: Recorder, row: int) -> None:
+        """Nothing to store."""
+
+    def go_on(self, beside: FloatArray) -> None:
+        """Nothing to go on from."""
+
+    def saved(self) -> dict[str, NDArray[Any]]:
+        """Nothing to save."""
+        return {}
+
+    def restore(self, saved: Saved) -> None:
+        """Nothing to take up."""
+
+
 class PythonStepper(Stepper):
-    """Steps done one by one in Python: of sparse systems in contact, and of linear systems."""
+    """Steps done one by one in Python: of sparse systems in contact, and of linear systems.
+
+    So are those of all systems whose contact opens.
+    """
 
     COUNTS: ClassVar[tuple[str, ...]] = (
         *("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves"),
+        "renewed_limits",
     )
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.v_before = self.now.v
+        self.forces: ConstantForces | NormalForces = ConstantForces()
+        if self.system.contact.opens:
+            from skfem_joint.stepping.normal_forces import NormalForces  # loads the compiler
+
+            self.forces = NormalForces(self.system)
+
+    @property
+    def limits_now(self) -> FloatArray | None:
+        """See `Stepper`."""
+        return self.forces.limits
+
+    def set_limits(self, limits: FloatArray) -> None:
+        """See `Stepper`."""
+        self.forces.limits = np.array(limits)
 
     def new_problem(self, c: Coefficients) -> StepProblem:
         """See `Stepper`."""
         s = self.system
-        H = as_compressed(c.c_M * s.M + s.C + c.c_K * s.K)
-        return step_problem(H, self.of_step(c), self.kind)
+        return self.made(c.c_M * s.M + s.C + c.c_K * s.K, self.of_step(c))
+
+    def made(self, H: Any, points: ContactPoints) -> StepProblem:
+        """Problem of a matrix in the unknowns of the steps."""
+        dense = self.kind == "dense"
+        return step_problem(as_dense(H) if dense else as_compressed(H), points, self.kind)
+
+    def restart(self, amplitudes: FloatArray) -> bool:
+        """See `Stepper`."""
+        if isinstance(self.forces, ConstantForces):
+            return super().restart(amplitudes)
+        minimum = self.forces.restart(self, amplitudes)
+        if not minimum.converged:
+            self.failure = FailedStep(minimum.residual, minimum.where)
+            return False
+        self.started(minimum.v, minimum.sigma)
+        return True
 
     def prepare(self, h: float) -> None:
         """See `Stepper`."""
-        super().prepare(h)
+        if self.forces.limits is None:
+            super().prepare(h)
         self.problem(self.coefficients(h)).compile()
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
@@ -425,29 +494,35 @@ class PythonStepper(Stepper):
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
         """Do the steps."""
         s, c, recorder = self.system, self.coefficients(h), self.recorder
-        problem, done = self.problem(c), 0
+        problem, forces, done = self.problem(c), self.forces, 0
         for ends in pairwise(amplitudes.T):
             before = u, v, a, d, sigma = self.now
             predictor = u + c.u_v * v + c.u_a * a
             right = recorder.vectors @ ends[1] - s.K @ predictor
             right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-            force = s.contact.on_rows(s.contact.w) * sigma
-            offset = s.contact.spring_offset(c.u_v * v + c.u_a * a, force, c.c_K)
+            of_contact, pressed = forces.before(c, u, predictor)
+            right += of_contact
+            limits = s.contact.w if forces.limits is None else forces.limits
+            known, force = c.u_v * v + c.u_a * a, s.contact.on_rows(limits) * sigma
+            offset = s.contact.spring_offset(known, force, c.c_K)
             start = self._extrapolated()
-            minimum = problem.minimise(right, start, self.tolerance, offset=offset)
+            minimum = problem.minimise(right, start, self.tolerance, offset=offset, pressed=pressed)
             self._count(minimum.counts)
             if not minimum.converged:
                 self.failure = FailedStep(minimum.residual, minimum.where)
                 break
+            forces.after(c, minimum)
             v_new, self.v_before = minimum.v, v
             a = c.a_v * (v_new - v) + c.a_a * a
             d = c.d_a * a + c.d_a0 * before.a + c.d_d0 * d
             self.now = State(predictor + c.c_K * v_new, v_new, a, d, minimum.sigma)
-            recorder.add_step(h, ends, before, self.now, c.trapezoidal)
+            works = forces.works(recorder, before, self.now)
+            recorder.add_step(h, ends, before, self.now, c.trapezoidal, **works)
             done += 1
             self.frequency = 0.0
             if store:
-                recorder.store(first_step + done, self.now)
+                recorder.store(first_step + done, self.now, forces.limits)
+                forces.store(recorder, first_step + done)
         return done
 
     def _extrapolated(self) -> FloatArray | None:
@@ -455,8 +530,9 @@ class PythonStepper(Stepper):
         if self.kind == "linear":
             return None
         v = 2.0 * self.now.v - self.v_before
-        unknowns = self.points.unknowns
-        v[unknowns[self.points.on_rows(self.points.at_rest(self.now.v[unknowns]))]] = 0.0
+        resting = self.points.on_rows(self.points.at_rest(self.points.B @ self.now.v))
+        if resting.any():
+            v[self.points.unknowns[resting]] = 0.0
         return v
 
     def _count(self, counts: Mapping[str, int]) -> None:
@@ -465,11 +541,28 @@ class PythonStepper(Stepper):
         iterations = counts.get("newton_iterations", 0)
         self.counts["largest_iterations"] = max(self.counts["largest_iterations"], iterations)
 
+    @property
+    def beside(self) -> FloatArray:
+        """See `Stepper`."""
+        return self.forces.beside
+
+    def go_on(self, now: State, beside: FloatArray) -> None:
+        """See `Stepper`."""
+        self.now = now
+        if beside.size:
+            self.forces.go_on(beside)
+            self.v_before = now.v
+
+    def store_start(self) -> None:
+        """See `Stepper`."""
+        self.forces.store(self.recorder, 0)
+
     def _own(self) -> dict[str, NDArray[Any]]:
         """State, and the velocity before it."""
-        return super()._own() | {"before": np.array(self.v_before)}
+        return super()._own() | {"before": np.array(self.v_before)} | self.forces.saved()
 
     def restore(self, saved: Saved) -> None:
         """Take up a saved state."""
         super().restore(saved)
         self.v_before = np.array(saved["before"])
+        self.forces.restore(saved)

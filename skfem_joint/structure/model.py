@@ -1,82 +1,24 @@
-"""The interface of structures, whether given on a mesh or by matrices."""
+"""Structures, whether given on a mesh or by matrices, and reasons to doubt them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import Any, Protocol
+from collections.abc import Iterator
+from typing import TypeAlias
 
 import numpy as np
 
 from skfem_joint.mesh.cells import spot
 from skfem_joint.structure.body import Body
 from skfem_joint.structure.doubts import coarse_for_waves, oscillating_impacts
-from skfem_joint.structure.joints import Joint
-from skfem_joint.structure.load import Load
+from skfem_joint.structure.matrices import MatrixModel
 from skfem_joint.structure.patch import Patch
 from skfem_joint.structure.pressure import Bolts
-from skfem_joint.structure.reactions import Reactions
 from skfem_joint.structure.structure import Structure
 from skfem_joint.system import System
 
-
-class AnyStructure(Protocol):
-    """A jointed structure, given by a mesh (`Structure`) or by matrices (`MatrixModel`).
-
-    Functions that need geometry use the `Structure` that `meshed` returns, or the ``body``, which
-    is None if the structure is given by matrices.
-    """
-
-    @property
-    def body(self) -> Body | None:
-        """Elastic bodies on their mesh; None for matrices, whose geometry is not known."""
-
-    @property
-    def joints(self) -> Sequence[Joint]:
-        """Joints, in the order of ``patches``."""
-
-    @property
-    def patches(self) -> tuple[Patch, ...]:
-        """Contact points of each joint."""
-
-    @property
-    def n_dofs(self) -> int:
-        """Number of degrees of freedom, supported ones included."""
-
-    @property
-    def identity(self) -> list[Any]:
-        """Arrays and names that distinguish this structure from another."""
-
-    @property
-    def free_points(self) -> tuple[str, ...]:
-        """Names of the points that can be observed."""
-
-    @property
-    def unloaded(self) -> System:
-        """System without loads, observed points and names of joints."""
-
-    def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
-        """System of equations under loads, with named points."""
-
-    def reactions(self, loads: Sequence[Load]) -> Reactions | None:
-        """Change of the normal forces by vibration; None where no contact is closed."""
-
-    def meshed(self, purpose: str) -> Structure:
-        """The structure with its geometry; InputError, which states the purpose, for matrices."""
-
-    def overview(self) -> str:
-        """Sentence about what the structure is made of."""
-
-    def at_rest(self) -> list[str]:
-        """Sentences about the preload, and about bodies that friction alone holds."""
-
-    def unusual(self, system: System) -> list[str]:
-        """Sentences about what suggests a mistake of the user."""
-
-    def spot(self, dof: int) -> str:
-        """A degree of freedom in a message."""
-
-    def pressed_at(self, dof: int) -> str:
-        """Joint and place of a degree of freedom that closed contact determines, in a message."""
+#: A jointed structure, given by a mesh or by matrices. Functions that need geometry use the
+#: `Structure` that `meshed` returns, or the ``body``, which is None if it is given by matrices.
+AnyStructure: TypeAlias = Structure | MatrixModel
 
 
 def doubts(structure: AnyStructure, system: System, waves: bool = True) -> list[str]:

@@ -24,7 +24,7 @@ from skfem_joint.normal import NormalPart
 from skfem_joint.slips import NormalRows, rows_along
 from skfem_joint.structure.joints import Joint
 from skfem_joint.structure.nodes import Nodes
-from skfem_joint.structure.patch import SMALL, Patch, Pressed, manifold_of
+from skfem_joint.structure.patch import SMALL, NodalForces, Patch, manifold_of
 from skfem_joint.structure.pressure import nodal_pressure
 from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
 from skfem_joint.unknowns import selection
@@ -65,9 +65,9 @@ def opening_face(
     held: BoolArray,
     width: FloatArray,
     thickness: FloatArray,
-    pressed: Pressed | None = None,
+    pressed: NodalForces | None = None,
     space: PressureSpace | None = None,
-) -> tuple[Pressed, OpeningFace]:
+) -> tuple[NodalForces, OpeningFace]:
     """Nodal forces at rest of a joint that opens, and its pressure points.
 
     Parameters
@@ -78,7 +78,7 @@ def opening_face(
         Displacements that supports hold.
     width, thickness : ndarray, shape (elements,)
         m.
-    pressed : Pressed, optional
+    pressed : NodalForces, optional
         Of the preload; the joint's own pressure and the gap of the mesh count if not given.
     space : PressureSpace, optional
         Of the joint, if the preload has made it.
@@ -106,7 +106,7 @@ def _pressed_and_face(
     known_force: FloatArray | None,
     known_gap: FloatArray | None,
     cells_and_depth: tuple[IntArray, FloatArray],
-) -> tuple[Pressed, OpeningFace]:
+) -> tuple[NodalForces, OpeningFace]:
     """Nodal forces of a joint at rest, and its pressure points.
 
     Parameters
@@ -147,7 +147,7 @@ def _pressed_and_face(
     stiffness = joint.normal_stiffness * space.area
     at = selection(space.nodes, body.n_nodes).T
     other = None if space.other is None else sparse.csr_array(at @ space.other)
-    pressed = Pressed(at @ force, at @ space.area, at @ gap, other)
+    pressed = NodalForces(at @ force, at @ space.area, at @ gap, other)
     free = np.where(held[space.nodes], 0.0, normals[space.nodes])
     moves = np.linalg.norm(free, axis=1) > SMALL
     face = OpeningFace(space.nodes, W, space.means(force), gap, force, space.area, stiffness, moves)

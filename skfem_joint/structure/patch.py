@@ -30,7 +30,7 @@ SMALL = 1e-9
 
 
 @dataclass(frozen=True)
-class Pressed:
+class NodalForces:
     """Pressure of a joint by clamping bolts; values are 0 at nodes outside the joint.
 
     Attributes
@@ -290,7 +290,7 @@ def make_patch(
     width: FloatArray,
     thickness: FloatArray,
     numbering: IntArray,
-    preloaded: Pressed | None = None,
+    preloaded: NodalForces | None = None,
     opening: Any = None,
 ) -> Patch:
     """Contact points of a joint.
@@ -305,7 +305,7 @@ def make_patch(
         m.
     numbering : ndarray of int, shape (N,)
         Contact point of each node, -1 where there is none. New points are entered in it.
-    preloaded : Pressed, optional
+    preloaded : NodalForces, optional
         Normal forces from clamping bolts, or of contact that opens.
     opening : OpeningFace, optional
         Pressure points of contact that opens, whose nodes are all contact points.

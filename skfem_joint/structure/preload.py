@@ -29,7 +29,7 @@ from skfem_joint.structure.body import Body
 from skfem_joint.structure.checks import body_label
 from skfem_joint.structure.clamps import Clamp
 from skfem_joint.structure.joints import PRELOAD, Joint
-from skfem_joint.structure.patch import Pressed
+from skfem_joint.structure.patch import NodalForces
 from skfem_joint.structure.pressure_space import PressureSpace
 from skfem_joint.structure.rigid import body_motions, combinations_left_free
 from skfem_joint.unknowns import selection, stacked
@@ -72,7 +72,7 @@ class Preload:
         m; without the rigid motions that neither supports nor contact determine.
     force : ndarray, shape (N, dim)
         Clamp forces, N.
-    joints : tuple of Pressed or None
+    joints : tuple of NodalForces or None
         Normal forces of each joint; None where its pressure is given.
     active_sets : int
         Sets of touching nodes that were tried.
@@ -85,7 +85,7 @@ class Preload:
 
     displacement: FloatArray
     force: FloatArray
-    joints: tuple[Pressed | None, ...]
+    joints: tuple[NodalForces | None, ...]
     active_sets: int
     seconds: float
     faces: TouchingFaces = field(repr=False)
@@ -175,7 +175,7 @@ def preload(
     borne = np.where(p > active_set.SETTINGS.round_off * p.max(initial=0.0), area * p, 0.0)
     touching = TouchingFaces(faces, free, closed, clamps)
     parts = (np.split(x, touching.ends) for x in (borne, gap - N @ u))
-    pressed: list[Pressed | None] = [None] * len(joints)
+    pressed: list[NodalForces | None] = [None] * len(joints)
     for (i, face), *values in zip(faces.items(), *parts, strict=True):
         if joints[i].pressed_by_bolts:
             pressed[i] = _pressed(joints[i], face, body.n_nodes, *values)
@@ -262,7 +262,7 @@ def _moving(
 
 def _pressed(
     joint: Joint, face: PressureSpace, n_nodes: int, force: FloatArray, gap: FloatArray
-) -> Pressed:
+) -> NodalForces:
     """Normal forces of a joint at all nodes, from forces and gaps (k,) of the nodes of its face."""
     if joint.pressure == PRELOAD and not force.any():
         raise InputError(
@@ -273,4 +273,4 @@ def _pressed(
     other = None if face.other is None else sparse.csr_array(at @ face.other)
     means = face.means(force)
     nodal = at @ (means @ force), at @ face.area, at @ gap
-    return Pressed(*nodal, other, force, gap, means)
+    return NodalForces(*nodal, other, force, gap, means)

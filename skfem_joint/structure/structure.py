@@ -27,7 +27,7 @@ from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
 from skfem_joint.structure.opening import opening_face
-from skfem_joint.structure.patch import Patch, Pressed, check_shared, make_patch
+from skfem_joint.structure.patch import NodalForces, Patch, check_shared, make_patch
 from skfem_joint.structure.preload import Preload, TouchingFaces, preload
 from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
 from skfem_joint.structure.reactions import Reactions, reactions
@@ -333,7 +333,7 @@ class Structure:
         return self._patches(self.preload.joints, self.preload.faces.spaces)
 
     def _patches(
-        self, pressed: Sequence[Pressed | None] | None, spaces: Mapping[int, PressureSpace]
+        self, pressed: Sequence[NodalForces | None] | None, spaces: Mapping[int, PressureSpace]
     ) -> tuple[Patch, ...]:
         """Contact points of joints that are pressed so.
 

@@ -298,7 +298,7 @@ def test_a_front_exactly_at_a_node_is_said_to_turn():
     (mode,) = backbone(system, levels=1)
     # The loaded node has half of the limit of the others.
     points = np.array([8.7, 9.7, 10.49, 10.5, 10.51, 11.7, 12.7, 13.7, 14.7, 15.7])
-    level = points * system.w.max() / np.abs(system.M @ mode.shape).sum()
+    level = points * system.contact.w.max() / np.abs(system.M @ mode.shape).sum()
     found, rates = with_rates(system, [by_friction(system)], levels=level)
     near = slice(1, 4)  # no half cycles are followed from there
     assert sets(found)[near].sum(axis=1).tolist() == [10, 10, 10]
@@ -400,7 +400,7 @@ def test_sliders_that_share_a_slip_add_up():
     K = 1e7 * (stiffness + sparse.diags_array([1.0, *[2.0] * (n - 2), 2.0]))
     joint = sj.iwan(np.eye(n)[0], F_S=1e3, K_T=2e7, chi=-0.5, beta=0.1, sliders=30)
     system = sj.System.from_matrices(M, K, 1e-6 * K, contact=joint, points={"end": n - 1})
-    limits = sj.SystemSensitivity("limits", w=system.w)
+    limits = sj.SystemSensitivity("limits", w=system.contact.w)
     _, rates = with_rates(system, [limits], levels=6, up_to=0.6)
     for values in (rates.frequency, rates.damping_ratio):
         assert np.abs(values).max() > 0.0

@@ -24,7 +24,7 @@ from skfem_joint.mesh import build_plate, write_mesh
 from skfem_joint.output import report
 from skfem_joint.output.fields import frames_of
 from skfem_joint.scene import Scene
-from skfem_joint.stepping import opening_steady
+from skfem_joint.stepping import marching
 from skfem_joint.structure import doubts
 
 SIZE = 0.04
@@ -359,7 +359,7 @@ def test_a_response_of_a_reduced_model_is_that_of_the_condensed_one_within_its_s
     time = {"cycles": 1, "steps_per_cycle": 24}
     scene = block("reduced", up=120e3, time=time, response=table, reduction={"modes": 6})
     found = scene_response(scene)
-    assert opening_steady.MAY_DEPEND in found.warnings
+    assert marching.MAY_DEPEND in found.warnings
     (model,) = found.models
     assert CREPT in model.notes
     condensed = sj.condense(scene.system())

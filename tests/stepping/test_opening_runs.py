@@ -182,12 +182,12 @@ def test_springs_beside_contact_that_opens_are_alike_in_full_and_condensed_model
 @pytest.mark.parametrize("solve", [sj.quasi_static, sj.integrate])
 def test_springs_are_alike_in_a_reduced_model_with_a_full_basis(solve, beta):
     joint = SPRUNG | {"beta": beta, "normal_stiffness": 1e14}
-    full = block(elements=4, **joint).system(loads(up=190e3, across=350e3))
+    full = block(elements=4, **joint).system(loads(up=190e3))
     basis = np.linalg.qr(np.random.default_rng(3).normal(size=(full.n, full.n)))[0]
     runs = [solve(s, cycles=2, steps_per_cycle=60) for s in (full, full.project(basis))]
-    assert runs[1].opened.any()
-    assert runs[1].energy_residual < 1e-8
     whole, small = runs
+    assert small.normal_force_least.min() < 0.2 * small.normal_force_peak.max()
+    assert small.energy_residual < 1e-8
     assert small.friction_work == pytest.approx(whole.friction_work, rel=1e-6)
     for name in ("peak", "slip_peak", "slider_peak", "normal_force_peak"):
         value = getattr(whole, name)

@@ -24,6 +24,14 @@ from skfem_joint.normal import NormalPart
 from skfem_joint.stepping.arrangement import arranged
 
 SCHEME = sj.generalized_alpha(0.5)
+#: Unknowns that are neither slips nor approaches.
+TURNED = np.array([[0.8, -0.6], [0.6, 0.8]])
+
+
+def _pressed_by(system, **values):
+    """System with other values of its pressure points."""
+    normal = replace(system.contact.normal, **values)
+    return replace(system, contact=replace(system.contact, normal=normal))
 
 
 def test_the_loop_of_a_slider_under_a_load_in_phase_is_that_of_its_closed_form():
@@ -66,8 +74,8 @@ def test_vibration_that_is_slow_has_the_loop_of_the_closed_form():
 def test_a_slider_in_unknowns_that_are_no_slips_has_the_loop_of_its_closed_form(solve, options):
     """Elastic contact carries the share of the normal load that its stiffness has."""
     system, stiffness, turned = slider(150.0, 0.0), 4.0 * LIFTS, np.array([[0.8, -0.6], [0.6, 0.8]])
-    contact = replace(system.opening, stiffness=np.full(1, stiffness))
-    small, errors = replace(system, opening=contact).project(turned), []
+    contact = replace(system.contact.normal, stiffness=np.full(1, stiffness))
+    small, errors = system.with_contact(normal=contact).project(turned), []
     assert arranged(small).kind == "dense"
     for steps in (50, 100, 200):
         run = solve(small, cycles=2, steps_per_cycle=steps, **options)
@@ -78,17 +86,16 @@ def test_a_slider_in_unknowns_that_are_no_slips_has_the_loop_of_its_closed_form(
 
 
 def test_sparse_matrices_whose_slip_and_approach_share_unknowns_are_stepped_as_dense_ones():
-    system, turned = slider(150.0, 0.0), np.array([[0.8, -0.6], [0.6, 0.8]])
-    rigid = system.project(turned)
-    contact = replace(rigid.opening, N=sparse.csr_array(rigid.opening.N))
-    values = {name: sparse.csr_array(getattr(rigid, name)) for name in ("M", "C", "K", "B", "P")}
-    rigid = replace(rigid, opening=contact, **values)
+    system = slider(150.0, 0.0)
+    rigid = system.project(TURNED)
+    values = {name: sparse.csr_array(getattr(rigid, name)) for name in ("M", "C", "K", "P")}
+    of_points = replace(rigid.contact, B=sparse.csr_array(rigid.contact.B))
+    rigid = replace(rigid, contact=of_points, **values)
+    rigid = _pressed_by(rigid, N=sparse.csr_array(rigid.contact.normal.N))
     with pytest.raises(sj.InputError, match="or contact elastic"):
         arranged(rigid)
-    soft = {"stiffness": np.full(1, 1e4)}
-    small = replace(rigid, opening=replace(contact, **soft))
+    whole, small = (_pressed_by(s, stiffness=np.full(1, 1e4)) for s in (system, rigid))
     assert arranged(small).kind == "dense"
-    whole = replace(system, opening=replace(system.opening, **soft))
     for solve in (sj.integrate, sj.quasi_static):
         runs = [solve(s, cycles=2, steps_per_cycle=60) for s in (whole, small)]
         assert runs[1].friction_work == pytest.approx(runs[0].friction_work, rel=1e-7)

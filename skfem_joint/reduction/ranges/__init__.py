@@ -3,6 +3,6 @@
 `model` makes it: `levels` finds the load that makes the first joint slip as a whole, `training`
 follows static slip paths at points spread over the range and pools their modes. `points` takes the
 system of one point. How far a run of a point errs is estimated in
-`skfem_joint.analysis.range_estimate`, by the larger model that such a model carries.
+`skfem_joint.analysis.range_modes`, by the larger model that such a model carries.
 ``docs/theory/ranges.md`` has the method with its formulas.
 """

@@ -11,7 +11,7 @@ from scipy.optimize import fsolve
 import skfem_joint as sj
 from skfem_joint.analysis.response import at_frequency, steady_plan
 from skfem_joint.errors import ConvergenceError
-from skfem_joint.stepping import opening_steady
+from skfem_joint.stepping import marching
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.stepping.shooting import Shooting
@@ -153,8 +153,8 @@ def test_a_vibration_of_two_periods_is_named():
 def test_a_vibration_from_which_disturbances_grow_is_not_returned(monkeypatch):
     """Mixing alone finds that of one period, which a run leaves for that of two."""
     system = oscillator(2.8, 0.03, 4.0)
-    careless = replace(opening_steady.SETTINGS, grown=np.inf)
-    monkeypatch.setattr(opening_steady, "SETTINGS", careless)
+    careless = replace(marching.SETTINGS, grown=np.inf)
+    monkeypatch.setattr(marching, "SETTINGS", careless)
     run = sj.integrate(system, until="steady", steps_per_cycle=40)
     u, v = run.final
     left = sj.integrate(system, cycles=40, steps_per_cycle=40, initial=(1.001 * u, v))

@@ -101,7 +101,7 @@ def opening_norm(system: System) -> EnergyNorm:
     return EnergyNorm(K + (as_dense(springs) if system.is_dense else springs), system.M)
 
 
-class _Search:
+class _Marching:
     """A search, see the module; arguments are those of `marched_state`.
 
     Attributes
@@ -255,4 +255,4 @@ def marched_state(
     ``contact`` is that of the stepped system; the others, the result and errors are those of
     `skfem_joint.stepping.steady.periodic_state`.
     """
-    return _Search(start, through, contact, place, changes).run()
+    return _Marching(start, through, contact, place, changes).run()
