@@ -54,7 +54,7 @@ class BasisSettings:
     scaled_modes: int = 5
     most_times: int = 300
     merged_per_mode: tuple[int, ...] = (3, 6, 12)
-    merged_if_open: tuple[int, ...] = (3, 4, 6, 12)
+    merged_if_open: tuple[int, ...] = (3, 4, 5, 6, 12)
     most_lost: float = 3e-3
     resolved: float = 1e-4
     decaying: float = 100.0
