@@ -106,16 +106,17 @@ HARMONIC = {"shape": "Harmonic", "amplitude": 1.0, "frequency": -2.0, "phase": 0
 PARTS = "format", "shape", "data", "indices", "indptr"
 UNKNOWN = [{"on": "end", "amplitude": {"shape": "os"}}]
 SAVED = "not what was saved"
+GIVEN, SPRINGS = "contact given", "contact stiffness"  # members
 #: What is done to a file, what is said of it, and what is if its digest is right again.
 DAMAGE = {
-    "indices": (lambda _: {"B__indices": np.full(11, 10**6)}, SAVED, "indices must be"),
+    "indices": (lambda _: {"contact B__indices": np.full(11, 10**6)}, SAVED, "indices must be"),
     "starts": (lambda _: {"K__indptr": np.array([0, 10**9])}, SAVED, "indptr|index pointer"),
     "no mass": (lambda _: {f"M__{part}": None for part in PARTS}, SAVED, "no .*M"),
     "no points": (lambda _: {f"P__{part}": None for part in PARTS}, SAVED, "no .*P"),
-    "nan": (lambda _: {"w": np.full(11, np.nan)}, SAVED, "must be finite and not negative"),
-    "negative": (lambda _: {"w": np.full(11, -1.0)}, SAVED, "must be finite and not negative"),
-    "objects": (lambda _: {"w": np.array([None] * 11, dtype=object)}, "Python objects", ""),
-    "texts": (lambda _: {"w": np.array(["a"] * 11)}, SAVED, "real numbers"),
+    "nan": (lambda _: {GIVEN: np.full(11, np.nan)}, SAVED, "must be finite and not negative"),
+    "negative": (lambda _: {GIVEN: np.full(11, -1.0)}, SAVED, "must be finite and not negative"),
+    "objects": (lambda _: {GIVEN: np.array([None] * 11, dtype=object)}, "Python objects", ""),
+    "texts": (lambda _: {GIVEN: np.array(["a"] * 11)}, SAVED, "real numbers"),
     "shape": (
         lambda _: {"T__shape": np.array([10**12, 21])}, SAVED, "too few|indptr|index pointer"
     ),
@@ -141,27 +142,27 @@ def _sprung():
 
 
 EDITS = {
-    "no springs": (lambda _: {"stiffness": None}, ""),
-    "springs, one": (lambda _: {"stiffness": np.full(1, 1e9)}, "stiffness: found shape"),
-    "springs, small floats": (lambda a: {"stiffness": a["stiffness"].astype(np.float32)}, ""),
+    "no springs": (lambda _: {SPRINGS: None}, ""),
+    "springs, one": (lambda _: {SPRINGS: np.full(1, 1e9)}, "stiffness: found shape"),
+    "springs, small floats": (lambda a: {SPRINGS: a[SPRINGS].astype(np.float32)}, ""),
     "no shape over time": (lambda _: {"load 1__forces": None}, "has no 'load 1/forces'"),
     "no load": (lambda _: {"load 0": None}, "has no 'load 0'"),
     "no T": (lambda _: {f"T__{part}": None for part in PARTS}, ""),
-    "no indices": (lambda _: {"B__indices": None}, "has no 'B/indices'"),
+    "no indices": (lambda _: {"contact B__indices": None}, "has no 'contact B/indices'"),
     "negative mass": (lambda a: {"M__data": -a["M/data"]}, "M: is not positive definite"),
     "negative stiffness": (lambda a: {"K__data": -a["K/data"]}, "K: is indefinite"),
     "negative damping": (lambda a: {"C__data": -a["C/data"]}, "C: is negative somewhere"),
-    "another limit": (lambda a: {"w": 2.0 * a["w"]}, ""),
+    "another limit": (lambda a: {GIVEN: 2.0 * a[GIVEN]}, ""),
     "another mass": (lambda a: {"M__data": 1.5 * a["M/data"]}, ""),
-    "another row": (lambda a: {"B__indices": a["B/indices"][::-1]}, ""),
+    "another row": (lambda a: {"contact B__indices": a["contact B/indices"][::-1]}, ""),
     "times": (lambda a: {"load 1__times": a["load 1/times"][:-1]}, "Table|times"),
     "no names": (lambda _: {"description": None}, ""),
-    "halves": (lambda a: {"directions": 1.5 * a["directions"]}, "must be 1 or 2"),
+    "halves": (lambda a: {"contact directions": 1.5 * a["contact directions"]}, "must be 1 or 2"),
     "infinite mass": (lambda a: {"M__data": np.inf * a["M/data"]}, "M: "),
-    "one number": (lambda a: {"w": a["w"][0]}, "must be 1 or 2"),
-    "truth values": (lambda a: {"w": a["w"] > 0.0}, "real numbers"),
+    "one number": (lambda a: {GIVEN: a[GIVEN][0]}, "must be 1 or 2"),
+    "truth values": (lambda a: {GIVEN: a[GIVEN] > 0.0}, "real numbers"),
     "complex": (lambda a: {"K__data": 1j * a["K/data"]}, "real numbers"),
-    "nan": (lambda a: {"stiffness": np.nan * a["stiffness"]}, "stiffness: must be positive"),
+    "nan": (lambda a: {SPRINGS: np.nan * a[SPRINGS]}, "stiffness: must be positive"),
 }
 
 

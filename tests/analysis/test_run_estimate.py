@@ -88,7 +88,7 @@ def test_points_that_share_an_unknown_are_compared_with_a_steep_law():
 
     def stated(w, of):
         one, rows = of(np.ones((1, 1))), of(np.ones((len(w), 1)))
-        given = one, 0.1 * one, 40.0 * one, rows, np.array(w), 20.0, (pull,), one, ("mass",)
+        given = one, 0.1 * one, 40.0 * one, sj.Contact(rows, w, 20.0), (pull,), one, ("mass",)
         run = sj.integrate(sj.System(*given), cycles=3, steps_per_cycle=100)
         return sj.estimate(run).of("coulomb", "friction_energy")
 
