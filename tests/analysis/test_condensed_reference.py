@@ -56,8 +56,8 @@ def test_what_is_stated_is_what_the_full_model_with_far_smaller_steps_shows(plat
     for name in QUANTITIES:
         if true[name] > 3e-3:
             assert 0.6 < stated.of("total", name) / true[name] < 1.7
-    of_joints = joint_differences(truth, own, plate.joints)
-    for name in plate.joints:
+    of_joints = joint_differences(truth, own, plate.contact.joints)
+    for name in plate.contact.joints:
         for ours, theirs in zip(stated.by_joint[name], of_joints[name], strict=True):
             assert ours == pytest.approx(theirs, rel=0.5, abs=3e-3)
     worst = max(of_joints, key=lambda name: of_joints[name][1])
