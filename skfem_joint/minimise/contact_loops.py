@@ -85,7 +85,7 @@ class Limits(NamedTuple):
     value: Any
 
 
-class Contact(NamedTuple):
+class CompiledContact(NamedTuple):
     """All that acts on the slips and approaches of a problem."""
 
     points: Any

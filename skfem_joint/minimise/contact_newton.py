@@ -66,7 +66,7 @@ from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.linalg.kernels import Full, subtract_product, times
 from skfem_joint.minimise.contact_loops import (
-    Contact,
+    CompiledContact,
     Limits,
     PointLine,
     Points,
@@ -154,7 +154,7 @@ class _Forces:
 
     Attributes
     ----------
-    contact : Contact
+    contact : CompiledContact
     friction : ndarray, shape (m, 2)
         Normalised.
     held : ndarray of bool, shape (n,)
@@ -167,7 +167,7 @@ class _Forces:
         Largest entry of ``r``, N, and its unknown.
     """
 
-    def __init__(self, contact: Contact, n: int) -> None:
+    def __init__(self, contact: CompiledContact, n: int) -> None:
         m = contact.points.w.size
         self.contact, self.friction = contact, np.zeros((m, 2))
         self.held = np.zeros(n, dtype=np.bool_)
@@ -242,7 +242,7 @@ class ContactNewton:
     first, second : ndarray of int, shape (groups + q,)
         Unknowns of each point with friction, or group of points that share them, and of the
         pressure points; ``second`` is -1 where there is a single direction.
-    contact : Contact
+    contact : CompiledContact
         The points with friction, sorted by groups, and the pressure points.
     kept : tuple of ndarray, or None
         Tangents, and the unknowns that stuck, of the factor that is kept; further solutions depend
@@ -269,7 +269,7 @@ class ContactNewton:
         start, none = np.append(start, order.size).astype(np.int64), np.zeros(order.size)
         law = w, self.ordered_beta(points.beta), flexible, none, none
         laws, pressing = Points(of_groups, pairs, start, *law), self._pressing()
-        self.contact = Contact(laws, pressing, self._limits())
+        self.contact = CompiledContact(laws, pressing, self._limits())
         self.first = np.concatenate([of_groups, pressing.place])
         self.second = np.concatenate([pairs, np.full(pressing.place.size, -1)])
         # Rows of these points, and which points have a second one.
@@ -360,7 +360,7 @@ class ContactNewton:
         beta: FloatArray | None,
         offset: FloatArray | None,
         pressed: Pressed | None = None,
-    ) -> Contact:
+    ) -> CompiledContact:
         """Contact with the ``beta``, (m,), ``offset``, (rows,), and bounds of a call."""
         contact = self.contact
         points = contact.points
@@ -386,9 +386,9 @@ class ContactNewton:
         limits = Limits(*arrays)
         bound = np.array(pressed.bound, dtype=float)
         points = points._replace(w=np.maximum(given, 0.0))
-        return Contact(points, contact.pressing._replace(bound=bound), limits)
+        return CompiledContact(points, contact.pressing._replace(bound=bound), limits)
 
-    def _start(self, g: FloatArray, contact: Contact, force: float) -> FloatArray:
+    def _start(self, g: FloatArray, contact: CompiledContact, force: float) -> FloatArray:
         """Rough minimiser for a softer law; rest if that is better, or under Coulomb friction."""
         rest, points = np.zeros_like(g), contact.points
         if self.opens or np.isinf(points.beta).any():
@@ -399,7 +399,12 @@ class ContactNewton:
         return v if self._objective(v, g, contact) < least else rest
 
     def _minimise(
-        self, g: FloatArray, start: FloatArray, tolerance: float, contact: Contact, force: float
+        self,
+        g: FloatArray,
+        start: FloatArray,
+        tolerance: float,
+        contact: CompiledContact,
+        force: float,
     ) -> Minimum:
         scale = max(float(np.abs(g).max()), force)
         sprung = bool(np.any(contact.points.x) or np.any(contact.points.y))
@@ -462,10 +467,10 @@ class ContactNewton:
         """See `StepProblem`."""
         return self._objective(v, g, self.contact_of(beta, offset))
 
-    def _objective(self, v: FloatArray, g: FloatArray, contact: Contact) -> float:
+    def _objective(self, v: FloatArray, g: FloatArray, contact: CompiledContact) -> float:
         return float(v @ (0.5 * times(self.H, v) - g)) + self.potential(v, contact)
 
-    def potential(self, v: FloatArray, contact: Contact) -> float:
+    def potential(self, v: FloatArray, contact: CompiledContact) -> float:
         """Of friction and elastic pressure points, W: sum w psi(|v_p|) + sum phi(v_c)."""
         points, (place, bound, stiffness) = contact.points, contact.pressing
         first, second = v[points.first], np.where(points.second < 0, 0.0, v[points.second])
@@ -479,7 +484,7 @@ class ContactNewton:
         slip = np.hypot(np.repeat(first, count) - points.x, np.repeat(second, count) - points.y)
         return value + float(points.w @ law_potential(slip, points.beta, soft))
 
-    def _spring_force(self, contact: Contact) -> float:
+    def _spring_force(self, contact: CompiledContact) -> float:
         """Largest force of springs on an unknown at rest, N: a scale where no load acts."""
         forces = _Forces(contact, self.diagonal.size)
         if self.opens:  # their limits are not known: as if the sliders stuck
@@ -516,7 +521,12 @@ class ContactNewton:
         return r - length * along, solves, evaluations
 
     def _newton_step(
-        self, v: FloatArray, left: FloatArray, r: FloatArray, held: BoolArray, contact: Contact
+        self,
+        v: FloatArray,
+        left: FloatArray,
+        r: FloatArray,
+        held: BoolArray,
+        contact: CompiledContact,
     ) -> tuple[FloatArray, FloatArray, float, int, int]:
         """Newton's direction d from ``v``, H d, and its length; solves and evaluations.
 
@@ -543,7 +553,7 @@ class ContactNewton:
         return np.asarray(self.limited & (turning < 0.0))
 
     def _stopped(
-        self, v: FloatArray, reverses: BoolArray, g: FloatArray, contact: Contact
+        self, v: FloatArray, reverses: BoolArray, g: FloatArray, contact: CompiledContact
     ) -> tuple[FloatArray, int, int]:
         """Step that sets slips which would reverse to rest, and is Newton's for the others.
 
@@ -648,7 +658,7 @@ class ContactNewton:
         """Magnitudes of the entries of H, as large as H: few steps need them."""
         return abs(self.H)
 
-    def _round_off(self, v: FloatArray, g: FloatArray, contact: Contact) -> float:
+    def _round_off(self, v: FloatArray, g: FloatArray, contact: CompiledContact) -> float:
         size = float(times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())
         size += float(friction_round_off(contact.points, v))
         return SETTINGS.round_off * size * (4.0 if self.opens else 1.0)
