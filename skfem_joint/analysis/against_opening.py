@@ -79,8 +79,8 @@ def against_opening(scene: Scene, change: float | None) -> str | None:
         opens = other.system(scene.loads(), scene.output.points or None)
     except InputError as error:
         return f"By how much slip and friction energy err for it was not computed: {error}."
-    N = sparse.csr_array(opens.contact.normal.N) if opens.contact.opens else None
-    kept = opens.contact.B.shape[0] + (0 if N is None else np.unique(N.indices).size)
+    N = sparse.csr_array(opens.contact.normal.N)
+    kept = opens.contact.B.shape[0] + np.unique(N.indices).size
     if kept > SETTINGS.most_contact or opens.n > SETTINGS.most_unknowns:
         return (
             f"By how much slip and friction energy err for it was not computed: {kept} contact "

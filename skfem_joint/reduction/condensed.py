@@ -135,8 +135,6 @@ def condensed_system(system: System, V: FloatArray) -> System:
     """Projection on a condensed basis ``V`` (n, j)."""
     inner = carrying(system)
     small = slips_first(inner.project(V))
-    if not inner.contact.opens:
-        return small
     rows, columns = inner.contact.B.shape[0], approaches(inner)
     own = selection(np.arange(rows, rows + columns.size, dtype=np.intp), small.n)
     N = sparse.csr_array(sparse.csr_array(inner.contact.normal.N)[:, columns] @ own)

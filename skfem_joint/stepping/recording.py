@@ -544,15 +544,12 @@ class Recorder:
         self.input_work, self.impact_work = np.zeros(len(s.loads)), np.zeros(1)
         self.friction_work, self.slip_peak = np.zeros((2, m))
         self.peak, self.run_peak = np.zeros((2, p))
-        q = 0 if not s.contact.opens else s.contact.normal.gap.size
-        self.normal_force = np.zeros((fields, q))
-        self.limits = np.zeros((fields, 0 if not s.contact.opens else m))
+        q, changing = s.contact.normal.gap.size, m if s.contact.opens else 0
+        self.normal_force, self.limits = np.zeros((fields, q)), np.zeros((fields, changing))
         # Where limits change a slider's slip does not follow from that of its point.
-        self.slider_peak = np.zeros(0 if not s.contact.opens or not s.contact.has_springs else m)
+        self.slider_peak = np.zeros(changing if s.contact.has_springs else 0)
         self.normal_force_peak = np.zeros(q)
-        self.normal_force_least = (
-            np.zeros(0) if not s.contact.opens else s.contact.normal.force.copy()
-        )
+        self.normal_force_least = s.contact.normal.force.copy()
         self.vectors = s.load_vectors()
         # Works up to the start and to the end of each cycle, and the peaks in the cycle.
         self.boundaries = [np.zeros(len(s.loads) + 3 + joints + p)]
@@ -785,9 +782,9 @@ class Recorder:
         """
         every, fields_every = self.save.strides
         times = self.h * every * np.arange(self.rows, dtype=np.float64)
-        w = self.system.contact.w
-        constant = not self.system.contact.opens
-        stored_limits = np.broadcast_to(w, (self.field_rows, w.size)) if constant else self.limits
+        w, stored_limits = self.system.contact.w, self.limits
+        if not self.limits.size:
+            stored_limits = np.broadcast_to(w, (self.field_rows, w.size))
         return Run(
             system=self.system,
             times=times,
