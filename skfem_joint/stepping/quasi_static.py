@@ -49,7 +49,6 @@ from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, StepProblem
-from skfem_joint.minimise.touching import Touching
 from skfem_joint.modes import is_singular
 from skfem_joint.progress import Tally
 from skfem_joint.stepping.arrangement import Arranged, arranged
@@ -206,6 +205,8 @@ class QuasiStatic:
         self._counts = {"factorizations": 1}
         self.largest_slip = 0.0
         if self.opens:
+            from skfem_joint.minimise.touching import Touching  # loads the compiler
+
             self.touching = Touching(self.contact.force > 0.0)
 
     def afresh(self, to: Arranged, tolerance: float | None = None) -> Self:
@@ -498,10 +499,10 @@ class QuasiStatic:
         added = float(np.abs(self.shift * (self.M @ (found.v - given_back))).max(initial=0.0))
         other = found.p if self.opens else right
         largest = float(max(np.abs(force).max(), np.abs(other).max(initial=0.0)))
-        carried = added / largest if largest > 0.0 else 0.0
+        before, carried = carried, added / largest if largest > 0.0 else 0.0
         if not found.converged:
             nearly = found.residual <= SETTINGS.unbalanced * np.abs(right).max()
-            if nearly and carried > SETTINGS.carried:
+            if nearly and (carried > SETTINGS.carried or carried > 0.5 * before > 0.0):
                 raise self._beyond(self._known_limit(force))
             unknown = self.to.outer_number(max(found.where, 0))
             raise NoLevelError(

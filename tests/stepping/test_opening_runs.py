@@ -138,7 +138,7 @@ def test_natural_modes_do_not_move_what_is_pressed():
 def test_damping_ratios_take_contact_as_closed():
     opens, constant = (
         sj.Structure(
-            s.mesh, s.material, thickness=s.thickness, fixed_x=s.fixed_x, joints=s.contact.joints,
+            s.mesh, s.material, thickness=s.thickness, fixed_x=s.fixed_x, joints=s.joints,
             damping_ratio=0.01, mass="lumped",
         ).system(loads())
         for s in (block(), block(contact="constant"))
