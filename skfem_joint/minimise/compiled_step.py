@@ -6,7 +6,7 @@
 
 - `front_elimination.Chain`, for tridiagonal matrices: `front_elimination` decides between stick and
   slip under Coulomb's law; else its `minty_newton` evaluates the law by `law.graph`;
-- `primal_dual_newton.Dense`, for dense matrices: evaluates the law by `law.forces`. (Its kinds with
+- `dense_loop.Dense`, for dense matrices: evaluates the law by `law.forces`. (Kinds with
   contact that opens are minimised alone, not in that loop.)
 
 Other systems are not stepped in that loop: `steppers.PythonStepper` calls `contact_newton` or

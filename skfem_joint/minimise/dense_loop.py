@@ -1,0 +1,700 @@
+"""The iteration of the primal-dual Newton method, and what it does where limits are constant.
+
+The method is that of :mod:`skfem_joint.minimise.primal_dual_newton`. `minimise_from` is its loop,
+for a problem of any kind. Kinds differ in the functions that are not implemented here (`press`,
+`add_pressures`, `factor`, `advance`, ...): `Dense` problems have constant friction limits, those of
+:mod:`skfem_joint.minimise.dense_pressures` have pressure points besides.
+"""
+
+# numba infers the types of compiled functions:
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
+
+from __future__ import annotations
+
+from math import copysign, inf, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from skfem_joint.arrays import as_dense
+from skfem_joint.compiling import compiled, compiled_for, compiled_inside, inlined
+from skfem_joint.linalg.kernels import (
+    add_row_products,
+    add_symmetric_product,
+    aligned,
+    cholesky,
+    combine_rows,
+    largest_of,
+    solve_factorised,
+    sum_of_magnitudes,
+    sum_of_products,
+    sum_of_triple_products,
+)
+from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, row_order, slips
+from skfem_joint.minimise.law import forces, slope_of, sprung_force, sprung_slope
+from skfem_joint.minimise.line_search import friction_slope, line_search
+from skfem_joint.minimise.problem import ContactPoints
+
+
+class PrimalDualSettings(NamedTuple):
+    """Numbers of the primal-dual Newton method.
+
+    Attributes
+    ----------
+    iterations : int
+        Most iterations.
+    reuse : float
+        A factor is used again where the last iteration reduced the residual to less than this
+        share.
+    change : float
+        Relative change of a point's tangent up to which the earlier one stays.
+    most : float
+        Share of the slip rows above which all tangents are added up anew.
+    round_off : float
+        Accepted residual in units of the forces that are added up.
+    nothing : float
+        Forces, N, that count as none.
+    turn : float
+        Change of the derivative of a point's friction by its limit, over 1, up to which the earlier
+        one stays.
+    grows : float
+        Limits that follow normal forces: a step is taken if the residual grows by no more than this
+        factor. Residuals of few unknowns grow on the way: where each had to fall, steps of 67
+        unknowns took 16.4 iterations in place of 12.9.
+    shorter, shortened : float and int
+        Factor by which other steps are shortened, and most times that they are.
+    patience : int
+        Iterations in which the residual must halve; otherwise limits are kept for a while.
+    inner : float
+        The problem of kept limits is solved to this share of the residual that these leave.
+    again : float
+        Limits follow normal forces again when those kept have brought the residual to this share of
+        what it was.
+    renewals : int
+        Most times that kept limits are renewed.
+    steeper : tuple of float
+        Coulomb friction: beta times the largest slip of the laws in turn.
+    stiffest : float
+        Largest stiffness of the last law over the least stiffness of the structure, which round-off
+        would hide if the law were steeper.
+    """
+
+    iterations: int = 200
+    reuse: float = 0.1
+    change: float = 0.02
+    most: float = 0.6
+    round_off: float = 16 * float(np.finfo(np.float64).eps)
+    nothing: float = 1e-300
+    turn: float = 0.02
+    grows: float = 4.0
+    shorter: float = 0.4
+    shortened: int = 8
+    patience: int = 8
+    inner: float = 0.1
+    again: float = 0.1
+    renewals: int = 100
+    steeper: tuple[float, ...] = (1e2, 1e4, 1e6)
+    stiffest: float = 1e12
+
+
+SETTINGS = PrimalDualSettings()
+
+
+class DenseRows(NamedTuple):
+    """Slip rows of a dense problem: first rows of all points, then second rows of those with two.
+
+    Points with two rows come first. Loops run along the points and become vector instructions.
+
+    Attributes
+    ----------
+    B : ndarray, shape (n, rows)
+        Transposed slip operator.
+    w : ndarray, shape (rows,)
+        Friction limit of each row's point, N.
+    beta : ndarray, shape (m,)
+        Steepness of each point, s/m, finite unless it has a spring; 0 where there is no friction.
+    soft : ndarray, shape (m,)
+        Compliance of the springs in series, m/s, 0 for none; empty if no point has one.
+    """
+
+    B: Any
+    w: Any
+    beta: Any
+    soft: Any
+
+
+class Dense(NamedTuple):
+    """Problem of a step: the matrix H, N s/m, and the slip rows."""
+
+    H: Any
+    contact: DenseRows
+
+
+class DenseWorkspace(NamedTuple):
+    """Values that steps keep for later steps, results of the last step, and arrays to work in.
+
+    Attributes
+    ----------
+    old_velocity : ndarray, shape (n,)
+        Before the last step, m/s.
+    old_force : ndarray, shape (rows,)
+        Normalised friction before the last step.
+    predicted : ndarray, shape (rows,)
+        Friction predicted by the last iteration, or extrapolated from the last two steps, N.
+    velocity, force, slip : ndarray, shape (n,), (rows,) and (rows,)
+        Result of the last minimisation: velocity, normalised friction, slip velocity.
+    size, ratio : ndarray, shape (m,)
+        Norms of slip vectors, and force over norm; empty if each point has a single row.
+    offset : ndarray, shape (rows,)
+        Slips from which those of points with springs count, m/s.
+    held, held_cross : ndarray, shape (rows,) and (m,)
+        Tangents of the points' friction that are added up in S, N s/m.
+    changed : ndarray of int, shape (m,)
+        Points whose tangents changed.
+    r, d_slip, trial, weight, scaled, cross, A, S, X, Y : ndarray
+        Arrays to work in.
+    """
+
+    old_velocity: Any
+    old_force: Any
+    predicted: Any
+    velocity: Any
+    force: Any
+    slip: Any
+    r: Any
+    d_slip: Any
+    trial: Any
+    weight: Any
+    scaled: Any
+    held: Any
+    cross: Any
+    held_cross: Any
+    size: Any
+    ratio: Any
+    offset: Any
+    A: Any
+    S: Any
+    X: Any
+    Y: Any
+    changed: Any
+
+
+def rows_of(points: ContactPoints) -> tuple[DenseRows, Places]:
+    """Slip rows of contact points, with a steepness of 1 s/m for those of Coulomb's law."""
+    w, (row, point) = points.w, row_order(points.directions)
+    may_be_steep = np.isfinite(points.beta) | points.has_spring
+    beta = np.where(w > 0.0, np.where(may_be_steep, points.beta, 1.0), 0.0)
+    soft = np.zeros(0) if points.flexible is None else points.soft[point]
+    values = as_dense(points.B)[row].T, points.on_rows(w)[row], beta[point], soft
+    memory = aligned(*(value.size for value in values))
+    rows = DenseRows(memory[0].reshape(values[0].shape), *memory[1:])
+    for array, value in zip(rows, values, strict=True):
+        array[...] = value
+    return rows, Places(np.argsort(row), np.argsort(point))
+
+
+def dense_workspace(n: int, rows: int, m: int) -> DenseWorkspace:
+    """Make the workspace for n unknowns, some slip rows and m points."""
+    point, pairs = m if rows > m else 0, rows - m
+    sizes = [n, *2 * [rows], n, *2 * [rows], n, *5 * [rows], *2 * [pairs], *2 * [point], rows]
+    shapes = (n, n), (n, n), (n, rows), (n, rows)
+    vectors = aligned(*sizes, *(i * j for i, j in shapes))
+    matrices = [a.reshape(shape) for a, shape in zip(vectors[-4:], shapes, strict=True)]
+    arrays: list[Any] = [*vectors[:-4], *matrices, np.zeros(m, np.int64)]
+    return DenseWorkspace(*arrays)
+
+
+@compiled_inside
+def _slip_of_points(contact, space, q, slip):
+    """Slip of all rows at velocities q, from the offsets of those with springs."""
+    combine_rows(contact.B, q, slip)
+    if contact.soft.size > 0:
+        for i in range(slip.size):
+            slip[i] -= space.offset[i]
+
+
+@compiled_inside
+def _forces(contact, slip, sigma):
+    """Normalised forces of points with some slips, (m,)."""
+    beta, soft = contact.beta, contact.soft
+    forces(beta, slip, sigma)
+    for p in range(soft.size):
+        if soft[p] > 0.0:
+            sigma[p] = copysign(sprung_force(abs(slip[p]), beta[p], soft[p]), slip[p])
+
+
+@compiled_inside
+def _slopes(contact, slip, out):
+    """Slopes, s/m, of the points' laws at some slips, (m,)."""
+    beta, soft = contact.beta, contact.soft
+    for p in range(slip.size):
+        out[p] = beta[p] * slope_of(beta[p] * slip[p])
+    for p in range(soft.size):
+        if soft[p] > 0.0:
+            out[p] = sprung_slope(abs(slip[p]), beta[p], soft[p])
+
+
+@compiled_inside
+def evaluate(contact, slip, size, ratio, sigma):
+    """Normalised friction of all rows."""
+    beta, soft = contact.beta, contact.soft
+    m = beta.size
+    pairs = slip.size - m
+    if pairs == 0:
+        _forces(contact, slip, sigma)
+        return
+    # Slices, because an index that does not start at 0 is checked for counting from the end.
+    first, second, single, norm = slip[:pairs], slip[m:], slip[pairs:m], size[pairs:]
+    for p in range(pairs):
+        size[p] = sqrt(first[p] * first[p] + second[p] * second[p])
+    for p in range(norm.size):
+        norm[p] = abs(single[p])
+    _forces(contact, size, ratio)
+    force = sigma[m:]
+    for p in range(m):
+        at_rest = size[p] == 0.0
+        over = 1.0 if at_rest else size[p]
+        ratio[p] = (beta[p] * slope_of(0.0) if at_rest else ratio[p]) / over
+        sigma[p] = ratio[p] * slip[p]
+    for p in range(soft.size):
+        if soft[p] > 0.0 and size[p] == 0.0:
+            ratio[p], sigma[p] = sprung_slope(0.0, beta[p], soft[p]), 0.0
+    for p in range(pairs):
+        force[p] = ratio[p] * second[p]
+
+
+@compiled_inside
+def _force_at_rest(contact, space):
+    """Largest force of springs on an unknown at rest, N: a scale where no load acts."""
+    for i in range(space.trial.size):
+        space.trial[i] = -space.offset[i]
+    evaluate(contact, space.trial, space.size, space.ratio, space.force)
+    largest = 0.0
+    for j in range(space.r.size):
+        largest = max(largest, abs(sum_of_triple_products(contact.w, space.force, contact.B[j])))
+    return largest
+
+
+@compiled_inside
+def _weigh(contact, slip, sigma, space):
+    """Tangent of each point's friction, N s/m: entries of a symmetric matrix of its rows.
+
+    Across a slip vector the tangent is force over norm. Along it, it is between that and the law's
+    slope, in the ratio in which the predicted force is between zero and the law's.
+    """
+    w, slopes = contact.w, space.scaled
+    weight, cross = space.weight, space.cross
+    size, ratio, predicted = space.size, space.ratio, space.predicted
+    m = contact.beta.size
+    pairs = slip.size - m
+    _slopes(contact, slip if pairs == 0 else size, slopes)
+    first, second, force_1, force_2 = slip[:pairs], slip[m:], predicted[:pairs], predicted[m:]
+    weight_2 = weight[m:]
+    for p in range(pairs):
+        across = w[p] * ratio[p]
+        square = across * size[p] * size[p]
+        more = w[p] * slopes[p] - across
+        moves = square > 0.0
+        share = (more if moves else 0.0) / (square if moves else 1.0)
+        weight[p] = across + share * (first[p] * force_1[p])
+        weight_2[p] = across + share * (second[p] * force_2[p])
+        cross[p] = 0.5 * share * (first[p] * force_2[p] + second[p] * force_1[p])
+    for p in range(pairs, m):
+        slope, force = w[p] * slopes[p], w[p] * sigma[p]
+        moves = abs(force) > 0.0
+        across = force / slip[p] if moves else slope
+        share = predicted[p] / force if moves else 1.0
+        weight[p] = across + (slope - across) * share
+
+
+@compiled_inside
+def _changed(pairs, space):
+    """List points whose tangent changed; returns their number and that of points with two rows."""
+    weight, cross, held, held_cross = space.weight, space.cross, space.held, space.held_cross
+    changed, m, count = space.changed, space.changed.size, 0
+    for p in range(pairs):
+        q = m + p
+        least = min(weight[p] + weight[q], held[p] + held[q])
+        change = max(abs(weight[p] - held[p]), abs(weight[q] - held[q]))
+        changed[count] = p
+        count += max(change, abs(cross[p] - held_cross[p])) > SETTINGS.change * least
+    doubled = count
+    for p in range(pairs, m):
+        changed[count] = p
+        count += abs(weight[p] - held[p]) > SETTINGS.change * min(weight[p], held[p])
+    return count, doubled
+
+
+@compiled_inside
+def _add_all(contact, space):
+    """Tangent of all points' friction in S."""
+    B, S, X = contact.B, space.S, space.X
+    weight, cross = space.weight, space.cross
+    m = contact.beta.size
+    pairs = weight.size - m
+    for j in range(len(B)):
+        first, second, out, out_second = B[j, :m], B[j, m:], X[j, :m], X[j, m:]
+        for p in range(pairs):
+            out[p] = weight[p] * first[p] + cross[p] * second[p]
+        for p in range(pairs):
+            out_second[p] = weight[m + p] * second[p] + cross[p] * first[p]
+        for p in range(pairs, m):
+            out[p] = weight[p] * first[p]
+        for k in range(j, len(B)):
+            S[j, k] = 0.0
+    for i in range(weight.size):
+        space.held[i] = weight[i]
+    for p in range(pairs):
+        space.held_cross[p] = cross[p]
+    add_symmetric_product(X, B, weight.size, S)
+
+
+@compiled_inside
+def _add_changed(contact, count, doubled, space):
+    """Add the change of the tangents of some points to S."""
+    B, X, Y, changed = contact.B, space.X, space.Y, space.changed
+    weight, cross, held, held_cross = space.weight, space.cross, space.held, space.held_cross
+    m = contact.beta.size
+    for i in range(count):  # from here `weight` and `cross` of these points are changes
+        p = changed[i]
+        weight[p], held[p] = weight[p] - held[p], weight[p]
+        if i < doubled:
+            q = m + p
+            weight[q], held[q] = weight[q] - held[q], weight[q]
+            cross[p], held_cross[p] = cross[p] - held_cross[p], cross[p]
+    for j in range(len(B)):
+        row, x, y = B[j], X[j], Y[j]
+        for i in range(doubled):
+            p = changed[i]
+            first, second = row[p], row[m + p]
+            y[2 * i], y[2 * i + 1] = first, second
+            x[2 * i] = weight[p] * first + cross[p] * second
+            x[2 * i + 1] = weight[m + p] * second + cross[p] * first
+        for i in range(doubled, count):
+            p = changed[i]
+            y[doubled + i] = row[p]
+            x[doubled + i] = weight[p] * row[p]
+    add_symmetric_product(X, Y, count + doubled, space.S)
+
+
+@compiled_inside
+def _factorised(problem, slip, sigma, anew, space):
+    """Factor in A of H plus the tangent of friction and normal forces; False if there is none.
+
+    Unless all is made anew, tangents of points that changed little since they were added stay.
+    """
+    contact, rows = problem.contact, slip.size
+    _weigh(contact, slip, sigma, space)
+    count, doubled = 0, 0
+    if not anew:
+        count, doubled = _changed(rows - contact.beta.size, space)
+    if anew or count + doubled > SETTINGS.most * rows:
+        _add_all(contact, space)
+    elif count > 0:
+        _add_changed(contact, count, doubled, space)
+    return factor(problem, space, sigma, anew)
+
+
+@compiled_inside
+def limit_forces(contact, predicted):
+    """Scale the forces (rows,), N, of each point down to its friction limit."""
+    w = contact.w
+    m = contact.beta.size
+    pairs = w.size - m
+    first, second = predicted[:pairs], predicted[m:]
+    for p in range(pairs):
+        size = sqrt(first[p] * first[p] + second[p] * second[p])
+        share = w[p] / max(size, w[p], SETTINGS.nothing)
+        first[p] *= share
+        second[p] *= share
+    for p in range(pairs, m):
+        predicted[p] = min(max(predicted[p], -w[p]), w[p])
+
+
+@compiled_inside
+def predict_friction(contact, sigma, d_slip, space):
+    """Friction after a full Newton step by its tangent, limited to what friction can be."""
+    w, weight, cross, predicted = contact.w, space.held, space.held_cross, space.predicted
+    m = contact.beta.size
+    pairs = w.size - m
+    for i in range(w.size):
+        predicted[i] = w[i] * sigma[i] + weight[i] * d_slip[i]
+    first, second, d_first, d_second = predicted[:pairs], predicted[m:], d_slip[:pairs], d_slip[m:]
+    for p in range(pairs):
+        first[p] += cross[p] * d_second[p]
+        second[p] += cross[p] * d_first[p]
+
+
+@compiled_inside
+def _round_off(problem, q, slip, sigma, space):
+    """Round-off of the residual: of H q, and of the slip velocities times the law's slope."""
+    H, contact = problem.H, problem.contact
+    B, w = contact.B, contact.w
+    n = q.size
+    m = contact.beta.size
+    pairs = slip.size - m
+    friction, slopes = space.scaled, space.weight
+    for i in range(slip.size):
+        friction[i] = 0.0
+    for k in range(n):
+        row, t = B[k], abs(q[k])
+        for i in range(slip.size):
+            friction[i] += abs(row[i]) * t
+    if contact.soft.size > 0:
+        for i in range(slip.size):
+            friction[i] += abs(space.offset[i])
+    if pairs == 0:
+        _slopes(contact, slip, slopes)
+    for i in range(slip.size):
+        # Of two directions the larger one.
+        slope = slopes[i] if pairs == 0 else space.ratio[i if i < m else i - m]
+        friction[i] = w[i] * (abs(sigma[i]) + slope * friction[i])
+    largest = 0.0
+    for j in range(n):
+        total = sum_of_magnitudes(H[j], q) + sum_of_magnitudes(B[j], friction)
+        largest = max(largest, total + magnitude_of_pressures(problem, q, j))
+    return SETTINGS.round_off * largest
+
+
+class _Line(NamedTuple):
+    """Line through the slips of all rows, for the search along it."""
+
+    contact: Any
+    space: Any
+
+
+@compiled_inside
+def friction_slope_along(contact, space, length):
+    """Derivative of sum w psi along a direction, W; slips and forces stay in the workspace."""
+    slip, d_slip, trial = space.slip, space.d_slip, space.trial
+    for i in range(slip.size):
+        trial[i] = slip[i] + length * d_slip[i]
+    evaluate(contact, trial, space.size, space.ratio, space.force)
+    return sum_of_triple_products(contact.w, space.force, d_slip)
+
+
+@compiled_for(friction_slope, _Line)
+def _slope_along(line, length):
+    return friction_slope_along(line.contact, line.space, length)
+
+
+# What differs with and without normal forces
+
+
+def press(problem, q):
+    """Forces of pressure points at velocities q, and the friction limits that follow them."""
+    raise NotImplementedError
+
+
+def add_pressures(problem, r):
+    """Add the normal forces to the residual ``r``; returns the largest on an unknown, N."""
+    raise NotImplementedError
+
+
+def magnitude_of_pressures(problem, q, j):
+    """Sum of the magnitudes that are added up in the normal forces on an unknown, N."""
+    raise NotImplementedError
+
+
+def recall(problem, r):
+    """Take the residual found at the end of a step; returns as `add_pressures`, -1 if unknown."""
+    raise NotImplementedError
+
+
+def begin(problem, space):
+    """Prepare for iterations, after the residual of the start."""
+    raise NotImplementedError
+
+
+def factor(problem, space, sigma, anew):
+    """Factor in A of H, the tangent S of friction and that of normal forces; False if none."""
+    raise NotImplementedError
+
+
+def solve(problem, space, r):
+    """Solve in place by the factor."""
+    raise NotImplementedError
+
+
+def advance(problem, space, right, largest, linear, quadratic):
+    """Step length along ``space.r``, where slips move by ``space.d_slip``; see `line_search`."""
+    raise NotImplementedError
+
+
+def stalls(problem, largest):
+    """Whether the iteration does not lead on, after an iteration with a residual, N."""
+    raise NotImplementedError
+
+
+@compiled_for(press, Dense, inlined=True)
+def _press_nothing(problem, q):
+    pass
+
+
+@compiled_for(add_pressures, Dense, inlined=True)
+def _add_no_pressures(problem, r):
+    return 0.0
+
+
+@compiled_for(magnitude_of_pressures, Dense, inlined=True)
+def _no_magnitude_of_pressures(problem, q, j):
+    return 0.0
+
+
+@compiled_for(recall, Dense, inlined=True)
+def _recall_nothing(problem, r):
+    return -1.0
+
+
+@compiled_for(begin, Dense, inlined=True)
+def _begin_with_prediction(problem, space):
+    pass
+
+
+@compiled_for(factor, Dense, inlined=True)
+def _factor_of_dense(problem, space, sigma, anew):
+    H, A, S = problem.H, space.A, space.S
+    for j in range(len(A)):
+        for k in range(j, len(A)):
+            A[j, k] = H[j, k] + S[j, k]
+    return cholesky(A)
+
+
+@compiled_for(solve, Dense, inlined=True)
+def _solve_dense(problem, space, r):
+    solve_factorised(space.A, r)
+
+
+@compiled_for(advance, Dense, inlined=True)
+def _advance_dense(problem, space, right, largest, linear, quadratic):
+    contact = problem.contact
+    slope_0 = linear + sum_of_triple_products(contact.w, space.force, space.d_slip)
+    predict_friction(contact, space.force, space.d_slip, space)
+    limit_forces(contact, space.predicted)
+    length, trials, known = line_search(_Line(contact, space), slope_0, linear, quadratic)
+    if known:
+        for i in range(space.slip.size):
+            space.slip[i] = space.trial[i]
+    return length, trials, known
+
+
+@compiled_for(stalls, Dense, inlined=True)
+def _never_stalls(problem, largest):
+    return False
+
+
+# The iteration
+
+
+@inlined
+def add_forces(problem, space, right, q, r):
+    """Residual of the forces at q in ``r``; returns the largest normal force on an unknown."""
+    for i in range(q.size):
+        r[i] = sum_of_products(problem.H[i], q) - right[i]
+    for i in range(space.force.size):
+        space.trial[i] = problem.contact.w[i] * space.force[i]
+    add_row_products(problem.contact.B, space.trial, r)
+    return add_pressures(problem, r)
+
+
+@inlined
+def largest_entry(r):
+    """Largest magnitude, where it is, and once not a number it stays so."""
+    largest, unknown = 0.0, 0
+    for i in range(r.size):
+        if not abs(r[i]) <= largest and largest == largest:
+            largest, unknown = abs(r[i]), i
+    return largest, unknown
+
+
+@inlined
+def minimise_from(problem, space, right, v, tolerance):
+    """Minimise the step's objective, from the velocity extrapolated over the last two steps.
+
+    The minimiser is left in ``space.velocity``, its slips in ``space.slip`` and its forces in
+    ``space.force``, with an entry for each slip row.
+    """
+    H, contact = problem.H, problem.contact
+    q, before, slip, sigma = space.velocity, space.old_velocity, space.slip, space.force
+    r, d_slip = space.r, space.d_slip
+    n, scale = q.size, largest_of(right)
+    if contact.soft.size > 0:
+        scale = max(scale, _force_at_rest(contact, space))
+    for i in range(n):
+        q[i] = 2.0 * v[i] - before[i]
+    evaluations, iteration, tangents, unknown, converged = 0, 0, 0, 0, False
+    largest = 0.0
+    known = False  # whether slip and sigma belong to q
+    for iteration in range(SETTINGS.iterations + 1):
+        evaluations += not known
+        last = largest
+        if not known:
+            press(problem, q)
+            _slip_of_points(contact, space, q, slip)
+            evaluate(contact, slip, space.size, space.ratio, sigma)
+        pressures = recall(problem, r) if known else -1.0
+        if pressures < 0.0:
+            pressures = add_forces(problem, space, right, q, r)
+        largest, unknown = largest_entry(r)
+        least = max(scale, pressures)
+        converged = largest < inf and (
+            largest <= tolerance * least
+            or (largest <= 1e-6 * least and largest <= _round_off(problem, q, slip, sigma, space))
+        )
+        if converged or not largest < inf or iteration == SETTINGS.iterations:
+            break
+        if iteration == 0:
+            begin(problem, space)
+        if stalls(problem, largest):
+            break
+        if iteration == 0 or not largest < SETTINGS.reuse * last:  # else reuse the last factor
+            tangents += 1
+            if not (
+                _factorised(problem, slip, sigma, iteration == 0, space)
+                or _factorised(problem, slip, sigma, True, space)
+            ):
+                break
+        solve(problem, space, r)
+        linear, quadratic, direction = 0.0, 0.0, r
+        for i in range(n):
+            direction[i] = -r[i]
+        for i in range(n):
+            t = sum_of_products(H[i], direction)
+            linear += t * q[i] - right[i] * direction[i]
+            quadratic += t * direction[i]
+        combine_rows(contact.B, direction, d_slip)
+        length, trials, known = advance(problem, space, right, largest, linear, quadratic)
+        evaluations += trials
+        for i in range(n):
+            q[i] += length * direction[i]
+        if length == 0.0 and stalls(problem, inf):
+            break
+    if converged:
+        for i in range(n):
+            before[i] = v[i]
+        for i in range(sigma.size):
+            space.predicted[i] = contact.w[i] * (2.0 * sigma[i] - space.old_force[i])
+            space.old_force[i] = sigma[i]
+        limit_forces(contact, space.predicted)
+    else:
+        for i in range(sigma.size):
+            space.predicted[i] = 0.0
+    searches = evaluations - iteration - 1
+    return StepOutcome(converged, tangents, 0, 0, searches, evaluations, largest, unknown)
+
+
+@compiled_for(minimise_step, Dense)
+def _minimise_dense(problem, workspace, right, v, tolerance):
+    return minimise_from(problem, workspace, right, v, tolerance)
+
+
+@compiled_for(slips, Dense)
+def _slips_of_dense(problem, x, out):
+    combine_rows(problem.contact.B, x, out)
+    return out
+
+
+@compiled
+def minimise_dense(problem, workspace, right, v, tolerance):
+    """`minimise_step`, for Python."""
+    return minimise_step(problem, workspace, right, v, tolerance)

@@ -1,0 +1,503 @@
+"""Pressure points in dense problems: normal forces, and friction limits that follow them.
+
+The method is that of :mod:`skfem_joint.minimise.primal_dual_newton`, its loop that of
+:mod:`skfem_joint.minimise.dense_loop`. In `Following` problems friction limits follow the normal
+forces in each evaluation, in `Kept` ones they are kept, so that the problem is convex.
+
+To change the normal law, change `_press`, its potential's slope in `_slope_beside_pressures`, and
+the stiffness in `_differences`.
+"""
+
+# numba infers the types of compiled functions:
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators, no-check-untyped-defs
+
+from __future__ import annotations
+
+from math import inf
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.arrays import as_dense
+from skfem_joint.compiling import compiled, compiled_for, compiled_inside
+from skfem_joint.linalg.kernels import (
+    add_product,
+    add_row_products,
+    add_symmetric_product,
+    aligned,
+    cholesky,
+    combine_rows,
+    largest_of,
+    lu,
+    solve_factorised,
+    solve_lu,
+    sum_of_magnitudes,
+    sum_of_products,
+    sum_of_triple_products,
+)
+from skfem_joint.minimise.compiled_step import Places, minimise_step
+from skfem_joint.minimise.dense_loop import (
+    SETTINGS,
+    DenseRows,
+    add_forces,
+    add_pressures,
+    advance,
+    begin,
+    evaluate,
+    factor,
+    friction_slope_along,
+    largest_entry,
+    limit_forces,
+    magnitude_of_pressures,
+    minimise_from,
+    predict_friction,
+    press,
+    recall,
+    solve,
+    stalls,
+)
+from skfem_joint.minimise.line_search import friction_slope, line_search
+from skfem_joint.minimise.problem import ContactPoints, PressurePoints
+
+
+class PressureRows(NamedTuple):
+    """Pressure points of a dense problem, their forces now, and what belongs to their tangent.
+
+    Attributes
+    ----------
+    N : ndarray, shape (n, q)
+        Transposed operator of approaches.
+    stiffness, bound : ndarray, shape (q,)
+        Stiffness, in N over the unit of v, and approach at which each point begins to carry.
+    start, column, gain : ndarray
+        Compressed rows of the friction limit of each friction point by the forces p.
+    point_start, point, point_gain : ndarray
+        The same by columns: the friction points that each pressure point gives a limit.
+    given : ndarray, shape (m,)
+        Friction limits without forces, N.
+    flexible : ndarray, shape (m,)
+        Slip that the springs in series take under a unit of force; empty if no point has one.
+    steep : ndarray, shape (m,)
+        Steepness of each point where it has friction.
+    over, p, d_over : ndarray, shape (q,)
+        How far points are beyond their bounds, their forces, N, and the change along a direction.
+    change, held_change : ndarray, shape (rows,)
+        Derivative of friction by its limit, now and as it is added up in U.
+    pressed : ndarray, shape (q,)
+        1 where the stiffness of a point is added up in U, else 0.
+    held : ndarray, shape (n, q)
+        Stiffness of each point, N s/m, with what it gives to friction: U is held N'.
+    U : ndarray, shape (n, n)
+        Tangent of the normal forces, and of friction by them.
+    order : ndarray of int, shape (n,)
+        Unknowns in the order of the factor.
+    pushed, tried, left, old_w, old_sigma, slip, rows : ndarray
+        Arrays to work in: by unknown, slip row and, the last one, pressure point.
+    X, Y : ndarray, shape (n, q)
+        Arrays to work in.
+    listed : ndarray of int, shape (q,)
+        Pressure points whose tangents changed.
+    watch : ndarray, shape (3,)
+        Least residual up to now, N, iterations since it halved last, and of limits that follow the
+        largest normal force on an unknown, of others the residual that is enough, N.
+    """
+
+    N: Any
+    stiffness: Any
+    bound: Any
+    start: Any
+    column: Any
+    gain: Any
+    point_start: Any
+    point: Any
+    point_gain: Any
+    given: Any
+    flexible: Any
+    steep: Any
+    over: Any
+    p: Any
+    d_over: Any
+    change: Any
+    held_change: Any
+    pressed: Any
+    held: Any
+    U: Any
+    order: Any
+    pushed: Any
+    tried: Any
+    left: Any
+    old_w: Any
+    old_sigma: Any
+    slip: Any
+    rows: Any
+    X: Any
+    Y: Any
+    listed: Any
+    watch: Any
+
+
+class Following(NamedTuple):
+    """Problem of a step whose friction limits follow the forces of its pressure points."""
+
+    H: Any
+    contact: DenseRows
+    normal: PressureRows
+
+
+class Kept(NamedTuple):
+    """The same with friction limits that are kept: a convex problem."""
+
+    H: Any
+    contact: DenseRows
+    normal: PressureRows
+
+
+def pressure_rows(points: ContactPoints, places: Places) -> PressureRows:
+    """Pressure points of contact points whose friction has some places in the loops."""
+    normal, order = cast("PressurePoints", points.normal), np.argsort(places.point)
+    N = np.ascontiguousarray(as_dense(normal.N).T)
+    (n, q), rows, m = N.shape, points.B.shape[0], order.size
+    by_point = sparse.csr_array(normal.gain)[order]
+    by_pressure = sparse.csr_array(by_point.T)
+    compressed = [
+        np.array(x, dtype=kind)
+        for G in (by_point, by_pressure)
+        for x, kind in zip((G.indptr, G.indices, G.data), (np.int64, np.int64, float), strict=True)
+    ]
+    flexible = np.zeros(0) if points.flexible is None else points.flexible[order]
+    own = aligned(q, m, m, *3 * [q], *2 * [rows], q, n * n, *3 * [n], *3 * [rows], q)
+    bound, given, steep, *forces, U, pushed, tried, left, old_w, old_sigma, slip, rows = own
+    held, X, Y = np.zeros((3, n, q))
+    arrays: list[Any] = [N, np.array(normal.stiffness, dtype=float), bound, *compressed, given]
+    arrays += [flexible, steep, *forces, held, U.reshape((n, n)), np.zeros(n, np.int64), pushed]
+    arrays += [tried, left, old_w, old_sigma, slip, rows, X, Y, np.zeros(q, np.int64), np.zeros(3)]
+    return PressureRows._make(arrays)
+
+
+@compiled_inside
+def _press(normal):
+    """Forces of the pressure points from how far they are beyond their bounds."""
+    over, p, stiffness = normal.over, normal.p, normal.stiffness
+    for c in range(p.size):
+        p[c] = stiffness[c] * max(over[c], 0.0)
+
+
+@compiled_inside
+def _approach(normal, q):
+    """How far pressure points are beyond their bounds at velocities q, and their forces."""
+    combine_rows(normal.N, q, normal.over)
+    for c in range(normal.over.size):
+        normal.over[c] -= normal.bound[c]
+    _press(normal)
+
+
+@compiled_inside
+def _follow(contact, normal):
+    """Friction limits that follow the normal forces."""
+    for f in range(normal.given.size):
+        limit = normal.given[f]
+        for e in range(normal.start[f], normal.start[f + 1]):
+            limit += normal.gain[e] * normal.p[normal.column[e]]
+        _set_limit(contact, normal, f, max(limit, 0.0))
+
+
+@compiled_inside
+def _set_limit(contact, normal, f, limit):
+    """Give a point a friction limit, N."""
+    m = contact.beta.size
+    contact.w[f] = limit
+    if m + f < contact.w.size:
+        contact.w[m + f] = limit
+    if contact.soft.size > 0:
+        contact.soft[f] = limit * normal.flexible[f]
+        contact.beta[f] = normal.steep[f] if limit > 0.0 or normal.steep[f] < inf else 0.0
+
+
+@compiled_for(press, Following, inlined=True)
+def _press_and_follow(problem, q):
+    _approach(problem.normal, q)
+    _follow(problem.contact, problem.normal)
+
+
+@compiled_for(press, Kept, inlined=True)
+def _press_alone(problem, q):
+    _approach(problem.normal, q)
+
+
+@compiled_for(add_pressures, Following, Kept, inlined=True)
+def _add_pressures(problem, r):
+    normal, pushed = problem.normal, problem.normal.pushed
+    for j in range(r.size):
+        pushed[j] = 0.0
+    add_row_products(normal.N, normal.p, pushed)
+    for j in range(r.size):
+        r[j] += pushed[j]
+    return largest_of(pushed)
+
+
+@compiled_for(magnitude_of_pressures, Following, Kept, inlined=True)
+def _magnitude_of_pressures(problem, q, j):
+    normal = problem.normal
+    rows, bound = normal.rows, normal.bound
+    if j == 0:
+        for c in range(rows.size):
+            rows[c] = abs(bound[c]) if normal.over[c] > 0.0 else 0.0
+        for k in range(q.size):
+            row, t = normal.N[k], abs(q[k])
+            for c in range(rows.size):
+                rows[c] += t * abs(row[c])
+        for c in range(rows.size):
+            rows[c] = normal.stiffness[c] * rows[c] if normal.over[c] > 0.0 else 0.0
+    return sum_of_magnitudes(normal.N[j], rows)
+
+
+@compiled_for(begin, Following, Kept, inlined=True)
+def _begin_with_friction(problem, space):
+    for i in range(space.predicted.size):
+        space.predicted[i] = problem.contact.w[i] * space.force[i]
+
+
+@compiled_inside
+def _stalls(normal, largest):
+    """Whether the residual has not halved for some iterations."""
+    watch = normal.watch
+    if largest <= 0.5 * watch[0]:
+        watch[0], watch[1] = largest, 0.0
+    watch[1] += 1.0
+    return watch[1] > SETTINGS.patience or largest == inf
+
+
+@compiled_inside
+def _changes(contact, sigma, slopes, change):
+    """Derivatives of friction by its limit, (rows,).
+
+    A spring whose slider does not move has the same force under any limit; else the slider's slip
+    changes too.
+    """
+    m = contact.beta.size
+    for f in range(m):
+        follows = 1.0 if contact.w[f] > 0.0 else 0.0
+        if contact.soft.size > 0:
+            follows *= 1.0 - contact.soft[f] * slopes[f]
+        change[f] = follows * sigma[f]
+        if m + f < change.size:
+            change[m + f] = follows * sigma[m + f]
+
+
+@compiled_inside
+def _list_pressures(normal, m, anew):
+    """List pressure points whose tangent changed; returns their number.
+
+    All if it is made ``anew``, else those that closed, opened, or press points whose friction
+    changes by its limit in another way.
+    """
+    change, held, count = normal.change, normal.held_change, 0
+    for c in range(normal.p.size):
+        pressed = 1.0 if normal.over[c] > 0.0 else 0.0
+        listed = pressed != normal.pressed[c]
+        if pressed > 0.0 and not listed:
+            for e in range(normal.point_start[c], normal.point_start[c + 1]):
+                f = normal.point[e]
+                listed |= abs(change[f] - held[f]) > SETTINGS.turn
+                if m + f < change.size:
+                    listed |= abs(change[m + f] - held[m + f]) > SETTINGS.turn
+        normal.pressed[c] = pressed
+        normal.listed[count] = c
+        count += listed
+    for i in range(change.size):
+        if anew or abs(change[i] - held[i]) > SETTINGS.turn:
+            held[i] = change[i]
+    return count
+
+
+@compiled_inside
+def _differences(normal, contact, count, coupled):
+    """Changes of the held tangents of listed pressure points, and their approaches, in X and Y."""
+    B, N, X, Y, listed = contact.B, normal.N, normal.X, normal.Y, normal.listed
+    change, mixed = normal.change, normal.old_w
+    m = contact.beta.size
+    pairs = change.size - m
+    for j in range(len(N)):
+        held, row, own, x, y = normal.held[j], N[j], B[j], X[j], Y[j]
+        if coupled:
+            for f in range(m):
+                mixed[f] = change[f] * own[f]
+            for f in range(pairs):
+                mixed[f] += change[m + f] * own[m + f]
+        for i in range(count):
+            c = listed[i]
+            t = row[c]
+            if coupled:
+                for e in range(normal.point_start[c], normal.point_start[c + 1]):
+                    t += normal.point_gain[e] * mixed[normal.point[e]]
+            t *= normal.stiffness[c] * normal.pressed[c]
+            x[i], y[i], held[c] = t - held[c], row[c], t
+
+
+@compiled_inside
+def _hold_pressures(problem, space, sigma, anew, coupled):
+    """Bring the tangent U of the normal forces up to date; returns how many points changed."""
+    contact, normal = problem.contact, problem.normal
+    if coupled:
+        _changes(contact, sigma, space.scaled, normal.change)
+    else:
+        for i in range(sigma.size):
+            normal.change[i] = 0.0
+    if anew:
+        for j in range(len(normal.U)):
+            for k in range(len(normal.U)):
+                normal.U[j, k] = 0.0
+            for c in range(normal.p.size):
+                normal.held[j, c] = 0.0
+        for c in range(normal.p.size):
+            normal.pressed[c] = 0.0
+    count = _list_pressures(normal, contact.beta.size, anew)
+    _differences(normal, contact, count, coupled)
+    return count
+
+
+@compiled_for(factor, Following, inlined=True)
+def _factor_following(problem, space, sigma, anew):
+    normal, H, A, S = problem.normal, problem.H, space.A, space.S
+    count = _hold_pressures(problem, space, sigma, anew, True)
+    add_product(normal.X, normal.Y, count, normal.U)
+    for j in range(len(A)):
+        for k in range(len(A)):
+            A[j, k] = H[j, k] + S[min(j, k), max(j, k)] + normal.U[j, k]
+    return lu(A, normal.order)
+
+
+@compiled_for(factor, Kept, inlined=True)
+def _factor_kept(problem, space, sigma, anew):
+    normal, H, A, S = problem.normal, problem.H, space.A, space.S
+    count = _hold_pressures(problem, space, sigma, anew, False)
+    add_symmetric_product(normal.X, normal.Y, count, normal.U)
+    for j in range(len(A)):
+        for k in range(j, len(A)):
+            A[j, k] = H[j, k] + S[j, k] + normal.U[j, k]
+    return cholesky(A)
+
+
+@compiled_for(solve, Following, inlined=True)
+def _solve_following(problem, space, r):
+    solve_lu(space.A, problem.normal.order, r, problem.normal.pushed)
+
+
+@compiled_for(solve, Kept, inlined=True)
+def _solve_kept(problem, space, r):
+    solve_factorised(space.A, r)
+
+
+@compiled_for(advance, Following, inlined=True)
+def _advance_following(problem, space, right, largest, linear, quadratic):
+    contact, normal = problem.contact, problem.normal
+    q, direction, tried, left = space.velocity, space.r, normal.tried, normal.left
+    slip, trial, d_slip = space.slip, problem.normal.slip, space.d_slip
+    w, sigma, predicted, over = contact.w, space.force, space.predicted, normal.over
+    predict_friction(contact, sigma, d_slip, space)
+    combine_rows(normal.N, direction, normal.d_over)
+    for i in range(w.size):
+        normal.old_w[i], normal.old_sigma[i] = w[i], sigma[i]
+    for c in range(over.size):
+        normal.rows[c] = over[c]
+    length, trials = 1.0, 0
+    while trials < SETTINGS.shortened:
+        trials += 1
+        for i in range(q.size):
+            tried[i] = q[i] + length * direction[i]
+        for i in range(slip.size):
+            trial[i] = slip[i] + length * d_slip[i]
+        for c in range(over.size):
+            over[c] = normal.rows[c] + length * normal.d_over[c]
+        _press(normal)
+        _follow(contact, normal)
+        evaluate(contact, trial, space.size, space.ratio, sigma)
+        normal.watch[2] = add_forces(problem, space, right, tried, left)
+        if largest_entry(left)[0] <= SETTINGS.grows * largest:
+            break
+        length *= SETTINGS.shorter
+    else:
+        return 0.0, trials, False
+    for i in range(w.size):
+        slip[i] = trial[i]
+        before = normal.old_w[i] * normal.old_sigma[i]
+        predicted[i] = w[i] * normal.old_sigma[i] + length * (predicted[i] - before)
+    limit_forces(contact, predicted)
+    return length, trials, True
+
+
+@compiled_for(recall, Following, inlined=True)
+def _recall(problem, r):
+    for j in range(r.size):
+        r[j] = problem.normal.left[j]
+    return problem.normal.watch[2]
+
+
+@compiled_for(recall, Kept, inlined=True)
+def _recall_nothing(problem, r):
+    return -1.0
+
+
+class _PressedLine(NamedTuple):
+    """The same beside pressure points."""
+
+    contact: Any
+    space: Any
+    normal: Any
+
+
+@compiled_for(friction_slope, _PressedLine)
+def _slope_beside_pressures(line, length):
+    contact, space, normal = line
+    slope = friction_slope_along(contact, space, length)
+    over, d_over, rows = normal.over, normal.d_over, normal.rows
+    for c in range(over.size):
+        rows[c] = normal.stiffness[c] * max(over[c] + length * d_over[c], 0.0)
+    return slope + sum_of_products(rows, d_over)
+
+
+@compiled_for(advance, Kept, inlined=True)
+def _advance_kept(problem, space, right, largest, linear, quadratic):
+    contact, normal = problem.contact, problem.normal
+    combine_rows(normal.N, space.r, normal.d_over)
+    slope_0 = linear + sum_of_triple_products(contact.w, space.force, space.d_slip)
+    slope_0 += sum_of_products(normal.p, normal.d_over)
+    predict_friction(contact, space.force, space.d_slip, space)
+    limit_forces(contact, space.predicted)
+    line = _PressedLine(contact, space, normal)
+    length, trials, known = line_search(line, slope_0, linear, quadratic)
+    if known:
+        for i in range(space.slip.size):
+            space.slip[i] = space.trial[i]
+        for c in range(normal.over.size):
+            normal.over[c] += length * normal.d_over[c]
+        _press(normal)
+    return length, trials, known
+
+
+@compiled_for(stalls, Following, inlined=True)
+def _following_stalls(problem, largest):
+    return _stalls(problem.normal, largest)
+
+
+@compiled_for(stalls, Kept, inlined=True)
+def _enough_or_at_rest(problem, largest):
+    return largest <= problem.normal.watch[2] or largest == inf
+
+
+@compiled_for(minimise_step, Following)
+def _minimise_following(problem, workspace, right, v, tolerance):
+    return minimise_from(problem, workspace, right, v, tolerance)
+
+
+@compiled_for(minimise_step, Kept)
+def _minimise_kept(problem, workspace, right, v, tolerance):
+    return minimise_from(problem, workspace, right, v, tolerance)
+
+
+@compiled
+def keep_limits(contact, normal, limits):
+    """Give all points friction limits (m,), N."""
+    for f in range(limits.size):
+        _set_limit(contact, normal, f, limits[f])
