@@ -125,11 +125,16 @@ class System:
         for name in ("M", "C", "K", "P", "T"):
             if (value := getattr(self, name)) is not None:
                 object.__setattr__(self, name, as_real(value, name))
-        n = self.M.shape[0]
+        n, contact = self.M.shape[0], self.contact
+        if not isinstance(contact, Contact):
+            raise InputError(
+                f"contact: found {type(contact).__name__}, must be an sj.Contact, such as "
+                "sj.Contact(B, w, beta)"
+            )
         completed = {
             "C": 0.0 * self.K if self.C is None else self.C,
             "P": sparse.csr_array((0, n)) if self.P is None else self.P,
-            "contact": Contact.none(n) if self.contact is _NO_CONTACT else self.contact,
+            "contact": Contact.none(n) if contact is _NO_CONTACT else contact,
         }
         for name, value in completed.items():
             object.__setattr__(self, name, value)

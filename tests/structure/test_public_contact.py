@@ -186,6 +186,8 @@ def test_a_system_takes_what_is_plain_and_refuses_what_does_not_fit():
         plain.project(np.ones((3, 2)))
     with pytest.raises(InputError, match="T: found shape"):
         replace(plain, T=np.ones((5, 3)))
+    with pytest.raises(InputError, match=r"contact: found csr_array, must be an sj\.Contact"):
+        System(M, None, K, plain.contact.B)
 
 
 def test_contact_is_refused_for_what_a_joint_of_a_structure_is_refused_for():
