@@ -73,10 +73,8 @@ class Model:
         """Largest slip of each slider of the full ``system``, as `slip_peak`, (m,), m."""
         if not system.contact.opens or not system.contact.has_springs:
             return system.contact.slider_peak(self.slip_peak)
-        shares = (
-            self.run.system.contact.shares
-        )  # of full and condensed models, which alone have these
-        return self.run.slider_peak if shares is None else self.run.slider_peak @ shares
+        shares, peak = self.run.system.contact.shares, self.run.slider_peak
+        return peak if shares is None else (shares > 0.0).T @ peak
 
     @property
     def modes(self) -> int | None:
