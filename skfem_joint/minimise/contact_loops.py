@@ -163,6 +163,15 @@ def subtract_bias(contact, r):
 
 
 @compiled_inside
+def _beyond_round_off(new, old, offset):
+    """A new velocity, or the old one where both differ by the round-off of the offset alone.
+
+    In short steps offsets of springs are large beside velocities.
+    """
+    return old if abs(new - old) <= 2e-15 * abs(offset) else new
+
+
+@compiled_inside
 def _relax(q, contact, stiff, r, s, v):
     """Minimise over the velocity of a group's point; ``r`` and ``s`` are its residual.
 
@@ -185,13 +194,15 @@ def _relax(q, contact, stiff, r, s, v):
     x = r + stiffness * (v[i] - points.x[p])
     if j < 0:
         slip = sprung_resolvent(x / w, k, points.beta[p], soft)[0]
-        v[i] = slip + points.x[p]
+        v[i] = _beyond_round_off(slip + points.x[p], v[i], points.x[p])
         return
     y = s + stiffness * (v[j] - points.y[p])
     size = hypot(x, y)
     speed = sprung_resolvent(size / w, k, points.beta[p], soft)[0]
-    v[i] = (speed * (x / size) if size != 0.0 else 0.0) + points.x[p]
-    v[j] = (speed * (y / size) if size != 0.0 else 0.0) + points.y[p]
+    new = (speed * (x / size) if size != 0.0 else 0.0) + points.x[p]
+    v[i] = _beyond_round_off(new, v[i], points.x[p])
+    new = (speed * (y / size) if size != 0.0 else 0.0) + points.y[p]
+    v[j] = _beyond_round_off(new, v[j], points.y[p])
 
 
 @compiled_inside
