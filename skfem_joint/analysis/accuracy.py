@@ -209,8 +209,9 @@ def accurate_model(
             return AccurateModel(scene, basis, reduced, stands)
         sources = {s: excess(accuracy, stands, s) for s in ("basis", "law", "points", "time_step")}
         # The search ends where two rounds leave more than this share of the error of earlier
-        # ones.
-        if min(errors[-2:]) > 0.9 * min(errors[:-2], default=np.inf):
+        # ones, unless shorter steps are what is left to try: their errors may rise at first.
+        stalls = min(errors[-2:]) > 0.9 * min(errors[:-2], default=np.inf)
+        if stalls and max(sources.values()) > sources["time_step"]:
             break
         least = min(WORTHWHILE, max(sources.values()))
         refined = {source for source, ratio in sources.items() if ratio >= least}

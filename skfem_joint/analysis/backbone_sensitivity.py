@@ -258,6 +258,10 @@ def backbone_sensitivity(
     parameters : sequence of SystemSensitivity
         From :func:`skfem_joint.sensitivities`.
 
+    Returns
+    -------
+    BackboneSensitivity
+
     Raises
     ------
     InputError

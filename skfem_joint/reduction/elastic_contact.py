@@ -12,7 +12,7 @@ the faces pass through each other by the normal force over the stiffness, and pr
 modes in the norm of strain energy, that of the contact included, have the pressures with the
 displacements.
 
-The factor is a compromise, see ``docs/theory/opening.md``: softer contact is easier to follow, but
+The factor is a compromise, see ``docs/theory/opening-reduced.md``: softer contact is easier to follow, but
 wrong where contact takes a good part of the motion.
 """
 

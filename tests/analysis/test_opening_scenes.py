@@ -365,7 +365,8 @@ def test_a_response_of_a_reduced_model_is_that_of_the_condensed_one_within_its_s
     condensed = sj.condense(scene.system())
     for curve, stated in zip(model.curves, model.estimates, strict=True):
         frequency, amplitude = curve.peak
-        assert max(point.periods for point in curve.points) < 60
+        # The first point begins at rest, which may take some hundred periods.
+        assert max(point.periods for point in curve.points[1:]) < 60
         other = response.steady_point(condensed, frequency, curve.level, 24)
         true = abs(amplitude / other.amplitude.max() - 1.0)
         assert true < 2.0 * stated.of("basis", "displacement_rms") < 0.2
