@@ -12,8 +12,8 @@ the faces pass through each other by the normal force over the stiffness, and pr
 modes in the norm of strain energy, that of the contact included, have the pressures with the
 displacements.
 
-The factor is a compromise, see ``docs/theory/opening-reduced.md``: softer contact is easier to follow, but
-wrong where contact takes a good part of the motion.
+The factor is a compromise, see ``docs/theory/opening-reduced.md``: softer contact is easier to
+follow, but wrong where contact takes a good part of the motion.
 """
 
 from __future__ import annotations
