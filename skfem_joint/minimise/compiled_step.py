@@ -6,12 +6,14 @@
 
 - `front_elimination.Chain`, for tridiagonal matrices: `front_elimination` decides between stick and
   slip under Coulomb's law; else its `minty_newton` evaluates the law by `law.graph`;
-- `dense_loop.Dense`, for dense matrices: evaluates the law by `law.forces`. (Kinds with
-  contact that opens are minimised alone, not in that loop.)
+- `dense_loop.Dense`, for dense matrices: evaluates the law by `law.forces`, and with springs in
+  series by `law.sprung_force` and its kin.
 
-Other systems are not stepped in that loop: `steppers.PythonStepper` calls `contact_newton` or
-`condensed_newton`, whose `contact_loops` evaluate the law by `law.sigma`, `law.slope` and
-`law.resolvent`.
+Other systems are not stepped in that loop but by `steppers.PythonStepper`, one minimisation at a
+time: sparse ones by `contact_newton` or `condensed_newton`, whose `contact_loops` evaluate the law
+by `law.sigma`, `law.resolvent`, `law.add_tangent` and the same with springs; dense ones whose
+contact opens by `primal_dual_newton`, with the problems `Following` and `Kept` of
+`dense_pressures`.
 """
 
 # mypy: allow-untyped-defs

@@ -46,9 +46,10 @@ the arctangent, and have to be revised too:
 
 - `graph` and `graph_parameters`: their comparison law z / (z + 1) must rise to 1 in a width of the
   same order;
-- `skfem_joint.reduction.active_length.slips`: a point creeps by period / beta in a period, the slip
-  at half of its friction limit, where z = 1; the function `gross_slip` of that module and the
-  warnings of `skfem_joint.analysis.summary` use the same creep;
+- `System.slipping`: a point creeps by period / beta in a period, the slip at half of its friction
+  limit, where z = 1; `skfem_joint.reduction.active_length.gross_slip`, the points of reduced models
+  for a range (`skfem_joint.reduction.ranges.points`) and the warnings of
+  `skfem_joint.analysis.summary` use the same creep;
 - `skfem_joint.reduction.basis.reduced_system` and `static_path`: beta is limited to the inverse of
   the slip velocity that modes resolve, for the law is steep where z < 1;
 - `skfem_joint.analysis.estimate`: the error of a less steep law is proportional to 1 / beta.

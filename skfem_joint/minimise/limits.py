@@ -30,8 +30,9 @@ DAMPED = 0.5
 class Hinges(NamedTuple):
     """How the friction of each point follows x, the gain times the forces of rigid points.
 
-    Its limit is w = given + first x + max(0, x - lower) + beyond max(0, x - upper), all (m,), and
-    its friction w sigma + min(4 w, cap) bias, with the bias of each slip row, (rows,).
+    Functions with a kink, as max(0, x - lower) has at ``lower``, are called hinges. The limit is
+    w = given + first x + max(0, x - lower) + beyond max(0, x - upper), all (m,), and the friction
+    w sigma + min(4 w, cap) bias, with the bias of each slip row, (rows,).
     """
 
     first: Any

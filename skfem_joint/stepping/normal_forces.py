@@ -47,6 +47,14 @@ step. Springs keep their force from step to step, which sigma times the limit is
 
 Points with a stiffness carry an elastic force at the end of each step, as the structure does, and
 friction has its limit from that force: they have no impacts.
+
+A stepper calls `NormalForces.before` for the right side and the bounds of a step, `after` with what
+was found, and `works` for its energies. The symbols above are, in the code:
+
+    g, N        `part.gaps(u)`, `part.N`                G    `gain`
+    s           `c.c_K`                                 m    `normal.mean`
+    known part  N (`predictor` - u), in `_bounds`       x    `_pressing()`; x0 is its value `before`
+    w1          `limits`                                f    `friction.mean`
 """
 
 from __future__ import annotations
@@ -137,6 +145,8 @@ class NormalForces:
 
     Attributes
     ----------
+    part : NormalPart
+        Pressure points of the system.
     normal : NormalState
     friction : FrictionState
     limits : ndarray, shape (m,)
@@ -144,8 +154,8 @@ class NormalForces:
     """
 
     def __init__(self, system: System) -> None:
-        self.system, self.contact = system, system.contact.normal
-        contact = self.contact
+        self.system, self.part = system, system.contact.normal
+        contact = self.part
         self.rigid = contact.rigid
         self.normal = NormalState(*np.repeat(contact.force[None], 3, axis=0))
         self.limits = np.array(system.contact.w)
@@ -174,7 +184,7 @@ class NormalForces:
 
         ``made`` makes the problem of a matrix and contact points.
         """
-        s, contact, (u, v) = self.system, self.contact, now[:2]
+        s, contact, (u, v) = self.system, self.part, now[:2]
         on_rows = s.contact.on_rows
         if not self.has_impulses:  # else forces are not known before the first step
             self.limits = s.contact.limits(contact.elastic_forces(u))
@@ -229,8 +239,8 @@ class NormalForces:
 
     def _gaps(self, u: FloatArray) -> FloatArray:
         """Gap of each pressure point, m; what is round-off counts as closed."""
-        gap = self.contact.gaps(u)
-        scale = max(float(self.contact.gap.max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
+        gap = self.part.gaps(u)
+        scale = max(float(self.part.gap.max(initial=0.0)), float(np.abs(u).max(initial=0.0)))
         gap[np.abs(gap) <= CLOSED * scale] = 0.0
         return gap
 
@@ -246,7 +256,7 @@ class NormalForces:
         pressed : Pressed
             See `StepProblem.minimise`.
         """
-        contact, share = self.contact, _share(c)
+        contact, share = self.part, _share(c)
         # Mean force over the step: m = (share of the force at its end) + (rest).
         rest = _rest(c, self.normal.end, self.normal.filtered)
         self._lowest = np.where(self.rigid, -rest / share, 0.0)
@@ -349,7 +359,7 @@ class NormalForces:
 
         Of points with a stiffness the velocity at which they begin to carry force.
         """
-        contact = self.contact
+        contact = self.part
         apart = contact.gap - contact.force / contact.stiffness - contact.N @ predictor
         bound = apart / c.c_K
         if self.has_impulses:
@@ -370,12 +380,12 @@ class NormalForces:
         self, recorder: Recorder, before: State, now: State, normal: NormalState
     ) -> None:
         """Add the work that impacts take; a rest that belongs to the scheme goes to its own row."""
-        moved = np.asarray(self.contact.N @ (now.u - before.u))
+        moved = np.asarray(self.part.N @ (now.u - before.u))
         rigid = self.rigid
         lost = float(self.normal.mean[rigid] @ moved[rigid])
         trapezoidal = float((0.5 * (normal.end + self.normal.end)) @ moved)
-        stored = self.contact.potential(now.u) - self.contact.potential(before.u)
-        stored += float(self.contact.force @ moved)  # of elastic points alone
+        stored = self.part.potential(now.u) - self.part.potential(before.u)
+        stored += float(self.part.force @ moved)  # of elastic points alone
         recorder.impact_work += lost
         recorder.dissipated[1] += trapezoidal - lost - stored
         # Approaches of closed points are zero but for the round-off of the displacements.

@@ -1,9 +1,12 @@
 """Steppers: each advances one system by equal implicit steps.
 
-`Stepper` is what the driver needs. There are two. `CompiledStepper`, for chains and small dense
-systems, does many steps in one call of the compiled loop (`time_loop`). `PythonStepper` does them
-one by one in Python, for large sparse systems, whose step problems take much longer than the lines
-of Python around them, and for systems without friction, whose steps are one linear solution each.
+`Stepper` is what the driver needs. There are two. `CompiledStepper` does many steps in one call of
+the compiled loop (`time_loop`), for chains and small dense systems whose contact does not open.
+`PythonStepper` does them one by one in Python, for all others: systems without friction, whose
+steps are one linear solution each, large sparse systems, whose step problems take much longer than
+the lines of Python around them, and systems of any kind whose contact opens. What contact has from
+step to step beside the state is in its `forces`: `ConstantForces`, or `NormalForces` where it
+opens.
 """
 
 from __future__ import annotations
@@ -397,7 +400,7 @@ class CompiledStepper(Stepper):
 
 
 class ConstantForces:
-    """Friction with constant limits, from step to step: all of it is in the state of a stepper.
+    """What a step needs of contact with constant limits: all is in the state of a stepper.
 
     `skfem_joint.stepping.normal_forces.NormalForces` has the same methods, see there.
     """
@@ -434,6 +437,10 @@ class PythonStepper(Stepper):
     """Steps done one by one in Python: of sparse systems in contact, and of linear systems.
 
     So are those of all systems whose contact opens.
+
+    Attributes
+    ----------
+    forces : ConstantForces or NormalForces
     """
 
     COUNTS: ClassVar[tuple[str, ...]] = (
@@ -457,7 +464,10 @@ class PythonStepper(Stepper):
 
     def set_limits(self, limits: FloatArray) -> None:
         """See `Stepper`."""
-        self.forces.limits = np.array(limits)
+        if isinstance(self.forces, ConstantForces):
+            super().set_limits(limits)
+        else:
+            self.forces.limits = np.array(limits)
 
     def new_problem(self, c: Coefficients) -> StepProblem:
         """See `Stepper`."""

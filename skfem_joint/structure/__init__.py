@@ -10,7 +10,8 @@ system by them.
 From pressure to friction limits: `pressure.nodal_pressure` (or `preload`, which solves for it with
 `pressure_space` and `active_set`) gives the normal force of each node, `patch.make_patch` collects
 the nodes of a joint, and `contact.contact_rows` makes the slip rows B and the limits
-w += friction * normal force.
+w += friction * normal force. Where faces may part, `opening` makes the pressure points
+(`skfem_joint.normal`) whose forces these limits follow.
 """
 
 from skfem_joint.structure.body import Body as Body
