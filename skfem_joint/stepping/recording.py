@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -369,11 +369,6 @@ class Run:
                 f"{self.compilation_s:.3g} s",
             ]
         )
-
-    def thinned(self, every: int) -> Run:
-        """Same run with one of each ``every`` of its stored fields."""
-        names = ("field_times", "u", "v", "sigma", "friction_work_rows", "normal_force", "limits")
-        return replace(self, **{name: getattr(self, name)[::every] for name in names})
 
     @property
     def energy_residual(self) -> float:
