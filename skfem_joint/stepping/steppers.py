@@ -513,10 +513,11 @@ class PythonStepper(Stepper):
             right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
             of_contact, pressed = forces.before(c, u, predictor)
             right += of_contact
-            limits = s.contact.w if forces.limits is None else forces.limits
-            known, force = c.u_v * v + c.u_a * a, s.contact.on_rows(limits) * sigma
-            offset = s.contact.spring_offset(known, force, c.c_K)
-            start = self._extrapolated()
+            offset, start = None, self._extrapolated()
+            if s.contact.has_springs:
+                limits = s.contact.w if forces.limits is None else forces.limits
+                known, force = c.u_v * v + c.u_a * a, s.contact.on_rows(limits) * sigma
+                offset = s.contact.spring_offset(known, force, c.c_K)
             minimum = problem.minimise(right, start, self.tolerance, offset=offset, pressed=pressed)
             self._count(minimum.counts)
             if not minimum.converged:
@@ -541,9 +542,9 @@ class PythonStepper(Stepper):
         if self.kind == "linear":
             return None
         v = 2.0 * self.now.v - self.v_before
-        resting = self.points.on_rows(self.points.at_rest(self.points.B @ self.now.v))
-        if resting.any():
-            v[self.points.unknowns[resting]] = 0.0
+        if self.kind != "dense":  # slips are unknowns
+            unknowns = self.points.unknowns
+            v[unknowns[self.points.on_rows(self.points.at_rest(self.now.v[unknowns]))]] = 0.0
         return v
 
     def _count(self, counts: Mapping[str, int]) -> None:
