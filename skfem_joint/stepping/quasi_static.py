@@ -41,7 +41,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import aslinearoperator
 
-from skfem_joint.arrays import FloatArray, as_dense
+from skfem_joint.arrays import FloatArray, Matrix, as_dense
 from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
@@ -456,7 +456,16 @@ class QuasiStatic:
         if self.opens:
             normal = self.contact.force - cast("FloatArray", last.normal)
             force = force + self.contact.N.T @ normal
-        return np.asarray(force - self.K @ last.u - self.to.system.contact.B.T @ last.friction)
+        return np.asarray(force - self.K @ last.u - self._slips @ last.friction)
+
+    @cached_property
+    def _slips(self) -> Matrix:
+        """Transposed slip rows, which scipy would make anew for each level, (n, rows)."""
+        return as_compressed(self.to.system.contact.B.T)
+
+    def _added_force(self, d: FloatArray) -> FloatArray:
+        """Force of the added mass under a displacement, (n,), N."""
+        return self.shift * (self.M @ d) if self.shift else np.zeros_like(d)
 
     def _guess(self, last: Level, change: FloatArray) -> FloatArray | None:
         """Guess of the increment under a change of the forces (n,), N, from that before.
@@ -493,10 +502,10 @@ class QuasiStatic:
         tolerance, given_back = self.tolerance, np.zeros(system.n)
         if carried and start is not None:
             tolerance, given_back = min(tolerance, SETTINGS.finer * carried), start
-        right = right + self.shift * (self.M @ given_back)
+        right = right + self._added_force(given_back)
         found = problem.minimise(right, start, tolerance, rate, offset, pressed)
         self._count(found.counts)
-        added = float(np.abs(self.shift * (self.M @ (found.v - given_back))).max(initial=0.0))
+        added = float(np.abs(self._added_force(found.v - given_back)).max(initial=0.0))
         other = found.p if self.opens else right
         largest = float(max(np.abs(force).max(), np.abs(other).max(initial=0.0)))
         before, carried = carried, added / largest if largest > 0.0 else 0.0
