@@ -310,7 +310,7 @@ def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
 def _read(values: Mapping[str, str], places: Mapping[str, str]) -> tuple[dict[str, Any], list[str]]:
     """Values of keys from their texts, and what is wrong with them by their places."""
     try:
-        return Head(**values).model_dump(exclude_unset=True), []  # type: ignore[arg-type]
+        return Head.model_validate(dict(values)).model_dump(exclude_unset=True), []
     except ValidationError as error:
         wrong = [(places[str(each["loc"][0])], each) for each in error.errors()]
         return {}, [f"{place}: {line}" for place, each in wrong for line in sentences(each, Head)]

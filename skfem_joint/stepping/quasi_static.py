@@ -241,8 +241,8 @@ class QuasiStatic:
     @property
     def factorizations(self) -> int:
         """Matrices factorised so far."""
-        known = not self.opens
-        return int(self.problem.factorizations if known else self._counts["factorizations"])
+        opens = self.opens
+        return int(self._counts["factorizations"] if opens else self.problem.factorizations)
 
     @property
     def counts(self) -> Mapping[str, int]:
@@ -518,18 +518,12 @@ class QuasiStatic:
                 f"a force residual of {found.residual:.3g} N is left at unknown {unknown}", unknown
             )
         u, slip = last.u + found.v, np.asarray(system.contact.B @ (last.u + found.v))
-        if not self.opens:
-            return (
-                found,
-                Level(u, system.contact.on_rows(system.contact.w) * found.sigma, slip),
-                carried,
-            )
-        self.touching.follow(found.p)
-        return (
-            found,
-            Level(u, system.contact.on_rows(found.w) * found.sigma, slip, found.w, found.p),
-            carried,
-        )
+        limits = found.w if self.opens else system.contact.w
+        level = Level(u, system.contact.on_rows(limits) * found.sigma, slip)
+        if self.opens:
+            self.touching.follow(found.p)
+            level = level._replace(limits=found.w, normal=found.p)
+        return found, level, carried
 
     def _creeping(
         self, last: Level, force: FloatArray, start: FloatArray | None
