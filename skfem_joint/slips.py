@@ -7,6 +7,7 @@ which gives the slip from the displacements. Contact that stays closed adds rows
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,8 +52,23 @@ class NormalRows:
     part: NormalPart
     gain: Matrix
 
-    def without(self, free: FloatArray, keep: NDArray[np.bool_]) -> NormalRows | None:
-        """Rows that are left where degrees of freedom (N,) are ``free`` (1) or held (0), if any.
+    @staticmethod
+    def none(n: int, m: int) -> NormalRows:
+        """Of ``m`` contact points that stay closed, on ``n`` degrees of freedom."""
+        at, gain = np.zeros(0, dtype=np.intp), sparse.csr_array((m, 0))
+        return NormalRows(sparse.csr_array((0, n)), at, NormalPart.none(0), gain)
+
+    def __add__(self, other: NormalRows) -> NormalRows:
+        """Rows of the contact points of ``self``, then those of ``other``."""
+        return NormalRows(
+            stacked([self.D, other.D], self.D.shape[1]),
+            np.concatenate([self.pivots, other.pivots]),
+            NormalPart.joined([self.part, other.part]),
+            sparse.csr_array(sparse.block_diag([self.gain, other.gain])),
+        )
+
+    def without(self, free: FloatArray, keep: NDArray[np.bool_]) -> NormalRows:
+        """Rows that are left where degrees of freedom (N,) are ``free`` (1) or held (0).
 
         ``keep`` (m,) are the contact points that can still slip. Faces approach each other only by
         what is free; at nodes that are held altogether normal forces stay as they are at rest.
@@ -60,8 +76,6 @@ class NormalRows:
         D = sparse.csr_array(self.D @ sparse.diags_array(free))
         D.eliminate_zeros()
         moves = np.flatnonzero(np.diff(D.indptr) > 0)
-        if not moves.size:
-            return None
         gain = sparse.csr_array(sparse.csc_array(self.gain)[:, moves])[np.flatnonzero(keep)]
         return NormalRows(D[moves], self.pivots[moves], self.part.among(moves), gain)
 
@@ -89,15 +103,15 @@ class SlipRows:
     pivots : ndarray of int, shape (h + rows,), optional
         Degree of freedom that each row determines, those of ``closed`` first. If not given, a
         matching of large coefficients chooses them.
-    clamped : ndarray, shape (h,), optional
-        Normal force on each row of ``closed``, N, if known.
-    names : tuple of str, length m or 0
-        Joint that each contact point belongs to; empty if none has a name.
-    stiffness : ndarray, shape (m,), optional
-        Of the spring in series with the friction of each point, N/m; ``inf`` is none, which is so
-        at all points if not given.
-    normal : NormalRows, optional
-        Contact that opens and closes.
+    clamped : ndarray, shape (h,)
+        Normal force on each row of ``closed``, N; zeros where it is not given.
+    names : tuple of str, length m
+        Joint that each contact point belongs to; "contact" if not given.
+    stiffness : ndarray, shape (m,)
+        Of the spring in series with the friction of each point, N/m; ``inf``, which is none, at all
+        points if not given.
+    normal : NormalRows
+        Contact that opens and closes; none if not given.
     notes : tuple of str
         Sentences about the contact, which go to those of the `System`.
     """
@@ -108,33 +122,28 @@ class SlipRows:
     directions: NDArray[np.int64]
     closed: Matrix
     pivots: IntArray | None = None
-    clamped: FloatArray | None = None
+    clamped: Any = None
     names: tuple[str, ...] = ()
-    stiffness: FloatArray | None = None
-    normal: NormalRows | None = None
+    stiffness: Any = None
+    normal: Any = None
     notes: tuple[str, ...] = ()
 
-    @property
-    def springs(self) -> FloatArray:
-        """Stiffness of the spring of each point, (m,), N/m: ``inf`` where it has none."""
-        return np.full(self.w.size, np.inf) if self.stiffness is None else self.stiffness
-
-    @property
-    def normal_force(self) -> FloatArray:
-        """Normal force on each row of ``closed``, (h,), N; zeros where it is not known."""
-        return np.zeros(self.closed.shape[0]) if self.clamped is None else self.clamped
-
-    @property
-    def joint_of_point(self) -> tuple[str, ...]:
-        """Joint of each contact point, (m,): ``names``, or "contact" if points have no names."""
-        return self.names or ("contact",) * self.w.size
+    def __post_init__(self) -> None:
+        n, m = self.B.shape[-1], self.w.size
+        completed = {
+            "clamped": np.zeros(self.closed.shape[0]) if self.clamped is None else self.clamped,
+            "names": self.names or ("contact",) * m,
+            "stiffness": np.full(m, np.inf) if self.stiffness is None else self.stiffness,
+            "normal": NormalRows.none(n, m) if self.normal is None else self.normal,
+        }
+        for name, value in completed.items():
+            object.__setattr__(self, name, value)
 
     @property
     def joints(self) -> tuple[tuple[str, ...], sparse.csr_array]:
         """Names of the joints, and a matrix (joints, m) with a 1 for each point of a joint."""
-        names = self.joint_of_point
-        numbers = {name: number for number, name in enumerate(dict.fromkeys(names))}
-        joint = np.array([numbers[name] for name in names], dtype=np.intp)
+        numbers = {name: number for number, name in enumerate(dict.fromkeys(self.names))}
+        joint = np.array([numbers[name] for name in self.names], dtype=np.intp)
         return tuple(numbers), sparse.csr_array(selection(joint, len(numbers)).T)
 
     def change_of_unknowns(self, fixed: IntArray) -> ChangeOfUnknowns:
@@ -144,27 +153,24 @@ class SlipRows:
         Points with springs and the same row share an unknown.
         """
         n, h = self.B.shape[1], self.closed.shape[0]
-        on_springs = np.repeat(np.isfinite(self.springs), self.directions)
+        on_springs = np.repeat(np.isfinite(self.stiffness), self.directions)
         kept, place = distinct_rows(self.B, on_springs)
-        rows, pivots = [sparse.csr_array(self.B)[kept]], self.pivots
+        rows, pivots = stacked([sparse.csr_array(self.B)[kept], self.normal.D], n), self.pivots
         if pivots is not None:
-            pivots = np.concatenate([pivots[:h], pivots[h:][kept]])
-        if self.normal is not None:
-            rows.append(self.normal.D)
-            pivots = None if pivots is None else np.concatenate([pivots, self.normal.pivots])
-        new = change_of_unknowns(n, fixed, self.closed, stacked(rows, n), pivots)
+            pivots = np.concatenate([pivots[:h], pivots[h:][kept], self.normal.pivots])
+        new = change_of_unknowns(n, fixed, self.closed, rows, pivots)
         return replace(new, slips=np.concatenate([new.slips[place], new.slips[kept.size :]]))
 
     def contact_in(self, new: ChangeOfUnknowns) -> Contact:
         """Contact in the unknowns of :meth:`change_of_unknowns`."""
         n, rows = new.forward.shape[1], self.B.shape[0]
         joints, J = self.joints
-        given, normal, gain = self.w, NormalPart.none(n), None
-        if self.normal is not None:
-            normal = self.normal.part.in_unknowns(selection(new.slips[rows:], n))
-            gain = self.normal.gain
-            given = given - gain @ normal.force
-            given[given <= 1e-12 * self.w] = 0.0  # round-off
+        normal, gain = (
+            self.normal.part.in_unknowns(selection(new.slips[rows:], n)),
+            self.normal.gain,
+        )
+        given = self.w - gain @ normal.force
+        given[given <= 1e-12 * self.w] = 0.0  # round-off
         return Contact(
             B=selection(new.slips[:rows], n),
             given=given,
@@ -172,7 +178,7 @@ class SlipRows:
             directions=self.directions,
             stiffness=self.stiffness,
             normal=normal,
-            gain=gain,
+            gain=self.normal.gain,
             J=J,
             joints=joints,
         )
@@ -195,10 +201,10 @@ class SlipRows:
             directions=np.concatenate([self.directions, other.directions]),
             closed=stacked([self.closed, other.closed], n),
             pivots=pivots,
-            clamped=np.concatenate([self.normal_force, other.normal_force]),
-            names=(*self.joint_of_point, *other.joint_of_point),
-            stiffness=np.concatenate([self.springs, other.springs]),
-            normal=_both_normal(self, other),
+            clamped=np.concatenate([self.clamped, other.clamped]),
+            names=(*self.names, *other.names),
+            stiffness=np.concatenate([self.stiffness, other.stiffness]),
+            normal=self.normal + other.normal,
             notes=(*self.notes, *other.notes),
         )
 
@@ -218,9 +224,8 @@ class SlipRows:
         n = self.B.shape[1]
         free = np.ones(n)
         free[fixed] = 0.0
-        D = sparse.csr_array((0, n)) if self.normal is None else self.normal.D
         touched, cut, across = (
-            np.asarray(abs(A) @ (1.0 - free)) > 0.0 for A in (self.B, self.closed, D)
+            np.asarray(abs(A) @ (1.0 - free)) > 0.0 for A in (self.B, self.closed, self.normal.D)
         )
         if not touched.any() and not cut.any() and not across.any():
             return self
@@ -237,33 +242,16 @@ class SlipRows:
                 rows[-1] = sparse.csr_array(left @ selection(moved, n))
         directions = np.array([own.shape[0] for own in rows], dtype=np.int64)
         keep = directions > 0
-        names = tuple(np.array(self.joint_of_point, dtype=object)[keep])
-        normal = None if self.normal is None else self.normal.without(free, keep)
         return SlipRows(
             stacked(rows, n),
             self.w[keep],
             self.beta[keep],
             directions[keep],
             closed,
-            names=names,
-            stiffness=self.springs[keep],
-            normal=normal,
+            names=tuple(np.array(self.names, dtype=object)[keep]),
+            stiffness=self.stiffness[keep],
+            normal=self.normal.without(free, keep),
         )
-
-
-def _both_normal(a: SlipRows, b: SlipRows) -> NormalRows | None:
-    """Contact that opens of the contact points of ``a``, then of those of ``b``."""
-    parts = [(rows.normal, rows.w.size) for rows in (a, b)]
-    some = [normal for normal, _ in parts if normal is not None]
-    if not some:
-        return None
-    gains = [sparse.csr_array((m, 0)) if normal is None else normal.gain for normal, m in parts]
-    return NormalRows(
-        stacked([normal.D for normal in some], a.B.shape[1]),
-        np.concatenate([normal.pivots for normal in some]),
-        NormalPart.joined([normal.part for normal in some]),
-        sparse.csr_array(sparse.block_diag(gains)),
-    )
 
 
 def _independent(rows: FloatArray, beside: FloatArray) -> FloatArray:

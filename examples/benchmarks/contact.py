@@ -279,8 +279,7 @@ def press(structure, normal, pulled, steps):
         system, step=1.0 / steps, n_steps=steps * (len(normal) - 1), save=sj.Save(fields=True)
     )
     (joint,), (patch,) = structure.joints, structure.patches
-    sizes = structure.body.properties
-    space = pressure_space(structure.body, joint, sizes["width"], sizes["thickness"])
+    space = pressure_space(structure.body, joint)
     nodes, area = space.nodes, system.contact.normal.area
     order = np.argsort(structure.nodes[nodes, 0])
     point = np.full(len(structure.nodes), -1)

@@ -124,10 +124,10 @@ class Frames:
         if preload is None:
             return {}
         for patch, joint in zip(self.structure.patches, preload.joints, strict=True):
-            if joint is None or patch.opening is not None:
+            if joint is None or patch.joint.opens:
                 continue
             nodes = np.flatnonzero(joint.area)
-            other = None if joint.other is None else joint.other[nodes]
+            other = None if patch.other is None else joint.other[nodes]
             gap += joint.gap + _reaction(other, nodes, joint.area[nodes], gap.size) @ joint.gap
         moved = self.structure.body.in_space(preload.displacement)
         return {"gap": gap, "preload_displacement": moved}
@@ -291,8 +291,7 @@ def _open(
     """
     start, gaps = 0, gaps_of(structure, run)
     for patch in structure.patches:
-        if (face := patch.opening) is None:
-            continue
+        face = patch.opening
         part = slice(start, start + int(np.count_nonzero(face.moves)))
         start = part.stop
         force, apart = (np.tile(x, (len(gaps), 1)) for x in (face.force, face.gap))

@@ -8,10 +8,10 @@ of both. `parameters` reads and changes single numbers by their keys, `sensitivi
 system by them.
 
 From pressure to friction limits: `pressure.nodal_pressure` (or `preload`, which solves for it with
-`pressure_space` and `active_set`) gives the normal force of each node, `patch.make_patch` collects
-the nodes of a joint, and `contact.contact_rows` makes the slip rows B and the limits
-w += friction * normal force. Where faces may part, `opening` makes the pressure points
-(`skfem_joint.normal`) whose forces these limits follow.
+`pressure_space` and `active_set`) gives the normal force of each node on the surface of a joint,
+its `manifold`; `patch.make_patch` collects the nodes of a joint, and `contact.contact_rows` makes
+the slip rows B and the limits w += friction * normal force. Where faces may part, `opening` makes
+the pressure points (`skfem_joint.normal`) whose forces these limits follow.
 """
 
 from skfem_joint.structure.body import Body as Body

@@ -77,8 +77,6 @@ class Body(Nodes):
     """
 
     material: Material
-    width: float | None = None
-    thickness: float | None = None
     plane: str = "stress"
     mass: str = "consistent"
     regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -104,6 +102,11 @@ class Body(Nodes):
         return fields
 
     @property
+    def section(self) -> tuple[FloatArray, FloatArray]:
+        """Width and thickness of each element, (elements,) each, m."""
+        return self.properties["width"], self.properties["thickness"]
+
+    @property
     def size(self) -> float:
         """Largest extent of the mesh, m."""
         return self.mesh.size
@@ -111,7 +114,8 @@ class Body(Nodes):
     @property
     def across(self) -> FloatArray:
         """Extent across the mesh: section area (m2), thickness (m) or 1, shape (elements,)."""
-        return self.properties["width"] * self.properties["thickness"]
+        width, thickness = self.section
+        return width * thickness
 
     @cached_property
     def total_mass(self) -> float:

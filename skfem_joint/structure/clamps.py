@@ -173,5 +173,5 @@ def cuts(body: Body, held: BoolArray, bolts: Sequence[Clamp]) -> SlipRows:
         moves = np.flatnonzero(~held[nodes].ravel())
         apart_by = sparse.kron(selection(nodes, n) - values, sparse.eye_array(dim), "csr")
         pivots = (dim * nodes[:, np.newaxis] + np.arange(dim)).ravel()
-        rows = rows + replace(none, closed=apart_by[moves], pivots=pivots[moves])
+        rows += replace(none, closed=apart_by[moves], pivots=pivots[moves], clamped=None)
     return rows

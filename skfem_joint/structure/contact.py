@@ -9,7 +9,7 @@ are made for structures (`contact_rows`), for matrices assembled on any basis of
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -19,18 +19,15 @@ from skfem_joint.arrays import BoolArray, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
-from skfem_joint.slips import SlipRows, rows_along
+from skfem_joint.normal import NormalPart
+from skfem_joint.slips import NormalRows, SlipRows, rows_along
 from skfem_joint.structure.doubts import faces_apart
 from skfem_joint.structure.joints import Joint, joint_problems
+from skfem_joint.structure.manifold import SMALL
 from skfem_joint.structure.nodes import Nodes
-from skfem_joint.structure.opening import opening_face, opening_rows
-from skfem_joint.structure.patch import SMALL, Patch, make_patch
-from skfem_joint.structure.pressure import Pressure
+from skfem_joint.structure.patch import Patch, make_patch
 from skfem_joint.unknowns import dof_numbers, selection, stacked
 from skfem_joint.values import BETA, NOT_NEGATIVE, POSITIVE, STIFFNESS, check, problems
-
-#: Arguments of `contact` for contact that opens and closes.
-OPENING = ("contact", "gap", "normal_stiffness")
 
 
 def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
@@ -54,7 +51,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         stiffness[patch.points] += patch.stiffness
         node[patch.points] = patch.nodes
         directions[patch.points, : patch.directions.shape[1]] = patch.directions
-        if patch.opening is not None:
+        if patch.joint.opens:  # whose approaches are unknowns
             opens[patch.points] = True
         elif patch.normal is not None:
             normal[patch.points] = patch.normal
@@ -91,25 +88,60 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         pivots=np.concatenate([dofs[closed, slips[closed]], lone, dofs[point, which]]),
         clamped=np.concatenate([clamped[closed], np.zeros(still.size)]),
         stiffness=np.where(stiffness > 0.0, stiffness, np.inf),
-        normal=opening_rows(patches, held, m),
+        normal=_approaches(patches, held, m),
     )
+
+
+def _approaches(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRows:
+    """Approaches of the nodes of joints that open, and their pressure points.
+
+    ``held`` (N, dim) are the displacements that supports hold, ``m`` the number of contact points.
+    """
+    count, dim = held.shape
+    faces = [patch.opening for patch in patches]
+    nodes = np.concatenate([np.zeros(0, np.intp), *(face.nodes[face.moves] for face in faces)])
+    normals = np.vstack([np.zeros((0, dim)), *(face.normals[face.moves] for face in faces)])
+    others = stacked([face.other[np.flatnonzero(face.moves)] for face in faces], count)
+    relative = sparse.kron(selection(nodes, count) - others, sparse.eye_array(dim))
+    along = rows_along(np.arange(nodes.size), np.where(held[nodes], 0.0, normals), nodes.size)
+    slips = np.zeros(count, dtype=np.intp)
+    for patch in patches:
+        slips[patch.nodes] = np.count_nonzero(np.any(patch.directions != 0.0, axis=2), axis=1)
+    free_first = np.argsort(held[nodes], axis=1, kind="stable")
+    return NormalRows(
+        D=sparse.csr_array(along @ relative),
+        pivots=dim * nodes + free_first[np.arange(nodes.size), slips[nodes]],
+        part=NormalPart.joined([NormalPart.none(0), *(face.moving for face in faces)]),
+        gain=friction_gain(patches, [patch.joint.friction for patch in patches], m),
+    )
+
+
+def friction_gain(patches: Sequence[Patch], friction: Sequence[float], m: int) -> sparse.csr_array:
+    """Limits of ``m`` contact points by the forces of all pressure points that move, (m, q).
+
+    ``friction`` has a coefficient of friction for each joint.
+    """
+    each, points, columns, q = [np.zeros(0)], [np.zeros(0, np.intp)], [np.zeros(0, np.intp)], 0
+    for patch, coefficient in zip(patches, friction, strict=True):
+        own = patch.opening.nodes[patch.opening.moves]
+        _, at, column = np.intersect1d(patch.nodes, own, return_indices=True)
+        each.append(np.full(at.size, coefficient))
+        points.append(patch.points[at])
+        columns.append(q + column)
+        q += own.size
+    at_all = np.concatenate(points), np.concatenate(columns)
+    return sparse.csr_array((np.concatenate(each), at_all), shape=(m, q))
 
 
 def contact(
     basis: Any,
     on: str,
     *,
-    pressure: Pressure | None = None,
-    friction: float,
-    beta: float = np.inf,
-    against: str | None = None,
     width: float = 1.0,
     thickness: float = 1.0,
-    normal_force: str = "consistent",
     fixed: Any = (),
     name: str | None = None,
-    tangential_stiffness: float = np.inf,
-    **opening: Any,
+    **joint: Any,
 ) -> SlipRows:
     """Friction on a named part of a mesh, for matrices assembled on any displacement basis.
 
@@ -117,9 +149,8 @@ def contact(
     ----------
     basis : skfem.Basis
         Of `ElementVector` of first or second order, or of a line element.
-    on, pressure, friction, beta, against, normal_force, tangential_stiffness
-        As those of a `Joint`, regions being subdomains of the basis' mesh. The pressure may be left
-        out where contact opens.
+    on : str
+        Subdomain or boundary of the basis' mesh.
     width, thickness : float
         Extent of the contact across lines and edges, m.
     fixed : array_like of int, optional
@@ -128,9 +159,10 @@ def contact(
     name : str, optional
         Joint under which results state its friction energy, ``on`` if not given. In a sum of
         contacts each name is a joint of its own.
-    **opening
-        ``contact="unilateral"`` for contact that opens and closes, and with it ``gap`` (m) and
-        ``normal_stiffness`` (Pa/m), as those of a `Joint`.
+    **joint
+        What a `Joint` takes: ``pressure``, ``friction``, ``against``, ``beta``, ``normal_force``,
+        ``tangential_stiffness``, and ``contact="unilateral"`` for contact that opens and closes,
+        with ``gap`` and ``normal_stiffness``. Only there the pressure may be left out.
 
     Returns
     -------
@@ -152,46 +184,40 @@ def contact(
             "ElementVector of a first- or second-order element, a linear line element, or "
             "point_friction(row, limit) for slip rows of your own"
         )
-    grid = Nodes(named(basis.mesh, order=1 + known_elements.index(scalar)))
+    allowed = [field.name for field in fields(Joint) if field.name not in ("on", "axis")]
     refuse(
-        f"contact: unexpected argument {key!r}, must be one of {', '.join(OPENING)}"
-        for key in opening
-        if key not in OPENING
+        f"contact: unexpected argument {key!r}, must be one of {', '.join(allowed)}"
+        for key in joint
+        if key not in allowed
     )
-    opens = opening.get("contact") == "unilateral"
-    if pressure is None and not opens:
+    pressed = Joint(on, **{"pressure": 0.0, "friction": np.nan} | joint)
+    if "pressure" not in joint and not pressed.opens:
         raise InputError(
             "contact: pressure: missing; only with contact='unilateral' it may be left out"
         )
-    opening["tangential_stiffness"] = tangential_stiffness
-    joint = Joint(on, pressure or 0.0, friction, against, beta, normal_force, **opening)
-    wrong = [*joint_problems(grid.mesh, [joint])]
+    dim, order = basis.mesh.dim(), 1 + known_elements.index(scalar)
+    section = {"width": width if dim == 1 else None, "thickness": thickness if dim == 2 else None}
+    grid = Nodes(named(basis.mesh, order=order), **section)
+    wrong = [*joint_problems(grid.mesh, [pressed])]
     for key, extent in (("width", width), ("thickness", thickness)):
         wrong += problems(f"contact: {key}", extent, POSITIVE)
     refuse(wrong)
-    dim = grid.mesh.dim
     table = np.zeros((grid.n_nodes, dim), dtype=np.intp)
     for i, row in enumerate(np.asarray(basis.dofs.element_dofs)):
         table[grid.of_element[i // dim], i % dim] = row
     held = np.isin(table, dof_numbers(fixed, basis.N))
-    widths, depths = (np.full(grid.mesh.n_elements, float(x)) for x in (width, thickness))
-    own = opening_face(grid, joint, held, widths, depths) if opens else (None, None)
-    patch = make_patch(grid, joint, held, widths, depths, np.full(grid.n_nodes, -1), *own)
-    rows = contact_rows([patch], held)
-    order = selection(table.ravel(), basis.N)
-    pivots = table.ravel()[rows.pivots]
-    names = (_joint_name("contact", on if name is None else name),) * rows.w.size
-    normal = rows.normal
-    if normal is not None:
-        normal = replace(normal, D=normal.D @ order, pivots=table.ravel()[normal.pivots])
+    patch = make_patch(grid, pressed, held, np.full(grid.n_nodes, -1))
+    rows, order_of = contact_rows([patch], held), selection(table.ravel(), basis.N)
     return replace(
         rows,
-        B=rows.B @ order,
-        closed=rows.closed @ order,
-        pivots=pivots,
+        B=rows.B @ order_of,
+        closed=rows.closed @ order_of,
+        pivots=table.ravel()[rows.pivots],
         clamped=None,
-        names=names,
-        normal=normal,
+        names=(_joint_name("contact", on if name is None else name),) * rows.w.size,
+        normal=replace(
+            rows.normal, D=rows.normal.D @ order_of, pivots=table.ravel()[rows.normal.pivots]
+        ),
         notes=tuple(faces_apart(grid, [patch])),
     )
 

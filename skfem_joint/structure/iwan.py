@@ -113,6 +113,7 @@ def iwan(
         w=w,
         beta=np.full(count, np.inf),
         stiffness=stiffness,
+        normal=None,
         directions=np.repeat(one.directions, count),
         names=one.names * count,
     )

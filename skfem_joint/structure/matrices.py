@@ -19,7 +19,8 @@ from skfem_joint.modes import rigid_motions
 from skfem_joint.slips import SlipRows, rows_along, unit_vectors
 from skfem_joint.structure.joints import Joint, joint_value_problems
 from skfem_joint.structure.load import Load, under_loads
-from skfem_joint.structure.patch import SMALL, Patch, point_stiffness, slip_directions
+from skfem_joint.structure.manifold import SMALL, slip_directions
+from skfem_joint.structure.patch import Patch, point_stiffness
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.system import AppliedLoad, System
 
@@ -283,7 +284,7 @@ class MatrixModel:
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces by vibration; None where no contact is closed."""
-        if self.contact is None or not self.contact.normal_force.any():
+        if self.contact is None or not self.contact.clamped.any():
             return None
         F = np.stack([self.points[str(load.on)] for load in loads], axis=1)
         return reactions(self.contact, self.fixed, (self.M, self.K), self.unloaded.T, F)

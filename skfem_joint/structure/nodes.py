@@ -8,7 +8,7 @@ The functions at the end search for the element in which a point lies, and inter
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -24,9 +24,25 @@ from skfem_joint.mesh.cells import Cell, cell_of, nearest_places, split, within_
 
 @dataclass(frozen=True)
 class Nodes:
-    """Displacement nodes of a named mesh, its basis, and the linear sub-cells between the nodes."""
+    """Displacement nodes of a named mesh, its basis, and the linear sub-cells between the nodes.
+
+    Attributes
+    ----------
+    mesh : NamedMesh
+    width, thickness : float, optional
+        Extents across the mesh, m, of lines and of plates; 1 if not given.
+    """
 
     mesh: NamedMesh
+    width: float | None = field(default=None, kw_only=True)
+    thickness: float | None = field(default=None, kw_only=True)
+
+    @property
+    def section(self) -> tuple[FloatArray, FloatArray]:
+        """Width and thickness of each element, (elements,) each, m."""
+        ones = np.ones(self.mesh.n_elements)
+        width, thickness = (1.0 if x is None else x for x in (self.width, self.thickness))
+        return width * ones, thickness * ones
 
     @property
     def dim(self) -> int:

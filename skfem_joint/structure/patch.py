@@ -1,10 +1,7 @@
-"""The contact manifold: surface of a joint, its pressed nodes, their forces and slip directions.
+"""Contact points of a joint: its pressed nodes, their forces and slip directions.
 
-A joint on a region lies on its base with the cells (a strut, a plate in plan); a joint on a
-boundary is pressed with the facets (the edge of a plate seen from the side, a face of a solid). The
-slip directions of a node are perpendicular to its contact normal and to the directions that
-supports hold: a single direction on a strut and an edge, two on a plate in plan and a face. Contact
-stays closed. Friction limits follow in `skfem_joint.structure.contact.contact_rows`.
+Contact stays closed, or has the pressure points of `skfem_joint.structure.opening`. Friction limits
+follow in `skfem_joint.structure.contact.contact_rows`.
 """
 
 from __future__ import annotations
@@ -16,46 +13,16 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.mesh.cells import CONFORMING, outward, spot
-from skfem_joint.slips import unit_vectors
+from skfem_joint.mesh.cells import spot
 from skfem_joint.structure.joints import PRELOAD, Joint
+from skfem_joint.structure.manifold import SMALL, manifold_of, slip_directions
 from skfem_joint.structure.nodes import Nodes, interpolation
+from skfem_joint.structure.opening import NodalForces, OpeningFace, opening_face
 from skfem_joint.structure.pressure import nodal_pressure
-from skfem_joint.unknowns import expanded
-
-#: Parts of a unit vector below this are round-off.
-SMALL = 1e-9
-
-
-@dataclass(frozen=True)
-class NodalForces:
-    """Pressure of a joint by clamping bolts; values are 0 at nodes outside the joint.
-
-    Attributes
-    ----------
-    force : ndarray, shape (N,)
-        Normal force of each node, N.
-    area : ndarray, shape (N,)
-        Area around each node that may touch, m2.
-    gap : ndarray, shape (N,)
-        Mean distance around each node by which the joint has opened, m.
-    other : sparse array, shape (N, N), or None
-        Displacement of the other body opposite to each node, from that of its nodes.
-    contact_force, contact_gap : ndarray, shape (k,), or None
-        Force, N, and gap, m, of the nodes of `PressureSpace`, where bolts press the joint.
-    means : sparse array, shape (k, k), or None
-        Normal forces of the same nodes from these forces, see `PressureSpace.means`.
-    """
-
-    force: FloatArray
-    area: FloatArray
-    gap: FloatArray
-    other: sparse.csr_array | None
-    contact_force: FloatArray | None = None
-    contact_gap: FloatArray | None = None
-    means: Matrix | None = None
+from skfem_joint.structure.pressure_space import PressureSpace
+from skfem_joint.unknowns import expanded, selection
 
 
 def point_stiffness(joint: Joint, area: FloatArray) -> FloatArray:
@@ -101,10 +68,8 @@ class Patch:
         rigid base.
     bolt_shares : tuple of float
         Part of each bolt's ring that lies on the joint.
-    opening : OpeningFace, optional
-        Pressure points, where the contact opens and closes.
-    opening_normal, opening_other
-        Normals and displacement of the other body at the nodes of these.
+    opening : OpeningFace
+        Pressure points of contact that opens and closes; without any where it stays closed.
     """
 
     joint: Joint
@@ -122,9 +87,7 @@ class Patch:
     cells: IntArray = field(default_factory=lambda: np.zeros((0, 2), np.intp))
     other: sparse.csr_array | None = None
     bolt_shares: tuple[float, ...] = ()
-    opening: Any = None
-    opening_normal: FloatArray | None = None
-    opening_other: sparse.csr_array | None = None
+    opening: OpeningFace = field(default_factory=lambda: OpeningFace.none(0, 0))
 
     @property
     def stiffness(self) -> FloatArray:
@@ -148,150 +111,13 @@ class Patch:
         return np.asarray(own - opposite.swapaxes(-1, -2))
 
 
-def manifold_of(
-    grid: Nodes, on: str, width: FloatArray, thickness: FloatArray, where: str
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray | None]:
-    """Sub-cells on which a joint acts, with their elements, depths and normals.
-
-    Parameters
-    ----------
-    grid : Nodes
-    on : str
-        Region or boundary.
-    width, thickness : ndarray, shape (elements,)
-        m.
-    where : str
-        What a message calls the joint.
-
-    Returns
-    -------
-    cells : ndarray of int, shape (c, corners)
-        Nodes of the sub-cells.
-    elements : ndarray of int, shape (c,)
-        Element beside each.
-    depth : ndarray, shape (c,)
-        Extent of the contact across each, m; 1 where sub-cells are areas already.
-    normals : ndarray, shape (N, dim), or None
-        Outward unit normals at the nodes of facets; None where cells lie on their base.
-
-    Raises
-    ------
-    InputError
-        If facets of the joint meet at more than 30 degrees, or more than two edges at a node.
-    """
-    mesh, dim = grid.mesh, grid.mesh.dim
-    ones = np.ones_like(width)
-    if on in mesh.regions:
-        inside = np.isin(grid.cell_element, mesh.regions[on])
-        # A bar lies on its base with its width; a cell of a plate in plan is an area already.
-        own = grid.cell_element[inside]
-        return grid.cells[inside], own, (width, ones)[dim - 1][own], None
-    facets = mesh.boundaries[on]
-    cells, facet = grid.facet_cells(facets)
-    beside = mesh.mesh.f2t[0, facets][facet]
-    return cells, beside, (thickness, ones)[dim - 2][beside], _normals(grid, cells, beside, where)
-
-
-def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> FloatArray:
-    """Outward unit normals (N, dim) at the nodes of facets: means of those that meet there.
-
-    Facets that meet at more than `largest_turn` degrees are refused: a node between them has no
-    tangent. A face that is flat but for rounded coordinates has one normal, which holds no slip.
-    """
-    largest_turn = 30.0
-    x, mesh = grid.nodes, grid.mesh.mesh
-    if x.shape[1] == 2:
-        meeting = np.bincount(cells.ravel())
-        if np.any(meeting > 2):
-            place = spot(x[np.argmax(meeting)])
-            raise InputError(f"{where}: more than two of its edges meet at {place}")
-    vector = outward(x[cells], mesh.p[:, mesh.t[:, beside]].mean(axis=1).T)
-    unit = unit_vectors(vector)
-    common = unit_vectors(vector.sum(axis=0, keepdims=True))
-    if np.linalg.norm(unit - common, axis=1).max() < CONFORMING:  # flat but for rounded coordinates
-        unit = np.repeat(common, len(unit), axis=0)
-        vector = np.linalg.norm(vector, axis=1)[:, None] * unit
-    total, mean = np.zeros_like(x), np.zeros_like(x)
-    for corner in cells.T:
-        np.add.at(total, corner, vector)
-        np.add.at(mean, corner, unit)
-    mean, turn = unit_vectors(mean), np.zeros(len(x))
-    for corner in cells.T:
-        cosine = np.clip(np.einsum("kc,kc->k", mean[corner], unit), 0, 1)
-        np.maximum.at(turn, corner, 2.0 * np.degrees(np.arccos(cosine)))
-    worst = int(np.argmax(turn))
-    if turn[worst] > largest_turn:
-        raise InputError(
-            f"{where}: it turns by {turn[worst]:.3g} degrees at {spot(x[worst])}, must be at "
-            f"most {largest_turn:g}, else no tangent is defined there; give each straight part a "
-            "boundary and a joint of its own, a node apart"
-        )
-    return unit_vectors(total)
-
-
-def _tangents(normals: FloatArray, overall: FloatArray) -> FloatArray:
-    """Tangents (k, dim - 1, dim) at unit normals (k, dim), which vary little from node to node.
-
-    ``overall`` (dim,) is the sum of all normals. In the plane tangents have a positive component
-    along x, or along y where the border as a whole is perpendicular to x. In space the first
-    tangent is the projection of the axis to which the border is most nearly parallel.
-    """
-    if normals.shape[1] == 2:
-        t = np.stack([normals[:, 1], -normals[:, 0]], axis=1)
-        whole = np.array([overall[1], -overall[0]])
-        leading = whole[0] if abs(whole[0]) > SMALL * np.linalg.norm(whole) else whole[1]
-        return np.asarray(-t if leading < 0.0 else t)[:, np.newaxis]
-    axes = np.eye(3)[np.argsort(np.abs(overall), kind="stable")]
-    first = axes[0] - normals * (normals @ axes[0])[:, None]
-    weak = np.linalg.norm(first, axis=1) < 0.1
-    first[weak] = axes[1] - normals[weak] * (normals[weak] @ axes[1])[:, None]
-    first /= np.linalg.norm(first, axis=1)[:, None]
-    return np.stack([first, np.cross(normals, first)], axis=1)
-
-
-def slip_directions(normals: FloatArray | None, held: BoolArray) -> FloatArray:
-    """Slip directions of k nodes, shape (k, d, dim); absent ones are zero and come last.
-
-    A node slips in the directions perpendicular to its normal and to what supports hold: the null
-    space of both, whose vectors are signed so that the largest component is positive.
-
-    Parameters
-    ----------
-    normals : ndarray, shape (k, dim), or None
-        Unit normals of facets; None where cells lie on their base.
-    held : ndarray of bool, shape (k, dim)
-        Displacements that supports hold.
-    """
-    k, dim = held.shape
-    if normals is None:
-        free = np.broadcast_to(np.eye(dim), (k, dim, dim)).copy()
-    else:
-        free = _tangents(normals, normals.sum(axis=0))
-    bound = np.flatnonzero(held.any(axis=1))
-    if bound.size:
-        constraints = np.einsum("kc,cd->kcd", held[bound].astype(float), np.eye(dim))
-        if normals is not None:
-            constraints = np.concatenate([constraints, normals[bound, np.newaxis]], axis=1)
-        _, size, vectors = np.linalg.svd(constraints)
-        size = np.concatenate([size, np.zeros((bound.size, dim - size.shape[1]))], axis=1)
-        null = np.where((size > SMALL)[:, :, np.newaxis], 0.0, vectors)
-        largest = np.take_along_axis(null, np.abs(null).argmax(axis=2)[..., None], axis=2)
-        null = null * np.where(largest < 0.0, -1.0, 1.0)
-        null[np.abs(null) < SMALL] = 0.0
-        order = np.argsort(size > SMALL, axis=1, kind="stable")
-        free[bound] = np.take_along_axis(null, order[..., None], axis=1)[:, : free.shape[1]]
-    return free
-
-
 def make_patch(
     grid: Nodes,
     joint: Joint,
     held: BoolArray,
-    width: FloatArray,
-    thickness: FloatArray,
     numbering: IntArray,
     preloaded: NodalForces | None = None,
-    opening: Any = None,
+    space: PressureSpace | None = None,
 ) -> Patch:
     """Contact points of a joint.
 
@@ -301,14 +127,12 @@ def make_patch(
     joint : Joint
     held : ndarray of bool, shape (N, dim)
         Displacements that supports hold.
-    width, thickness : ndarray, shape (elements,)
-        m.
     numbering : ndarray of int, shape (N,)
         Contact point of each node, -1 where there is none. New points are entered in it.
     preloaded : NodalForces, optional
-        Normal forces from clamping bolts, or of contact that opens.
-    opening : OpeningFace, optional
-        Pressure points of contact that opens, whose nodes are all contact points.
+        Normal forces from clamping bolts.
+    space : PressureSpace, optional
+        Pressures of the joint, if the preload has made them.
 
     Raises
     ------
@@ -316,36 +140,43 @@ def make_patch(
         If nothing in the joint can slip, if pressed nodes are supported or lie outside the other
         body, or if a pressure of "preload" comes without bolts.
     """
-    label = joint.label
-    cells, _, depth, normals = manifold_of(grid, joint.on, width, thickness, label)
+    manifold = manifold_of(grid, joint)
     shares: tuple[float, ...] = ()
     if preloaded is not None:
         force, area = preloaded.force, preloaded.area
-    elif isinstance(joint.pressure, str):
-        raise InputError(
-            f"{label}: pressure: found {joint.pressure!r}, must be in Pa; {PRELOAD!r} needs the "
-            "bolts of a Structure"
-        )
+    elif not isinstance(joint.pressure, str):
+        at = manifold.cells, manifold.depth, joint.pressure, joint.label
+        force, area, shares = nodal_pressure(grid.nodes, *at)
+    elif joint.opens:  # whose contact points do not depend on the preload
+        force = area = np.zeros(grid.n_nodes)
     else:
-        force, area, shares = nodal_pressure(grid.nodes, cells, depth, joint.pressure, label)
-    pressed = np.flatnonzero(force > 0.0) if opening is None else opening.nodes
+        raise InputError(
+            f"{joint.label}: pressure: found {joint.pressure!r}, must be in Pa; {PRELOAD!r} needs "
+            "the bolts of a Structure"
+        )
+    opening = OpeningFace.none(*held.shape)
+    pressed = np.flatnonzero(force > 0.0)
+    opposite = None if preloaded is None else preloaded.other
+    if joint.opens:  # all nodes of whose face are contact points, with forces of their own
+        opening = opening_face(grid, joint, held, manifold.normals, force, preloaded, space)
+        pressed, at_node = opening.nodes, selection(opening.nodes, grid.n_nodes).T
+        force, area = at_node @ opening.force, at_node @ opening.area
+        opposite = sparse.csr_array(at_node @ opening.other)
     if joint.normal_force == "equal" and pressed.size:
-        pressed = np.unique(cells)
-    normal = None if normals is None else normals[pressed]
+        pressed = np.unique(manifold.cells)
+    normal = None if manifold.normals is None else manifold.normals[pressed]
     directions = slip_directions(normal, held[pressed])
     slips = np.any(directions[:, 0] != 0.0, axis=1)
     still, own = pressed[~slips], pressed[slips]
     if own.size == 0 and pressed.size:
         raise InputError(
-            f"{label} has no free node: all its nodes are supported, nothing in it can slip; "
+            f"{joint.label} has no free node: all its nodes are supported, nothing in it can slip; "
             "refine it or leave it out"
         )
     if joint.normal_force == "equal":
         total, force = force.sum(), np.zeros_like(force)
         force[own] = total / max(own.size, 1)
-    opposite = None if preloaded is None else preloaded.other
-    opening_other = None if joint.against is None else _other(grid, joint, pressed, held, opposite)
-    other = None if opening_other is None else opening_other[slips]
+    other = None if joint.against is None else _other(grid, joint, pressed, held, opposite)
     new = own[numbering[own] < 0]
     numbering[new] = numbering.max(initial=-1) + 1 + np.arange(new.size)
     return Patch(
@@ -356,17 +187,15 @@ def make_patch(
         area=area[own],
         directions=directions[slips],
         normal=None if normal is None else normal[slips],
-        cells=cells,
-        other=other,
+        cells=manifold.cells,
+        other=None if other is None else other[slips],
         held_nodes=still,
         held_normal=None if normal is None else normal[~slips],
-        held_other=None if opening_other is None else opening_other[~slips],
+        held_other=None if other is None else other[~slips],
         held_force=float(force[still].sum()),
         held_area=float(area[still].sum()),
         bolt_shares=shares,
         opening=opening,
-        opening_normal=None if opening is None or normals is None else normals[opening.nodes],
-        opening_other=None if opening is None else opening_other,
     )
 
 

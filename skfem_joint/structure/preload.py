@@ -29,7 +29,7 @@ from skfem_joint.structure.body import Body
 from skfem_joint.structure.checks import body_label
 from skfem_joint.structure.clamps import Clamp
 from skfem_joint.structure.joints import PRELOAD, Joint
-from skfem_joint.structure.patch import NodalForces
+from skfem_joint.structure.opening import NodalForces
 from skfem_joint.structure.pressure_space import PressureSpace
 from skfem_joint.structure.rigid import body_motions, combinations_left_free
 from skfem_joint.unknowns import selection, stacked
@@ -270,7 +270,6 @@ def _pressed(
             "press elsewhere?"
         )
     at = selection(face.nodes, n_nodes).T
-    other = None if face.other is None else sparse.csr_array(at @ face.other)
     means = face.means(force)
-    nodal = at @ (means @ force), at @ face.area, at @ gap
-    return NodalForces(*nodal, other, force, gap, means)
+    nodal = at @ (means @ force), at @ face.area, at @ gap, sparse.csr_array(at @ face.other)
+    return NodalForces(*nodal, force, gap, means)

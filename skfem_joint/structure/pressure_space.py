@@ -47,8 +47,8 @@ from skfem_joint.mesh.cells import CONFORMING
 from skfem_joint.slips import rows_along, unit_vectors
 from skfem_joint.structure.clamps import PARALLEL
 from skfem_joint.structure.joints import Joint
+from skfem_joint.structure.manifold import Manifold, manifold_of
 from skfem_joint.structure.nodes import Nodes, feet, values_in
-from skfem_joint.structure.patch import manifold_of
 from skfem_joint.structure.pressure import hat_simplices, measure
 
 
@@ -71,8 +71,8 @@ class PressureSpace:
         Mean initial gap over each hat, m.
     hats : sparse array, shape (k, corners)
         Values of the hats of the corners at the nodes; rows sum to 1.
-    other : sparse array, shape (k, nodes of the body), or None
-        Displacement of the other body opposite to the nodes; None on a rigid base.
+    other : sparse array, shape (k, nodes of the body)
+        Displacement of the other body opposite to the nodes; zero on a rigid base.
     """
 
     nodes: IntArray
@@ -80,7 +80,7 @@ class PressureSpace:
     area: FloatArray
     gap: FloatArray
     hats: sparse.csr_array
-    other: sparse.csr_array | None
+    other: sparse.csr_array
 
     def means(self, force: FloatArray) -> sparse.csr_array:
         """Means G of forces over the hats of corners, (k, k); columns sum to 1.
@@ -96,9 +96,7 @@ class PressureSpace:
         return sparse.csr_array(shares @ sparse.diags_array(1.0 / whole) @ self.hats.T)
 
 
-def pressure_space(
-    body: Nodes, joint: Joint, width: FloatArray, thickness: FloatArray
-) -> PressureSpace | None:
+def pressure_space(body: Nodes, joint: Joint) -> PressureSpace | None:
     """Pressures of a joint; None where cells lie on their base, across which nothing moves.
 
     A node takes part if a place opposite to it lies within the length of an element. Where the
@@ -109,26 +107,23 @@ def pressure_space(
     body : Nodes
     joint : Joint
         On a boundary; its ``pressure`` does not matter.
-    width, thickness : ndarray, shape (elements,)
-        m.
 
     Raises
     ------
     InputError
         If no node lies over the other face.
     """
-    where = joint.label
-    cells, beside, depth, normals = manifold_of(body, joint.on, width, thickness, where)
-    if normals is None:
+    manifold = manifold_of(body, joint)
+    if manifold.normals is None:
         return None
-    own = np.unique(cells)
-    _, beyond, other = _opposite(body, joint, body.nodes[own], normals[own])
-    points = _FacePoints.of(body, joint, cells, beside, depth, normals)
+    own = np.unique(manifold.cells)
+    _, beyond, other = _opposite(body, joint, body.nodes[own], manifold.normals[own])
+    points = _FacePoints.of(body, joint, manifold, manifold.normals)
     node_area = points.hats @ points.weight
     over = ~np.isnan(beyond) & (node_area[own] > 0.0)
     if not over.any():
         raise InputError(
-            f"{where}: no node of it lies over {joint.against!r}, or as near as elements are "
+            f"{joint.label}: no node of it lies over {joint.against!r}, or as near as elements are "
             "long; are these the faces that touch?"
         )
     nodes = own[over]
@@ -142,7 +137,7 @@ def pressure_space(
         area=area,
         gap=np.asarray(mean @ points.gap),
         hats=sparse.csr_array(hats[:, np.unique(hats.indices)]),
-        other=None if other is None else sparse.csr_array(other[over]),
+        other=sparse.csr_array(other[over]),
     )
 
 
@@ -168,16 +163,9 @@ class _FacePoints:
     gap: FloatArray
 
     @staticmethod
-    def of(
-        body: Nodes,
-        joint: Joint,
-        cells: IntArray,
-        beside: IntArray,
-        depth: FloatArray,
-        normals: FloatArray,
-    ) -> _FacePoints:
-        """Points in the sub-cells of a joint; arguments are as from `manifold_of`."""
-        corners, gather, parent = hat_simplices(body.nodes, cells)
+    def of(body: Nodes, joint: Joint, manifold: Manifold, normals: FloatArray) -> _FacePoints:
+        """Points in the sub-cells of a joint, whose nodes have ``normals`` (N, dim)."""
+        corners, gather, parent = hat_simplices(body.nodes, manifold.cells)
         places, weights = _quadrature(corners.shape[1])
         x = np.einsum("qc,ncd->nqd", places, corners).reshape(-1, body.dim)
         points, count = np.arange(len(x)).reshape(len(corners), -1), corners.shape[1]
@@ -186,18 +174,14 @@ class _FacePoints:
         entries = values.ravel(), (rows.ravel(), columns.ravel())
         hats = gather @ sparse.csr_array(entries, shape=(corner.size, len(x)))
         n, gap, values_there = _opposite(body, joint, x, unit_vectors(hats.T @ normals))
-        weight = np.outer(measure(corners) * depth[parent], weights).ravel()
+        weight = np.outer(measure(corners) * manifold.depth[parent], weights).ravel()
         parent = np.repeat(parent, points.shape[1])
-        relative = values_in(body, beside[parent], x, np.zeros(len(x)))[0]
-        if values_there is not None:
-            relative = relative - values_there
-        motion = rows_along(np.arange(len(x)), n, len(x)) @ sparse.kron(
-            relative, sparse.eye_array(body.dim)
-        )
+        own_values = values_in(body, manifold.elements[parent], x, np.zeros(len(x)))[0]
+        relative = sparse.kron(own_values - values_there, sparse.eye_array(body.dim))
         return _FacePoints(
             hats=sparse.csr_array(hats),
             weight=np.where(np.isnan(gap), 0.0, weight),
-            motion=sparse.csr_array(motion),
+            motion=sparse.csr_array(rows_along(np.arange(len(x)), n, len(x)) @ relative),
             gap=np.nan_to_num(gap),
         )
 
@@ -217,14 +201,14 @@ def _quadrature(corners: int) -> tuple[FloatArray, FloatArray]:
 
 def _opposite(
     body: Nodes, joint: Joint, x: FloatArray, normal: FloatArray
-) -> tuple[FloatArray, FloatArray, sparse.csr_array | None]:
+) -> tuple[FloatArray, FloatArray, sparse.csr_array]:
     """Opposite body at points ``x`` (k, dim) of a pressed face with a ``normal`` (k, dim).
 
     Returns the direction (k, dim) to the other face, the gap (k,), m, which is NaN where there is
     no opposite face, and the displacement (k, N) of the other body there from that of its nodes.
     """
     if joint.against is None:
-        return normal, np.zeros(len(x)), None
+        return normal, np.zeros(len(x)), sparse.csr_array((len(x), body.n_nodes))
     mesh = body.mesh.mesh
     ends = mesh.p[:, mesh.facets[:, body.mesh.boundaries[joint.on]]]
     extent = np.ptp(ends, axis=1).max(axis=0)

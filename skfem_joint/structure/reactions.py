@@ -69,10 +69,10 @@ def reactions(
     n, h = K.shape[0], rows.closed.shape[0]
     both = sparse.vstack([rows.closed, rows.B])
     opened = change_of_unknowns(n, fixed, sparse.csr_array((0, n)), both, rows.pivots)
-    pressed = np.flatnonzero(rows.normal_force > 0.0)
+    pressed = np.flatnonzero(rows.clamped > 0.0)
     gaps = sparse.csr_array(opened.forward.tocsc()[:, opened.slips[:h][pressed]].T)
     dof = abs(gaps).argmax(axis=1) if rows.pivots is None else rows.pivots[pressed]
-    force = rows.normal_force[pressed]
+    force = rows.clamped[pressed]
     if cells is not None:
         count = np.repeat(np.arange(len(cells)), cells.shape[1])
         inside = sparse.csr_array((np.ones(cells.size), (count, cells.ravel())), (len(cells), n))

@@ -25,16 +25,18 @@ from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.modes import RayleighFit
 from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
-from skfem_joint.structure.opening import friction_gain
+from skfem_joint.structure.contact import friction_gain
+from skfem_joint.structure.manifold import manifold_of
+from skfem_joint.structure.opening import NodalForces
 from skfem_joint.structure.parameters import Parameter, check_derivable, parameter, value_of
-from skfem_joint.structure.patch import Patch, manifold_of
+from skfem_joint.structure.patch import Patch
 from skfem_joint.structure.preload import preload_rates
 from skfem_joint.structure.pressure import Bolts, nodal_pressure
 from skfem_joint.structure.structure import Structure
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
 
-#: Derivatives of the forces and gaps, (q,) each, at the nodes of a joint's `PressureSpace`.
+#: Derivatives of a joint's nodal forces, (N,), and of the gaps of its pressure points, (q,).
 Rates = tuple[FloatArray, FloatArray]
 
 
@@ -159,96 +161,64 @@ class _Model:
         if forces:
             rates = preload_rates(body, found, np.stack(forces, axis=1))
             for column, number in enumerate(columns):
-                none[number] = {i: (F[:, column], g[:, column]) for i, (F, g) in rates.items()}
+                none[number] = {
+                    i: self._at_joint(i, pressed, F[:, column], g[:, column])
+                    for i, (F, g) in rates.items()
+                    if (pressed := found.joints[i]) is not None
+                }
         return none
+
+    def _at_joint(
+        self, number: int, pressed: NodalForces, force: FloatArray, gap: FloatArray
+    ) -> Rates:
+        """Derivatives at a joint from those, (k,), at the nodes of its `PressureSpace`."""
+        patch, nodal = self.structure.patches[number], np.zeros(self.structure.n_nodes)
+        changes = np.where(pressed.contact_force > 0.0, force, 0.0)
+        at = np.flatnonzero(pressed.area)
+        # Constant limits are made of means, those that follow normal forces of these themselves.
+        nodal[at] = changes if patch.joint.opens else pressed.means @ changes
+        return nodal, gap[: patch.opening.gap.size]
 
     def _contact(
         self, one: Parameter, rates: Mapping[int, Rates]
     ) -> tuple[FloatArray | None, OpeningSensitivity | None]:
         """Derivatives of the friction limits at rest, and of contact that opens."""
-        w, parts = np.zeros(self.system.contact.w.size), []
-        for i, patch in enumerate(self.structure.patches):
-            part = self._of_joint(one, i, patch, rates.get(i))
-            if part.w is not None:
-                w[patch.points] += part.w
-            if patch.opening is not None:
-                parts.append(part)
-        return (w if w.any() else None), self._joined(parts)
+        patches = self.structure.patches
+        own = [{p[2] for p in one.places if p[:2] == ("joint", i)} for i in range(len(patches))]
+        w = np.zeros(self.system.contact.w.size)
+        gap, force, stiffness = ([np.zeros(0)] for _ in range(3))
+        for i, (patch, keys) in enumerate(zip(patches, own, strict=True)):
+            face = patch.opening
+            nodal, gaps = rates.get(i, (self._pressed(one, i), np.zeros(face.gap.size)))
+            w[patch.points] += patch.joint.friction * _on_points(patch, nodal)
+            w[patch.points] += ("friction" in keys) * patch.normal_force
+            gap.append(np.where(face.gap > 0.0, gaps, 0.0)[face.moves])
+            force.append(nodal[face.nodes][face.moves])
+            stiffness.append(("normal_stiffness" in keys) * face.area[face.moves])
+        gain = friction_gain(patches, [float("friction" in keys) for keys in own], w.size)
+        gain.eliminate_zeros()
+        opening = OpeningSensitivity(
+            gap=_or_none(np.concatenate(gap)),
+            force=_or_none(np.concatenate(force)),
+            gain=gain if gain.nnz else None,
+            stiffness=_or_none(np.concatenate(stiffness)),
+        )
+        changes = any(value is not None for value in vars(opening).values())
+        return _or_none(w), opening if changes else None
 
-    def _of_joint(
-        self, one: Parameter, number: int, patch: Patch, rates: Rates | None
-    ) -> _JointRates:
-        """Derivatives of the limits and pressure points of a joint."""
-        joint, face = patch.joint, patch.opening
-        w = force = gap = stiffness = gain = None
-        nodal = self._pressed(one, number)
-        if nodal is None and rates is not None:
-            nodal = self._pressed_by_bolts(number, patch, rates)
-        if nodal is not None:
-            w = joint.friction * _on_points(patch, nodal)
-            force = None if face is None else nodal[face.nodes]
-        if face is not None and rates is not None and nodal is not None:
-            gap = np.where(face.gap > 0.0, rates[1], 0.0)
-        own = {place[2] for place in one.places if place[:2] == ("joint", number)}
-        if "friction" in own:
-            w = patch.normal_force
-            if face is not None:
-                gain = friction_gain(patch, self.system.contact.w.size, self.structure.n_nodes)
-        if "normal_stiffness" in own and face is not None:
-            stiffness = face.area
-        return _JointRates(patch, w, force, gap, stiffness, gain)
-
-    def _pressed(self, one: Parameter, number: int) -> FloatArray | None:
+    def _pressed(self, one: Parameter, number: int) -> FloatArray:
         """Derivative of the nodal forces, (N,), of a joint by its own pressure."""
         joint, body = self.structure.joints[number], self.structure.body
         own = [place for place in one.places if place[:3] == ("joint", number, "pressure")]
         if not own:
-            return None
+            return np.zeros(body.n_nodes)
         pressure: float | Bolts = 1.0
         if isinstance(joint.pressure, Bolts):
             bolts = tuple(replace(joint.pressure.bolts[int(place[4])], force=1.0) for place in own)
             pressure = replace(joint.pressure, bolts=bolts)
-        sizes = body.properties["width"], body.properties["thickness"]
-        cells, _, depth, _ = manifold_of(body, joint.on, *sizes, joint.label)
-        return nodal_pressure(body.nodes, cells, depth, pressure, joint.label)[0]
-
-    def _pressed_by_bolts(self, number: int, patch: Patch, rates: Rates) -> FloatArray | None:
-        """Derivative of the nodal forces, (N,), of a joint by clamping bolts."""
-        found = self.structure.preload
-        pressed = None if found is None else found.joints[number]
-        if found is None or pressed is None or pressed.contact_force is None:
-            return None
-        space, before = found.faces.spaces[number], pressed.contact_force
-        force = np.where(before > 0.0, rates[0], 0.0)
-        nodal = np.zeros(self.structure.n_nodes)
-        nodal[space.nodes] = force if patch.joint.opens else pressed.means @ force
-        return nodal
-
-    def _joined(self, parts: Sequence[_JointRates]) -> OpeningSensitivity | None:
-        """Derivatives of all contact that opens, from those of each joint that does."""
-        if not self.system.contact.opens:
-            return None
-        m = self.system.contact.w.size
-        moves = [np.flatnonzero(part.patch.opening.moves) for part in parts]
-
-        def values(name: str) -> FloatArray | None:
-            each = [getattr(part, name) for part in parts]
-            filled = [
-                np.zeros(k.size) if x is None else x[k] for k, x in zip(moves, each, strict=True)
-            ]
-            return np.concatenate(filled) if any(x is not None for x in each) else None
-
-        gain: Matrix | None = None
-        if any(part.gain is not None for part in parts):
-            each = [
-                sparse.csr_array((m, k.size)) if part.gain is None else part.gain[:, k]
-                for k, part in zip(moves, parts, strict=True)
-            ]
-            gain = sparse.csr_array(sparse.hstack(each))
-        joined = {name: values(name) for name in ("gap", "force", "stiffness")}
-        if gain is None and all(value is None for value in joined.values()):
-            return None
-        return OpeningSensitivity(gain=gain, **joined)
+        manifold = manifold_of(body, joint)
+        at = manifold.cells, manifold.depth, pressure, joint.label
+        return nodal_pressure(body.nodes, *at)[0]
 
     def _springs(self, one: Parameter) -> FloatArray | None:
         """Derivative of the springs in series with friction, (m,)."""
@@ -284,19 +254,19 @@ class _Model:
         if K is None and springs is None and normal is None:
             return None
         closed, fit = self._rayleigh
-        motions = None if not system.contact.opens else system.contact.normal.closed_motions()
+        contact = system.contact.normal
+        motions = contact.closed_motions()
 
         def square_rate(mode: FloatArray) -> float:
-            u, rate = mode if motions is None else motions @ mode, 0.0
+            u, rate = motions @ mode, 0.0
             if K is not None:
                 rate += float(u @ (K @ u))
             if springs is not None:
                 own = closed.contact.on_rows(np.where(closed.contact.sprung, springs, 0.0))
                 rate += float(own @ np.asarray(closed.contact.B @ mode) ** 2)
-            if normal is not None and system.contact.opens:
-                touching = (system.contact.normal.force > 0.0) & ~system.contact.normal.rigid
-                own = np.where(touching, normal, 0.0)
-                rate += float(own @ np.asarray(system.contact.normal.N @ u) ** 2)
+            if normal is not None:
+                own = np.where((contact.force > 0.0) & ~contact.rigid, normal, 0.0)
+                rate += float(own @ np.asarray(contact.N @ u) ** 2)
             return rate
 
         mass, stiffness = fit.factor_rates(ratio, square_rate)
@@ -310,26 +280,9 @@ class _Model:
         return closed, self.structure.fitted(*closed.stuck_problem)
 
 
-@dataclass(frozen=True)
-class _JointRates:
-    """Derivatives of a joint; each is None where it is zero.
-
-    Attributes
-    ----------
-    patch : Patch
-    w : ndarray, shape (k,)
-        Of the part of the joint in the limits at its contact points.
-    force, gap, stiffness : ndarray, shape (q,)
-        Of its pressure points, where contact opens.
-    gain : sparse array, shape (m, q)
-    """
-
-    patch: Patch
-    w: FloatArray | None
-    force: FloatArray | None
-    gap: FloatArray | None
-    stiffness: FloatArray | None
-    gain: Matrix | None
+def _or_none(values: FloatArray) -> FloatArray | None:
+    """Derivatives, or None where all are zero."""
+    return values if values.any() else None
 
 
 def _on_points(patch: Patch, nodal: FloatArray) -> FloatArray:

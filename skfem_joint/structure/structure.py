@@ -26,8 +26,8 @@ from skfem_joint.structure.clamps import Clamp, clamp_problems, cuts, unit_clamp
 from skfem_joint.structure.contact import contact_rows
 from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
-from skfem_joint.structure.opening import opening_face
-from skfem_joint.structure.patch import NodalForces, Patch, check_shared, make_patch
+from skfem_joint.structure.opening import NodalForces
+from skfem_joint.structure.patch import Patch, check_shared, make_patch
 from skfem_joint.structure.preload import Preload, TouchingFaces, preload
 from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
 from skfem_joint.structure.reactions import Reactions, reactions
@@ -123,11 +123,18 @@ class Structure:
             object.__setattr__(self, "mesh", named(given))
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        sizes = self.width, self.thickness, self.plane, self.mass, self.regions
         wrong: list[str] = []
         try:
             body = None if like is None else like._body_for(self)
-            body = Body(self.mesh, self.material, *sizes) if body is None else body
+            body = body or Body(
+                self.mesh,
+                self.material,
+                self.plane,
+                self.mass,
+                self.regions,
+                width=self.width,
+                thickness=self.thickness,
+            )
             object.__setattr__(self, "body", body)
         except InputError as error:
             wrong += error.problems
@@ -314,16 +321,8 @@ class Structure:
 
     def _pressure_spaces(self) -> dict[int, PressureSpace]:
         """Pressures of the joints, by their numbers."""
-        every = (
-            (i, pressure_space(self.body, joint, *self._sizes))
-            for i, joint in enumerate(self.joints)
-        )
+        every = ((i, pressure_space(self.body, joint)) for i, joint in enumerate(self.joints))
         return {i: space for i, space in every if space is not None}
-
-    @property
-    def _sizes(self) -> tuple[FloatArray, FloatArray]:
-        """Width and thickness of each element, m."""
-        return self.body.properties["width"], self.body.properties["thickness"]
 
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
@@ -343,17 +342,12 @@ class Structure:
         wrong: list[str] = []
         patches: list[Patch] = []
         numbering = np.full(self.n_nodes, -1, dtype=np.intp)
-        sizes = self._sizes
         for i, joint in enumerate(self.joints):
             if pressed is None and joint.pressed_by_bolts and not joint.opens:
                 continue
             try:
-                face, by_bolts = None, pressed[i] if pressed else None
-                if joint.opens:
-                    by_bolts, face = opening_face(
-                        self.body, joint, self.held, *sizes, by_bolts, spaces.get(i)
-                    )
-                patch = make_patch(self.body, joint, self.held, *sizes, numbering, by_bolts, face)
+                known = pressed[i] if pressed else None, spaces.get(i)
+                patch = make_patch(self.body, joint, self.held, numbering, *known)
                 check_shared(self.body, patches, patch)
                 patches.append(patch)
             except InputError as error:
@@ -451,7 +445,7 @@ class Structure:
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces by vibration; None where no contact is closed."""
         rows = self._slip_rows
-        if rows.pivots is None or not rows.normal_force.any():
+        if rows.pivots is None or not rows.clamped.any():
             return None
         M, K = self.matrices()
         F = np.stack([acting(self.body, load, M)[0] for load in loads], axis=1)

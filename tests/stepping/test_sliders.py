@@ -321,7 +321,7 @@ def test_systems_keep_springs_in_files_and_sums(tmp_path: Path):
     again = sj.load(sj.save(system, tmp_path / "system.npz"))
     np.testing.assert_array_equal(again.contact.stiffness, system.contact.stiffness)
     both = sj.point_friction([1.0, 0.0], 1.0) + sj.point_friction([0.0, 1.0], 1.0, stiffness=5.0)
-    assert both.springs.tolist() == [inf, 5.0]
+    assert both.stiffness.tolist() == [inf, 5.0]
     for wrong in (0.0, -1.0, np.nan):
         with pytest.raises(InputError, match=r"stiffness: found .*must be > 0"):
             sj.point_friction([1.0], 1.0, stiffness=wrong)

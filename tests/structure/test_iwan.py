@@ -70,16 +70,16 @@ def test_force_and_loss_of_a_cycle_are_the_closed_forms(chi, beta):
     contact, closed = sj.iwan([1.0], F_S, K_T, chi, beta), Closed(chi, beta)
     assert contact.w.size <= 100
     assert contact.w.sum() == pytest.approx(F_S, rel=1e-12)
-    assert contact.springs.sum() == pytest.approx(K_T, rel=1e-12)
+    assert contact.stiffness.sum() == pytest.approx(K_T, rel=1e-12)
     assert (contact.w > 0.0).all()
-    assert (contact.springs > 0.0).all()
+    assert (contact.stiffness > 0.0).all()
     x = closed.phi_max * np.linspace(0.25, 1.0, 500)[:, None]
-    force = np.minimum(contact.springs * x, contact.w).sum(axis=1)
-    loss = 4.0 * (contact.w * np.maximum(x - contact.w / contact.springs, 0.0)).sum(axis=1)
+    force = np.minimum(contact.stiffness * x, contact.w).sum(axis=1)
+    loss = 4.0 * (contact.w * np.maximum(x - contact.w / contact.stiffness, 0.0)).sum(axis=1)
     np.testing.assert_allclose(force, closed.force(x[:, 0]), rtol=1e-4)
     np.testing.assert_allclose(loss, closed.loss(x[:, 0]), rtol=1e-4)
     x = closed.phi_max * np.linspace(0.0, 0.25, 500)[:, None]
-    force = np.minimum(contact.springs * x, contact.w).sum(axis=1)
+    force = np.minimum(contact.stiffness * x, contact.w).sum(axis=1)
     np.testing.assert_allclose(force, closed.force(x[:, 0]), atol=1e-4 * F_S)
 
 
@@ -87,7 +87,9 @@ def test_force_and_loss_of_a_cycle_are_the_closed_forms(chi, beta):
 def test_at_low_amplitudes_the_loss_rises_with_the_power_three_plus_chi(chi):
     contact, closed = sj.iwan([1.0], F_S, K_T, chi, 0.5, least=1e-3), Closed(chi, 0.5)
     x = closed.phi_max * np.geomspace(2e-3, 0.2, 60)
-    loss = 4.0 * (contact.w * np.maximum(x[:, None] - contact.w / contact.springs, 0.0)).sum(axis=1)
+    loss = 4.0 * (contact.w * np.maximum(x[:, None] - contact.w / contact.stiffness, 0.0)).sum(
+        axis=1
+    )
     slope = np.polyfit(np.log(x), np.log(loss), 1)[0]
     assert slope == pytest.approx(3.0 + chi, abs=2e-3)
 

@@ -12,6 +12,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 import skfem_joint as sj
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
+from skfem_joint.structure import doubts
 
 
 def own_system(order=1, fixed=True, **opening):
@@ -108,7 +109,7 @@ def test_sums_of_contacts_keep_their_pressure_points():
         assert both.normal.part.gap.size == 4
         assert both.normal.gain.shape == (8, 4)
         points = both.normal.gain @ np.full(4, 1.0)
-        assert np.array_equal(points > 0.0, np.array(both.joint_of_point) == "base")
+        assert np.array_equal(points > 0.0, np.array(both.names) == "base")
 
 
 @pytest.mark.parametrize(
@@ -220,3 +221,17 @@ def test_negative_matrices_are_refused(name):
     system = block().system(loads())
     with pytest.raises(InputError, match=rf"^{name}: .*; found -.* for unknown \d+$"):
         replace(system, **{name: -getattr(system, name)})
+
+
+def test_what_is_said_of_bolts_on_a_face_is_the_same_whether_it_opens():
+    sides = {"base": "front", "held": "left"}
+    mesh = sj.build_box([("box", 0.04, 4)], (0.02, 0.01), (2, 1), boundaries=sides)
+    material = sj.Material(E=200e9, density=8000.0, poisson=0.3)
+    bolts = sj.Bolts((sj.Bolt((0.03, 0.01, 0.0), 1e4, 0.011),))
+    said = []
+    for contact in ("constant", "unilateral"):
+        joint = sj.Joint("base", bolts, 0.5, contact=contact)
+        structure = sj.Structure(mesh, material, fixed=["held"], joints=[joint])
+        said.append([x for x in doubts(structure, structure.system()) if "bolt at" in x])
+    assert said[0] == said[1]
+    assert len(said[0]) == 2

@@ -16,8 +16,7 @@ SECOND = [kind for kind in [*PLANE, *SOLID] if kind[1] == 2]
 
 
 def space_of(structure: Structure) -> PressureSpace:
-    sizes = structure.body.properties
-    found = pressure_space(structure.body, structure.joints[0], sizes["width"], sizes["thickness"])
+    found = pressure_space(structure.body, structure.joints[0])
     assert found is not None
     return found
 

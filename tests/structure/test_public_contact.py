@@ -257,7 +257,7 @@ def test_contacts_are_named_as_the_part_of_the_mesh_unless_named_otherwise():
     nameless = SlipRows(
         np.eye(2)[:1], np.ones(1), np.ones(1), np.ones(1, np.int64), both.closed[:0]
     )
-    assert nameless.joint_of_point == ("contact",)
+    assert nameless.names == ("contact",)
     with pytest.raises(InputError, match="contact: found name ' '"):
         contact(basis, "base", name=" ", **how)
     with pytest.raises(InputError, match="point_friction: found name 3"):
