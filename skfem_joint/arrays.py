@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -44,6 +44,22 @@ def as_real(value: Any, what: str) -> Matrix:
     if given.dtype.kind not in "iuf":
         raise InputError(f"{what}: found {given.dtype} values, must be real numbers")
     return given.astype(float, copy=False)
+
+
+def make_real(owner: object, names: Sequence[str], where: str = "") -> None:
+    """Make arrays of a frozen object doubles by `as_real`, as far as they are given."""
+    for name in names:
+        if (value := getattr(owner, name)) is not None:
+            object.__setattr__(owner, name, as_real(value, f"{where}{name}"))
+
+
+def wrong_shapes(arrays: Mapping[str, tuple[Any, tuple[Any, ...]]]) -> list[str]:
+    """Sentences about arrays, by name, whose shape is not the one that stands beside them."""
+    return [
+        f"{name}: found shape {array.shape}, must be {right}"
+        for name, (array, right) in arrays.items()
+        if array.shape != right
+    ]
 
 
 def as_dense(A: Matrix) -> FloatArray:

@@ -27,8 +27,9 @@ from skfem_joint.arrays import (
     IntArray,
     Matrix,
     as_dense,
-    as_real,
+    make_real,
     slip_norms,
+    wrong_shapes,
 )
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.normal import NormalPart, constant_contact_alone
@@ -89,9 +90,7 @@ class Contact:
     shares: Matrix = None
 
     def __post_init__(self) -> None:
-        for name in ("B", "given", "beta", "stiffness", "gain", "J", "shares"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, as_real(value, name))
+        make_real(self, ("B", "given", "beta", "stiffness", "gain", "J", "shares"))
         given, beta = (np.asarray(x, dtype=float) for x in (self.given, self.beta))
         m, n = given.size, self.B.shape[-1]
         rigid = self.stiffness is None or bool(np.isinf(self.stiffness).all())
@@ -121,9 +120,7 @@ class Contact:
         shapes["J"] = (len(self.joints), m)
         if self.shares is not None:
             shapes["shares"] = (m, self.shares.shape[1])
-        for name, right in shapes.items():
-            if (found := getattr(self, name).shape) != right:
-                yield f"{name}: found shape {found}, must be {right}"
+        yield from wrong_shapes({name: (getattr(self, name), shapes[name]) for name in shapes})
         gain = self.gain.data if sparse.issparse(self.gain) else self.gain
         for values, what in ((self.given, "given: friction limits"), (gain, "gain:")):
             if np.any(~np.isfinite(values)) or np.any(values < 0.0):
@@ -144,7 +141,7 @@ class Contact:
     @cached_property
     def w(self) -> FloatArray:
         """Friction limits of the contact points at rest, (m,), N."""
-        return self.limits(self.normal.force) if self.opens else self.given
+        return self.limits(self.normal.force)
 
     def limits(self, p: FloatArray) -> FloatArray:
         """Friction limits, (m, ...), N, under normal forces (q, ...), N."""
@@ -294,8 +291,6 @@ class Contact:
         ``sigma``, (rows,), is the friction over its limit, which in a spring in series is its
         force, and ``limits``, (m,), N, are these limits, those at rest if not given.
         """
-        if not self.has_springs:
-            return 0.0
         force = self.on_rows(self.w if limits is None else limits) * sigma
         return float(0.5 * force @ (force / self.on_rows(self.stiffness)))
 
@@ -328,17 +323,14 @@ class Contact:
 
         ``sigma``, (..., rows), is the friction over its limit.
         """
-        return slip - self.spring_stretch * sigma if self.has_springs else slip
+        return slip - self.spring_stretch * sigma
 
     def slider_peak(self, slip_peak: FloatArray) -> FloatArray:
         """Largest slip of each slider, (m,), m, from that of its point: what its spring leaves.
 
         Friction limits are those at rest; `Run.slider_peak` holds where they change, too.
         """
-        if not self.has_springs:
-            return slip_peak
-        taken = np.where(self.sprung, self.w / self.stiffness, 0.0)
-        return np.asarray(np.maximum(slip_peak - taken, 0.0))
+        return np.asarray(np.maximum(slip_peak - self.w / self.stiffness, 0.0))
 
     # Laws
 

@@ -156,6 +156,21 @@ class RayleighFit:
         mass, stiffness = 2.0 * ratio * np.array([self.omega.prod(), 1.0]) / self.omega.sum()
         return float(mass), float(stiffness)
 
+    def note(self, ratio: float) -> str:
+        """Sentence about the frequencies and the damping between and beyond them."""
+        mass, stiffness = self.factors(ratio)
+        which = "the loads' highest" if self.modes[1] is None else "a natural one"
+        first, second = self.omega / (2.0 * np.pi)
+        least, beyond = np.sqrt(self.omega.prod()), 3.0 * self.omega.max()
+        at = {w: 0.5 * (mass / w + stiffness * w) for w in (least, beyond)}
+        return (
+            f"Damping of ratio {ratio:.4g} is C = a M + b K with a = {mass:.4g} 1/s and b = "
+            f"{stiffness:.4g} s: exact at {first:.5g} Hz, the first natural frequency with joints "
+            f"{self.joints}, and at {second:.5g} Hz, {which}; {at[least]:.3g} at "
+            f"{least / (2.0 * np.pi):.5g} Hz between them, where it is least, and "
+            f"{at[beyond]:.3g} at {beyond / (2.0 * np.pi):.5g} Hz."
+        )
+
     def factor_rates(
         self, ratio: float, square_rate: Callable[[FloatArray], float]
     ) -> tuple[float, float]:
@@ -225,43 +240,3 @@ class KnownFit:
         if self._fit is None or not all(map(np.array_equal, of, before)):
             self._fit, self._of = rayleigh_fit(K, M, stuck, loads), of
         return self._fit
-
-
-def rayleigh(
-    K: Matrix,
-    M: Matrix,
-    stuck: IntArray,
-    loads: Iterable[Amplitude],
-    ratio: float,
-    fitted: Callable[..., RayleighFit] = rayleigh_fit,
-) -> tuple[float, float, str]:
-    """Rayleigh damping C = a M + b K that has a given ratio at the frequencies of `rayleigh_fit`.
-
-    Returns
-    -------
-    a, b : float
-        Factors of M, 1/s, and of K, s.
-    note : str
-        Sentence about the frequencies and the damping between and beyond them.
-
-    Raises
-    ------
-    InputError
-        If nothing vibrates.
-    """
-    fit = fitted(K, M, stuck, loads)
-    mass, stiffness = fit.factors(ratio)
-    omega, which = fit.omega, "the loads' highest" if fit.modes[1] is None else "a natural one"
-    first, second = omega / (2.0 * np.pi)
-    least = np.sqrt(omega.prod())
-    beyond = 3.0 * omega.max()
-    at = {w: 0.5 * (mass / w + stiffness * w) for w in (least, beyond)}
-    return (
-        mass,
-        stiffness,
-        f"Damping of ratio {ratio:.4g} is C = a M + b K with a = {mass:.4g} 1/s and b = "
-        f"{stiffness:.4g} s: exact at {first:.5g} Hz, the first natural frequency with joints "
-        f"{fit.joints}, and at {second:.5g} Hz, {which}; {at[least]:.3g} at "
-        f"{least / (2.0 * np.pi):.5g} Hz between them, where it is least, and {at[beyond]:.3g} at "
-        f"{beyond / (2.0 * np.pi):.5g} Hz.",
-    )

@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix, as_real
+from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix, make_real, wrong_shapes
 from skfem_joint.unknowns import selection
 
 
@@ -64,9 +64,7 @@ class NormalPart:
     shares: Matrix = None
 
     def __post_init__(self) -> None:
-        for name in ("N", "gap", "force", "stiffness", "area", "shares"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, as_real(value, f"normal: {name}"))
+        make_real(self, ("N", "gap", "force", "stiffness", "area", "shares"), "normal: ")
 
     @staticmethod
     def none(n: int) -> NormalPart:
@@ -88,12 +86,8 @@ class NormalPart:
         shapes = {"N": (q, n)} | dict.fromkeys(("gap", "force", "stiffness", "area"), (q,))
         if self.shares is not None:
             shapes["shares"] = (q, self.shares.shape[1])
-        wrong = [
-            f"normal: {name}: found shape {getattr(self, name).shape}, must be {right}"
-            for name, right in shapes.items()
-            if getattr(self, name).shape != right
-        ]
-        if wrong:
+        arrays = {f"normal: {name}": (getattr(self, name), shapes[name]) for name in shapes}
+        if wrong := wrong_shapes(arrays):
             return wrong
         for name in ("gap", "force"):
             value = getattr(self, name)

@@ -25,13 +25,15 @@ from skfem_joint.arrays import (
     Matrix,
     as_dense,
     as_real,
+    make_real,
+    wrong_shapes,
 )
 from skfem_joint.contacts import Contact
 from skfem_joint.errors import InputError, first_of, refuse
 from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency
 from skfem_joint.loads import Amplitude, as_amplitude
-from skfem_joint.modes import RayleighFit, ratio_problems, rayleigh, rayleigh_fit
+from skfem_joint.modes import RayleighFit, ratio_problems, rayleigh_fit
 from skfem_joint.served import Served
 from skfem_joint.slips import SLIPPING_SHARE, WHOLE_SHARE, SlipRows
 from skfem_joint.unknowns import (
@@ -122,9 +124,7 @@ class System:
     serves: Served | None = None
 
     def __post_init__(self) -> None:
-        for name in ("M", "C", "K", "P", "T"):
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, as_real(value, name))
+        make_real(self, ("M", "C", "K", "P", "T"))
         n, contact = self.M.shape[0], self.contact
         if not isinstance(contact, Contact):
             raise InputError(
@@ -142,15 +142,10 @@ class System:
         shapes = square | {"P": (len(self.points), n)}
         if self.T is not None:
             shapes["T"] = (self.T.shape[0], n)
-        compared = [(name, getattr(self, name).shape, shape) for name, shape in shapes.items()]
-        rows = self.contact.B.shape
-        compared.append(("contact: B", rows, (rows[0], n)))
-        compared += [(f"load on {load.on!r}", load.vector.shape, (n,)) for load in self.loads]
-        problems = [
-            f"{name}: found shape {shape}, must be {right}"
-            for name, shape, right in compared
-            if shape != right
-        ]
+        arrays = {name: (getattr(self, name), shapes[name]) for name in shapes}
+        arrays["contact: B"] = self.contact.B, (self.contact.B.shape[0], n)
+        arrays |= {f"load on {load.on!r}": (load.vector, (n,)) for load in self.loads}
+        problems = wrong_shapes(arrays)
         if not problems:
             problems = [p for name in square for p in _unsymmetric(name, getattr(self, name))]
             problems += _negative(self.M, self.C, self.K) if not problems else []
@@ -257,7 +252,7 @@ class System:
 
     @property
     def stuck_problem(self) -> tuple[Matrix, Matrix, IntArray, list[Amplitude]]:
-        """Stiffness, mass, unknowns that stuck joints hold, and loads: what `rayleigh` takes."""
+        """Stiffness, mass, unknowns that stuck joints hold, and loads, for `rayleigh_fit`."""
         contact = self.contact
         rigid = contact.on_rows(np.where(contact.sprung, 0.0, contact.w))
         stuck = sparse.csr_array(contact.B)[np.flatnonzero(rigid)].indices
@@ -466,8 +461,10 @@ class System:
         InputError
             If nothing vibrates.
         """
-        mass, stiffness, note = rayleigh(*self.closed().stuck_problem, ratio, fitted)
-        return replace(self, C=mass * self.M + stiffness * self.K, notes=(*self.notes, note))
+        fit = fitted(*self.closed().stuck_problem)
+        mass, stiffness = fit.factors(ratio)
+        notes = *self.notes, fit.note(ratio)
+        return replace(self, C=mass * self.M + stiffness * self.K, notes=notes)
 
     def expand(self, u: FloatArray) -> FloatArray:
         """Displacement of all degrees of freedom, (..., N), from the unknowns, (..., n)."""
@@ -512,9 +509,8 @@ class System:
         """Frequency of free vibration in the shape ``u`` by Rayleigh's quotient, rad/s."""
         stiffness, mass = float(u @ (self.K @ u)), float(u @ (self.M @ u))
         contact = self.contact
-        if contact.has_springs:  # whose sliders stick
-            slip = contact.B @ u
-            stiffness += float(slip @ (contact.on_rows(contact.spring_constants) * slip))
+        slip = contact.B @ u  # whose sliders stick
+        stiffness += float(slip @ (contact.on_rows(contact.spring_constants) * slip))
         return float(np.sqrt(max(stiffness / mass, 0.0))) if mass > 0.0 else 0.0
 
     def stored_energy(
@@ -576,22 +572,14 @@ def _square(given: Mapping[str, Any]) -> dict[str, Matrix]:
     real = {name: as_real(A, name) for name, A in given.items()}
     first = next(iter(real.values())).shape
     n = first[0] if len(first) == 2 else "N"
-    refuse(
-        f"{name}: found shape {A.shape}, must be ({n}, {n})"
-        for name, A in real.items()
-        if A.shape != (n, n)
-    )
+    refuse(wrong_shapes({name: (A, (n, n)) for name, A in real.items()}))
     return real
 
 
 def _joined(contact: SlipRows, n: int) -> SlipRows:
     """Slip rows with real entries; InputError if they do not act on ``n`` unknowns."""
     rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "closed")}
-    refuse(
-        f"contact: {name}: found shape {A.shape}, must be {(A.shape[0], n)}"
-        for name, A in rows.items()
-        if A.shape != (A.shape[0], n)
-    )
+    refuse(wrong_shapes({f"contact: {name}": (A, (A.shape[0], n)) for name, A in rows.items()}))
     return replace(contact, **rows)
 
 

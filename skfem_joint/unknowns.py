@@ -101,18 +101,15 @@ def distinct_rows(B: Matrix, may_repeat: BoolArray) -> tuple[IntArray, IntArray]
         return every, every
     rows = sparse.csr_array(B)
     rows.sort_indices()
-    place, kept, seen = np.zeros(rows.shape[0], dtype=np.intp), list[int](), dict[bytes, int]()
-    for k in range(rows.shape[0]):
+
+    def key(k: int) -> object:
+        """What rows have in common that are one."""
         own = slice(rows.indptr[k], rows.indptr[k + 1])
-        key = rows.indices[own].tobytes() + rows.data[own].tobytes()
-        if not may_repeat[k] or key not in seen:
-            if may_repeat[k]:
-                seen[key] = len(kept)
-            place[k] = len(kept)
-            kept.append(k)
-        else:
-            place[k] = seen[key]
-    return np.array(kept, dtype=np.intp), place
+        return (rows.indices[own].tobytes(), rows.data[own].tobytes()) if may_repeat[k] else k
+
+    kept: dict[object, int] = {}
+    place = [kept.setdefault(key(k), len(kept)) for k in range(rows.shape[0])]
+    return np.unique(place, return_index=True)[1], np.array(place, dtype=np.intp)
 
 
 def change_of_unknowns(

@@ -205,7 +205,7 @@ class Basis:
         if count is not None:
             merged = merge(count)
             contact = merged.contact
-            points = contact.normal.gap.size if contact.opens else contact.w.size
+            points = contact.normal.gap.size or contact.w.size
             note = (
                 f"The reduced model has {points} friction points instead of {count}: no "
                 "more of the joints' points slip apart from each other."

@@ -22,7 +22,6 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy import sparse
 
 from skfem_joint.arrays import FloatArray, Matrix, as_dense
 from skfem_joint.errors import InputError
@@ -32,6 +31,8 @@ from skfem_joint.system import System
 
 #: Increments of half a slow cycle that modes are made of.
 IN_HALF = 8
+#: Largest force residual of a state relative to the largest force.
+TOLERANCE = 3e-5
 #: Stiffness of contact over that which the structure opposes to single points.
 FACTOR = 10.0
 
@@ -41,9 +42,7 @@ def elastic(system: System) -> System:
     contact = system.contact.normal
     if not contact.rigid.any():
         return system
-    N = sparse.csr_array(contact.N)
-    compliance = (N * N) @ (1.0 / np.asarray(system.K.diagonal()))
-    own = np.divide(1.0, compliance, out=np.zeros_like(compliance), where=compliance > 0.0)
+    own = contact.opposed(system.K)
     stiffness = FACTOR * own.sum() / contact.area.sum() * contact.area
     stiffness = np.where(contact.rigid, stiffness, contact.stiffness)
     return system.with_contact(normal=replace(contact, stiffness=stiffness))
@@ -63,15 +62,12 @@ def strain_norm(system: System) -> Matrix:
 
     A little of the mass is added to it, as bodies may move freely.
     """
-    contact = system.contact.normal
-    if not system.contact.opens:
-        return shifted(system.K, system.M)
-    springs = as_dense(contact.springs) if system.is_dense else contact.springs
-    return shifted(system.K + springs, system.M)
+    springs = system.contact.normal.springs
+    return shifted(system.K + (as_dense(springs) if system.is_dense else springs), system.M)
 
 
 def states_of_cycles(
-    system: System, force: FloatArray, level: FloatArray, tolerance: float = 3e-5
+    system: System, force: FloatArray, level: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """States of slow cycles of a force at some levels, for modes of a damping curve.
 
@@ -83,8 +79,6 @@ def states_of_cycles(
         N at the level 1.
     level : ndarray, shape (levels,)
         Rising levels.
-    tolerance : float
-        Largest force residual relative to the largest force.
 
     Returns
     -------
@@ -102,6 +96,6 @@ def states_of_cycles(
     for top in level.tolist():
         turns += [top, -top, top]
     shares = [np.linspace(a, b, IN_HALF + 1)[1:] for a, b in pairwise(turns)]
-    path = QuasiStatic(system, tolerance)
+    path = QuasiStatic(system, TOLERANCE)
     states = path.follow(np.concatenate(shares)[:, np.newaxis] * force)
     return states, np.diff(states, axis=0, prepend=0.0), path.to.outer(path.rigid.T).T

@@ -265,11 +265,13 @@ def _first(
     InputError if nothing moves.
     """
     inertia = system.M @ response
-    beyond = SETTINGS.first_beyond if not system.contact.opens else 1.0  # more might lift it off
+    # With contact that opens both ways differ, and more than the load might lift a body off.
+    opens = system.contact.opens
+    beyond = 1.0 if opens else SETTINGS.first_beyond
     if loads.plan.quasi_static:
         inertia = np.zeros_like(inertia)
-    pulse = len(loads.amplitudes) == 1 and loads.period is None and not system.contact.opens
-    if pulse or _is_monotone(system, loads):
+    pulse = len(loads.amplitudes) == 1 and loads.period is None
+    if not opens and (pulse or loads.is_one_harmonic):
         square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
         levels = _levels(SETTINGS.first_levels, beyond)
         force = loads.vectors[:, 0] + square * inertia[:, 0]

@@ -18,13 +18,14 @@ import numpy as np
 import skfem
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray
+from skfem_joint.arrays import BoolArray, FloatArray, Matrix
 from skfem_joint.errors import refuse
 from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
 from skfem_joint.structure import assembly
 from skfem_joint.structure.checks import one_of, overlap, wrong_name
 from skfem_joint.structure.nodes import Nodes
+from skfem_joint.unknowns import congruent
 from skfem_joint.values import POISSON, POSITIVE, problems
 
 #: Names of the sizes across the mesh, by the dimension of the body.
@@ -80,6 +81,7 @@ class Body(Nodes):
     plane: str = "stress"
     mass: str = "consistent"
     regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    _last: list[Matrix] = field(init=False, repr=False, compare=False, default_factory=list)
 
     def __post_init__(self) -> None:
         given: object = self.mesh
@@ -151,6 +153,16 @@ class Body(Nodes):
             mass = sparse.csr_array(sparse.kron(mass, sparse.eye_array(self.dim)))
         first, second = (constant * self.across for constant in self.lame())
         return mass, assembly.stiffness(self._strain_basis, first, second)
+
+    def in_unknowns(self, T: sparse.csr_array) -> tuple[Matrix, Matrix]:
+        """Mass and stiffness in the unknowns q of u = T q; those of the last T are kept."""
+        last, parts = self._last, ("indptr", "indices", "data")
+        if not last or not (
+            last[0].shape == T.shape
+            and all(np.array_equal(getattr(last[0], part), getattr(T, part)) for part in parts)
+        ):
+            last[:] = T, *(congruent(A, T) for A in self._matrices)
+        return last[1], last[2]
 
     def elements_of_modulus(self, region: str | None = None) -> BoolArray:
         """Elements, (elements,), whose Young's modulus is that of a region, or the material's."""

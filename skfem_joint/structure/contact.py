@@ -22,7 +22,7 @@ from skfem_joint.mesh.cells import cell_of
 from skfem_joint.normal import NormalPart
 from skfem_joint.slips import NormalRows, SlipRows, rows_along
 from skfem_joint.structure.doubts import faces_apart
-from skfem_joint.structure.joints import Joint, joint_problems
+from skfem_joint.structure.joints import PRELOAD, Joint, joint_problems
 from skfem_joint.structure.manifold import SMALL
 from skfem_joint.structure.nodes import Nodes
 from skfem_joint.structure.patch import Patch, make_patch
@@ -42,7 +42,7 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     node = np.zeros(m, dtype=np.intp)
     directions, normal = np.zeros((m, dim, dim)), np.zeros((m, dim))
     R = sparse.csr_array((m, count))
-    entered, opens = np.zeros((2, m), dtype=bool)
+    entered = np.zeros(m, dtype=bool)
     outwards, R_held = np.zeros((count, dim)), sparse.csr_array((count, count))
     for patch in patches:
         w[patch.points] += patch.joint.friction * patch.normal_force
@@ -51,9 +51,8 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
         stiffness[patch.points] += patch.stiffness
         node[patch.points] = patch.nodes
         directions[patch.points, : patch.directions.shape[1]] = patch.directions
-        if patch.joint.opens:  # whose approaches are unknowns
-            opens[patch.points] = True
-        elif patch.normal is not None:
+        # Approaches of contact that opens are unknowns, see below.
+        if patch.normal is not None and not patch.joint.opens:
             normal[patch.points] = patch.normal
             outwards[patch.held_nodes] = patch.held_normal
             if patch.held_other is not None:
@@ -67,7 +66,8 @@ def contact_rows(patches: Sequence[Patch], held: BoolArray) -> SlipRows:
     dofs = dim * node[:, None] + np.argsort(held[node], axis=1, kind="stable")  # free first
     relative = sparse.kron(selection(node, count) - R, sparse.eye_array(dim))
     # Contact that stays closed holds the direction in which a free node does not slip.
-    closed = np.flatnonzero((np.count_nonzero(~held[node], axis=1) > slips) & ~opens)
+    free = np.count_nonzero(~held[node], axis=1)
+    closed = np.flatnonzero((free > slips) & normal.any(axis=1))
     # It also holds nodes of a pressed border that supports keep from slipping, in free directions.
     own = sparse.eye_array(count)
     outwards[node] = 0.0
@@ -194,6 +194,10 @@ def contact(
     if "pressure" not in joint and not pressed.opens:
         raise InputError(
             "contact: pressure: missing; only with contact='unilateral' it may be left out"
+        )
+    if pressed.pressure == PRELOAD:
+        raise InputError(
+            f"contact: pressure: found {PRELOAD!r}, must be in Pa; bolts need a Structure"
         )
     dim, order = basis.mesh.dim(), 1 + known_elements.index(scalar)
     section = {"width": width if dim == 1 else None, "thickness": thickness if dim == 2 else None}

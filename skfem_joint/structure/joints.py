@@ -109,8 +109,11 @@ def joint_value_problems(joint: Joint) -> Iterator[str]:
             f"{joint.label}: found gap or normal_stiffness, which need contact = 'unilateral': "
             "give it, or leave them out"
         )
-    if not isinstance(joint.pressure, PressureTable | Bolts | str):  # patches refuse words
-        yield from problems(f"{joint.label}: pressure", joint.pressure, NOT_NEGATIVE)
+    pressure = joint.pressure
+    if isinstance(pressure, str) and pressure != PRELOAD:
+        yield f"{joint.label}: pressure: found {pressure!r}, must be in Pa, or {PRELOAD!r}"
+    elif not isinstance(pressure, PressureTable | Bolts):
+        yield from problems(f"{joint.label}: pressure", pressure, NOT_NEGATIVE, PRELOAD)
 
 
 def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:

@@ -16,7 +16,7 @@ from scipy import sparse
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.mesh.cells import spot
-from skfem_joint.structure.joints import PRELOAD, Joint
+from skfem_joint.structure.joints import Joint
 from skfem_joint.structure.manifold import SMALL, manifold_of, slip_directions
 from skfem_joint.structure.nodes import Nodes, interpolation
 from skfem_joint.structure.opening import NodalForces, OpeningFace, opening_face
@@ -137,8 +137,8 @@ def make_patch(
     Raises
     ------
     InputError
-        If nothing in the joint can slip, if pressed nodes are supported or lie outside the other
-        body, or if a pressure of "preload" comes without bolts.
+        If nothing in the joint can slip, or if pressed nodes are supported or lie outside the other
+        body.
     """
     manifold = manifold_of(grid, joint)
     shares: tuple[float, ...] = ()
@@ -147,13 +147,8 @@ def make_patch(
     elif not isinstance(joint.pressure, str):
         at = manifold.cells, manifold.depth, joint.pressure, joint.label
         force, area, shares = nodal_pressure(grid.nodes, *at)
-    elif joint.opens:  # whose contact points do not depend on the preload
+    else:  # by bolts that are still to be tightened
         force = area = np.zeros(grid.n_nodes)
-    else:
-        raise InputError(
-            f"{joint.label}: pressure: found {joint.pressure!r}, must be in Pa; {PRELOAD!r} needs "
-            "the bolts of a Structure"
-        )
     opening = OpeningFace.none(*held.shape)
     pressed = np.flatnonzero(force > 0.0)
     opposite = None if preloaded is None else preloaded.other

@@ -158,10 +158,7 @@ def preload(
     faces = dict(spaces)
     force = np.reshape(clamps @ [bolt.force for bolt in bolts], (body.n_nodes, body.dim))
     N, area = _all_rows(faces, force.size)
-    gap = np.concatenate([face.gap for face in faces.values()])
-    gap = gap + np.repeat(
-        [joints[i].gap for i in faces], [face.nodes.size for face in faces.values()]
-    )
+    gap = np.concatenate([face.gap + joints[i].gap for i, face in faces.items()])
     counts = [face.nodes.size for face in faces.values()]
     tied = np.repeat([not joints[i].pressed_by_bolts for i in faces], counts)
     free, left_out = _moving(body, held, N, force)

@@ -112,8 +112,10 @@ class _Model:
         K = None if all_nodes is None else self._in_unknowns(one, all_nodes)
         w, opening = self._contact(one, rates)
         stiffness = self._springs(one)
-        C = self._damping(one, K, stiffness, None if opening is None else opening.stiffness)
-        return SystemSensitivity(one.name, K=K, C=C, w=w, stiffness=stiffness, opening=opening)
+        C = self._damping(one, K, stiffness, opening.stiffness)
+        changes = any(value is not None for value in vars(opening).values())
+        of_normal = opening if changes else None
+        return SystemSensitivity(one.name, K=K, C=C, w=w, stiffness=stiffness, opening=of_normal)
 
     def stiffness(self, one: Parameter) -> Matrix | None:
         """Derivative of the stiffness of all nodes, (dim N, dim N); None where it is zero."""
@@ -181,7 +183,7 @@ class _Model:
 
     def _contact(
         self, one: Parameter, rates: Mapping[int, Rates]
-    ) -> tuple[FloatArray | None, OpeningSensitivity | None]:
+    ) -> tuple[FloatArray | None, OpeningSensitivity]:
         """Derivatives of the friction limits at rest, and of contact that opens."""
         patches = self.structure.patches
         own = [{p[2] for p in one.places if p[:2] == ("joint", i)} for i in range(len(patches))]
@@ -197,14 +199,12 @@ class _Model:
             stiffness.append(("normal_stiffness" in keys) * face.area[face.moves])
         gain = friction_gain(patches, [float("friction" in keys) for keys in own], w.size)
         gain.eliminate_zeros()
-        opening = OpeningSensitivity(
+        return _or_none(w), OpeningSensitivity(
             gap=_or_none(np.concatenate(gap)),
             force=_or_none(np.concatenate(force)),
             gain=gain if gain.nnz else None,
             stiffness=_or_none(np.concatenate(stiffness)),
         )
-        changes = any(value is not None for value in vars(opening).values())
-        return _or_none(w), opening if changes else None
 
     def _pressed(self, one: Parameter, number: int) -> FloatArray:
         """Derivative of the nodal forces, (N,), of a joint by its own pressure."""

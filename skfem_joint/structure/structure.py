@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, Matrix
+from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.loads import Scaled
 from skfem_joint.mesh import NamedMesh, load_meshes, named
@@ -35,7 +35,6 @@ from skfem_joint.structure.rigid import loose_bodies
 from skfem_joint.system import AppliedLoad, System
 from skfem_joint.unknowns import (
     ChangeOfUnknowns,
-    congruent,
     expanded,
 )
 from skfem_joint.values import NOT_NEGATIVE, problems
@@ -113,7 +112,6 @@ class Structure:
     body: Body = field(init=False, repr=False, compare=False)
     fitted: KnownFit = field(init=False, repr=False, compare=False, default_factory=KnownFit)
     _faces: TouchingFaces | None = field(init=False, repr=False, compare=False, default=None)
-    _known: Any = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self, like: Structure | None, progress: Progress) -> None:
         given: object = self.mesh
@@ -167,12 +165,10 @@ class Structure:
 
         if self.mesh is not other.mesh or not np.array_equal(self.held, other.held):
             return
-        same_body, known = other.body is self.body, vars(self).get("preload")
-        if same_body:
-            object.__setattr__(other, "_known", vars(self).get("_reduced", self._known))
+        known = vars(self).get("preload")
         if known is None or pressed(self) != pressed(other):
             return
-        if same_body and self.bolts == other.bolts:
+        if other.body is self.body and self.bolts == other.bolts:
             vars(other)["preload"] = known
         elif all(
             np.array_equal(self.body.properties[name], other.body.properties[name])
@@ -337,14 +333,12 @@ class Structure:
         """Contact points of joints that are pressed so.
 
         Before a preload, without ``pressed``, those whose contact points do not depend on it: all
-        nodes of faces that open, and joints with a pressure of their own.
+        nodes of faces that open, and of joints with a pressure of their own.
         """
         wrong: list[str] = []
         patches: list[Patch] = []
         numbering = np.full(self.n_nodes, -1, dtype=np.intp)
         for i, joint in enumerate(self.joints):
-            if pressed is None and joint.pressed_by_bolts and not joint.opens:
-                continue
             try:
                 known = pressed[i] if pressed else None, spaces.get(i)
                 patch = make_patch(self.body, joint, self.held, numbering, *known)
@@ -469,20 +463,10 @@ class Structure:
         return tuple(name for name, node in self.mesh.points.items() if moves[node])
 
     @cached_property
-    def _reduced(self) -> tuple[sparse.csr_array, Matrix, Matrix]:
-        """Change of unknowns T, and mass and stiffness in the unknowns."""
-        T, known = self.T, self._known
-        object.__setattr__(self, "_known", None)
-        if known is not None and _equal(T, known[0]):
-            return T, known[1], known[2]
-        M, K = (congruent(A, T) for A in self.matrices())
-        return T, M, K
-
-    @cached_property
     def unloaded(self) -> System:
         """System without loads, observed points and names of joints."""
         rows, new = self._slip_rows, self.change_of_unknowns
-        _, M, K = self._reduced
+        M, K = self.body.in_unknowns(self.T)
         return System(
             M=M,
             C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
@@ -490,14 +474,6 @@ class Structure:
             contact=rows.contact_in(new),
             T=new.forward,
         )
-
-
-def _equal(A: sparse.csr_array, B: sparse.csr_array) -> bool:
-    """Whether two matrices of compressed rows have the same entries."""
-    names = "indptr", "indices", "data"
-    return A.shape == B.shape and all(
-        np.array_equal(getattr(A, name), getattr(B, name)) for name in names
-    )
 
 
 def _free_name(on: str, vector: FloatArray, rows: Mapping[str, FloatArray]) -> str:
