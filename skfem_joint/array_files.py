@@ -12,6 +12,7 @@ import logging
 import math
 import re
 import struct
+import tokenize
 import warnings
 import zipfile
 import zlib
@@ -42,8 +43,8 @@ ROWS = 10**6
 DAMAGE = (
     *(ValueError, TypeError, LookupError, AttributeError, OSError, EOFError, ArithmeticError),
     *(RuntimeError, MemoryError, SyntaxError, zipfile.BadZipFile, zlib.error, struct.error),
+    tokenize.TokenError,  # by which numpy reports some headers
 )
-_MATLAB_HEADER = 128  # bytes
 
 
 class _NotRealError(ValueError):
@@ -111,7 +112,7 @@ def read_array(folder: Path, name: str) -> Any:
     except _NotRealError as error:
         raise InputError(f"{path}: {error}") from error
     except (*DAMAGE, Warning) as error:
-        later = content[:_MATLAB_HEADER].startswith(b"MATLAB 7.3")
+        later = content.startswith(b"MATLAB 7.3")
         cure = "; of version 7.3: save it with -v7" if later else ""
         reason = str(error) or type(error).__name__
         raise InputError(f"{path}: is damaged, or no such file: {reason}{cure}") from error
@@ -232,39 +233,25 @@ def _npz_members(file: BinaryIO) -> _Stored:
     members = archive.infolist()
     by_name = {member.filename.removesuffix(".npy"): member for member in members}
     size = sum(member.file_size for member in members)
-    _check_unpacked(size, file.seek(0, io.SEEK_END))
-    return _Stored(tuple(by_name), lambda name: _npy(archive, by_name[name]), size)
-
-
-def _check_unpacked(size: int, packed: int) -> None:
-    most = max(UNPACKED, packed)
+    most = max(UNPACKED, file.seek(0, io.SEEK_END))
     if size > most:
         raise ValueError(
             f"it unpacks to {size} bytes, must be at most {most}; save it without compression if "
             "that is meant"
         )
+    return _Stored(tuple(by_name), lambda name: _npy(archive, by_name[name]), size)
 
 
 def _npy(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     """Array of a member of an .npz file, whose size must be that of its header."""
-    name = member.filename
-    headers = {(1, 0): np.lib.format.read_array_header_1_0}
-    headers[2, 0] = np.lib.format.read_array_header_2_0
     with archive.open(member) as file:
-        version = np.lib.format.read_magic(file)
-        if version not in headers:
-            raise ValueError(f"{name} has version {version} of numpy's format, must be 1.0 or 2.0")
-        shape, by_columns, dtype = headers[version](file)
-        if dtype.hasobject:
-            raise ValueError(f"{name} holds Python objects, which are not loaded, must be numbers")
-        wanted, present = math.prod(shape) * dtype.itemsize, member.file_size - file.tell()
-        if wanted != present or min(shape, default=0) < 0:
+        array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+        if more := file.read():  # to its end, where the checksum is compared
             raise ValueError(
-                f"{name} says that its shape is {shape} of {dtype}, {wanted} bytes, and has "
-                f"{present}"
+                f"{member.filename} says that its shape is {array.shape} of {array.dtype}, and has "
+                f"{len(more)} bytes more"
             )
-        data = file.read()  # to its end, where the checksum is compared
-    return np.ndarray(shape, dtype, data, order="F" if by_columns else "C").copy(order="K")
+    return array
 
 
 def _npz(content: bytes) -> _Stored:
@@ -355,48 +342,22 @@ def _mat(content: bytes) -> _Stored:
         shape, kind = listed[name]
         if kind not in ("sparse", "double", "single") and not re.fullmatch(r"u?int\d+", kind):
             raise _NotRealError(f"found {kind} values in {name!r}, must be real numbers")
-        if kind != "sparse" and math.prod(shape) > len(whole):
+        if kind != "sparse" and math.prod(shape) > most:
             raise ValueError(
-                f"{name!r} says that its shape is {shape}, for which {len(whole)} bytes are too few"
+                f"{name!r} says that its shape is {shape}, for which {len(content)} bytes are too "
+                "few; save it without compression if that is meant"
             )
-        try:
-            return loadmat(io.BytesIO(whole), variable_names=[name])[name]
-        except MatReadError as error:
-            raise ValueError(str(error)) from error
+        return loadmat(io.BytesIO(content), variable_names=[name])[name]
 
-    whole = _unpacked(content)
+    most = max(UNPACKED // 8, len(content))
     try:
-        variables = whosmat(io.BytesIO(whole))
+        variables = whosmat(io.BytesIO(content))
     except MatReadError as error:
         raise ValueError(str(error)) from error
     listed = {name: (shape, kind) for name, shape, kind in variables if not name.startswith("__")}
     if not listed:
         raise ValueError("it holds no variables")
-    return _Stored(tuple(listed), read, len(whole))
-
-
-def _unpacked(content: bytes) -> bytes:
-    """A MATLAB file of version 5 whose compressed variables are unpacked; others as they are."""
-    order = {b"IM": "<", b"MI": ">"}.get(content[126:_MATLAB_HEADER])
-    if order is None or 0 in content[:4]:  # of version 4, which has no compression
-        return content
-    parts, at, size = [content[:_MATLAB_HEADER]], _MATLAB_HEADER, _MATLAB_HEADER
-    while at < len(content):
-        kind, length = struct.unpack_from(f"{order}II", content, at)
-        end = at + 8 + length
-        if end > len(content):
-            raise ValueError("it is cut: a variable announces more bytes than there are")
-        if kind == 15:  # compressed
-            unpacker, most = zlib.decompressobj(), max(UNPACKED, len(content)) - size
-            part = unpacker.decompress(content[at + 8 : end], most + 1)
-            _check_unpacked(size + len(part), len(content))
-            if not unpacker.eof:
-                raise ValueError("it is cut: a compressed variable has no end")
-        else:
-            part = content[at:end]
-        parts.append(part)
-        at, size = end, size + len(part)
-    return b"".join(parts)
+    return _Stored(tuple(listed), read, len(content))
 
 
 def _csv(content: bytes) -> _Stored:

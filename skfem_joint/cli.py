@@ -20,13 +20,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
 from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skfem_joint import __version__
 from skfem_joint.errors import ConvergenceError, InputError, JointError, refuse
-from skfem_joint.files import needed, read_text
+from skfem_joint.files import read_text
 from skfem_joint.processes import SAFE_PATH
 from skfem_joint.progress import Progress, announced, progress_bar
 from skfem_joint.terminal import plain_streams, unfiltered
@@ -76,14 +75,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _status(arguments: Sequence[str] | None) -> int:
     """Exit status of the command that the arguments name."""
-    parser = _parser()
-    options = parser.parse_args(arguments)
+    commands = parser()
+    options = commands.parse_args(arguments)
     options.given = sys.argv[1:] if arguments is None else arguments
-    if options.print_completion:
-        print(needed("shtab", "completion").complete(parser, options.print_completion))
-        return 0
     if options.command is None:
-        parser.print_help()
+        commands.print_help()
         return 0
     with _messages(options), _stoppable():
         status: int = options.command(options)
@@ -91,28 +87,20 @@ def _status(arguments: Sequence[str] | None) -> int:
     return status
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
     """Parser of the arguments; ``options.command`` is the function of the command."""
-    parser = argparse.ArgumentParser(
+    whole = argparse.ArgumentParser(
         prog="skfem-joint",
         description="Dynamics of bolted joints with micro-slip friction, full and reduced.",
         epilog="Exit status: 0 success, 2 bad input, 3 a run did not converge, 130 interrupted.",
     )
-    parser.add_argument("--version", action="version", version=__version__)
-    parser.add_argument(
-        "--print-completion",
-        choices=("bash", "zsh", "tcsh"),
-        help="print a script that completes commands in this shell",
-    )
-    parser.set_defaults(command=None)
-    _add_verbosity(parser, False)
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+    whole.add_argument("--version", action="version", version=__version__)
+    whole.set_defaults(command=None)
+    _add_verbosity(whole, False)
+    commands = whole.add_subparsers(title="commands", metavar="COMMAND")
     # Options that several commands share.
     scene, out, workers = (argparse.ArgumentParser(add_help=False) for _ in range(3))
-    file: Any = scene.add_argument(
-        "scene", type=Path, metavar="SCENE.toml", help="file of the scene"
-    )
-    file.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
+    scene.add_argument("scene", type=Path, metavar="SCENE.toml", help="file of the scene")
     out.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
     out.add_argument(
         "--overwrite", action="store_true",
@@ -120,14 +108,9 @@ def _parser() -> argparse.ArgumentParser:
         "those of the same names are replaced, no others removed",
     )  # fmt: skip
     workers.add_argument(
-        "--executor", choices=("processes", "dask"), default="processes",
-        help="where the work runs (default: processes)",
-    )  # fmt: skip
-    workers.add_argument(
         "--workers", type=int, metavar="N",
         help="number of processes (default: all cores for a sweep, else 1)",
     )  # fmt: skip
-    workers.add_argument("--address", help="scheduler of a dask cluster (default: a local cluster)")
 
     def add(name: str, command: Any, text: str, *parents: Any) -> argparse.ArgumentParser:
         meaning = f"{text[:1].upper()}{text[1:]}."
@@ -167,7 +150,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     timed.add_argument("--quick", action="store_true", help="few points, one round")
     add("sweep", _sweep, "run the scenes of a [sweep], or go on with them", scene, out, workers)
-    return parser
+    return whole
 
 
 def _add_verbosity(parser: argparse.ArgumentParser, default: Any) -> None:
@@ -190,7 +173,7 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
         "--certify",
         action="store_true",
         help="also estimate the error of the mesh, and check a reduced model by a short full "
-        "run; the executor runs them",
+        "run, in the processes of --workers",
     )
     run.add_argument(
         "--checkpoint-every",
@@ -207,12 +190,11 @@ def _add_run_options(run: argparse.ArgumentParser) -> None:
 
 
 def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
-    data: Any = fitted.add_argument(
+    fitted.add_argument(
         "--data", type=Path, action="append", required=True, metavar="FILE.csv",
-        help="measured frequency and damping over amplitude, or a free vibration over time; may be "
-        "given several times",
+        help="measured frequency and damping over amplitude, or a free vibration over time, with "
+        "lines '# key: value' of what they are of; may be given several times",
     )  # fmt: skip
-    data.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
     fitted.add_argument(
         "--free", action="append", required=True, metavar="KEY=LOW..HIGH",
         help="key of the scene that is fitted within these bounds, as in "
@@ -222,29 +204,6 @@ def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
         "--profile", action="store_true",
         help="also the interval of each value by its profile likelihood: some nine more fits each",
     )  # fmt: skip
-    group = fitted.add_argument_group(
-        "what the data are of", "Each wins over the line '# key: value' at the top of all files."
-    )
-
-    def add(name: str, metavar: str, text: str) -> None:
-        group.add_argument(name, metavar=metavar, help=text)
-
-    add("--point", "NAME", "point that was measured")
-    add("--direction", "X", "x, y, z, or components, as in --direction=0,1,1")
-    add("--quantity", "NAME", "displacement, velocity or acceleration")
-    add("--unit", "UNIT", "unit of the amplitudes, such as mm or m/s2")
-    group.add_argument(
-        "--peak-to-peak", action=argparse.BooleanOptionalAction, default=None,
-        help="amplitudes are the whole of peak to peak, or half of it",
-    )  # fmt: skip
-    add("--mode", "N", "number of the mode with the joints stuck")
-    add("--offset", "NAMES", "frequency, damping or both, where known up to a constant; or none")
-    add("--lowest", "AMPLITUDE", "lowest amplitude that is fitted, in the unit of the data")
-    add("--highest", "AMPLITUDE", "highest amplitude that is fitted; others are compared")
-    for name in ("frequency", "damping"):
-        text = f"standard deviation of the {name} over its value, as in 1%% or 0.01"
-        add(f"--relative-{name}-deviation", "SHARE", text)
-    add("--frequency", "HZ", "about that of the mode of a free vibration")
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -285,27 +244,26 @@ def _run(options: argparse.Namespace) -> int:
 
 def _scene_of_models(options: argparse.Namespace) -> Scene:
     """Scene with the models of ``--models``, if it is there; InputError names it where it errs."""
-    ready = partial(_check_run_options, options)
-    if options.models is None:
-        return _loaded(options, ready)
-    try:
-        return _loaded(options, ready, options.models.split(","))
-    except InputError as error:
-        place = f"{options.scene}: models.run"
-        problems = [text.replace(place, "--models: models.run") for text in error.problems]
-        raise InputError(problems) from error
+
+    def chosen(scene: Scene) -> Scene:
+        _check_run_options(options, scene)
+        if options.models is None:
+            return scene
+        try:
+            return scene.changed(models={"run": options.models.split(",")})
+        except InputError as error:
+            wrong = (text.removeprefix("changed") for text in error.problems)
+            raise InputError([f"--models{text}" for text in wrong]) from error
+
+    return chosen(_loaded(options, chosen))
 
 
-def _loaded(
-    options: argparse.Namespace,
-    ready: Callable[[Scene], object] | None = None,
-    models: Sequence[str] | None = None,
-) -> Scene:
+def _loaded(options: argparse.Namespace, ready: Callable[[Scene], object] | None = None) -> Scene:
     """Scene of a command; ``ready`` refuses what it cannot take, before bolts are tightened."""
     from skfem_joint.scene import load_scene
 
     with _progress(options) as progress:
-        return load_scene(options.scene, models, progress, ready)
+        return load_scene(options.scene, progress, ready)
 
 
 def _vibrating(options: argparse.Namespace) -> Scene:
@@ -317,9 +275,8 @@ def _check_run_options(options: argparse.Namespace, scene: Scene) -> None:
     """InputError for options that do not fit each other or the scene, and missing libraries."""
     from skfem_joint.output.folder import check_libraries
 
-    chosen = options.executor, options.workers, options.address
-    if chosen != ("processes", None, None) and not options.certify:
-        raise InputError("--executor, --workers, --address: are for --certify, which is not there")
+    if options.workers is not None and not options.certify:
+        raise InputError("--workers: is for --certify, which is not there")
     if scene.time.quasi_static and (options.resume or options.checkpoint_every is not None):
         raise InputError(
             "--checkpoint-every, --resume: a run with time.quasi_static = true has no checkpoints; "
@@ -365,18 +322,19 @@ def _check(options: argparse.Namespace) -> int:
         check_jumps(system, plan_of(scene))
     told: dict[str, None] = {}
 
-    def tell(sentences: Iterable[str], form: str = "Note: {}") -> None:
-        """Print sentences as soon as they are known, each once."""
+    def tell(sentences: Iterable[str]) -> None:
+        """Print notes as soon as they are known, each once."""
         for sentence in [each for each in dict.fromkeys(sentences) if each not in told]:
             told[sentence] = None
-            print(form.format(sentence), flush=True)
+            print(f"Note: {sentence}", flush=True)
 
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact.count} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}.",
         flush=True,
     )
-    description = describe(scene, told=lambda fact: tell([fact], "{}"))
+    description = describe(scene)
+    print("\n".join(description.facts), flush=True)
     tell((*scene.left_out, *left_out))
     tell(doubts(scene.structure(), system, waves=not scene.time.quasi_static))
     tell((*description.doubts, *sweep_notes))
@@ -414,7 +372,7 @@ def _preview(options: argparse.Namespace) -> int:
     out = options.out or Path(f"{options.scene.stem}.png")
     check_target(out, overwrite=options.overwrite)  # before bolts are tightened
     preview = preview_of(_loaded(options))
-    write_preview(out, preview, overwrite=options.overwrite)
+    write_preview(out, preview)
     for kind in ("joint", "support", "load", "bolt"):
         if names := dict.fromkeys(mark.name for mark in preview.of_kind(kind)):
             print(f"{kind}: {', '.join(names)}")
@@ -537,18 +495,13 @@ def _free(given: Sequence[str]) -> dict[str, tuple[float, float]]:
 def _measured(options: argparse.Namespace) -> list[MeasuredCurve]:
     """Curves of the files of ``--data``; InputError with all that is wrong in them."""
     from skfem_joint.analysis.measured import measured_curve
-    from skfem_joint.analysis.measured_table import Head
 
-    given = {name: getattr(options, name) for name in Head.model_fields if name != "name"}
     curves, problems = [], []
     for path in options.data:
         try:
-            curves.append(measured_curve(path, **given))
+            curves.append(measured_curve(path))
         except InputError as error:
             problems += error.problems
-    for name in given:
-        option = f"--{name.replace('_', '-')}"
-        problems = [text.replace(f"measured_curve: {name}:", f"{option}:") for text in problems]
     refuse(dict.fromkeys(problems))
     names = [curve.name for curve in curves]
     if len(set(names)) < len(names):  # of files in several folders
@@ -584,44 +537,29 @@ def _sweep(options: argparse.Namespace) -> int:
     """Run the scenes of a sweep that are not finished, write all rows and print the failures."""
     from skfem_joint.analysis import sweep as analysis
     from skfem_joint.analysis.rows import Rows
-    from skfem_joint.analysis.scene_range import make_missing
-    from skfem_joint.files import holding
     from skfem_joint.output import sweeps
     from skfem_joint.scene import load_sweep
 
     with _progress(options) as progress:
         swept = load_sweep(options.scene, progress)
     out, rows, interrupted = options.out, [], False
-    journal = out / sweeps.JOURNAL
     with _kept(options, swept.scenes[0].output.plots) as notes:
-        earlier = Rows(journal)  # `sweep` and `write` lock the folder themselves
-        marks = analysis.marks_of(swept.scenes, earlier)
-        _announce(earlier)
-        for _row in analysis.kept_rows(marks, earlier):
-            pass  # counted by `earlier` for its notes
-    waiting = [
-        scene for scene, mark in zip(swept.scenes, marks, strict=True) if mark not in earlier
-    ]
-    if any(scene.reduction.range for scene in waiting):
-        with holding(out), _progress(options) as progress:
-            make_missing(waiting, out, progress)
-    executors = analysis.executors(options.executor, options.workers, options.address)
-    with _progress(options) as progress, executors as make:
-        try:
-            with closing(analysis.sweep(swept.scenes, make, journal)) as finished:
-                for row in finished:
-                    rows.append(row)
-                    progress("scenes", len(rows), len(swept.scenes))
-        except KeyboardInterrupt:
-            interrupted = True
-    if interrupted:  # a row may have been kept at that moment
-        seen = {row.number for row in rows}
-        with holding(out):
-            kept = [*analysis.kept_rows(marks, Rows(journal))]
-        rows += [row for row in kept if row.number not in seen]
-    files = sweeps.write(swept, rows, out, drawn=not interrupted)
+        kept = Rows(out / sweeps.JOURNAL)
+        _announce(kept)
+        with _progress(options) as progress, analysis.executors(options.workers) as make:
+            try:
+                with closing(analysis.rows(swept.scenes, make, kept, progress)) as finished:
+                    for row in finished:
+                        rows.append(row)
+                        progress("scenes", len(rows), len(swept.scenes))
+            except KeyboardInterrupt:
+                interrupted = True
+                seen = {row.number for row in rows}  # a row may have been kept at that moment
+                now = analysis.kept_rows(swept.scenes, Rows(kept.path))
+                rows += [row for row in now if row.number not in seen]
+        files = sweeps.write(swept, rows, out, drawn=not interrupted)
     print("\n".join(sweeps.lines(swept, rows)))
-    _print_notes([*earlier.notes(), *notes], out, files)
+    _print_notes([*kept.notes(), *notes], out, files)
     if interrupted:
         print("The same command goes on.")
         return INTERRUPTED
@@ -683,19 +621,13 @@ def _kept(options: argparse.Namespace, drawn: bool = True) -> AbstractContextMan
 
 @contextmanager
 def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
-    """Executor that the options ask for; None if this process is to do the work alone."""
+    """Processes that the options ask for; None if this one is to do the work alone."""
     from skfem_joint.analysis.sweep import executors
 
-    with executors(options.executor, options.workers, options.address) as make:
-        if options.executor == "processes" and options.workers in (None, 1):
-            yield None
-        else:
-            executor = make()
-            try:
-                yield executor
-            except BaseException:  # do not wait for what still runs
-                executor.shutdown(wait=False, cancel_futures=True)
-                raise
+    with executors(options.workers) as make:
+        executor = None if options.workers in (None, 1) else make()
+        yield executor
+        if executor is not None:  # else, after an error, nobody waits for what still runs
             executor.shutdown()
 
 

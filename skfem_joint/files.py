@@ -209,6 +209,5 @@ def needed(library: str, extra: str) -> Any:
     except ImportError as error:
         raise InputError(
             f"{library} is missing: pip install 'skfem-joint[{extra}]', or do without what needs "
-            "it: output.plots needs matplotlib, pyvista and imageio, output.vtk needs pyvista, "
-            "--executor dask needs distributed"
+            "it: output.plots needs matplotlib and pyvista, output.vtk needs pyvista"
         ) from error

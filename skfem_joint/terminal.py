@@ -69,15 +69,7 @@ def plain_streams() -> Iterator[None]:
 
 def _open_closed() -> None:
     """Open closed streams on the null device, so that files do not take their numbers."""
-    for number, name in enumerate(("stdin", "stdout", "stderr")):
+    # In this order each takes the lowest number that is free, its own.
+    for name, how in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            try:
-                os.fstat(number)
-            except OSError:
-                nowhere = os.open(os.devnull, os.O_RDWR)
-                if nowhere != number:
-                    os.dup2(nowhere, number)
-                    os.close(nowhere)
-                os.set_inheritable(number, True)
-            how = "r" if number == 0 else "w"
             setattr(sys, name, open(os.devnull, how, encoding="utf-8"))  # noqa: SIM115

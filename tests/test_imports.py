@@ -25,6 +25,7 @@ GROUND = {
     "key_paths",
     "load_tables",
     "loads",
+    "plain_values",
     "processes",
     "progress",
 }

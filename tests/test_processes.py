@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from itertools import product
 from pathlib import Path
 
 import pytest
@@ -51,15 +50,12 @@ def scene(tmp_path):
         ("run", False),
         ("sweep --workers 2", False),
         pytest.param("sweep --workers 2", True, marks=pytest.mark.slow),
-        pytest.param("sweep --workers 2 --executor dask", False, marks=pytest.mark.slow),
         pytest.param("response --workers 2", False, marks=pytest.mark.slow),
         pytest.param("error-time --quick", False, marks=pytest.mark.slow),
         pytest.param("error-time --quick", True, marks=pytest.mark.slow),
     ],
 )
 def test_no_command_runs_code_of_the_current_folder(command, of_module, scene, tmp_path):
-    if "dask" in command:
-        pytest.importorskip("distributed")
     path = scene(plots=command == "run")
     # With -m Python itself looks there, until the command begins.
     for name in LATE if of_module else (*EARLY, *LATE):
@@ -85,23 +81,18 @@ def children(pid: int) -> int:
     return count
 
 
-#: The executor of a sweep, and the time (s) from the start of its second process.
-INTERRUPTS = [*product(("processes", "dask"), (0.0, 0.2, 1.0, 3.0))]
+#: Times (s) from the start of the second process of a sweep.
+INTERRUPTS = [
+    pytest.param(delay, marks=() if delay == 0.2 else pytest.mark.slow)
+    for delay in (0.0, 0.2, 1.0, 3.0)
+]
 
 
-@pytest.mark.parametrize(
-    ("executor", "delay"),
-    [
-        pytest.param(*case, marks=() if case == ("processes", 0.2) else pytest.mark.slow)
-        for case in INTERRUPTS
-    ],
-)
-def test_an_interrupt_is_a_sentence_whenever_it_comes(executor, delay, scene, tmp_path):
+@pytest.mark.parametrize("delay", INTERRUPTS)
+def test_an_interrupt_is_a_sentence_whenever_it_comes(delay, scene, tmp_path):
     """Ctrl-C reaches all processes of a terminal, here while the second one is being started."""
-    if executor == "dask":
-        pytest.importorskip("distributed")
     script, path = tmp_path / "bin" / "skfem-joint", scene(cycles=3000)
-    options = "--out", str(tmp_path / "out"), "--workers", "2", "--executor", executor
+    options = "--out", str(tmp_path / "out"), "--workers", "2"
     process = subprocess.Popen(
         [sys.executable, str(script), "sweep", str(path), *options],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,

@@ -97,25 +97,34 @@ def changed(path, summed=False, **members):
     np.savez(path, **arrays)
 
 
-def description(path, **changes):
+def description(path, of_system=(), **changes):
+    """Description in a file with other entries, and other fields of its system."""
     with np.load(path) as file:
-        return np.array(json.dumps(json.loads(str(file["description"])) | changes))
+        content = json.loads(str(file["description"])) | changes
+    content["system"]["!System"] |= dict(of_system)
+    return np.array(json.dumps(content))
 
 
-HARMONIC = {"shape": "Harmonic", "amplitude": 1.0, "frequency": -2.0, "phase": 0.0}
+def load_of(path, **amplitude):
+    """Description with a load of another amplitude."""
+    vector = {"!array": "loads/0/vector"}
+    load = {"!AppliedLoad": {"vector": vector, "on": "end", "amplitude": amplitude}}
+    return description(path, {"loads": {"!tuple": [load]}})
+
+
+HARMONIC = {"amplitude": 1.0, "frequency": -2.0, "phase": 0.0}
 PARTS = "format", "shape", "data", "indices", "indptr"
-UNKNOWN = [{"on": "end", "amplitude": {"shape": "os"}}]
 SAVED = "not what was saved"
-GIVEN, SPRINGS = "contact given", "contact stiffness"  # members
+GIVEN, SPRINGS = "contact/given", "contact/stiffness"  # members
 #: What is done to a file, what is said of it, and what is if its digest is right again.
 DAMAGE = {
-    "indices": (lambda _: {"contact B__indices": np.full(11, 10**6)}, SAVED, "indices must be"),
+    "indices": (lambda _: {"contact__B__indices": np.full(11, 10**6)}, SAVED, "indices must be"),
     "starts": (lambda _: {"K__indptr": np.array([0, 10**9])}, SAVED, "indptr|index pointer"),
     "no mass": (lambda _: {f"M__{part}": None for part in PARTS}, SAVED, "no .*M"),
     "no points": (lambda _: {f"P__{part}": None for part in PARTS}, SAVED, "no .*P"),
     "nan": (lambda _: {GIVEN: np.full(11, np.nan)}, SAVED, "must be finite and not negative"),
     "negative": (lambda _: {GIVEN: np.full(11, -1.0)}, SAVED, "must be finite and not negative"),
-    "objects": (lambda _: {GIVEN: np.array([None] * 11, dtype=object)}, "Python objects", ""),
+    "objects": (lambda _: {GIVEN: np.array([None] * 11, dtype=object)}, "Object arrays", ""),
     "texts": (lambda _: {GIVEN: np.array(["a"] * 11)}, SAVED, "real numbers"),
     "shape": (
         lambda _: {"T__shape": np.array([10**12, 21])}, SAVED, "too few|indptr|index pointer"
@@ -123,14 +132,16 @@ DAMAGE = {
     "more": (lambda _: {"more": np.zeros(3)}, SAVED, ""),
     "kind": (lambda p: {"description": description(p, kind="x")}, "something else", ""),
     "form": (lambda p: {"description": description(p, form=9)}, "form 9", ""),
-    "no name": (lambda p: {"description": description(p, points=[])}, SAVED, "P: found shape"),
+    "no name": (
+        lambda p: {"description": description(p, {"points": {"!tuple": []}})}, SAVED,
+        "P: found shape",
+    ),
     "load": (
-        lambda p: {"description": description(p, loads=[{"on": "end", "amplitude": HARMONIC}])},
-        SAVED,
+        lambda p: {"description": load_of(p, **{"!Harmonic": HARMONIC})}, SAVED,
         "frequency: found -2",
     ),
     "no shape": (
-        lambda p: {"description": description(p, loads=UNKNOWN)}, SAVED, "none of the package",
+        lambda p: {"description": load_of(p, **{"!os": {}})}, SAVED, "none of the package",
     ),
 }  # fmt: skip
 
@@ -145,19 +156,25 @@ EDITS = {
     "no springs": (lambda _: {SPRINGS: None}, ""),
     "springs, one": (lambda _: {SPRINGS: np.full(1, 1e9)}, "stiffness: found shape"),
     "springs, small floats": (lambda a: {SPRINGS: a[SPRINGS].astype(np.float32)}, ""),
-    "no shape over time": (lambda _: {"load 1__forces": None}, "has no 'load 1/forces'"),
-    "no load": (lambda _: {"load 0": None}, "has no 'load 0'"),
+    "no shape over time": (
+        lambda _: {"loads__1__amplitude__forces": None},
+        "has no 'loads/1/amplitude/forces'",
+    ),
+    "no load": (lambda _: {"loads__0__vector": None}, "has no 'loads/0/vector'"),
     "no T": (lambda _: {f"T__{part}": None for part in PARTS}, ""),
-    "no indices": (lambda _: {"contact B__indices": None}, "has no 'contact B/indices'"),
+    "no indices": (lambda _: {"contact__B__indices": None}, "has no 'contact/B/indices'"),
     "negative mass": (lambda a: {"M__data": -a["M/data"]}, "M: is not positive definite"),
     "negative stiffness": (lambda a: {"K__data": -a["K/data"]}, "K: is indefinite"),
     "negative damping": (lambda a: {"C__data": -a["C/data"]}, "C: is negative somewhere"),
     "another limit": (lambda a: {GIVEN: 2.0 * a[GIVEN]}, ""),
     "another mass": (lambda a: {"M__data": 1.5 * a["M/data"]}, ""),
-    "another row": (lambda a: {"contact B__indices": a["contact B/indices"][::-1]}, ""),
-    "times": (lambda a: {"load 1__times": a["load 1/times"][:-1]}, "Table|times"),
+    "another row": (lambda a: {"contact__B__indices": a["contact/B/indices"][::-1]}, ""),
+    "times": (
+        lambda a: {"loads__1__amplitude__times": a["loads/1/amplitude/times"][:-1]},
+        "Table|times",
+    ),
     "no names": (lambda _: {"description": None}, ""),
-    "halves": (lambda a: {"contact directions": 1.5 * a["contact directions"]}, "must be 1 or 2"),
+    "halves": (lambda a: {"contact/directions": 1.5 * a["contact/directions"]}, "must be 1 or 2"),
     "infinite mass": (lambda a: {"M__data": np.inf * a["M/data"]}, "M: "),
     "one number": (lambda a: {GIVEN: a[GIVEN][0]}, "must be 1 or 2"),
     "truth values": (lambda a: {GIVEN: a[GIVEN] > 0.0}, "real numbers"),

@@ -12,14 +12,14 @@ from docutils import nodes
 from docutils.parsers.rst import Directive
 from sphinx.application import Sphinx
 
-from skfem_joint.cli import _parser
+from skfem_joint.cli import parser
 
 
 def parsers() -> dict[str, argparse.ArgumentParser]:
     """Parser of each command by its name; that of the program itself by an empty name."""
-    parser = _parser()
-    (commands,) = (a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
-    return {"": parser, **commands.choices}
+    whole = parser()
+    (commands,) = (a for a in whole._actions if isinstance(a, argparse._SubParsersAction))
+    return {"": whole, **commands.choices}
 
 
 def usage(parser: argparse.ArgumentParser) -> str:

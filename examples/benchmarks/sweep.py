@@ -53,7 +53,7 @@ def seconds(scenes, workers):
 def points(name, count):
     """Scenes of a plate, of load, frequency and friction drawn at random."""
     draw = np.random.default_rng(29)
-    plate = load_scene(EXAMPLES / f"{name}.toml", ["reduced"])
+    plate = load_scene(EXAMPLES / f"{name}.toml").changed(models={"run": ["reduced"]})
     plate = plate.changed(
         {"joint[0].law": "coulomb", "joint[0].beta": None},
         reduction={"range": RANGE, "modes": None},

@@ -9,7 +9,7 @@ first joint slips as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -56,30 +56,18 @@ class Description:
 
     Attributes
     ----------
-    told : callable, optional
-        Called with each fact that is added.
     facts, doubts : list of str
         Facts about the structure, and reasons to doubt that it is what was meant.
     values : dict of str
         Its figures by name, as in ``summary.json``.
     """
 
-    told: Callable[[str], None] | None = None
     facts: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
     values: dict[str, Any] = field(default_factory=dict)
 
-    def add(self, *facts: str) -> None:
-        """Add facts, and tell them."""
-        for fact in facts:
-            self.facts.append(fact)
-            if self.told is not None:
-                self.told(fact)
 
-
-def describe(
-    scene: Scene, path: QuasiStatic | None = None, told: Callable[[str], None] | None = None
-) -> Description:
+def describe(scene: Scene, path: QuasiStatic | None = None) -> Description:
     """Describe a scene's structure, and its response to the peaks of its loads.
 
     It takes quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What
@@ -91,20 +79,18 @@ def describe(
     path : QuasiStatic, optional
         Quasi-static path of the scene's system, whose factors are used; created here if it is
         needed and not given. Not for contact that opens, which is described as it is closed.
-    told : callable, optional
-        Called with each fact as soon as it is known.
     """
     structure, system = scene.structure(), scene.system().closed()
-    draft = Description(told)
-    draft.add(*_parts(structure))
+    draft = Description()
+    draft.facts.extend(_parts(structure))
     if structure.body is not None:
         size, mass = np.ptp(structure.body.positions, axis=0), structure.body.total_mass
         draft.values |= {"mass_kg": mass, "length_m": float(size.max())}
         extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
-        draft.add(f"Mass {mass:.4g} kg, extent {extent} m.")
+        draft.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
     opens = [patch.joint.name for patch in structure.patches if patch.joint.opens]
     if opens:
-        draft.add(
+        draft.facts.append(
             f"Contact that opens ({', '.join(opens)}): frequencies and responses below are those "
             "with the contact closed where it is pressed at rest, and with the normal forces there."
         )
@@ -166,12 +152,12 @@ def _moves(
     if frequency > 0.0 and structure.body is not None and not slow:
         speed, count = per_wavelength(structure.body, frequency)
         values |= {"wave_speed_m_per_s": speed, "elements_per_wavelength": count}
-        draft.add(
+        draft.facts.append(
             f"The slowest wave travels at {speed:.4g} m/s: {count:.3g} elements in its length at "
             f"{frequency:.5g} Hz, the highest frequency of the loads."
         )
     if floats and (scene.support.free or scene.matrices is not None):
-        draft.add(
+        draft.facts.append(
             "The structure floats, so that loads at rest are not compared with what makes a joint "
             "slip: they would move all of it away."
         )
@@ -201,7 +187,7 @@ def _moves(
         "load_over_limit": share,
     }
     inertia = "" if amplified is None else f", amplified by {amplified:.4g} as the joints stick"
-    draft.add(
+    draft.facts.append(
         f"The loads at their peak{inertia} come to {100.0 * share:.3g} % of what makes the first "
         f"joint slip as a whole; the friction limits add up to {system.contact.w.sum():.6g} N."
         + (OF_THE_MESH if structure.body is not None else "")
@@ -233,10 +219,12 @@ def _frequencies(
         values["stuck_modes_like_loose_share"] = likeness.tolist()
         text += f" with the joints loose, {_listed(stuck.frequencies)} with the joints stuck"
         text += _compared(number, likeness)
-    draft.add(f"{text}.")
+    draft.facts.append(f"{text}.")
     values |= {"rigid_motions_loose": rigid[0], "rigid_motions_stuck": rigid[1]}
     if structure.body is None:
-        draft.add(f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick.")
+        draft.facts.append(
+            f"Rigid motions: {rigid[0]} with the joints loose, {rigid[1]} as they stick."
+        )
     if rigid[1]:
         opens = any(patch.joint.opens for patch in structure.patches)
         cure = "Is something to be fixed, or do joints lack pressure or pairs?"
@@ -270,7 +258,7 @@ def _normal(
     if scene.time.quasi_static:
         what, changes = "The loads on the stuck structure", "change"
     draft.values["normal_force_change_mean"] = found.mean
-    draft.add(f"{what} {changes} the normal force by {found.text}. {found.of_the_mesh}")
+    draft.facts.append(f"{what} {changes} the normal force by {found.text}. {found.of_the_mesh}")
     draft.doubts.extend(found.doubts(what=what))
 
 
@@ -283,7 +271,7 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: De
     body = structure.body
     if body is None:
         shown = ", ".join(f"{name} {x:.4g} m" for name, x in by_load.items())
-        draft.add(f"Under the peak of the loads at rest: {shown}.")
+        draft.facts.append(f"Under the peak of the loads at rest: {shown}.")
         return
     length, full = draft.values["length_m"], body.unpacked(system.expand(u))
     largest, slope = float(np.linalg.norm(full, axis=1).max()), body.gradient(full)
@@ -291,7 +279,7 @@ def _displaced(structure: AnyStructure, system: System, u: FloatArray, draft: De
     strain = float(np.linalg.norm(strains, axis=(1, 2)).max())
     draft.values["static_strain"] = strain
     shown = ", ".join(f"{name} {x:.4g} m ({x / length:.2g} of it)" for name, x in by_load.items())
-    draft.add(
+    draft.facts.append(
         f"Under the peak of the loads at rest, over the length of {length:.4g} m: {shown}; largest "
         f"strain {strain:.2g}."
     )

@@ -18,30 +18,24 @@ import io
 import json
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable, Iterable
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skfem_joint import __version__
 from skfem_joint.array_files import fingerprint
 from skfem_joint.errors import InputError
 from skfem_joint.files import replacing
+from skfem_joint.plain_values import PlainForm
 
 T = TypeVar("T")
 
 #: First line of each file of rows, by which files of others are recognised.
 HEADER = b'{"program": "skfem_joint", "file": "rows of finished work", "form": 1}\n'
-# A line is {"sha256": "...", "row": "...", "seconds": ..., "content": ...}; the digest is that of
-# all bytes from "row" to the end.
-_BEFORE, _BETWEEN, _ROW = b'{"sha256": "', b'", ', b'"row": "'
-_DIGEST = 64
-_START = len(_BEFORE) + _DIGEST + len(_BETWEEN)
-#: Key of an object of JSON that stands for an array, a tuple or a dataclass begins with this.
-_TAG = "!"
 
 
 class Rows:
@@ -52,7 +46,7 @@ class Rows:
     path : Path, optional
         File of the rows, made by the first row; nothing is kept if not given. The caller keeps
         other processes from writing to its folder, see `skfem_joint.files.holding`.
-    kinds : sequence of type
+    kinds : iterable of type
         Dataclasses that rows may hold, beside arrays, numbers, texts, lists, tuples and mappings.
 
     Attributes
@@ -72,12 +66,9 @@ class Rows:
         If the file exists and is no file of rows.
     """
 
-    def __init__(self, path: Path | None = None, kinds: Sequence[type] = ()) -> None:
+    def __init__(self, path: Path | None = None, kinds: Iterable[type] = ()) -> None:
         self.path: Path | None = path
-        self.kinds: dict[str, Any] = {kind.__name__: kind for kind in kinds}
-        self._forms = {
-            name: [part.name for part in fields(kind)] for name, kind in self.kinds.items()
-        }
+        self._form = PlainForm(kinds)
         self.taken = self.computed = self.damaged = 0
         self.earlier_s = 0.0
         self._places: dict[str, tuple[int, int]] = {}  # of lines in the file: start and size
@@ -97,8 +88,8 @@ class Rows:
             for line in file:
                 if not line.endswith(b"\n"):
                     break
-                if mark := _intact(line):
-                    self._places[mark] = place, len(line)
+                if row := _intact(line):
+                    self._places[row["row"]] = place, len(line)
                 else:
                     self.damaged += 1
                 place += len(line)
@@ -110,7 +101,7 @@ class Rows:
 
         InputError as `fingerprint`, for plain functions of time.
         """
-        return "" if self.path is None else fingerprint(__version__, self._forms, *parts)
+        return "" if self.path is None else fingerprint(__version__, self._form.names, *parts)
 
     def __contains__(self, mark: str) -> bool:
         """Whether the file has a row of this name."""
@@ -123,10 +114,10 @@ class Rows:
         start, size = self._places[mark]
         with self.path.open("rb") as file:
             file.seek(start)
-            row = json.loads(b"{" + file.read(size)[_START:])
+            row = json.loads(file.read(size))
         self.taken += 1
         self.earlier_s += row["seconds"]
-        return self._decoded(row["content"])
+        return self._form.decoded(row["content"], _array)
 
     def keep(self, mark: str, content: T, seconds: float = 0.0) -> T:
         """Add a row to the file and flush it to the disk; returns its content as read from there.
@@ -136,9 +127,9 @@ class Rows:
         if self.path is None:
             self.computed += 1
             return content
-        given = {"row": mark, "seconds": seconds, "content": _encoded(content)}
-        text = json.dumps(given)[1:].encode()
-        line = _line(text)
+        form = self._form.encoded(content, _text)
+        row = {"row": mark, "seconds": seconds, "content": form}
+        line = json.dumps({"sha256": _digest(row), **row}).encode() + b"\n"
         if not self.path.exists():
             with replacing(self.path) as temporary:
                 temporary.write_bytes(HEADER)
@@ -149,7 +140,7 @@ class Rows:
             os.fsync(file.fileno())
         self._places[mark] = place, len(line)
         self.computed += 1
-        kept: T = self._decoded(json.loads(b"{" + text)["content"])
+        kept: T = self._form.decoded(form, _array)
         return kept
 
     def row(self, mark: str, compute: Callable[[], T]) -> T:
@@ -175,52 +166,28 @@ class Rows:
             notes.append(f"{self.path}: {self.damaged} lines were damaged, and were not used.")
         return notes
 
-    def _decoded(self, value: Any) -> Any:
-        """Value that `_encoded` gave this JSON form."""
-        if isinstance(value, list):
-            return [self._decoded(item) for item in value]
-        if not isinstance(value, dict):
-            return value
-        tag = next(iter(value), "")
-        if tag == "!array":
-            return np.load(io.BytesIO(base64.b64decode(value[tag])), allow_pickle=False)[()]
-        if tag == "!tuple":
-            return tuple(self._decoded(item) for item in value[tag])
-        if tag.startswith(_TAG):
-            parts = {name: self._decoded(part) for name, part in value[tag].items()}
-            return self.kinds[tag.removeprefix(_TAG)](**parts)
-        return {name: self._decoded(part) for name, part in value.items()}
+
+def _digest(row: dict[str, Any]) -> str:
+    """Digest of a row without its own."""
+    return sha256(json.dumps(row).encode()).hexdigest()
 
 
-def _line(text: bytes) -> bytes:
-    """Line of a file from its bytes behind the digest."""
-    return _BEFORE + sha256(text).hexdigest().encode() + _BETWEEN + text + b"\n"
+def _intact(line: bytes) -> dict[str, Any] | None:
+    """Row of a line; None if the line is damaged."""
+    try:
+        row: dict[str, Any] = json.loads(line)
+        return row if row.pop("sha256") == _digest(row) else None
+    except (ValueError, LookupError, TypeError, AttributeError):
+        return None
 
 
-def _intact(line: bytes) -> str:
-    """Name of the row of a line; empty if the line is damaged."""
-    text = line[_START:-1]
-    good = text.startswith(_ROW) and line == _line(text)
-    return text[len(_ROW) :][:_DIGEST].decode() if good else ""
+def _text(_: str, array: NDArray[Any]) -> str:
+    """Base64 of an array in its ``.npy`` form."""
+    file = io.BytesIO()
+    np.save(file, array, allow_pickle=False)
+    return base64.b64encode(file.getvalue()).decode()
 
 
-def _encoded(value: Any) -> Any:
-    """JSON form of a value; arrays and numbers of numpy are base64 of their ``.npy`` form."""
-    if isinstance(value, np.ndarray | np.generic):
-        file = io.BytesIO()
-        np.save(file, value, allow_pickle=False)
-        return {"!array": base64.b64encode(file.getvalue()).decode()}
-    if isinstance(value, tuple):
-        return {"!tuple": [_encoded(item) for item in value]}
-    if isinstance(value, list):
-        return [_encoded(item) for item in value]
-    if is_dataclass(value):
-        parts = {part.name: _encoded(getattr(value, part.name)) for part in fields(value)}
-        return {f"{_TAG}{type(value).__name__}": parts}
-    if isinstance(value, Mapping):
-        if not all(isinstance(name, str) and not name.startswith(_TAG) for name in value):
-            raise TypeError(f"names of a row's mapping must be texts without {_TAG!r} in front")
-        return {name: _encoded(part) for name, part in value.items()}
-    if value is None or isinstance(value, bool | int | float | str):
-        return value
-    raise TypeError(f"a {type(value).__name__} cannot be kept in a row")
+def _array(text: str) -> Any:
+    """Array of such a text, or its number."""
+    return np.load(io.BytesIO(base64.b64decode(text)), allow_pickle=False)[()]

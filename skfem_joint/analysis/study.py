@@ -63,6 +63,8 @@ def run_scene(
     progress: Progress = silent,
     checkpoints: Checkpoints | None = None,
     folder: Path | None = None,
+    *,
+    described: bool = True,
 ) -> Study:
     """Run the models that a scene asks for, and nothing else, and compare them.
 
@@ -76,6 +78,9 @@ def run_scene(
         the modes of a reduced one are made again.
     folder : Path, optional
         Where a model for the range of the scene is loaded from, and saved to if it is not there.
+    described : bool
+        Whether a scene whose only model is a point of that for its range is described. Else nothing
+        of it is assembled: structure and system of the study are those in the middle of the range.
 
     Returns
     -------
@@ -96,41 +101,20 @@ def run_scene(
     """
     served = served_scene(scene)
     in_range = None if served is None else choose_in_range(scene, served, folder, progress)
-    return _described_and_run(scene, in_range, progress, checkpoints)
-
-
-def run_scene_in_range(scene: Scene, folder: Path | None, progress: Progress = silent) -> Study:
-    """Run a scene as `run_scene` does, but without its full system if its range serves it.
-
-    Its reduced model is then a point of the model for the range, and nothing of the scene is
-    described or assembled: structure and system of the study are those in the middle of the range.
-    """
-    served = served_scene(scene)
-    in_range = None if served is None else choose_in_range(scene, served, folder, progress)
-    if served is None or in_range is None or in_range.in_range is None:
-        return _described_and_run(scene, in_range, progress, None)
-    if scene.models.run != ("reduced",):
-        return _described_and_run(scene, in_range, progress, None)
-    middle = structure_of(served)
-    notes = (*middle.doubts, *in_range.notes)
-    study = Study(in_range.scene, middle.structure, middle.system, warnings=notes)
-    return _with_models(study, in_range, None, progress, None, "")
-
-
-def _described_and_run(
-    scene: Scene, in_range: Choice | None, progress: Progress, checkpoints: Checkpoints | None
-) -> Study:
-    """Study of a scene; ``in_range`` says whether the model for its range serves it."""
+    point = in_range if in_range is not None and in_range.in_range is not None else None
+    if not described and served and point and scene.models.run == ("reduced",):
+        middle = structure_of(served)
+        notes = (*middle.doubts, *point.notes)
+        study = Study(point.scene, middle.structure, middle.system, warnings=notes)
+        return _with_models(study, point, None, progress, None, "")
     scene, left_out = with_friction(scene)
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
     path = None if system.contact.opens else factors_at_rest(system)
     description = describe(scene, path)
-    if in_range is not None and in_range.in_range is not None:
-        choice = in_range
-    else:
-        choice = choose(scene, path, progress)
-        choice = replace(choice, notes=(*(in_range.notes if in_range else ()), *choice.notes))
+    choice = point or choose(scene, path, progress)
+    if in_range is not None and point is None:
+        choice = replace(choice, notes=(*in_range.notes, *choice.notes))
     if "reduced" not in scene.models.run or choice.accurate or choice.in_range:
         path = None  # its factors are large, and no basis needs them
     suspected = doubts(structure, system, waves=not scene.time.quasi_static)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import multiprocessing
 import os
 import signal
@@ -22,11 +21,12 @@ from skfem_joint.analysis.error_time import THREADS
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import origin_of
 from skfem_joint.analysis.scene_range import make_missing
-from skfem_joint.analysis.study import run_scene, run_scene_in_range
+from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
-from skfem_joint.errors import InputError, JointError
-from skfem_joint.files import holding, needed
-from skfem_joint.processes import Spawn, interrupts_blocked, safe_path
+from skfem_joint.errors import JointError
+from skfem_joint.files import holding
+from skfem_joint.processes import Spawn, safe_path
+from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene
 from skfem_joint.values import COUNT, check, check_some
 
@@ -99,20 +99,30 @@ def sweep(
     InputError, ConvergenceError
         If the reduced model for a range of scenes cannot be made.
     """
-    scenes = list(scenes)
+    lock = nullcontext() if journal is None else holding(journal.parent)
+    with lock, closing(rows(list(scenes), executor, Rows(journal))) as finished:
+        yield from finished
+
+
+def rows(
+    scenes: Sequence[Scene],
+    executor: Executor | Callable[[], Executor],
+    kept: Rows,
+    progress: Progress = silent,
+) -> Generator[Row]:
+    """Rows of scenes as `sweep` yields them, by a file of rows whose folder the caller has locked.
+
+    ``progress`` is told of the models for ranges that are made.
+    """
+    marks = _marks(scenes, kept)
+    waiting = deque(k for k, mark in enumerate(marks) if mark not in kept)
+    yield from _taken(marks, kept)
     with ExitStack() as stack:
-        if journal is not None:
-            stack.enter_context(holding(journal.parent))
-        kept = Rows(journal)
-        marks = marks_of(scenes, kept)
-        waiting = deque(k for k, mark in enumerate(marks) if mark not in kept)
-        yield from kept_rows(marks, kept)
-        folder = None if journal is None else journal.parent
+        folder = None if kept.path is None else kept.path.parent
         if any(scenes[k].reduction.range for k in waiting):
             folder = folder or Path(stack.enter_context(TemporaryDirectory()))
-            make_missing((scenes[k] for k in waiting), folder)
-        rows = stack.enter_context(closing(_rows(scenes, waiting, executor, folder)))
-        for row, settled in rows:
+            make_missing((scenes[k] for k in waiting), folder, progress)
+        for row, settled in stack.enter_context(closing(_rows(scenes, waiting, executor, folder))):
             if settled:
                 content = {"results": row.results, "failure": row.failure}
                 content["warnings"] = list(row.warnings)
@@ -120,18 +130,22 @@ def sweep(
             yield row
 
 
-def marks_of(scenes: Iterable[Scene], kept: Rows) -> list[str]:
-    """Names of the rows of scenes in a journal."""
+def _marks(scenes: Iterable[Scene], kept: Rows) -> list[str]:
+    """Names of the rows of scenes in a file."""
     return [kept.mark(origin_of(scene)) for scene in scenes]
 
 
-def kept_rows(marks: Sequence[str], kept: Rows) -> Iterator[Row]:
-    """Rows of scenes, by their names, that a journal has."""
+def kept_rows(scenes: Iterable[Scene], kept: Rows) -> Iterator[Row]:
+    """Rows of scenes that a file has."""
+    return _taken(_marks(scenes, kept), kept)
+
+
+def _taken(marks: Sequence[str], kept: Rows) -> Iterator[Row]:
     return (Row(k, **kept.take(mark)) for k, mark in enumerate(marks) if mark in kept)
 
 
 def _rows(
-    scenes: list[Scene],
+    scenes: Sequence[Scene],
     waiting: deque[int],
     executor: Executor | Callable[[], Executor],
     folder: Path | None,
@@ -181,7 +195,7 @@ def _rows(
 
 def _finished(
     pool: Executor,
-    scenes: list[Scene],
+    scenes: Sequence[Scene],
     waiting: deque[int],
     broken: list[int],
     folder: Path | None,
@@ -221,10 +235,7 @@ def _run(scene: Scene, folder: Path | None = None) -> Content:
     A model for its range is in the folder, unless the process has no access to it.
     """
     try:
-        if scene.reduction.range is None:
-            study = run_scene(scene)
-        else:
-            study = run_scene_in_range(scene, folder)
+        study = run_scene(scene, folder=folder, described=False)
     except JointError as error:
         return {}, str(error), []
     failure = "" if study.failure is None else str(study.failure.error)
@@ -272,43 +283,15 @@ def _end_with(parent: multiprocessing.process.BaseProcess) -> None:
 
 
 @contextmanager
-def executors(
-    kind: str, workers: int | None = None, address: str | None = None
-) -> Iterator[Callable[[], Executor]]:
-    """Callable that makes executors for as long as the block runs.
+def executors(workers: int | None = None) -> Iterator[Callable[[], Executor]]:
+    """Callable that makes pools of so many `processes`, which end with the block.
 
-    Parameters
-    ----------
-    kind : {"processes", "dask"}
-    workers : int, optional
-        Number of processes.
-    address : str, optional
-        Of the scheduler of a ``dask`` cluster, which has its own workers; a cluster on this machine
-        is made if it is not given.
-
-    Raises
-    ------
-    InputError
-        If the options do not fit each other, or a library is missing.
+    InputError for a number that is none.
     """
     if workers is not None:
         check("--workers", workers, COUNT)
-    if address is not None and (kind != "dask" or workers is not None):
-        raise InputError("--address: is for --executor dask, without --workers")
-    if kind == "dask":
-        distributed = needed("distributed", "dask")
-        local = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None}
-        # Failures of scenes are in their rows, and workers are cut off on purpose at the end.
-        local["silence_logs"] = logging.CRITICAL
-        with ExitStack() as stack:
-            stack.enter_context(safe_path())  # dead workers are started again until the end
-            with nullcontext() if address else interrupts_blocked():
-                client = distributed.Client(address, **({} if address else local))
-                stack.enter_context(client)
-            yield client.get_executor
-    else:
-        try:
-            yield partial(processes, workers)
-        finally:  # after an interrupt scenes are not waited for: they may take hours
-            for process in multiprocessing.active_children():
-                process.terminate()
+    try:
+        yield partial(processes, workers)
+    finally:  # after an interrupt scenes are not waited for: they may take hours
+        for process in multiprocessing.active_children():
+            process.terminate()

@@ -20,21 +20,25 @@ _LINES = {"full": "-", "condensed": ":", "reduced": "--"}
 _MARKS = {"full": "o", "condensed": "s", "reduced": "x"}
 
 
+#: Columns of ``peaks.csv`` and what they hold of a peak.
+_COLUMNS = {
+    "model": "model",
+    "level": "level",
+    "mode": "mode",
+    "peak_frequency_Hz": "frequency",
+    "peak_frequency_error": "frequency_error",
+    "peak_amplitude_m": "amplitude",
+    "peak_amplitude_error": "amplitude_error",
+    "backbone_frequency_Hz": "backbone_frequency",
+    "backbone_frequency_error": "backbone_error",
+    "apart": "apart",
+    "error_of_both": "error",
+}
+
+
 def peak_rows(peaks: Sequence[BackbonePeak]) -> list[list[Any]]:
     """Rows of ``peaks.csv``, the first of which is its heading."""
-    header = [
-        "model", "level", "mode", "peak_frequency_Hz", "peak_frequency_error", "peak_amplitude_m",
-        "peak_amplitude_error", "backbone_frequency_Hz", "backbone_frequency_error", "apart",
-        "error_of_both",
-    ]  # fmt: skip
-    rows: list[list[Any]] = [
-        [
-            p.model, p.level, p.mode, p.frequency, p.frequency_error, p.amplitude,
-            p.amplitude_error, p.backbone_frequency, p.backbone_error, p.apart, p.error,
-        ]
-        for p in peaks
-    ]  # fmt: skip
-    return [header, *rows]
+    return [[*_COLUMNS], *([getattr(p, name) for name in _COLUMNS.values()] for p in peaks)]
 
 
 def peak_lines(peaks: Sequence[BackbonePeak]) -> list[str]:

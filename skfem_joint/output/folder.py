@@ -7,7 +7,7 @@ ended: see `record`.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,6 @@ from skfem_joint.output.record import clear, writing
 from skfem_joint.output.tables import write_csv
 from skfem_joint.progress import Progress
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.recording import Run
 
 Writer = Callable[[Path], object]
 _log = logging.getLogger(__name__)
@@ -43,7 +42,6 @@ def check_libraries(scene: Scene) -> None:
     if scene.output.plots or scene.output.vtk:
         needed("pyvista", "vtk")
     if scene.output.plots:
-        needed("imageio", "gif")
         needed("matplotlib", "plot")
 
 
@@ -129,26 +127,6 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     return [summary, *(folder / name for name in plan)]
 
 
-def _add_slow(
-    add: Callable[..., None], plan: Mapping[str, Writer], runs: Mapping[str, Run]
-) -> None:
-    """Add what quasi-static runs have: paths of loads that close no cycle, and joints' loops."""
-    first = next(iter(runs.values()))
-    loads = first.system.loads
-    for k, load in enumerate(loads):
-        name = _hysteresis_name(k, load.on, len(loads))
-        if name not in plan and first.times.size > 1:
-            add(name, plots.hysteresis_figure, runs, load.on, k, None)
-    slips = (run.loops is not None and np.ptp(run.loops.slip) > 0.0 for run in runs.values())
-    if first.system.contact.joints and any(slips):
-        add("joint_loops.png", plots.joint_loops_figure, runs)
-
-
-def _hysteresis_name(number: int, on: str, loads: int) -> str:
-    """Name of the picture of a load's loop."""
-    return f"hysteresis_{safe_name(on)}{f'_load_{number}' * (loads > 1)}.png"
-
-
 def curves(study: Study) -> dict[str, Writer]:
     """Writers, by the names of their files, of the histories and curves that a scene asks for."""
     scene, system = study.scene, study.system
@@ -165,18 +143,21 @@ def curves(study: Study) -> dict[str, Writer]:
         plan[name] = lambda path: plots.save_figure(path, figure(*arguments))
 
     add("histories.png", plots.histories_figure, runs, system.points)
-    if scene.cycle_steps is not None:  # else there is no loop
-        works = any(run.cycles.input.any() for run in runs.values())
-        if works:
-            add("energies.png", plots.energies_figure, runs)
-        rows = -(-scene.cycle_steps // scene.output.every)  # a whole cycle, so that the loop closes
-        works &= min(run.times.size for run in runs.values()) > rows
-        for k, load in enumerate(system.loads if works else ()):
-            name = _hysteresis_name(k, load.on, len(system.loads))
-            if plots.is_loop(runs, load.on, k, rows):
-                add(name, plots.hysteresis_figure, runs, load.on, k, rows)
-    if scene.time.quasi_static:
-        _add_slow(add, plan, runs)
+    works = scene.cycle_steps is not None and any(run.cycles.input.any() for run in runs.values())
+    if works:
+        add("energies.png", plots.energies_figure, runs)
+    # Rows of a whole cycle, so that the loop closes.
+    rows = -(-(scene.cycle_steps or 1) // scene.output.every)
+    stored, slow = min(run.times.size for run in runs.values()), scene.time.quasi_static
+    for k, load in enumerate(system.loads):
+        name = f"hysteresis_{safe_name(load.on)}{f'_load_{k}' * (len(system.loads) > 1)}.png"
+        if works and stored > rows and plots.is_loop(runs, load.on, k, rows):
+            add(name, plots.hysteresis_figure, runs, load.on, k, rows)
+        elif slow and stored > 1:  # the path of a load that closes no cycle
+            add(name, plots.hysteresis_figure, runs, load.on, k, None)
+    slips = (run.loops is not None and np.ptp(run.loops.slip) > 0.0 for run in runs.values())
+    if slow and system.contact.joints and any(slips):
+        add("joint_loops.png", plots.joint_loops_figure, runs)
     if "reduced" in study.models and (basis := study.models["reduced"].basis):
         joints = [patch.joint.name for patch in study.structure.patches]
         count = repr(joints[0]) if len(joints) == 1 else f"{len(joints)} joints"

@@ -1,4 +1,4 @@
-"""A window of VTK that draws into memory where there is no display."""
+"""Windows of VTK that draw into memory, where there is no display too."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
+import numpy as np
+
+from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
+from skfem_joint.files import needed
 from skfem_joint.processes import SAFE_PATH
 
 _VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"  # by which VTK chooses its kind of window
@@ -75,3 +80,33 @@ def _draws(window: str) -> bool:
     except (subprocess.TimeoutExpired, OSError):
         return False
     return ended.returncode == 0 and b"drawn" in ended.stdout
+
+
+def plotter_of(axes: FloatArray, low: FloatArray, high: FloatArray, pixel: float) -> Any:
+    """Plotter of pyvista that looks at a rectangle in parallel projection.
+
+    Parameters
+    ----------
+    axes : ndarray, shape (3, 3)
+        Unit vectors across the picture, up, and to the eye, as rows.
+    low, high : ndarray, shape (2,)
+        Corners of the rectangle, across and up, m.
+    pixel : float
+        Length of a pixel, m.
+    """
+    size = np.ceil((high - low) / pixel).astype(int).tolist()
+    plotter = needed("pyvista", "vtk").Plotter(off_screen=True, window_size=size, border=False)
+    camera, middle = plotter.camera, 0.5 * (low + high) @ axes[:2]
+    camera.parallel_projection = True
+    camera.focal_point, camera.position, camera.up = middle, middle + axes[2], axes[1]
+    camera.parallel_scale = 0.5 * float(high[1] - low[1])
+    return plotter
+
+
+def drawn(plotter: Any) -> Any:
+    """Image of what a plotter has, seen from outside of all of it."""
+    camera = plotter.camera
+    away = 10.0 * plotter.length * np.array(camera.direction)
+    camera.position = np.array(camera.focal_point) - away
+    plotter.renderer.reset_camera_clipping_range()
+    return plotter.screenshot(return_img=True)

@@ -1,15 +1,16 @@
 """Pictures of a structure: warped bodies, coloured by stick and slip, above the load over time.
 
-They show what ``examples/paraview_joint.py`` shows in ParaView, drawn by pyvista. Every model has a
-column or a row of panels: its bodies seen obliquely from above, and below them each face on which
-a solid is pressed, seen at a right angle, because the bodies hide it.
+They show what ``examples/paraview_joint.py`` shows in ParaView. Every model has a column or a row
+of panels: its bodies seen obliquely from above, and below them each face on which a solid is
+pressed, seen at a right angle, because the bodies hide it. pyvista draws the panels, matplotlib
+puts them together.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -19,22 +20,16 @@ import numpy as np
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import needed, replacing
 from skfem_joint.output.fields import Field, Frames
-from skfem_joint.output.offscreen import offscreen
-from skfem_joint.output.plots import envelope, prefixed_unit
+from skfem_joint.output.offscreen import drawn, offscreen, plotter_of
+from skfem_joint.output.plots import DPI, envelope, new_figure, prefixed_unit, save_figure
 from skfem_joint.output.series import Block, blocks_of, faces_of
 
 #: Colours of -1 no contact, 0 stick, 1 slip; they differ in grey too.
 STATES = {"no contact": "#d5d8dc", "stick": "#2f6db3", "slip": "#f08a24"}
 
 
-#: Of the picture, pixels, as all sizes here.
-_WIDTH = 1400
-#: Height that the bodies and faces of all models share at most.
-_TALLEST = 760
-#: Height of the line above each panel that names it.
-_LABEL = 44
-#: Space below bodies; beside them are at least 40.
-_SPACE = 10
+#: Width of the picture, and height that the panels of all models share at most, inches.
+_WIDTH, _TALLEST = 9.4, 5.0
 
 
 def warp_factor(frames: Frames) -> float:
@@ -67,37 +62,33 @@ def still(path: str | Path, frames: Frames) -> None:
 
     InputError without pyvista or a GL library, and for a path that cannot be written.
     """
-    with _picture(path, frames) as (temporary, picture):
+    with _picture(frames) as picture:
         picture.show(*frame_to_show(frames))
-        picture.plotter.screenshot(temporary)
+        save_figure(Path(path), picture.figure)
 
 
 def animation(path: str | Path, frames: Frames, *, most: int = 60) -> None:
     """Draw at most ``most`` evenly spread frames as a GIF of 15 frames a second.
 
-    InputError as for :func:`still`, and without imageio.
+    InputError as for :func:`still`.
     """
-    needed("imageio", "gif")
-    with _picture(path, frames) as (temporary, picture):
+    with _picture(frames) as picture, replacing(Path(path)) as temporary:
+        from matplotlib.animation import PillowWriter
+
         chosen = np.unique(np.linspace(0, len(frames.times) - 1, most).round().astype(int))
-        picture.plotter.open_gif(str(temporary), fps=15.0, subrectangles=True)
-        for frame in chosen:
-            picture.show(int(frame))
-            picture.plotter.write_frame()
-        picture.plotter.mwriter.close()
+        writer = PillowWriter(fps=15)
+        with writer.saving(picture.figure, str(temporary), dpi=100):
+            for frame in chosen:
+                picture.show(int(frame))
+                writer.grab_frame()
 
 
 @contextmanager
-def _picture(path: str | Path, frames: Frames) -> Iterator[tuple[Path, Picture]]:
-    """Temporary file, which replaces the target once it is complete, and the picture for it."""
+def _picture(frames: Frames) -> Iterator[Picture]:
+    """Picture of frames, whose panels are closed at the end."""
     needed("pyvista", "vtk")  # a library that is missing is reported before a window is tried
-    with offscreen():
-        picture = Picture(frames)
-        try:
-            with replacing(Path(path)) as temporary:
-                yield temporary, picture
-        finally:
-            picture.plotter.close()
+    with offscreen(), ExitStack() as stack:
+        yield Picture(frames, stack)
 
 
 def outline(surface: Any) -> Any:
@@ -182,14 +173,54 @@ def _axes(normal: FloatArray) -> FloatArray:
     return np.array([across, np.cross(eye, across), eye])
 
 
-@dataclass(frozen=True)
-class _Drawn:
-    """A block of a model in the picture: its surface and edges, which move with the frames."""
+class Panel:
+    """A view of a model, which pyvista draws and matplotlib shows.
 
-    field: Field
-    block: Block
-    surface: Any
-    edges: Any
+    Parameters
+    ----------
+    field : Field
+    view : View
+    pixel : float
+        Length of a pixel, m.
+    image : AxesImage
+        What shows it.
+
+    Attributes
+    ----------
+    plotter : pyvista.Plotter
+    blocks : list of (Block, PolyData, PolyData)
+        Each block with its surface and edges, which move with the frames.
+    """
+
+    def __init__(self, field: Field, view: View, pixel: float, image: Any) -> None:
+        self.field, self.image = field, image
+        self.plotter = plotter_of(view.axes, view.low, view.high, pixel)
+        self.blocks = [self._add(block, 2.0 * pixel * view.axes[2]) for block in view.blocks]
+
+    def _add(self, block: Block, nearer: FloatArray) -> tuple[Block, Any, Any]:
+        """Add a block's surface and its edges, in grey too where they were at rest."""
+        surface = block.grid.extract_surface(algorithm="dataset_surface")
+        edges = outline(surface)
+        surface.cell_data["state"] = np.zeros(surface.n_cells)
+        self.plotter.add_mesh(edges.copy(), color="#9aa0a6", line_width=1)
+        self.plotter.add_mesh(
+            surface, scalars="state", clim=(-1.5, 1.5), show_scalar_bar=False, ambient=0.7,
+            diffuse=0.35, cmap=list(STATES.values()),
+        )  # fmt: skip
+        # Nearer to the eye, so that the surface does not hide its own edges.
+        self.plotter.add_mesh(edges, color="black", line_width=2).position = nearer
+        return block, surface, edges
+
+    def show(self, arrays: dict[str, Any], factor: float) -> None:
+        """Move the blocks to a frame, colour them by their contact, and draw them."""
+        for block, surface, edges in self.blocks:
+            grid = block.fill(arrays)
+            points = grid.points + factor * np.asarray(grid["displacement"])
+            for mesh in (surface, edges):
+                mesh.points = points[mesh.point_data["vtkOriginalPointIds"]]
+            cells = surface.cell_data["vtkOriginalCellIds"]
+            surface.cell_data["state"] = grid.cell_data["contact_state"][cells].astype(float)
+        self.image.set_data(drawn(self.plotter))
 
 
 class Picture:
@@ -199,177 +230,98 @@ class Picture:
     ----------
     frames : Frames
         Stored fields of the models and their loads.
+    stack : ExitStack
+        Closes what pyvista draws into.
 
     Attributes
     ----------
-    plotter : pyvista.Plotter
-        The picture, with the title in the first row, the models' panels below it and the loads and
-        the legend in the last row.
-    views : list of View
-        The panels of each model.
+    figure : Figure
+    panels : list of Panel
+        The views of each model.
+    marks : list of (Line2D, ndarray)
+        Marks on the curves of the loads, and their forces in the unit of the curve.
     """
 
-    def __init__(self, frames: Frames) -> None:
-        pyvista = needed("pyvista", "vtk")
+    def __init__(self, frames: Frames, stack: ExitStack) -> None:
+        needed("matplotlib", "plot")
+        from matplotlib.patches import Patch
+
         self.frames, self.factor = frames, warp_factor(frames)
-        self.views = views_of(frames, self.factor)
         self.time_unit, self.time_scale = prefixed_unit("s", [np.asarray(frames.times)])
-        models, each = len(frames.fields), len(self.views)
-        self.pixel, self.columns = self._arranged()
-        heights = [self._height(view) for view in self.views] * (models // self.columns)
-        # Height of the lowest panel with and without curves of loads.
-        self.panel = 300 if frames.forces else 130
-        # Height of the line with the time.
-        weights = [64, *heights, self.panel]
-        last = len(weights) - 1
-        self.plotter = pyvista.Plotter(
-            off_screen=True, window_size=(_WIDTH, sum(weights)), border=False,
-            shape=(last + 1, self.columns), row_weights=weights,
-            groups=[(0, slice(None)), (last, slice(None))],
-        )  # fmt: skip
-        self.plotter.set_background("white", all_renderers=True)
-        self.drawn: list[_Drawn] = []
-        for k, field in enumerate(frames.fields):
-            row, column = divmod(k, self.columns)
-            for j, view in enumerate(self.views):
-                self.plotter.subplot(1 + row * each + j, column)
-                self._add_view(field, view)
-        self.plotter.subplot(last, 0)
-        self.marks = self._add_loads() if frames.forces else []
+        views, models = views_of(frames, self.factor), len(frames.fields)
+        wide, tall = np.transpose([view.high - view.low for view in views])
+        # Models stand beside or below each other, as they are drawn larger: length of an inch.
+        inch, columns = min(
+            (max(wide.max() / (_WIDTH / k - 0.6), models // k * tall.sum() / _TALLEST), k)
+            for k in (1, models)
+        )
+        edge = 3.0 * inch / DPI  # lines of the border are drawn whole
+        views = [replace(view, low=view.low - edge, high=view.high + edge) for view in views]
+        heights = [*np.maximum(tall / inch, 0.1)] * (models // columns)
+        loads = [2.0] if frames.forces else []
+        self.figure = new_figure(
+            _WIDTH, 0.7 + sum(heights) + 0.35 * len(heights) + 1.4 * len(loads)
+        )
+        grid = self.figure.add_gridspec(
+            len(heights) + len(loads), columns, height_ratios=[*heights, *loads]
+        )
+        self.panels = []
+        for number, field in enumerate(frames.fields):
+            row, column = divmod(number, columns)
+            for k, view in enumerate(views):
+                panel = self.figure.add_subplot(grid[row * len(views) + k, column])
+                panel.set_axis_off()
+                names = [field.name] * (models > 1) + [view.label] * bool(view.label)
+                panel.set_title(", ".join(names), loc="left")
+                (left, low), (right, high) = view.low.tolist(), view.high.tolist()
+                image = panel.imshow(np.ones((1, 1, 3)), extent=(left, right, low, high))
+                middle = 0.5 * (view.low + view.high)[0]
+                panel.set_xlim(middle - 0.5 * wide.max(), middle + 0.5 * wide.max())
+                self.panels.append(Panel(field, view, inch / DPI, image))
+                stack.callback(self.panels[-1].plotter.close)
+        self.marks = self._add_loads(self.figure.add_subplot(grid[-1, :])) if loads else []
         if frames.structure.patches:
-            self._add_legend()
+            patches = [Patch(color=colour, label=name) for name, colour in STATES.items()]
+            self.figure.legend(handles=patches, loc="outside upper right", ncols=3, frameon=False)
+        self._write("t")
+        self.figure.draw_without_rendering()
+        self.figure.set_layout_engine("none")  # it takes time, and moves nothing any more
 
-    def _arranged(self) -> tuple[float, int]:
-        """Length of a pixel (m) and number of columns, with models beside or below each other.
-
-        The arrangement that draws them larger is taken.
-        """
-        models = len(self.frames.fields)
-        wide, tall = np.transpose([view.high - view.low for view in self.views])
-        lines = len(self.views) * (_LABEL + _SPACE)
-        arrangements = []
-        for columns, rows in ((1, models), (models, 1)):
-            across = _WIDTH / columns - 2 * 40
-            up = max(_TALLEST / rows - lines, 0.1 * _TALLEST / rows)
-            arrangements.append((max(float(wide.max() / across), float(tall.sum() / up)), columns))
-        return min(arrangements)
-
-    def _height(self, view: View) -> int:
-        """Height of a view's panel, pixels."""
-        body = (view.high[1] - view.low[1]) / self.pixel
-        return _LABEL + _SPACE + int(np.ceil(body))
-
-    def _add_view(self, field: Field, view: View) -> None:
-        """Add the blocks of a view to the current panel, with its name, and aim the camera."""
-        size = np.array([_WIDTH / self.columns, self._height(view)])
-        left = 0.5 * (size[0] - (view.high[0] - view.low[0]) / self.pixel)  # it is in the middle
-        corner = view.low - self.pixel * np.array([left, 0.5 * _SPACE])
-        middle = (corner + 0.5 * self.pixel * size) @ view.axes[:2]
-        far = 10.0 * float(np.ptp(self.frames.structure.positions, axis=0).max()) + 1.0
-        camera = self.plotter.camera
-        camera.parallel_projection = True
-        camera.focal_point, camera.up = middle, view.axes[1]
-        camera.position = middle + far * view.axes[2]
-        camera.parallel_scale = 0.5 * float(size[1]) * self.pixel
-        for block in view.blocks:
-            self.drawn.append(self._add_block(field, block, view))
-        names = [field.name] if len(self.frames.fields) > 1 else []
-        name = ", ".join([*names, view.label] if view.label else names)
-        self._write(name, (left, size[1] - _LABEL + 10.0), 12)
-
-    def _add_block(self, field: Field, block: Block, view: View) -> _Drawn:
-        """Add a block's surface and its edges, in grey too where they were at rest."""
-        surface = block.grid.extract_surface(algorithm="dataset_surface")
-        edges = outline(surface)
-        surface.cell_data["state"] = np.zeros(surface.n_cells)
-        self.plotter.add_mesh(edges.copy(), color="#9aa0a6", line_width=1)
-        self.mapper = self.plotter.add_mesh(
-            surface, scalars="state", clim=(-1.5, 1.5), show_scalar_bar=False, ambient=0.7,
-            diffuse=0.35, cmap=list(STATES.values()),
-        ).mapper  # fmt: skip
-        actor = self.plotter.add_mesh(edges, color="black", line_width=2)
-        # Two pixels nearer to the eye, so that the surface does not hide its own edges.
-        actor.position = 2.0 * self.pixel * view.axes[2]
-        return _Drawn(field, block, surface, edges)
-
-    def _add_legend(self) -> None:
-        """Add a legend of the colours of contact at the right of the current panel."""
-        left, bottom, wide = 0.74 * _WIDTH, 0.5 * self.panel - 40.0, 0.08 * _WIDTH
-        self.plotter.add_scalar_bar(
-            title="", mapper=self.mapper, color="black", n_labels=0, vertical=False, width=0.24,
-            height=60 / self.panel, position_x=0.74, position_y=bottom / self.panel,
-        )  # fmt: skip
-        self._write("contact", (left, bottom + 26.0), 10)
-        for k, name in enumerate(STATES):
-            text = self._write(name, (left + (k + 0.5) * wide, bottom - 26.0), 10)
-            text.prop.justification_horizontal = "center"
-
-    def _add_loads(self) -> list[tuple[Any, FloatArray]]:
+    def _add_loads(self, panel: Any) -> list[tuple[Any, FloatArray]]:
         """Curves of the loads with a mark each; returns the marks and the forces in their unit."""
-        pyvista = needed("pyvista", "vtk")
         forces, marks = self.frames.forces, []
         unit, scale = prefixed_unit("N", forces.values())
-        chart = pyvista.Chart2D(size=(0.7, 1.0 - 35 / self.panel), loc=(0.01, 0.01))
         colours = cycle(("#1a1a1a", "#9c1c00", "#2e6b2e", "#8d5fb0"))
         for (on, force), colour in zip(forces.items(), colours, strict=False):
             times, values = self.frames.load_times / self.time_scale, np.asarray(force) / scale
             if (band := envelope(times, values)) is None:
-                chart.line(times, values, color=colour, width=2.0, label=on)
+                panel.plot(times, values, color=colour, label=on)
             else:
-                chart.area(*band, color=pyvista.Color(colour, opacity=0.4), label=on)
-            mark = chart.scatter([0.0], [0.0], color="#d11f1f", size=16, style="o")
-            marks.append((mark, values))
-        where = f" on {next(iter(forces))}" if len(forces) == 1 else ""
-        chart.x_label, chart.y_label = f"time, {self.time_unit}", ""
-        self._write(f"force{where}, {unit}", (0.02 * _WIDTH, self.panel - 38.0), 10)
-        chart.legend_visible = len(forces) > 1
-        chart.GetLegend().SetLabelSize(18)
-        low = min(0.0, *(float(values.min(initial=0.0)) for _, values in marks))
-        high = max(0.0, *(float(values.max(initial=0.0)) for _, values in marks))
-        space = 0.15 * (high - low) or 1.0
-        chart.y_range = (low - space, high + (4 if len(forces) > 1 else 1) * space)  # the legend's
-        chart.background_color = chart.border_color = (1.0, 1.0, 1.0, 0.0)
-        for axis in (chart.x_axis, chart.y_axis):
-            axis.label_size, axis.tick_label_size, axis.grid = 20, 18, True
-        self.plotter.add_chart(chart)
+                panel.fill_between(*band, color=colour, alpha=0.4, label=on)
+            marks.append((panel.plot([], [], "o", color="#d11f1f", markersize=8)[0], values))
+        where = f"\non {next(iter(forces))}" if len(forces) == 1 else ""
+        panel.set(xlabel=f"time, {self.time_unit}", ylabel=f"force{where}, {unit}", xmargin=0.0)
+        panel.grid(alpha=0.3)
+        if len(forces) > 1:
+            panel.legend()
         return marks
 
-    def _write(self, text: str, place: tuple[float, float], size: int) -> Any:
-        """Write a text at a position in pixels from the lower left corner of the current panel.
-
-        It takes the place of an earlier text there.
-        """
-        return self.plotter.add_text(
-            text, position=place, font_size=size, color="black", name=f"text at {place}",
-            render=False,
-        )  # fmt: skip
+    def _write(self, text: str) -> None:
+        self.figure.suptitle(text, x=0.02, horizontalalignment="left")
 
     def show(self, frame: int, why: str = "") -> None:
         """Set everything to a frame; ``why`` says what is special about it."""
         for field in self.frames.fields:
             arrays = self.frames.arrays(field, frame)
-            for drawn in self.drawn:
-                if drawn.field is field:
-                    self._move(drawn, arrays)
+            for panel in self.panels:
+                if panel.field is field:
+                    panel.show(arrays, self.factor)
         time = self.frames.times[frame]
         now = [float(np.interp(time, self.frames.load_times, force)) for _, force in self.marks]
         largest = [np.abs(force).max(initial=0.0) for _, force in self.marks]
         if why and self.marks and max(map(abs, now)) <= 1e-3 * max(largest):
             why += ", no load then"
         text = f"t = {time / self.time_scale:.3f} {self.time_unit}{f' ({why})' if why else ''}"
-        text += f"      displacement × {self.factor:g}"
-        self.plotter.subplot(0, 0)
-        self._write(text, (0.03 * _WIDTH, 12.0), 14)
+        self._write(f"{text},  displacement × {self.factor:g}")
         for (mark, _), force in zip(self.marks, now, strict=True):
-            mark.update([time / self.time_scale], [force])
-        for renderer in self.plotter.renderers:
-            renderer.reset_camera_clipping_range()
-
-    def _move(self, drawn: _Drawn, arrays: dict[str, Any]) -> None:
-        """Move a block to a frame and colour it by its contact."""
-        grid, surface = drawn.block.fill(arrays), drawn.surface
-        points = grid.points + self.factor * np.asarray(grid["displacement"])
-        for mesh in (surface, drawn.edges):
-            mesh.points = points[mesh.point_data["vtkOriginalPointIds"]]
-        cells = surface.cell_data["vtkOriginalCellIds"]
-        surface.cell_data["state"] = grid.cell_data["contact_state"][cells].astype(float)
+            mark.set_data([time / self.time_scale], [force])

@@ -25,6 +25,8 @@ from skfem_joint.structure import Body, Patch
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+#: Resolution of pictures, pixels an inch.
+DPI = 150
 # Curves below this share of the largest are round-off, and are not drawn.
 _AT_REST = 1e-9
 
@@ -60,7 +62,7 @@ def save_figure(path: Path, figure: Figure) -> Path:
 
     # Without chunks, Agg gives up on a curve of very many points that fill the panel.
     with replacing(path) as temporary, rc_context({"agg.path.chunksize": 20_000}):
-        figure.savefig(temporary, format="png", dpi=150)
+        figure.savefig(temporary, format="png", dpi=DPI)
     return path
 
 
@@ -196,9 +198,7 @@ def joint_loops_figure(runs: Mapping[str, Run]) -> Figure:
     if not moving:
         raise InputError("joint loops: found no quasi-static run in which a joint slips")
     columns = min(len(moving), 3)
-    rows = -(-len(moving) // columns)
-    figure = new_figure(4.8 * columns, 4.4 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    figure, panels = _panels(4.8, 4.4, -(-len(moving) // columns), columns)
     for panel in panels[len(moving) :]:
         panel.set_axis_off()
     for panel, k in zip(panels, moving, strict=False):
@@ -219,8 +219,6 @@ def joint_loops_figure(runs: Mapping[str, Run]) -> Figure:
             fontsize="medium",
         )
         panel.set(xlabel=f"mean slip, {unit}", ylabel=f"friction force, {force_unit}")
-        panel.grid(alpha=0.3)
-        panel.set_axisbelow(True)
     _legend_above(figure, panels[0])
     return figure
 

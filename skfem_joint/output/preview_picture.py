@@ -15,7 +15,7 @@ import numpy as np
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.files import needed
-from skfem_joint.output.offscreen import offscreen
+from skfem_joint.output.offscreen import drawn, offscreen, plotter_of
 from skfem_joint.output.plots import new_figure, save_figure
 from skfem_joint.output.preview import Mark, Preview
 from skfem_joint.output.series import blocks_of
@@ -32,24 +32,12 @@ _EYE, _PAPER = np.array([0.48, -0.64, 0.6]), np.array([[0.8, 0.6, 0.0], [-0.36, 
 _WIDTH, _PER_ROW = 14.0, 7  # inches, labels
 
 
-def write_preview(path: str | Path, preview: Preview, *, overwrite: bool = False) -> Path:
-    """Draw a preview as a PNG.
+def write_preview(path: Path, preview: Preview) -> Path:
+    """Draw a preview as a PNG, in place of what is there.
 
-    Parameters
-    ----------
-    path : str or Path
-        File that ends in ``.png``, in a folder that exists.
-    preview : Preview
-    overwrite : bool
-        Whether a file of this name may be replaced.
-
-    Raises
-    ------
-    InputError
-        For another ending, a file that is there already or cannot be written, without matplotlib,
-        and for solids without pyvista or a GL library.
+    InputError where it cannot be written, without matplotlib, and for solids without pyvista or a
+    GL library.
     """
-    check_target(path := Path(path), overwrite=overwrite)
     return save_figure(path, preview_figure(preview))
 
 
@@ -165,22 +153,15 @@ def _draw_bodies(panel: Any, structure: Structure, nodes: FloatArray) -> None:
 
 def _image(structure: Structure, low: FloatArray, high: FloatArray) -> Any:
     """Image of solids between corners of the paper, mm."""
-    pyvista = needed("pyvista", "vtk")
-    middle = 0.5 * (low + high) @ _PAPER
+    low, high = 1e-3 * low, 1e-3 * high
     with offscreen():
-        size = (1800.0 * (high - low) / np.max(high - low)).round().astype(int).tolist()
-        plotter = pyvista.Plotter(off_screen=True, window_size=size, border=False)
+        plotter = plotter_of(np.vstack([_PAPER, _EYE]), low, high, np.max(high - low) / 1800.0)
         try:
             for block, colour in zip(blocks_of(structure), cycle(_BODIES), strict=False):
-                surface = block.grid.scale(1e3).extract_surface(algorithm="dataset_surface")
+                surface = block.grid.extract_surface(algorithm="dataset_surface")
                 plotter.add_mesh(surface, color=colour, show_edges=True, edge_color="#7d858e",
                                  ambient=0.55, diffuse=0.5)  # fmt: skip
-            plotter.enable_parallel_projection()
-            far = 10e3 * float(np.ptp(structure.nodes, axis=0).max())
-            plotter.camera_position = [middle + far * _EYE, middle, (0.0, 0.0, 1.0)]
-            plotter.camera.parallel_scale = 0.5 * (high - low)[1]
-            plotter.reset_camera_clipping_range()
-            return plotter.screenshot(return_img=True)
+            return drawn(plotter)
         finally:
             plotter.close()
 

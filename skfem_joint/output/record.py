@@ -58,20 +58,6 @@ class _Listed(NamedTuple):
         lines.write(json.dumps(self) + "\n")
 
 
-def _is_plain(folder: Path, *parts: str) -> bool:
-    """Whether parts of a name lead below a folder, and not by links."""
-    # The folder itself may be a link, for the user named it.
-    path = os.sep.join((os.path.realpath(folder), *parts))
-    return os.path.realpath(path) == path
-
-
-def _is_as_written(folder: Path, name: str, lines: set[_Listed]) -> bool:
-    """Whether a name is a file that this program wrote, and was not changed since."""
-    path = folder / name
-    plain = _is_plain(folder, *name.split("/")) and path.is_file()
-    return plain and _Listed.of(path, name, True) in lines
-
-
 def _listed(folder: Path) -> set[_Listed] | None:
     """Lines of the list in a folder; None if there is none.
 
@@ -81,8 +67,8 @@ def _listed(folder: Path) -> set[_Listed] | None:
     if not os.path.lexists(path):
         return None
     try:
-        if not _is_plain(folder, LIST):
-            raise ValueError("not a file")
+        if path.is_symlink():
+            raise ValueError("a link")
         # A line that was torn is the last; its file has not taken its place.
         first, *lines = path.read_text(encoding="utf-8").split("\n")[:-1]
         if first != _HEADER:
@@ -134,22 +120,21 @@ def clear(folder: Path, overwrite: bool = False) -> list[str]:
     if others:
         _write_list(folder, others)
     else:  # the list last: after an interruption it still has the rest
-        _remove(folder, {LIST})
+        _remove(folder, [LIST])
     return left
 
 
-def _found(folder: Path, lines: set[_Listed]) -> tuple[set[str], list[_Listed]]:
+def _found(folder: Path, lines: set[_Listed]) -> tuple[list[str], list[_Listed]]:
     """Names of files in a folder that are as they were written, and lines of all others."""
-    written = (line.name for line in lines if line.ours)
     try:
-        there = {*_names(folder), *(name for name in written if os.path.lexists(folder / name))}
-        ours = {name for name in there if _is_as_written(folder, name, lines)}
-        return ours, [_Listed.of(folder / name, name, False) for name in sorted(there - ours)]
+        there = [_Listed.of(folder / name, name, True) for name in sorted(_names(folder))]
     except OSError as error:
         raise InputError(f"{error.filename}: cannot be read: {error.strerror}") from error
+    others = [line._replace(ours=False) for line in there if line not in lines]
+    return [line.name for line in there if line in lines], others
 
 
-def _remove(folder: Path, names: set[str]) -> None:
+def _remove(folder: Path, names: Sequence[str]) -> None:
     """Remove files of a folder, and the folders below it that they leave empty."""
     try:
         for name in names:
@@ -164,22 +149,17 @@ def _remove(folder: Path, names: set[str]) -> None:
 def _refuse(folder: Path, names: Sequence[str], lines: set[_Listed] | None) -> None:
     """InputError for files of other origin in a folder with a list, unless they are harmless."""
     written = {line.name for line in lines or () if line.ours}
-    if changed := [name for name in names if name in written]:
-        raise InputError(
-            f"{folder}: {_some(changed)} changed since skfem-joint wrote it there; nothing was "
-            f"removed; {_CURE}"
-        )
-    if lines is None:
-        raise InputError(
-            f"{folder}: is not empty, and skfem-joint did not write what is there: {_some(names)}; "
-            f"{_CURE}"
-        )
+    changed = [name for name in names if name in written]
     files = [name for name in names if not name.endswith("/")]
-    if near := [name for name in files if PurePosixPath(name).suffix.lower() in _ENDINGS]:
-        raise InputError(
-            f"{folder}: has {_some(near)}, which skfem-joint did not write and its results might "
-            f"replace; {_CURE}"
-        )
+    near = [name for name in files if PurePosixPath(name).suffix.lower() in _ENDINGS]
+    for wrong, why in (
+        (names if lines is None else (), "is not empty, and skfem-joint did not write"),
+        (changed, "has files that were changed since skfem-joint wrote them:"),
+        (near, "has files that skfem-joint did not write and its results might replace:"),
+    ):
+        if wrong:
+            some = ", ".join(wrong[:5]) + (f" and {len(wrong) - 5} more" if wrong[5:] else "")
+            raise InputError(f"{folder}: {why} {some}; nothing was removed; {_CURE}")
 
 
 def _names(folder: Path) -> Iterator[str]:
@@ -197,11 +177,6 @@ def _names(folder: Path) -> Iterator[str]:
         elif not (path.name.startswith(".") or os.path.lexists(path / LIST)):
             with suppress(PermissionError):
                 yield from (f"{path.name}/" for _ in islice(path.iterdir(), 1))
-
-
-def _some(names: Sequence[str]) -> str:
-    """The first of some names."""
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if names[5:] else "")
 
 
 @contextmanager
@@ -230,12 +205,12 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
         """List a whole file that is about to take its place; refuse if that is not free."""
         if not path.absolute().is_relative_to(folder.absolute()):
             return
-        parts = path.absolute().relative_to(folder.absolute()).parts
-        name = "/".join(parts)
+        place = path.absolute().relative_to(folder.absolute())
+        name = place.as_posix()
         free = not os.path.lexists(path) or any(
             _Listed.of(path, name, mine) in known for mine in (True, False)
         )
-        if not free or not _is_plain(folder, *parts[:-1]):
+        if not free or any((folder / above).is_symlink() for above in place.parents[:-1]):
             raise InputError(
                 f"{path}: is there, and this run did not write it: it is left as it is; move it "
                 "away, or choose another folder"

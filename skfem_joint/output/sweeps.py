@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skfem_joint.analysis.sweep import STEADY, Row
-from skfem_joint.files import holding, replacing, safe_names
+from skfem_joint.files import replacing, safe_names
 from skfem_joint.output import plots
 from skfem_joint.output.record import writing
 from skfem_joint.output.tables import write_csv
@@ -82,7 +82,7 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path, drawn: bool = True) -
     """Write the table of what has finished, as Parquet too where pyarrow is, and the pictures.
 
     Pictures take seconds: after an interrupt ``drawn`` is false. InputError if a file cannot be
-    written.
+    written. The caller has locked the folder.
     """
     table = columns(swept, rows)
     cells = {name: [_cell(value) for value in values] for name, values in table.items()}
@@ -95,7 +95,7 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path, drawn: bool = True) -
     warnings = {str(row.number): list(row.warnings) for row in rows if row.warnings}
     content = {"scenes": len(swept.scenes), "ended": len(rows), "failures": failures}
     content |= {**doubtful(rows), "warnings": warnings}
-    with holding(folder), writing(folder, content) as summary:
+    with writing(folder, content) as summary:
         write_csv(files[0], [list(cells), *zip(*cells.values(), strict=True)])
         for path in parquet:
             from pyarrow import parquet as library, table as arrow  # isort: skip

@@ -15,7 +15,7 @@ from skfem_joint.errors import InputError
 from skfem_joint.files import read_text
 from skfem_joint.mesh import NamedMesh, load_meshes
 from skfem_joint.progress import Progress, silent
-from skfem_joint.scene.changes import replaced, with_changes
+from skfem_joint.scene.changes import with_changes
 from skfem_joint.scene.messages import sentences, value_text
 from skfem_joint.scene.scene import (
     TABLES_OF_STRUCTURE,
@@ -31,7 +31,6 @@ from skfem_joint.structure.load import load_problems
 
 def load_scene(
     path: str | Path,
-    models: Sequence[str] | None = None,
     progress: Progress = silent,
     ready: Callable[[Scene], object] | None = None,
 ) -> Scene:
@@ -44,8 +43,6 @@ def load_scene(
     ----------
     path : str or Path
         File of the scene.
-    models : sequence of str, optional
-        Models in place of those of the file's ``models.run``, checked like them.
     progress : callable, optional
         Called with (what is done, how much, of how much, a note) while bolts are tightened.
     ready : callable, optional
@@ -65,8 +62,6 @@ def load_scene(
     """
     path = Path(path)
     tables = _read_toml(path)
-    if models is not None:
-        tables = replaced(tables, ("models", "run"), [*models], f"{path}: models.run")
     mesh, problems = _read_mesh(tables, path.parent)
     return scene_from(tables, mesh, path, problems, progress, ready)
 
@@ -286,7 +281,7 @@ def load_with_sweep(
     """
     swept = load_sweep(path, progress) if "sweep" in _read_toml(Path(path)) else None
     try:
-        return load_scene(path, progress=progress), swept, []
+        return load_scene(path, progress), swept, []
     except InputError as error:
         if swept is None:
             raise

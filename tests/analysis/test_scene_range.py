@@ -13,7 +13,7 @@ import skfem_joint as sj
 from skfem_joint.analysis import scene_range
 from skfem_joint.analysis.scene_range import of_scene, point_of, range_model, served_scene
 from skfem_joint.analysis.scene_response import scene_response
-from skfem_joint.analysis.study import run_scene, run_scene_in_range
+from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.sweep import Row, sweep
 from skfem_joint.output.damping import write_response
 from skfem_joint.scene import Scene
@@ -121,7 +121,7 @@ def test_a_sweep_taken_up_again_loads_the_model(rows, folder, monkeypatch):
 
 
 def test_gross_slip_is_refused_and_has_a_model_of_its_own(folder, model):
-    study = run_scene_in_range(scene(amplitude=450e3), folder)
+    study = run_scene(scene(amplitude=450e3), folder=folder, described=False)
     assert any("does not serve this scene" in text for text in study.warnings)
     assert study.models["reduced"].run.system.serves is None
 

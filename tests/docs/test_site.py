@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import skfem_joint
-from skfem_joint.cli import _parser
+from skfem_joint.cli import parser
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -164,7 +164,7 @@ def test_a_docstring_says_what_goes_in_and_what_comes_out(name):
 
 
 def test_the_page_of_the_commands_has_each_of_them():
-    (commands,) = (each for each in _parser()._actions if isinstance(each.choices, dict))
+    (commands,) = (each for each in parser()._actions if isinstance(each.choices, dict))
     page = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
     shown = re.findall(r"^```\{command\} ([\w-]+)$", page, re.MULTILINE)
     assert sorted(shown) == sorted(commands.choices)

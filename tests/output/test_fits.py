@@ -90,8 +90,8 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     scene = written(tmp_path, text=SCENE)
     (tmp_path / "deep").mkdir()
     out = tmp_path / "deep" / "out"
-    file = data(tmp_path, rows)
-    assert cli.main(arguments(scene, [file], out, "--highest", "0.2")) == 0
+    file = data(tmp_path, rows, "# point: free_end\n# highest: 0.2\n")
+    assert cli.main(arguments(scene, [file], out)) == 0
     shown = capsys.readouterr().out
     assert "± deviation" in shown
     assert "95 % interval" in shown
@@ -164,15 +164,15 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     assert (out / "fitted.toml").read_text() == "mine too"
 
 
-def test_options_win_over_heads_and_offsets_are_drawn(tmp_path, rows):
+def test_offsets_are_drawn(tmp_path, rows):
     scene = written(tmp_path, text=SCENE)
     higher = rows + np.array([0.0, 3.0, 0.0])
     other = tmp_path / "other"
     other.mkdir()
-    files = [data(tmp_path, rows, "# point: junction\n"), data(other, higher, "# point: none\n")]
-    given = ["--point", "free_end", "--offset", "frequency", "--relative-damping-deviation", "0.02"]
+    head = "# point: free_end\n# offset: frequency\n"
+    files = [data(tmp_path, rows, head), data(other, higher, head)]
     out = tmp_path / "out"
-    assert cli.main(arguments(scene, files, out, *given, "-q")) == 0
+    assert cli.main(arguments(scene, files, out, "-q")) == 0
     found = json.loads((out / "fit.json").read_text(encoding="utf-8"))
     first, second = (f"offset of {path}: frequency" for path in files)
     assert found["offsets"] == {
@@ -325,17 +325,17 @@ def test_wrong_free_values_end_with_a_sentence(tmp_path, rows, free, words, caps
 
 
 @pytest.mark.parametrize(
-    ("head", "given", "words"),
+    ("head", "words"),
     [
-        ("# point: tip\n", [], "found 'tip', must be one of"),
-        ("", ["--point", "free_end", "--mode", "0"], "--mode: found '0'"),
-        ("", ["--point", "free_end", "--unit", "mile"], "--unit: found 'mile'"),
-        ("", ["--point", "free_end", "--lowest", "5"], "found no amplitude in the range"),
+        ("# point: tip\n", "found 'tip', must be one of"),
+        ("# point: free_end\n# mode: 0\n", "mode: found '0'"),
+        ("# point: free_end\n# unit: mile\n", "unit: found 'mile'"),
+        ("# point: free_end\n# fit: 5..9\n", "found no amplitude in the range"),
     ],
 )
-def test_wrong_data_end_with_a_sentence(tmp_path, rows, head, given, words, capsys):
+def test_wrong_data_end_with_a_sentence(tmp_path, rows, head, words, capsys):
     scene, out = written(tmp_path, text=SCENE), tmp_path / "out"
-    assert cli.main(arguments(scene, [data(tmp_path, rows, head)], out, *given)) == 2
+    assert cli.main(arguments(scene, [data(tmp_path, rows, head)], out)) == 2
     assert words in capsys.readouterr().err
     assert not out.exists()
 
