@@ -1,10 +1,4 @@
-"""Gmsh files: a reader, which trusts no number that a file states, and a writer.
-
-meshio allocates memory for any count that a file states, takes a wrong node if an element refers to
-a missing one, keeps only the last of two groups with the same name, reads beyond the end of a
-section that is cut off, refuses a file in which some entities belong to no group, and empties
-groups of reversed curves (negative tags).
-"""
+"""Gmsh files: checks before meshio reads them, and a writer."""
 
 from __future__ import annotations
 
@@ -19,18 +13,15 @@ from numpy.typing import NDArray
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError
-from skfem_joint.mesh.cells import CELLS, cell_of, same_columns, split
+from skfem_joint.mesh.cells import cell_of, same_columns, split
 from skfem_joint.mesh.named import NamedMesh, check_count
 
-#: Kind, order and number of nodes of each Gmsh element type that is read: points, lines of order 1
-#: to 10, and triangles, quadrilaterals, tetrahedra and hexahedra of first and second order.
-KINDS = {15: ("point", 1, 1), 1: ("line", 1, 2), 8: ("line", 2, 3)}
-KINDS |= {23 + order: ("line", order, order + 1) for order in (3, 4, 5)}
-KINDS |= {56 + order: ("line", order, order + 1) for order in (6, 7, 8, 9, 10)}
-KINDS |= {2: ("triangle", 1, 3), 9: ("triangle", 2, 6), 3: ("quadrilateral", 1, 4)}
-KINDS |= {16: ("quadrilateral", 2, 8), 10: ("quadrilateral", 2, 9)}
-KINDS |= {4: ("tetrahedron", 1, 4), 11: ("tetrahedron", 2, 10)}
-KINDS |= {5: ("hexahedron", 1, 8), 17: ("hexahedron", 2, 20), 12: ("hexahedron", 2, 27)}
+# Number of nodes of each Gmsh element type that is read: points, lines of order 1 to 10, and
+# triangles, quadrangles, tetrahedra and hexahedra of first and second order.
+_NODES = {
+    **{15: 1, 1: 2, 8: 3, 26: 4, 27: 5, 28: 6, 62: 7, 63: 8, 64: 9, 65: 10, 66: 11},
+    **{2: 3, 9: 6, 3: 4, 16: 8, 10: 9, 4: 4, 11: 10, 5: 8, 17: 20, 12: 27},
+}
 # Gmsh element types that are written, by dimension, number of corners and order.
 _TYPES = {
     **{(0, 1, 1): 15, (0, 1, 2): 15, (1, 2, 1): 1, (1, 2, 2): 8, (2, 3, 1): 2, (2, 3, 2): 9},
@@ -38,51 +29,6 @@ _TYPES = {
 }
 #: Tags of the physical groups, without sign, by dimension and tag of the entity.
 Groups = dict[tuple[int, int], set[int]]
-
-
-class Block(NamedTuple):
-    """Cells of one type.
-
-    Attributes
-    ----------
-    kind : int
-        Element type of Gmsh.
-    nodes : ndarray of int, shape (cells, nodes)
-    groups : dict of int to ndarray of int
-        Cells by the tag of their physical group.
-    """
-
-    kind: int
-    nodes: IntArray
-    groups: dict[int, IntArray]
-
-    @property
-    def dim(self) -> int:
-        """Dimension of the cells."""
-        return _dim(self.kind)
-
-
-class RawMesh(NamedTuple):
-    """What a file holds.
-
-    Attributes
-    ----------
-    positions : ndarray, shape (n, 3)
-        Of the nodes, in the order of their numbers in the file.
-    blocks : list of Block
-        With the places of their nodes among all.
-    names : list of (int, int, str)
-        Dimension, tag and name of each physical group.
-    """
-
-    positions: FloatArray
-    blocks: list[Block]
-    names: list[tuple[int, int, str]]
-
-
-def _dim(kind: int) -> int:
-    """Dimension of an element type of Gmsh."""
-    return 0 if kind == 15 else CELLS[KINDS[kind][0]].dim
 
 
 class _Numbers:
@@ -118,14 +64,29 @@ class _Numbers:
         return int(text)
 
 
-def read_msh(data: bytes) -> RawMesh:
-    """Read a Gmsh file; sections with anything but the mesh and its groups are passed over.
+def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
+    """Check a Gmsh file and leave out the sections that meshio would misread.
+
+    Refused are files that meshio would read wrongly: it allocates memory for any count that a file
+    states, takes a wrong node if an element refers to a missing node, keeps only the last of two
+    groups with the same name, and reads beyond the end of a section that is cut off.
+
+    Left out are entities, results and other sections: meshio refuses a file in which some entities
+    belong to no group, and empties groups of reversed curves (negative tags).
+
+    Returns
+    -------
+    content : bytes
+        File for meshio.
+    tags : ndarray of int
+        Numbers of the nodes.
+    groups : dict or None
+        Physical groups of the entities, if the file has a section of entities.
 
     Raises
     ------
     ValueError
-        Says why the file is refused: it is cut or damaged, of another format, holds elements of
-        other types, or groups with the same name.
+        Says why the file is refused.
     """
     sections = _sections(data.removeprefix(b"\xef\xbb\xbf"))
     version, mode, size = (word.decode("ascii") for word in sections["MeshFormat"].split()[:3])
@@ -133,34 +94,35 @@ def read_msh(data: bytes) -> RawMesh:
         raise ValueError(f"Gmsh format {version}; save it again with Mesh.MshFileVersion = 4.1")
     if mode not in ("0", "1") or size != "8":
         raise ValueError(f"unknown kind of Gmsh file: mode {mode}, data size {size}")
-    text = sections["PhysicalNames"].decode()
-    lines = re.findall(r'^\s*(\d+)\s+(-?\d+)\s+"(.*)"', text, re.M)
-    names = [(int(dim), int(tag), name) for dim, tag, name in lines]
+    names = re.findall(r'^\s*\d+\s+-?\d+\s+"(.*)"', sections["PhysicalNames"].decode(), re.M)
     check_count(len(names))
-    for name, count in Counter(name for _, _, name in names).items():
+    for name, count in Counter(names).items():
         if count > 1:
             raise ValueError(f"{count} groups are named {name!r}: give each its own")
-    parts = {name: _Numbers(body, name, mode == "1") for name, body in sections.items()
-             if name in ("Nodes", "Elements", "Entities", "PartitionedEntities")}  # fmt: skip
-    tags, positions, blocks = (_walk_41 if version == "4.1" else _walk_22)(parts)
-    if not np.all((tags >= 1.0) & (tags < 2.0**53)):
-        raise ValueError("$Nodes has node numbers that are no whole numbers from 1 on")
-    order = np.argsort(tags, kind="stable")
-    known = tags[order]
-    if np.any(np.diff(known) == 0.0):
+    numbers = {name: _Numbers(sections[name], name, mode == "1") for name in ("Nodes", "Elements")}
+    tags, used = (_walk_41 if version == "4.1" else _walk_22)(**numbers)
+    groups: Groups | None = None
+    if version == "4.1" and "Entities" in sections:
+        groups = {}
+        for name in ("Entities", "PartitionedEntities"):  # the latter are parts of the former
+            if name in sections:
+                groups |= _groups_of_entities(_Numbers(sections[name], name, mode == "1"))
+    largest = max(10**6, len(data))  # meshio's table of nodes is as long as the largest tag
+    if not np.all((tags >= 1) & (tags <= largest)):
+        raise ValueError(f"$Nodes numbers nodes beyond 1 ... {largest}: renumber the mesh")
+    known = np.zeros(largest + 1, dtype=np.bool_)
+    known[tags.astype(np.intp)] = True
+    if np.count_nonzero(known) != tags.size:
         raise ValueError("$Nodes uses a node number twice")
-
-    def placed(block: Block) -> Block:
-        """The block with the places of its nodes in place of their numbers."""
-        place = np.searchsorted(known, block.nodes).clip(max=known.size - 1)
-        unknown = block.nodes[known[place] != block.nodes]
-        if unknown.size:
-            raise ValueError(
-                f"an element refers to node {unknown[0]:.0f}, which $Nodes does not hold"
-            )
-        return block._replace(nodes=place)
-
-    return RawMesh(positions[order], [placed(block) for block in blocks if len(block.nodes)], names)
+    unknown = used[~known[np.where((used > 0) & (used <= largest), used, 0).astype(np.intp)]]
+    if unknown.size:
+        raise ValueError(f"an element refers to node {unknown[0]:.0f}, which $Nodes does not hold")
+    parts = (
+        f"${name}\n".encode() + sections[name] + f"$End{name}\n".encode()
+        for name in ("MeshFormat", "PhysicalNames", "Nodes", "Elements")
+        if sections[name]
+    )
+    return b"".join(parts), tags.astype(np.intp), groups
 
 
 def _sections(data: bytes) -> dict[str, bytes]:
@@ -202,22 +164,14 @@ def _groups_of_entities(numbers: _Numbers) -> Groups:
     return groups
 
 
-#: Numbers of the nodes, their positions, and blocks with these numbers.
-Walked = tuple[FloatArray, FloatArray, list[Block]]
-
-
-def _walk_22(parts: Mapping[str, _Numbers]) -> Walked:
-    """Nodes and elements in format 2.2."""
-    Nodes, Elements = parts["Nodes"], parts["Elements"]
+def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Numbers of all nodes, and of the nodes of all elements, in format 2.2."""
     if Nodes.binary:
         record = np.dtype([("tag", "i4"), ("position", "f8", 3)])
-        nodes = Nodes.take("u1", record.itemsize * Nodes.line()).view(record)
-        tags, positions = nodes["tag"].astype(float), nodes["position"]
+        tags = Nodes.take("u1", record.itemsize * Nodes.line()).view(record)["tag"]
     else:
-        table = Nodes.take("f8", 4 * Nodes.line()).reshape(-1, 4)
-        tags, positions = table[:, 0], table[:, 1:]
-    found: dict[int, list[NDArray[Any]]] = {}  # group and nodes of the elements, by type
-    with_tags, count_read, total = set(), 0, Elements.line()
+        tags = Nodes.take("f8", 4 * Nodes.line())[::4]
+    used, with_tags, count_read, total = [np.empty(0)], set(), 0, Elements.line()
     while count_read < total:
         kind, count, n_tags = Elements.integers("i4", 3)
         if not Elements.binary:  # number of the element, kind, tags
@@ -225,60 +179,46 @@ def _walk_22(parts: Mapping[str, _Numbers]) -> Walked:
         if count < 1 or n_tags < 0:
             raise ValueError("$Elements is damaged: negative counts")
         width = n_tags + _nodes_of(kind) + Elements.binary
-        table = Elements.take("i4", count * width).reshape(count, width).astype(float)
-        first = int(Elements.binary)  # column of the first tag
-        group = np.abs(table[:, first : first + 1]) if n_tags else np.zeros((count, 1))
-        found.setdefault(kind, []).append(np.hstack([group, table[:, -_nodes_of(kind) :]]))
+        table = Elements.take("i4", count * width).reshape(count, width)
+        used.append(table[:, -_nodes_of(kind) :].ravel())
         with_tags.add(n_tags if Elements.binary else n_tags > 0)
         count_read += count
-    if len(with_tags) > 1:
+    if len(with_tags) > 1:  # meshio shifts or mixes them
         raise ValueError(
             "some elements have tags and some have none, or other numbers of them, as in a binary "
             "file of parts; save it again with Mesh.MshFileVersion = 4.1"
         )
-    blocks = []
-    for kind, rows in found.items():
-        table = np.vstack(rows)
-        groups = {int(tag): np.flatnonzero(table[:, 0] == tag) for tag in np.unique(table[:, 0])}
-        blocks.append(Block(kind, table[:, 1:], groups))
-    return tags, positions, blocks
+    return tags, np.concatenate(used)
 
 
-def _walk_41(parts: Mapping[str, _Numbers]) -> Walked:
-    """Nodes and elements in format 4.1."""
-    Nodes, Elements, groups = parts["Nodes"], parts["Elements"], Groups()
-    for name in ("Entities", "PartitionedEntities"):  # the latter are parts of the former
-        if name in parts:
-            groups |= _groups_of_entities(parts[name])
-    tags, positions = [np.empty(0)], [np.empty((0, 3))]
+def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Numbers of all nodes, and of the nodes of all elements, in format 4.1."""
+    tags, used, count_read = [np.empty(0)], [np.empty(0)], 0
     blocks, n_nodes, _, _ = Nodes.integers("u8", 4)
     for _ in range(blocks):
         if Nodes.integers("i4", 3)[2]:
             raise ValueError("nodes with parameters; save it again with Mesh.SaveParametric = 0")
         (count,) = Nodes.integers("u8", 1)
-        tags.append(Nodes.take("u8", count).astype(float))
-        positions.append(Nodes.take("f8", 3 * count).reshape(-1, 3))
-    found: list[Block] = []
+        tags.append(Nodes.take("u8", count))
+        Nodes.take("f8", 3 * count)
     blocks, n_elements, _, _ = Elements.integers("u8", 4)
     for _ in range(blocks):
-        _, entity, kind = Elements.integers("i4", 3)
-        width = 1 + _nodes_of(kind)
+        width = 1 + _nodes_of(Elements.integers("i4", 3)[2])
         (count,) = Elements.integers("u8", 1)
-        table = Elements.take("u8", count * width).reshape(count, width).astype(float)
-        own = groups.get((_dim(kind), entity), ())  # an entity that is not listed has none
-        found.append(Block(kind, table[:, 1:], dict.fromkeys(own, np.arange(count))))
-    nodes, count_read = np.concatenate(tags), sum(len(block.nodes) for block in found)
+        used.append(Elements.take("u8", count * width).reshape(count, width)[:, 1:].ravel())
+        count_read += count
+    nodes = np.concatenate(tags)
     if (nodes.size, count_read) != (n_nodes, n_elements):
         raise ValueError(
             f"the file announces {n_nodes} nodes and {n_elements} elements and holds {nodes.size} "
             f"and {count_read}"
         )
-    return nodes, np.concatenate(positions), found
+    return nodes, np.concatenate(used)
 
 
 def _nodes_of(kind: int) -> int:
     """Number of nodes of an element type of Gmsh; ValueError for types that are not read."""
-    if kind not in KINDS:
+    if kind not in _NODES:
         what = dict.fromkeys((6, 13, 18), "prisms") | dict.fromkeys((7, 14, 19), "pyramids")
         cure = "Mesh it with tetrahedra or hexahedra alone: in Gmsh, recombine no surface, or all"
         if kind not in what:
@@ -288,7 +228,7 @@ def _nodes_of(kind: int) -> int:
             f"it holds {found} (Gmsh type {kind}); allowed are points, lines, and triangles, "
             f"quadrangles, tetrahedra and hexahedra of first or second order. {cure}"
         )
-    return KINDS[kind][2]
+    return _NODES[kind]
 
 
 def write_mesh(mesh: NamedMesh, path: str | Path) -> None:

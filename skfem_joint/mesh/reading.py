@@ -1,29 +1,37 @@
 """Reads mesh files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
 
-``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file holds twice, loses groups
-inside a mesh and boundaries of second-order files, and drops a kind of cell if a file mixes two.
-meshio reads damaged files wrongly, see `skfem_joint.mesh.gmsh` and `skfem_joint.mesh.abaqus`.
+meshio reads them, since ``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file
+holds twice, loses groups inside a mesh and boundaries of second-order files, and drops a kind of
+cell if a file mixes two.
 """
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
+import struct
+import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import read_whole
-from skfem_joint.mesh.abaqus import read_inp
+from skfem_joint.mesh.abaqus import check_inp
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
-from skfem_joint.mesh.gmsh import KINDS, RawMesh, read_msh
+from skfem_joint.mesh.gmsh import Groups, check_msh
 from skfem_joint.mesh.named import NamedMesh, check_finite, from_parts, merged, not_a_side
 from skfem_joint.mesh.straightening import straightening
 from skfem_joint.values import POSITIVE
+
+if TYPE_CHECKING:
+    import meshio
 
 
 def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
@@ -84,31 +92,116 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     return meshes[0] if len(meshes) == 1 else merged(meshes)
 
 
-def _read(file: Path) -> RawMesh:
-    """What a file holds; InputError or ValueError says why it cannot be read."""
+def _read(file: Path) -> meshio.Mesh:
+    """Mesh as meshio reads it, with the groups as cell sets and the file's numbering of nodes.
+
+    Every failure becomes an InputError. meshio prints about files that it cannot parse and ends the
+    process: both are caught.
+    """
+    import meshio
+
     if not file.is_file():
         wrong = "not a file" if file.exists() else "no such mesh file"
         raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
-    data = read_whole(file)
-    if file.suffix.lower() == ".inp":
-        return read_inp(data)
+    data, inp = read_whole(file), file.suffix.lower() == ".inp"
+    content = check_inp(data.decode("utf-8-sig", "replace")).encode() if inp else data
+    # Exceptions that meshio's parsers raise for damaged files, besides its own ReadError and exit.
+    failures = (
+        *(SystemExit, meshio.ReadError, struct.error),
+        *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError),
+        *(MemoryError, NameError, OSError, RuntimeError, TypeError, ValueError),
+        DeprecationWarning,
+    )
+    printed = io.StringIO()
     try:
-        with warnings.catch_warnings():
+        with (
+            contextlib.redirect_stdout(printed),
+            contextlib.redirect_stderr(printed),
+            warnings.catch_warnings(),
+        ):
             # numpy 2 refuses such texts; version 1 warns and goes on with other numbers.
             for damage in ("string or file could not be read", "NumPy will stop allowing"):
                 warnings.filterwarnings("error", damage, DeprecationWarning)
-            return read_msh(data)
-    except (ValueError, OverflowError, MemoryError, DeprecationWarning) as error:
+            if inp:
+                return _inner_last(_through_meshio(content, "abaqus"))
+            content, tags, groups = check_msh(content)
+            raw = _through_meshio(content, "gmsh")
+            raw.cell_sets = _members(raw, groups)
+            order = np.argsort(tags)  # nodes are numbered as in the file
+            raw.points = raw.points[order]
+            for block in raw.cells:
+                block.data = np.argsort(order)[block.data]
+    except failures as error:
+        reason = str(error) or type(error).__name__
+        if isinstance(error, SystemExit):
+            reason = " ".join(printed.getvalue().split())
+        elif isinstance(error, LookupError):
+            reason = f"it refers to something that it does not define ({error})"
         raise InputError(
-            f"{file}: cannot be read as a mesh: {error}. Readable are whole Gmsh files of format "
+            f"{file}: cannot be read as a mesh: {reason}. Readable are whole Gmsh files of format "
             "2.2 or 4.1 (.msh) and Abaqus files (.inp)"
         ) from error
+    return raw
 
 
-def _kind(raw: RawMesh) -> tuple[Cell, int]:
+def _through_meshio(content: bytes, file_format: str) -> meshio.Mesh:
+    """Mesh that meshio reads from a file with this content."""
+    import meshio
+
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "mesh"
+        copy.write_bytes(content)
+        return meshio.read(copy, file_format=file_format)
+
+
+def _inner_last(raw: meshio.Mesh) -> meshio.Mesh:
+    """Mesh of bars whose three-node lines have the node between the ends last, as in Gmsh.
+
+    Abaqus writes it between them, meshio last: the node opposite to the longest side is taken.
+    """
+    for block in raw.cells:
+        if block.type == "line3" and len(block.data):
+            x = raw.points[block.data]
+            opposite = np.linalg.norm(np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1), axis=-1)
+            order = np.array([[1, 2, 0], [0, 2, 1], [0, 1, 2]])[opposite.argmax(axis=1)]
+            block.data = np.take_along_axis(block.data, order, axis=1)
+    return raw
+
+
+def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, IntArray]]:
+    """Cells of each named physical group: numbers within a block, by number of the block."""
+    members: dict[str, dict[int, IntArray]] = {name: {} for name in raw.field_data}
+    names: dict[tuple[int, int], list[str]] = {}
+    for name, (tag, dim) in raw.field_data.items():
+        names.setdefault((int(dim), int(tag)), []).append(name)
+    for number, block in enumerate(raw.cells):
+        inside: dict[int, IntArray] = {}  # by tag
+        if entities is not None and len(block.data):
+            entity = int(raw.cell_data["gmsh:geometrical"][number][0])
+            groups = entities.get((block.dim, entity), ())  # an entity that is not listed has none
+            inside = dict.fromkeys(groups, np.arange(len(block.data)))
+        elif "gmsh:physical" in raw.cell_data:
+            tags = np.abs(raw.cell_data["gmsh:physical"][number])
+            order = np.argsort(tags, kind="stable")
+            values, first = np.unique(tags[order], return_index=True)
+            parts = np.split(order, first[1:])
+            inside = dict(zip(values.tolist(), parts, strict=True)) if values.size else {}
+        for tag, cells in inside.items():
+            for name in names.get((block.dim, tag), ()):
+                members[name][number] = cells
+    return members
+
+
+def _kind(raw: meshio.Mesh) -> tuple[Cell, int]:
     """Kind of the elements of a file, and their order; ValueError for other kinds."""
-    top = max((block.dim for block in raw.blocks), default=0)
-    kinds = sorted({KINDS[block.kind][:2] for block in raw.blocks if block.dim == top})
+    kinds = {  # by meshio's name, without the number of nodes that it ends with in second order
+        "triangle": "triangle",
+        "quad": "quadrilateral",
+        "tetra": "tetrahedron",
+        "hexahedron": "hexahedron",
+    }
+    top = max((block.dim for block in raw.cells if len(block.data)), default=0)
+    types = sorted({block.type for block in raw.cells if block.dim == top and len(block.data)})
     if top == 0:
         raise ValueError(
             "it holds neither lines (a bar) nor triangles or quadrilaterals (a plate), tetrahedra "
@@ -117,36 +210,35 @@ def _kind(raw: RawMesh) -> tuple[Cell, int]:
         )
     if top == 1:
         return CELLS["line"], 1
-    if len(kinds) > 1:
-        words = (name if order == 1 else f"second-order {name}" for name, order in kinds)
+    name = types[0].rstrip("0123456789")
+    if len(types) > 1:
         raise ValueError(
-            f"it mixes cells of type {' and '.join(words)}: all elements of a mesh must have the "
+            f"it mixes cells of type {' and '.join(types)}: all elements of a mesh must have the "
             "same kind and order. In Gmsh, recombine all surfaces or none"
         )
-    name, order = kinds[0]
-    return CELLS[name], order
+    return CELLS[kinds[name]], 1 + (name != types[0])
 
 
-def _elements(raw: RawMesh, dim: int) -> tuple[IntArray, list[IntArray]]:
+def _elements(raw: meshio.Mesh, dim: int) -> tuple[IntArray, list[IntArray]]:
     """Nodes (n, nodes) of all elements of a file, and the elements (cells, parts) of each block.
 
     A line of higher order is split into parts at its inner nodes. Other cells have one part.
     """
     elements, own, count = [], [], 0
-    for block in raw.blocks:
-        nodes = block.nodes
+    for block in raw.cells:
+        nodes = np.asarray(block.data, dtype=np.intp)
         if block.dim == dim == 1:  # two ends, then inner nodes from the first end to the second
             nodes = nodes[:, [0, *range(2, nodes.shape[1]), 1]]
             nodes = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=-1).reshape(-1, 2)
         if block.dim == dim:
             elements.append(nodes)
             count += len(nodes)
-        own.append(np.arange(count - len(nodes), count).reshape(len(block.nodes), -1))
+        own.append(np.arange(count - len(nodes), count).reshape(len(block.data), -1))
     return np.concatenate(elements), own
 
 
 def _groups(
-    raw: RawMesh, cell: Cell, own: list[IntArray]
+    raw: meshio.Mesh, cell: Cell, own: list[IntArray]
 ) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
     """Groups of a file.
 
@@ -160,24 +252,25 @@ def _groups(
         Names of groups of lines in a solid.
     """
     corners = len(cell.elements[0].refdom.facets[0])
+    corners_of = {"line": 2, "tria": 3, "quad": 4}  # by the first letters of meshio's name
     regions: dict[str, IntArray] = {}
-    others: dict[str, IntArray] = {}
+    others = {name: np.reshape(nodes, (-1, 1)) for name, nodes in raw.point_sets.items()}
     left_out, lost = [], []
-    for dim, tag, name in raw.names:
-        inside = [i for i, x in enumerate(raw.blocks) if x.dim == dim and tag in x.groups]
-        members = [(raw.blocks[i], own[i], raw.blocks[i].groups[tag]) for i in inside]
-        if not members:
-            lost += [name] if dim <= cell.dim else []
-        elif dim == cell.dim:
-            regions[name] = np.concatenate([of[chosen].ravel() for _, of, chosen in members])
+    for name, blocks in raw.cell_sets.items():
+        blocks = blocks if isinstance(blocks, dict) else dict(enumerate(blocks))
+        inside = [i for i, members in blocks.items() if members is not None and len(members)]
+        dim = raw.cells[inside[0]].dim if inside else -1
+        if dim == cell.dim:
+            regions[name] = np.concatenate([own[i][blocks[i]].ravel() for i in inside])
         elif 0 < dim < cell.dim - 1:
             left_out.append(name)
-        else:
-            sides = {len(CELLS[KINDS[block.kind][0]].mirrored) for block, _, _ in members if dim}
-            if sides - {corners}:
+        elif dim >= 0:
+            if dim and any(corners_of[raw.cells[i].type[:4]] != corners for i in inside):
                 raise ValueError(f"group {name!r} holds cells that are no sides of its elements")
             part = slice(corners if dim else 1)
-            others[name] = np.concatenate([x.nodes[chosen, part] for x, _, chosen in members])
+            others[name] = np.concatenate([raw.cells[i].data[blocks[i], part] for i in inside])
+        elif raw.field_data.get(name, (0, 0))[1] <= cell.dim:
+            lost.append(name)
     if lost:
         raise ValueError(
             f"groups without elements: {', '.join(lost)}. Gmsh loses them when a file of format "
@@ -186,15 +279,18 @@ def _groups(
     return regions, others, left_out
 
 
-def _named_mesh(raw: RawMesh, path: str, scale: float) -> NamedMesh:
-    """Named mesh of what a file holds; ValueError says why there is none."""
+def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
+    """Named mesh of a file that meshio has read; ValueError says why there is none."""
+    from skfem.io.meshio import INV_HEX_MAPPING
+
     cell, order = _kind(raw)
-    position = scale * raw.positions
+    position = np.zeros((len(raw.points), 3))
+    position[:, : raw.points.shape[1]] = raw.points
+    position *= scale
     check_finite(position)
     elements, own = _elements(raw, cell.dim)
     regions, others, left_out = _groups(raw, cell, own)
-    count = elements.shape[1]
-    nodes = elements.T[np.argsort(cell.gmsh[:count] or range(count))]
+    nodes = elements.T[INV_HEX_MAPPING[: elements.shape[1]]] if cell.sign < 0 else elements.T
     corners = nodes[: len(cell.mirrored)]
     first, set_of = same_columns(np.sort(corners, axis=0))  # cells are repeated for each group
     kept = np.sort(first)

@@ -48,26 +48,6 @@ def test_a_file_in_any_of_these_words_is_the_same_bar(tmp_path, parts):
     }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    "parts",
-    [
-        (NODE[:6], ["*NODE"], NODE[6:], BLOCKS, FIXED, TIP),
-        (NODE, BLOCKS[:3], ["*element, type=B31, elset=joint", *BLOCKS[3:5]], BLOCKS[5:], FIXED,
-         TIP),
-        (NODE, ["*ELEMENT, TYPE=B31", *JOINT], BLOCKS[5:], JOINT_SET, FIXED, TIP),
-        (NODE, BLOCKS[:5], ["*ELEMENT, TYPE=B31", *ARM], ARM_SET, ["*ELSET, ELSET=ARM", "9, 10",
-         "11, 12"], FIXED, TIP),
-        (NODE, ["*ELEMENT, TYPE=B31", *JOINT], JOINT_SET, BLOCKS[5:], FIXED, TIP),
-        (NODE, BLOCKS, JOINT_SET, FIXED, FIXED, TIP),
-        (["*NODE, NSET=FIXED", NODES[0]], ["*NODE", *NODES[1:]], BLOCKS, FIXED, TIP),
-    ],
-    ids=["blocks of nodes", "of a set", "some unnamed", "parts of a set", "after a set", "twice",
-         "set of a block"],
-)  # fmt: skip
-def test_blocks_of_nodes_elements_and_sets_add_up(tmp_path, parts):
-    assert_same(read(tmp_path, *parts), read(tmp_path, NODE, BLOCKS, FIXED, TIP))
-
-
 def test_an_unused_set_of_all_nodes_changes_nothing_but_is_there(tmp_path):
     parts = NODE, BLOCKS, FIXED, TIP
     bar = read(tmp_path, *parts, ["*NSET, NSET=NALL, GENERATE", "1, 13, 1"])
@@ -90,12 +70,20 @@ def test_elements_of_three_nodes_have_the_middle_one_between_the_others(tmp_path
 @pytest.mark.parametrize(
     ("parts", "reason"),
     [
+        ((NODE, ["*ELEMENT, TYPE=B31", *ARM], BLOCKS[:5]), "line 24: .ELEMENT: .*line 15 lacks"),
+        ((NODE, BLOCKS[:3], BLOCKS), r"line 18: \*ELEMENT: set 'JOINT' stands in line 15 already"),
+        ((NODE, BLOCKS[:3], [BLOCKS[0].lower(), "3, 3, 4"]), "line 18: .*'joint'.*line 15"),
+        ((NODE, ALL, JOINT_SET, JOINT_SET), r"line 31: \*ELSET: set 'JOINT' stands in line 28"),
+        ((NODE, BLOCKS, JOINT_SET), r"line 29: \*ELSET: set 'JOINT' .* line 15 .*in one \*ELSET"),
+        ((NODE, ALL, FIXED, FIXED), r"line 30: \*NSET: set 'FIXED' .* line 28 .*in one \*NSET"),
+        ((["*NODE, NSET=FIXED", *NODES], ALL, FIXED), "line 28: .*'FIXED' stands in line 1"),
         ((NODE, BLOCKS, ["*ELSET, ELSET=ALL", "JOINT, ARM"]), "line 30: .ELSET: found 'JO"),
         ((NODE, BLOCKS, ["*NSET, NSET=ENDS", "FIXED, 13"]), r"line 30: \*NSET: found 'FIXED, 13'"),
         ((NODE, ALL, ["*ELSET, ELSET=ARM, GENERATE", "5, 12"]), "line 29: .ELSET: GENERATE"),
         ((NODE, ALL, ["*ELSET, ELSET=A, GENERATE", "5, 12, 1", "1, 2, 1"]), "line 30: .ELSET: GEN"),
         ((NODE, ALL, ["*ELSET, ELSET=A, GENERATE", "1, 2000000000, 1"]), "line 29: .*found 2000"),
         ((NODE, ALL, ["*NSET, NSET=A, GENERATE", "1, 14, 1"]), "line 29: .NSET: node 14 does not"),
+        ((NODE[:6], ["*NODE"], NODE[6:], ALL), "line 7: .NODE: stands in line 1 "),
         ((["*PART, NAME=A"], NODE, ALL, ["*PART, NAME=B"], NODE, ALL), "line 29: .PART: .*own"),
         ((["*INSTANCE, NAME=A, PART=P"] * 2,), "line 2: .INSTANCE: .*file of its own"),
         ((["*INSTANCE, NAME=A, PART=P", "0., 0., 0.01"],), "line 2: .*part is moved"),
@@ -104,11 +92,10 @@ def test_elements_of_three_nodes_have_the_middle_one_between_the_others(tmp_path
         ((["*NODE, SYSTEM=C", *NODES], ALL), r"line 1: \*NODE: SYSTEM is not read"),
         ((NODE, ["*ELEMENT, INPUT=elements.txt, TYPE=B31"]), "line 15: .*INPUT is not"),
         ((NODE, ["*ELEMENT, TYPE=B31,", "ELSET=JOINT", *JOINT]), "line 15: .*: goes on"),
+        ((NODE, ALL, JOINT_SET, BLOCKS[5:]), r"line 31: \*ELEMENT: stands after an \*ELSET"),
         ((NODE, BLOCKS, ["*NSET, ELSET=JOINT, NSET=N"]), r"line 29: \*NSET: ELSET is not read"),
         ((NODE, ALL, ["*ELSET, ELSET=ARM", "12, 13"]), "line 29: .ELSET: element 13 does"),
         ((NODE, ["*ELEMENT, TYPE=B31", "1, 1, 2", "1, 2, 3"]), "line 17: .*element 1 stands"),
-        ((NODE, NODE[:2], ALL), "line 16: .NODE: node 1 stands twice"),
-        ((["*NODE", "1, 0.0, x"], ALL), "line 2: .NODE: found '1, 0.0, x', must be numbers"),
         ((NODE, ["*ELEMENT, TYPE=B31", *B32]), "line 16: .ELEMENT: found 4 numbers"),
         ((NODE, ["*ELEMENT, TYPE=B31", "1, 13, 14"]), "line 16: .ELEMENT: node 14 does"),
         ((NODE, ["*ELEMENT, TYPE=B33", *B32]), "line 15: .ELEMENT: type B33: .*only bars"),
