@@ -231,7 +231,6 @@ def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
 
     add("--point", "NAME", "point that was measured")
     add("--direction", "X", "x, y, z, or components, as in --direction=0,1,1")
-    add("--quantity", "NAME", "displacement, velocity or acceleration")
     add("--unit", "UNIT", "unit of the amplitudes, such as mm or m/s2")
     group.add_argument(
         "--peak-to-peak", action=argparse.BooleanOptionalAction, default=None,
