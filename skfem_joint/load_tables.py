@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import logging
 from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.errors import InputError
-from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
 from skfem_joint.loads import Table
-from skfem_joint.text_tables import Mistakes, number_in, rows_of
-
-_log = logging.getLogger(__name__)
+from skfem_joint.text_tables import Mistakes, number_in, read_rows
 
 
 def read_table(path: str | Path) -> Table:
@@ -29,35 +24,28 @@ def read_table(path: str | Path) -> Table:
         The message names the file and the lines.
     """
     path = Path(path)
-    content = read_text(path, LARGEST_TABLE)
-    if not content.endswith(("\n", "\r")):
-        _log.warning("%s: %s", path, UNFINISHED_LINE)
-    lines = content.splitlines()
-    largest = 1e20
+    number, largest = 1, 1e20
     rows: list[list[float]] = []
     mistakes = Mistakes(path)
-    try:
-        for number, text, cells in rows_of(lines):
-            values = [number_in(cell) for cell in cells]
-            if values == [None, None] and not rows and not mistakes:  # a header
-                continue
-            match values:
-                case [float(time), float(force)] if abs(time) <= largest and abs(force) <= largest:
-                    if rows and not time - rows[-1][0] >= 1.0 / largest:
-                        mistakes.add(
-                            f"{path}: line {number}: found time {time:g}, "
-                            f"must be > {rows[-1][0]:g}, the time before it"
-                        )
-                    rows.append([time, force])
-                case _:
+    for number, text, cells in read_rows(path)[1]:
+        values = [number_in(cell) for cell in cells]
+        if values == [None, None] and not rows and not mistakes:  # a header
+            continue
+        match values:
+            case [float(time), float(force)] if abs(time) <= largest and abs(force) <= largest:
+                if rows and not time - rows[-1][0] >= 1.0 / largest:
                     mistakes.add(
-                        f"{path}: line {number}: found {text[:60]!r}, must be two finite "
-                        "numbers separated by a comma: time in s, force in N; none larger than "
-                        f"{largest:g}"
+                        f"{path}: line {number}: found time {time:g}, "
+                        f"must be > {rows[-1][0]:g}, the time before it"
                     )
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from error
+                rows.append([time, force])
+            case _:
+                mistakes.add(
+                    f"{path}: line {number}: found {text[:60]!r}, must be two finite "
+                    "numbers separated by a comma: time in s, force in N; none larger than "
+                    f"{largest:g}"
+                )
     if not mistakes and len(rows) < 2:
-        mistakes.add(f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2")
+        mistakes.add(f"{path}: line {number}: found {len(rows)} points, must be >= 2")
     mistakes.refuse()
     return Table(*np.array(rows).T)

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import io
+import logging
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 from skfem_joint.errors import InputError
+from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
+
+_log = logging.getLogger(__name__)
 
 #: What may stand between cells, by the word of messages.
 SEPARATORS = {",": "','", ";": "';'", "\t": "tab"}
@@ -42,6 +48,25 @@ def rows_of(lines: Iterable[str]) -> Iterator[tuple[int, str, list[str]]]:
             separator = found[0] if found else None
         cells = text.split(separator) if separator else [text]
         yield number, text.strip(), [cell.strip() for cell in cells]
+
+
+def read_rows(path: Path) -> tuple[str, Iterator[tuple[int, str, list[str]]]]:
+    """Text of a file with a table (UTF-8), and its rows as `rows_of` gives them.
+
+    A warning says where the last line does not end. InputError, with the name of the file, if it
+    cannot be read, or has several kinds of separators.
+    """
+    content = read_text(path, LARGEST_TABLE)
+    if content and not content.endswith(("\n", "\r")):
+        _log.warning("%s: %s", path, UNFINISHED_LINE)
+
+    def rows() -> Iterator[tuple[int, str, list[str]]]:
+        try:
+            yield from rows_of(io.StringIO(content, newline=None))
+        except ValueError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    return content, rows()
 
 
 def number_in(cell: str) -> float | None:

@@ -24,7 +24,6 @@ Solid: a lap joint of bricks of second order, ``examples/solid_lap_joint.toml`` 
 import os
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -166,16 +165,16 @@ def gradients(quick):
         ("plates", plates(2, "unilateral", finer[2]), "unilateral", of_open),
         ("solid plates", plates(3, "unilateral"), "unilateral", of_open),
     ]
-    usual = curves.SETTINGS
+    usual = curves.TOLERANCE
     for name, (given, loads), contact, keys in cases:
         system = given.system(loads)
         (curve,) = sj.backbone(system, levels=3 if quick else 8, up_to=0.6)
         for key in (*keys, None):
             what, found = "all of these", ("", "", "")
             if key is not None:
-                curves.SETTINGS = replace(usual, tolerance=EXACT)
+                curves.TOLERANCE = EXACT
                 found = differences(given, loads, key, curve.level)
-                curves.SETTINGS, what = usual, key
+                curves.TOLERANCE, what = usual, key
             wanted = keys if key is None else [key]
             alone, *ratios = times(given, loads, wanted, curve.level, 1 if quick else 5)
             same = "" if key is None else f"{found[0]} of {found[1]}"

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,45 +44,17 @@ from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
-from skfem_joint.values import COUNT, POSITIVE, check, check_each
+from skfem_joint.values import COUNT, POSITIVE, check, check_each, check_some
 
-
-@dataclass(frozen=True)
-class BackboneSettings:
-    """Numbers of backbone curves.
-
-    Attributes
-    ----------
-    tolerance : float
-        Largest force residual of a level, relative to its force.
-    lowest : float
-        Lowest level of a curve over its highest.
-    rigid : float
-        A mode moves the structure as a rigid body where its square frequency is below this share
-        of the mean one.
-    fewest : int
-        Slipping points below which the damping is rough, so that a note says so.
-    multiples : tuple of int
-        Multiples of the mode's frequency near which friction excites higher modes.
-    even_multiples : tuple of int
-        Those near which contact that opens excites them too.
-    near : float
-        Relative distance from a multiple that is near.
-    higher_modes : int
-        Modes beyond the highest one asked for whose frequencies are compared with the multiples.
-    """
-
-    tolerance: float = 1e-6
-    lowest: float = 0.05
-    rigid: float = 1e-9
-    fewest: int = 5
-    multiples: tuple[int, ...] = (3, 5, 7)
-    even_multiples: tuple[int, ...] = (2, 4, 6)
-    near: float = 0.07
-    higher_modes: int = 10
-
-
-SETTINGS = BackboneSettings()
+#: Largest force residual of a level, relative to its force.
+TOLERANCE = 1e-6
+#: Slipping points below which the damping is rough, so that a note says so.
+FEWEST = 5
+#: Multiples of the mode's frequency near which friction excites higher modes, those near which
+#: contact that opens excites them too, and the relative distance that is near.
+MULTIPLES, EVEN_MULTIPLES, NEAR = (3, 5, 7), (2, 4, 6), 0.07
+#: Modes beyond the highest one asked for whose frequencies are compared with the multiples.
+HIGHER_MODES = 10
 
 
 @dataclass(frozen=True)
@@ -219,6 +191,7 @@ def backbone(
     slips_at: float | None = None,
     progress: Progress = silent,
     keep_path: bool = False,
+    factors: Any = None,
 ) -> list[Backbone]:
     """Natural frequency and damping ratio of some modes over their amplitude.
 
@@ -245,6 +218,9 @@ def backbone(
     keep_path : bool
         Whether `Backbone.path` is kept, which `backbone_sensitivity` computes derivatives from. It
         has factors of the stiffness, and with contact that opens all levels that were computed.
+    factors : Factors, optional
+        Of the stiffness, from earlier curves and for later ones of a system that differs in limits,
+        springs and damping alone.
 
     Returns
     -------
@@ -260,29 +236,84 @@ def backbone(
     ConvergenceError
         If a level does not converge, or with contact that opens the first one has no state.
     """
-    return Factors().backbone(system, modes, levels, up_to, slips_at, progress, keep_path)
+    system.check_any_load("backbone")
+    check_whole(system, "backbone")
+    if not system.contact.count:
+        raise InputError(
+            "backbone: needs friction, no contact point carries any: frequency and damping do "
+            "not depend on amplitude"
+        )
+    check_each("backbone: modes", modes, COUNT)
+    asked = _Levels.of(levels, up_to, slips_at)
+    numbers, tally = np.asarray(modes, dtype=int), Tally(progress)
+    to = arranged(system.closed())
+    path = CyclePath(system, to, (factors or Factors()).path_of(to, tally), keep_path)
+    tally.total = len(modes) * items_of_work(asked.shares.size, path.opens)
+    stuck = Stuck(to.system, path.stays)
+    frequencies, shapes = stuck.modes(int(numbers.max()) + HIGHER_MODES)
+    refuse(
+        f"backbone: found mode {k}, there are {frequencies.size} with the contact stuck"
+        for k in numbers.tolist()
+        if k > frequencies.size
+    )
+    if system.serves is not None:
+        of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
+        check_modes(system.serves, of_mode, of_mode, up_to)
+    curves = []
+    for k in numbers.tolist():
+        curve = _curve(path, StuckMode(k, frequencies, shapes, stuck), asked)
+        curves.append(curve if keep_path else replace(curve, path=None))
+    if system.serves is None:
+        return curves
+    larger = alone(system)
+    for k, curve in enumerate(curves):
+        (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
+        curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
+    return curves
 
 
-def _shares(
-    levels: int | ArrayLike, up_to: float, slips_at: float | None
-) -> tuple[FloatArray, float | None]:
-    """Levels as shares of that of gross slip, and that level, if it is known.
+class _Levels(NamedTuple):
+    """Levels of a curve.
 
-    Levels that are given are shares of 1. InputError for a number below 1, other values that are
-    not positive, and levels that do not rise from above zero.
+    Attributes
+    ----------
+    shares : ndarray, shape (levels,)
+        Over ``slips_at``.
+    slips_at : float or None
+        Level at which the first joint slips as a whole, if it is known.
+    absolute : bool
+        Whether they were given as levels, which are shares of 1.
     """
-    check("backbone: up_to", up_to, POSITIVE)
-    if slips_at is not None:
-        check("backbone: slips_at", slips_at, POSITIVE)
-    if np.ndim(levels) == 0:
-        check("backbone: levels", levels, COUNT)
-        count = int(np.asarray(levels))
-        lowest = SETTINGS.lowest if count > 1 else 1.0
-        return up_to * np.geomspace(lowest, 1.0, count), slips_at
-    level = np.asarray(as_real(levels, "backbone: levels"))
-    if level.ndim != 1 or not level.size or not level[0] > 0.0 or not np.all(np.diff(level) > 0.0):
-        raise InputError("backbone: levels: must be a number, or levels that rise from above zero")
-    return level, 1.0
+
+    shares: FloatArray
+    slips_at: float | None
+    absolute: bool
+
+    @classmethod
+    def of(cls, levels: int | ArrayLike, up_to: float, slips_at: float | None) -> _Levels:
+        """By the arguments of `backbone`.
+
+        InputError for a number below 1, other values that are not positive, and levels that do not
+        rise from above zero.
+        """
+        check("backbone: up_to", up_to, POSITIVE)
+        check_some(POSITIVE, **{"backbone: slips_at": slips_at})
+        if np.ndim(levels) == 0:
+            check("backbone: levels", levels, COUNT)
+            count = int(np.asarray(levels))
+            lowest = 0.05 if count > 1 else 1.0  # over the highest
+            return cls(up_to * np.geomspace(lowest, 1.0, count), slips_at, False)
+        level = np.asarray(as_real(levels, "backbone: levels"))
+        rises = level.ndim == 1 and level.size and level[0] > 0.0 and np.all(np.diff(level) > 0.0)
+        if not rises:
+            raise InputError(
+                "backbone: levels: must be a number, or levels that rise from above zero"
+            )
+        return cls(level, 1.0, True)
+
+    def text(self, share: float) -> str:
+        """A level in words: as such, or as a share of that at which the first joint slips whole."""
+        return f"{share:.4g} m/s² kg^1/2" if self.absolute else f"{share:.3g} of gross slip"
 
 
 class Factors:
@@ -291,7 +322,7 @@ class Factors:
     def __init__(self) -> None:
         self._path: QuasiStatic | None = None
 
-    def _path_of(self, to: Arranged, tally: Tally) -> QuasiStatic:
+    def path_of(self, to: Arranged, tally: Tally) -> QuasiStatic:
         """Quasi-static path of a system at rest, with the factors kept where they are its own."""
         path, self._path = self._path, None
         if path is not None and path.whole is not None and _differ_in_law(path.to, to):
@@ -299,60 +330,9 @@ class Factors:
             path.tally = tally
         else:
             del path  # two factors at once may be too large
-            path = QuasiStatic(to.system, SETTINGS.tolerance, tally)
+            path = QuasiStatic(to.system, TOLERANCE, tally)
         self._path = path
         return path
-
-    def backbone(
-        self,
-        system: System,
-        modes: Sequence[int],
-        levels: int | ArrayLike,
-        up_to: float = 1.0,
-        slips_at: float | None = None,
-        progress: Progress = silent,
-        keep_path: bool = False,
-    ) -> list[Backbone]:
-        """Curves as the function `backbone` returns them."""
-        system.check_any_load("backbone")
-        check_whole(system, "backbone")
-        if not system.contact.count:
-            raise InputError(
-                "backbone: needs friction, no contact point carries any: frequency and damping do "
-                "not depend on amplitude"
-            )
-        check_each("backbone: modes", modes, COUNT)
-        shares, slips_at = _shares(levels, up_to, slips_at)
-        numbers, tally = np.asarray(modes, dtype=int), Tally(progress)
-        to = arranged(system.closed())
-        closed = self._path_of(to, tally)
-        path = CyclePath(system, to, closed, keep_path)
-        tally.total = len(modes) * items_of_work(shares.size, path.opens)
-        count = int(numbers.max()) + SETTINGS.higher_modes
-        stuck = Stuck(to.system, closed)
-        frequencies, shapes = stuck.modes(count)
-        refuse(
-            f"backbone: found mode {k}, there are {frequencies.size} with the contact stuck"
-            for k in numbers.tolist()
-            if k > frequencies.size
-        )
-        if system.serves is not None:
-            of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
-            check_modes(system.serves, of_mode, of_mode, up_to)
-        curves = []
-        for k in numbers.tolist():
-            mode = StuckMode(k, frequencies, shapes, stuck)
-            absolute = np.ndim(levels) > 0
-            curve = _curve(system, to, closed, path, mode, shares, slips_at, absolute)
-            curve = replace(curve, path=curve.path if keep_path else None)
-            curves.append(replace(curve, slips_at=np.nan) if absolute else curve)
-        if system.serves is None:
-            return curves
-        larger = alone(system)
-        for k, curve in enumerate(curves):
-            (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
-            curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
-        return curves
 
 
 def _differ_in_law(one: Arranged, other: Arranged) -> bool:
@@ -372,36 +352,26 @@ def _same(A: Any, B: Any) -> bool:
     return A.format == B.format and all(map(np.array_equal, *parts))
 
 
-def _curve(
-    given: System,
-    closed: Arranged,
-    stays: QuasiStatic,
-    path: CyclePath,
-    mode: StuckMode,
-    shares: FloatArray,
-    slips_at: float | None,
-    absolute: bool,
-) -> Backbone:
-    """Backbone of a mode at some shares of the level at which the first joint slips as a whole.
+def _curve(path: CyclePath, mode: StuckMode, asked: _Levels) -> Backbone:
+    """Backbone of a mode at the levels that are asked for.
 
-    The shares may be ``absolute`` levels, of a ``slips_at`` of 1. Whether joints slip as a whole is
-    asked of the path of contact that ``stays`` closed.
+    Whether joints slip as a whole is asked of the path of contact that stays closed.
     """
-    slips_at = _check_levels(stays, mode, shares, slips_at, absolute)
+    slips_at = _check_levels(path.stays, mode, asked)
     to, shape = path.to, path.of_closed(mode.shape)
     system = to.system
     force = np.asarray(system.M @ shape)
-    found = path.follow(force, shares * slips_at, float(shape @ (system.C @ shape)))
+    found = path.follow(force, asked.shares * slips_at, float(shape @ (system.C @ shape)))
     level, states = found.level, found.states
     springs = system.contact.has_springs
     q = states @ force
     omega = np.sqrt(level / q)
     frequency = omega / (2.0 * np.pi)
-    slipping = stays.to.system.slipping(found.sliding)
-    state = _stick_or_slip(stays, mode, shares, found, slipping, absolute)
+    slipping = path.stays.to.system.slipping(found.sliding)
+    state = _stick_or_slip(path.stays, mode, asked, found, slipping)
     notes = [
         *found.notes,
-        *_notes_of_levels(shares, state, slipping, absolute),
+        *_notes_of_levels(asked, state, slipping),
         *_notes_of_law(system, found),
         *_excited_modes(mode, frequency, path.opens),
     ]
@@ -410,7 +380,7 @@ def _curve(
         mode=mode.number,
         shape=to.outer(shape),
         stuck_frequency=mode.frequency,
-        slips_at=slips_at,
+        slips_at=np.nan if asked.absolute else slips_at,
         level=level,
         amplitude=q,
         frequency=frequency,
@@ -420,7 +390,7 @@ def _curve(
         states=to.outer(states),
         loops=to.outer(found.loops),
         slip=found.slip,
-        share=stays.to.system.slipping_share(found.sliding),
+        share=path.stays.to.system.slipping_share(found.sliding),
         state=state,
         masing_error=found.masing_error,
         warnings=tuple(f"Mode {mode.number}: {note}" for note in notes),
@@ -430,20 +400,19 @@ def _curve(
         middle=None if middle is None else to.outer(middle),
         offset=None if middle is None else middle @ force,
         opened=found.opened,
-        path=ModePath(given, closed, mode, shape, path, found),
+        path=ModePath(path.system, path.closed, mode, shape, path, found),
     )
 
 
-def _check_levels(
-    path: QuasiStatic, mode: StuckMode, shares: FloatArray, slips_at: float | None, absolute: bool
-) -> float:
+def _check_levels(path: QuasiStatic, mode: StuckMode, asked: _Levels) -> float:
     """Level at which the first joint slips as a whole; computed if not given.
 
     InputError if the mode is a rigid motion or loads no joint, or friction cannot hold the highest
-    of the levels, which are ``shares`` of it.
+    of the levels.
     """
-    number, omega = mode.number, 2.0 * np.pi * mode.frequency
-    if omega**2 < SETTINGS.rigid * path.to.system.mean_square_frequency:
+    slips_at, number, omega = asked.slips_at, mode.number, 2.0 * np.pi * mode.frequency
+    # Share of the mean square frequency below which it is a motion as a rigid body.
+    if omega**2 < 1e-9 * path.to.system.mean_square_frequency:
         raise InputError(
             f"backbone: mode {number} moves the structure as a rigid body; support it, or choose "
             "a higher mode"
@@ -453,11 +422,11 @@ def _check_levels(
         slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, limit, False)
         if np.isinf(slips_at):
             raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
-    if shares[-1] * slips_at >= limit:
+    if asked.shares[-1] * slips_at >= limit:
         raise InputError(
-            f"backbone: found levels up to {_text(shares[-1], absolute)}, but friction alone holds "
-            f"the structure, and mode {number} makes all of it slip at "
-            f"{_text(limit / slips_at, absolute)}; ask for less"
+            f"backbone: found levels up to {asked.text(asked.shares[-1])}, but friction alone "
+            f"holds the structure, and mode {number} makes all of it slip at "
+            f"{asked.text(limit / slips_at)}; ask for less"
         )
     return slips_at
 
@@ -465,10 +434,9 @@ def _check_levels(
 def _stick_or_slip(
     path: QuasiStatic,
     mode: StuckMode,
-    shares: FloatArray,
+    asked: _Levels,
     found: RisingCycles,
     slipping: BoolArray,
-    absolute: bool,
 ) -> tuple[str, ...]:
     """Whether the contact sticks, slips in part, or a joint slips as a whole, at each level.
 
@@ -481,42 +449,39 @@ def _stick_or_slip(
     if gross[0]:
         raise InputError(
             f"backbone: mode {mode.number}: a joint slips as a whole at the first level already, "
-            f"{_text(shares[0], absolute)}; "
-            + ("give lower levels" if absolute else "set up_to below 1")
+            f"{asked.text(asked.shares[0])}; "
+            + ("give lower levels" if asked.absolute else "set up_to below 1")
         )
     state = np.where(gross, "gross", np.where(slipping.any(axis=1), "partial", "stick"))
     return tuple(state.tolist())
 
 
-def _text(level: float, absolute: bool) -> str:
-    """A level in words: as such, or as a share of that at which the first joint slips whole."""
-    return f"{level:.4g} m/s² kg^1/2" if absolute else f"{level:.3g} of gross slip"
-
-
-def _notes_of_levels(
-    share: FloatArray, state: Sequence[str], slipping: BoolArray, absolute: bool
-) -> Iterator[str]:
+def _notes_of_levels(asked: _Levels, state: Sequence[str], slipping: BoolArray) -> Iterator[str]:
     """Notes of levels at which a joint slips as a whole, of few points or of none that slip."""
     if "gross" in state:
         yield (
-            f"from the level {_text(share[state.index('gross')], absolute)} on a "
+            f"from the level {asked.text(asked.shares[state.index('gross')])} on a "
             "joint slips as a whole. The method keeps the inertia of the mode with stuck joints "
             "there, whose shape free vibration leaves: frequency and damping at these levels may "
             "be wrong by factors. Compare a ring-down, or response."
         )
     if set(state) == {"stick"}:
-        how = "higher levels" if absolute else "an up_to above it; above 1 a joint slips as a whole"
+        how = (
+            "higher levels"
+            if asked.absolute
+            else "an up_to above it; above 1 a joint slips as a whole"
+        )
         yield (
-            f"nothing slips up to the highest level, {_text(share[-1], absolute)}, so that the "
+            f"nothing slips up to the highest level, {asked.text(asked.shares[-1])}, so that the "
             "curve has no damping by friction. A joint of a single slider, or of few, slips as a "
             f"whole or not at all: ask for {how}."
         )
     count = slipping.sum(axis=1)
     count = count[count > 0]
-    if count.size and count[0] < SETTINGS.fewest:
+    if count.size and count[0] < FEWEST:
         yield (
             f"at the lowest level at which a point slips only {count[0]} do; below "
-            f"{SETTINGS.fewest} the damping is rough. Use smaller elements in the joint to resolve "
+            f"{FEWEST} the damping is rough. Use smaller elements in the joint to resolve "
             "it."
         )
 
@@ -544,9 +509,9 @@ def _excited_modes(mode: StuckMode, frequency: FloatArray, opens: bool) -> Itera
 
     Friction has odd harmonics; contact that ``opens`` has even ones too.
     """
-    low = frequency.min() * (1.0 - SETTINGS.near)
-    high = mode.frequency * (1.0 + SETTINGS.near)
-    multiples = SETTINGS.multiples + (SETTINGS.even_multiples if opens else ())
+    low = frequency.min() * (1.0 - NEAR)
+    high = mode.frequency * (1.0 + NEAR)
+    multiples = MULTIPLES + (EVEN_MULTIPLES if opens else ())
     near = [
         f"mode {k} at {other / mode.frequency:.3g} times"
         for k, other in enumerate(mode.frequencies[mode.number :], mode.number + 1)

@@ -24,56 +24,32 @@ import numpy as np
 
 from skfem_joint.analysis.stuck import StuckMode
 from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.contacts import Contact
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.stepping.arrangement import Arranged
 from skfem_joint.stepping.levels import Level, NoLevelError, Walk
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class CycleSettings:
-    """Numbers of cycles.
-
-    Attributes
-    ----------
-    checked : int
-        Levels at which half cycles are followed to check Masing's rule, or, with contact that
-        opens, a cycle with twice the increments for the error.
-    halved : int
-        Increments of each half of a cycle with constant limits that is followed.
-    idle : float
-        Work of a cycle over that of its load below which it is round-off.
-    turned : float
-        Masing's rule is given up where the slip added up along the path is more than this times
-        the slip at its end.
-    increments : int
-        Increments of each half of a cycle with contact that opens. With 2, 4, 8 and 16 the work on
-        a Brake-Reuss beam was 10, 2.5, 0.7 and 0.2 % too large at a low level, and 2.7, 0.5, 0.2
-        and 0.04 % at a high one.
-    closed : float
-        Such a cycle is closed if its mean friction limits do this share of its work on what is left
-        of the slips at its end.
-    most : int
-        Most cycles at a level, which end with the first that is closed.
-    least : float
-        Work of friction over alpha q that counts as none: a damping ratio of 1.6e-5.
-    doubtful : float
-        Relative error of the damping ratio beyond which a note says so.
-    """
-
-    checked: int = 3
-    halved: int = 4
-    idle: float = 1e-12
-    turned: float = 1.05
-    increments: int = 8
-    closed: float = 5e-3
-    most: int = 12
-    least: float = 1e-4
-    doubtful: float = 0.05
-
-
-SETTINGS = CycleSettings()
+#: Levels at which half cycles are followed to check Masing's rule, or, with contact that opens, a
+#: cycle with twice the increments for the error.
+CHECKED = 3
+#: Increments of each half of a cycle with constant limits that is followed.
+HALF_CYCLE = 4
+#: Masing's rule is given up where the slip added up along the path is more than this times the slip
+#: at its end.
+TURNED = 1.05
+#: Increments of each half of a cycle with contact that opens. With 2, 4, 8 and 16 the work on a
+#: Brake-Reuss beam was 10, 2.5, 0.7 and 0.2 % too large at a low level, and 2.7, 0.5, 0.2 and
+#: 0.04 % at a high one.
+INCREMENTS = 8
+#: Such a cycle is closed if its mean friction limits do this share of its work on what is left of
+#: the slips at its end, and most cycles at a level, which end with the first that is closed.
+CLOSED, MOST = 5e-3, 12
+#: Work of friction over alpha q that counts as none: a damping ratio of 1.6e-5.
+LEAST = 1e-4
+#: Relative error of the damping ratio beyond which a note says so.
+DOUBTFUL = 0.05
 #: Factor of the difference to half the increment: what is left falls with its square.
 HALVED = 4.0 / 3.0
 
@@ -137,8 +113,8 @@ def items_of_work(levels: int, opens: bool) -> int:
     With constant limits all states that are computed; with contact that ``opens`` cycles, those
     with twice the increments once more.
     """
-    checked = min(SETTINGS.checked, levels)
-    return levels + checked * (1 if opens else SETTINGS.halved)
+    checked = min(CHECKED, levels)
+    return levels + checked * (1 if opens else HALF_CYCLE)
 
 
 def spread(levels: int, count: int) -> IntArray:
@@ -206,15 +182,17 @@ class CyclePath:
     ----------
     system : System
         Full, condensed or reduced.
-    to : Arranged
+    closed : Arranged
         The system with contact that stays closed, `System.closed`.
-    closed : QuasiStatic
-        Of ``to.system``; followed where no contact opens. Its tally counts `items_of_work`.
+    stays : QuasiStatic
+        Of ``closed.system``; followed where no contact opens. Its tally counts `items_of_work`.
     keeps : bool
         Whether `RisingCycles.ways` are kept with contact that opens: there are many.
 
     Attributes
     ----------
+    system, closed, stays
+        As given: the system, and with contact that stays closed arranged and its path.
     levels : QuasiStatic
         Solver of the levels, in whose unknowns all is.
     to : Arranged
@@ -222,12 +200,12 @@ class CyclePath:
     """
 
     def __init__(
-        self, system: System, to: Arranged, closed: QuasiStatic, keeps: bool = False
+        self, system: System, closed: Arranged, stays: QuasiStatic, keeps: bool = False
     ) -> None:
-        self.levels, self.to, self.tally, self._keeps = closed, to, closed.tally, keeps
-        self._closed, self._motions = to, None
+        self.system, self.closed, self.stays, self._keeps = system, closed, stays, keeps
+        self.levels, self.to, self.tally, self._motions = stays, closed, stays.tally, None
         if system.contact.opens:
-            self.levels = QuasiStatic(system, closed.tolerance)
+            self.levels = QuasiStatic(system, stays.tolerance)
             self.to, self._motions = self.levels.to, system.contact.normal.closed_motions()
 
     @property
@@ -239,7 +217,7 @@ class CyclePath:
         """Unknowns of the path, (n, ...), from those of ``closed``."""
         if self._motions is None:
             return u
-        return self.to.inner(np.asarray(self._motions @ self._closed.outer(u.T).T))
+        return self.to.inner(np.asarray(self._motions @ self.closed.outer(u.T).T))
 
     def follow(self, force: FloatArray, level: FloatArray, damping: float = 0.0) -> RisingCycles:
         """Cycles of a force (n,), N, between both signs of some levels, from rest.
@@ -259,34 +237,30 @@ class CyclePath:
 
     def _by_masings_rule(self, force: FloatArray, level: FloatArray) -> RisingCycles:
         """Cycles with constant limits."""
-        system, levels = self.to.system, self.levels
+        levels, contact = self.levels, self.to.system.contact
         ways = [[way] for way in levels.walk(levels.rest(), force, np.append(0.0, level))]
         ends = [way[-1][1] for (way,) in ways]
-        states, rows, friction = _stacked(system, ends)
-        sliders = system.contact.slider_slip(rows, friction)
-        slip, sliding = system.contact.slip_norm(rows), system.contact.slip_norm(sliders)
-        work, idle = 4.0 * sliding @ system.contact.w, SETTINGS.idle * level * (states @ force)
-        work[work <= idle] = 0.0
-        along = np.cumsum(system.contact.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
-        masing = bool(
-            np.all(4.0 * along @ system.contact.w <= np.maximum(SETTINGS.turned * work, idle))
-        )
-        followed = spread(level.size, SETTINGS.checked) if masing else np.arange(level.size)
+        states, rows, friction = _stacked(contact, ends)
+        sliders = contact.slider_slip(rows, friction)
+        slip, sliding = contact.slip_norm(rows), contact.slip_norm(sliders)
+        work, idle = 4.0 * sliding @ contact.w, 1e-12 * level * (states @ force)
+        work[work <= idle] = 0.0  # round-off
+        along = np.cumsum(contact.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
+        masing = bool(np.all(4.0 * along @ contact.w <= np.maximum(TURNED * work, idle)))
+        followed = spread(level.size, CHECKED) if masing else np.arange(level.size)
         followed = followed[work[followed] > 0.0]
-        self.tally.total += SETTINGS.halved * (followed.size - min(SETTINGS.checked, level.size))
-        turn, loops = np.linspace(1.0, -1.0, SETTINGS.halved + 1), [states[:0]]
+        self.tally.total += HALF_CYCLE * (followed.size - min(CHECKED, level.size))
+        turn, loops = np.linspace(1.0, -1.0, HALF_CYCLE + 1), [states[:0]]
         cycle = np.zeros(followed.size)
         for k, at in enumerate(followed.tolist()):
             parts = levels.walk(ends[at], level[at] * force, turn)
             half = [(share * level[at], one) for part in parts for share, one in part]
             ways[at].append(half)
-            u, _, sigma = _stacked(system, [ends[at], *(one for _, one in half)])
+            u, _, sigma = _stacked(contact, [ends[at], *(one for _, one in half)])
             loops.append(np.diff(u, axis=0))
-            slips = np.asarray((system.contact.B @ loops[-1].T).T)
-            slid = system.contact.slip_norm(
-                system.contact.slider_slip(slips, np.diff(sigma, axis=0))
-            )
-            cycle[k] = 2.0 * (slid @ system.contact.w).sum()
+            slips = np.asarray((contact.B @ loops[-1].T).T)
+            slid = contact.slip_norm(contact.slider_slip(slips, np.diff(sigma, axis=0)))
+            cycle[k] = 2.0 * (slid @ contact.w).sum()
         ratio = cycle / work[followed]
         return RisingCycles(
             level=level,
@@ -306,7 +280,7 @@ class CyclePath:
         before = 0.0
         for alpha in level.tolist():
             try:
-                cycle, walks = self._settled(force, (before, alpha), start, SETTINGS.increments)
+                cycle, walks = self._settled(force, (before, alpha), start, INCREMENTS)
             except NoLevelError as error:
                 share = alpha / level[-1]
                 if not error.beyond or not done:
@@ -324,9 +298,9 @@ class CyclePath:
             before, start = alpha, cycle.end
         level = level[: len(done)]
         apart = np.zeros(2)
-        for k in spread(level.size, SETTINGS.checked).tolist():
+        for k in spread(level.size, CHECKED).tolist():
             alpha = float(level[k])
-            twice = 2 * SETTINGS.increments
+            twice = 2 * INCREMENTS
             finer, _ = self._settled(force, (alpha, alpha), done[k].end, twice, 1)
             apart = np.maximum(apart, _apart(force, damping, alpha, done[k], finer))
         errors = {
@@ -350,11 +324,11 @@ class CyclePath:
         """
         walks = [self._walk(start, force, np.array(way))]
         down = way[1] * np.linspace(1.0, -1.0, increments + 1)
-        for _ in range(most or SETTINGS.most):
+        for _ in range(most or MOST):
             begin = walks[-1][-1][1]
             walks.append(self._walk(begin, force, np.append(down, -down[1:])))
             cycle = self._cycle(begin, way[1] * force, walks[-1])
-            if cycle.slip_left <= SETTINGS.closed:
+            if cycle.slip_left <= CLOSED:
                 break
         self.tally.add()
         return cycle, walks
@@ -365,17 +339,16 @@ class CyclePath:
 
     def _cycle(self, begin: Level, force: FloatArray, walk: Walk) -> _Cycle:
         """Cycle from a level under a force, (n,), N, with the levels that follow."""
-        system, pressed = self.to.system, self._pressed
+        contact, pressed = self.to.system.contact, self.levels.contact.force > 0.0
         path, middle = [begin, *(level for _, level in walk)], 1 + lowest(walk)
         limits = np.array([level.limits for level in path])
-        taken = system.contact.spring_flexibility
-        ways = np.array([level.slip - taken * level.friction for level in path])
+        ways = np.array([x.slip - contact.spring_flexibility * x.friction for x in path])
         slips = np.diff(ways, axis=0)
-        work = float((0.5 * (limits[1:] + limits[:-1]) * system.contact.slip_norm(slips)).sum())
+        work = float((0.5 * (limits[1:] + limits[:-1]) * contact.slip_norm(slips)).sum())
         normal = np.array([level.normal for level in path])
         end, low = path[-1], path[middle].u
-        left = float(limits.mean(axis=0) @ system.contact.slip_norm(ways[-1] - ways[0]))
-        slid = 0.5 * system.contact.slip_norm(ways[-1] - ways[middle])
+        left = float(limits.mean(axis=0) @ contact.slip_norm(ways[-1] - ways[0]))
+        slid = 0.5 * contact.slip_norm(ways[-1] - ways[middle])
         way = float(force @ (end.u - low))
         return _Cycle(
             end=end,
@@ -383,14 +356,9 @@ class CyclePath:
             opened=np.any(normal <= 0.0, axis=0) & pressed,
             slid=np.where(np.any(limits > 0.0, axis=0), slid, 0.0),
             work=work,
-            slip_left=left / max(work, 0.5 * SETTINGS.least * way),
+            slip_left=left / max(work, 0.5 * LEAST * way),
             way_left=abs(float(force @ (end.u - begin.u)) / way),
         )
-
-    @property
-    def _pressed(self) -> BoolArray:
-        """Pressure points that are pressed at rest, (q,)."""
-        return self.levels.contact.force > 0.0
 
     def _cycles(
         self,
@@ -406,16 +374,16 @@ class CyclePath:
         opened = [np.count_nonzero(contact.at_all(cycle.opened)) for cycle in done]
         states = np.array([cycle.half for cycle in done])
         slip = system.contact.slip_norm(np.asarray((system.contact.B @ states.T).T))
-        creep = SETTINGS.increments * self.levels.creep  # in half of a cycle
+        creep = INCREMENTS * self.levels.creep  # in half of a cycle
         slip[slip <= creep] = 0.0
         slid = np.array([cycle.slid for cycle in done])
         left = max(cycle.slip_left for cycle in done)
-        if left > SETTINGS.closed:
+        if left > CLOSED:
             notes.append(
-                f"cycles are not closed after {SETTINGS.most} of them: friction would do "
+                f"cycles are not closed after {MOST} of them: friction would do "
                 f"{100.0 * left:.2g} % of the work of a cycle on the slip that is left at its end."
             )
-        if errors["damping_ratio"] > SETTINGS.doubtful:
+        if errors["damping_ratio"] > DOUBTFUL:
             notes.append(
                 "the contact opens and slips so abruptly that the damping errs by an "
                 f"estimated {100.0 * errors['damping_ratio']:.2g} % from the increments of cycles."
@@ -426,7 +394,7 @@ class CyclePath:
             work=np.array([cycle.work for cycle in done]),
             slip=slip,
             sliding=np.where(slid > creep, slid, 0.0),
-            friction=_stacked(system, [cycle.end for cycle in done])[2],
+            friction=_stacked(system.contact, [cycle.end for cycle in done])[2],
             loops=np.zeros((0, system.n)),
             ways=ways,
             middle=np.array([cycle.middle for cycle in done]),
@@ -437,14 +405,11 @@ class CyclePath:
         )
 
 
-def _stacked(system: System, levels: list[Level]) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _stacked(contact: Contact, levels: list[Level]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Displacements (levels, n), m, slips (levels, rows), m, and friction over its limits."""
     u, slip, friction = (np.array([one[k] for one in levels]) for k in (0, 2, 1))
-    limits = [
-        system.contact.on_rows(system.contact.w if one.limits is None else one.limits)
-        for one in levels
-    ]
-    w = np.array(limits)
+    limits = (contact.w if one.limits is None else one.limits for one in levels)
+    w = np.array([contact.on_rows(each) for each in limits])
     return u, slip, np.divide(friction, w, out=np.zeros_like(friction), where=w > 0.0)
 
 
@@ -458,9 +423,9 @@ def _apart(
     q = np.array([force @ cycle.half, force @ finer.half])
     loss = np.array([cycle.work, finer.work]) / (alpha * q)
     whole = float(loss[1]) + np.pi * damping * float(np.sqrt(q[1] / alpha))
-    left = cycle.slip_left * max(float(loss[0]), SETTINGS.least)
+    left = cycle.slip_left * max(float(loss[0]), LEAST)
     frequency = HALVED * abs(float(np.sqrt(q[1] / q[0])) - 1.0)
-    return frequency, (HALVED * abs(float(loss[0] - loss[1])) + left) / max(whole, SETTINGS.least)
+    return frequency, (HALVED * abs(float(loss[0] - loss[1])) + left) / max(whole, LEAST)
 
 
 @dataclass(frozen=True)

@@ -374,11 +374,13 @@ def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
     The one before where there is none after it.
     """
     period = 2.0 * np.pi / float(np.diff(windows.phase).sum() / np.ptp(windows.time))
-    end = step * (x.size - 1)
-    fits = []
+    end, fits = step * (x.size - 1), []
+    time = np.concatenate([[0.0], windows.time[1:-1], [end]])
     # Numbers of pieces of the splines that are tried.
     for pieces in (1, 2, 3, 4, 6, 8, 11, 15, 20):
-        inner = _inner_knots(windows, pieces, end)
+        # Times between pieces, in which the amplitude falls by the same factor.
+        shares = np.linspace(0.0, 1.0, pieces + 1)[1:-1]
+        inner = _fallen(time, windows.log_amplitude, shares)
         # Shortest piece, in periods.
         if pieces > 1 and np.diff([0.0, *inner, end]).min() < 3.0 * period:
             break
@@ -395,12 +397,6 @@ def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
     sums = [fit.left / noise + 3.0 * fit.coefficients.size for fit in fits]
     least = int(np.argmin(sums))
     return fits[least], fits[least + 1 if least + 1 < len(fits) else least - 1]
-
-
-def _inner_knots(windows: _Windows, pieces: int, end: float) -> FloatArray:
-    """Times between pieces, (pieces - 1,), s, in which the amplitude falls by the same factor."""
-    time = np.concatenate([[0.0], windows.time[1:-1], [end]])
-    return _fallen(time, windows.log_amplitude, np.linspace(0.0, 1.0, pieces + 1)[1:-1])
 
 
 def _fallen(time: FloatArray, log_amplitude: FloatArray, shares: FloatArray) -> FloatArray:
@@ -455,19 +451,12 @@ def _fitted(
     return _Fit(knots, k, inverse, _squares(weight * left, step, f), noise)
 
 
-class _Values(NamedTuple):
-    """Values of a fit at some times, each of shape (k,), and their variances."""
+def _values(fit: _Fit, t: FloatArray, derivatives: int) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Values of a fit at some times, (k,) each, with their variances.
 
-    amplitude: FloatArray
-    decay: FloatArray
-    rate: FloatArray
-    of_amplitude: FloatArray
-    of_decay: FloatArray
-    of_rate: FloatArray
-
-
-def _values(fit: _Fit, t: FloatArray, derivatives: int) -> _Values:
-    """Logarithm of the amplitude, decay (1/s) and angular frequency (rad/s) of a fit."""
+    They are the logarithm of the "amplitude", the "decay" (1/s) and the angular frequency, "rate"
+    (rad/s).
+    """
     value = BSpline.design_matrix(t, fit.knots, 3).toarray()
     splines = [BSpline(fit.knots, np.eye(value.shape[1]), 3).derivative(order) for order in (1, 2)]
     slope, bend = (spline(t) for spline in splines)
@@ -479,14 +468,12 @@ def _values(fit: _Fit, t: FloatArray, derivatives: int) -> _Values:
         both = np.hstack(rows)
         return np.asarray(fit.noise * np.einsum("ij,jk,ik->i", both, fit.covariance, both))
 
-    return _Values(
-        amplitude=value @ a,
-        decay=-(slope @ a) + derivatives * (bend @ p) / rate,
-        rate=rate,
-        of_amplitude=variance(value, none),
-        of_decay=variance(-slope, derivatives * bend / rate[:, np.newaxis]),
-        of_rate=variance(none, slope),
-    )
+    decay = -(slope @ a) + derivatives * (bend @ p) / rate
+    return {
+        "amplitude": (value @ a, variance(value, none)),
+        "decay": (decay, variance(-slope, derivatives * bend / rate[:, np.newaxis])),
+        "rate": (rate, variance(none, slope)),
+    }
 
 
 def _curve(begin: float, fit: _Fit, next_fit: _Fit, derivatives: int) -> DampingCurve:
@@ -496,26 +483,22 @@ def _curve(begin: float, fit: _Fit, next_fit: _Fit, derivatives: int) -> Damping
     inside = np.linspace(_INSIDE, 1.0 - _INSIDE, pieces + 2)
     t = _fallen(fine, BSpline(fit.knots, fit.coefficients[0], 3)(fine), inside)
     ours, richer = (_values(each, t, derivatives) for each in (fit, next_fit))
-    omega = np.hypot(ours.rate, ours.decay)
-
-    def error(name: str) -> FloatArray:
-        """Standard deviation of a value, with all that the next fit changes.
-
-        Of that a part is noise. Without that part 73 % of the intervals held at the first level,
-        where splines with too few pieces err most.
-        """
-        change = getattr(richer, name) - getattr(ours, name)
-        return np.asarray(np.sqrt(getattr(ours, f"of_{name}") + change**2))
-
-    amplitude = np.exp(ours.amplitude)
+    # Standard deviations with all that the next fit changes, of which a part is noise. Without that
+    # part 73 % of the intervals held at the first level, where too few pieces err most.
+    errors = {
+        name: np.sqrt(variance + (richer[name][0] - value) ** 2)
+        for name, (value, variance) in ours.items()
+    }
+    (logarithm, _), (decay, _), (rate, _) = ours.values()
+    omega, amplitude = np.hypot(rate, decay), np.exp(logarithm)
     return DampingCurve(
         time=begin + t,
         amplitude=amplitude,
         frequency=omega / (2.0 * np.pi),
-        damping_ratio=ours.decay / omega,
-        amplitude_error=amplitude * error("amplitude"),
-        frequency_error=error("rate") / (2.0 * np.pi),
-        damping_error=error("decay") / omega,
+        damping_ratio=decay / omega,
+        amplitude_error=amplitude * errors["amplitude"],
+        frequency_error=errors["rate"] / (2.0 * np.pi),
+        damping_error=errors["decay"] / omega,
         pieces=pieces,
         noise=float(np.sqrt(fit.noise)),
     )

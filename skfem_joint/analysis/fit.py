@@ -23,7 +23,8 @@ are then multiplied by that sum over the degrees of freedom, and a note says so.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -35,7 +36,7 @@ from scipy.stats import chi2, norm, qmc
 
 from skfem_joint.analysis.fit_model import FitModel, PredictedCurve
 from skfem_joint.analysis.measured import MeasuredCurve, measured_curve
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.arrays import BoolArray, FloatArray
 from skfem_joint.errors import ConvergenceError, InputError, closest, first_of, refuse
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import Scene, load_scene
@@ -48,6 +49,7 @@ from skfem_joint.values import at_least, check
 Bounds = tuple[float, float]
 
 
+QUANTITIES = ("frequency", "damping")
 #: Relative change of the sum of squares, and of the values, at which it ends.
 TOLERANCE = 1e-6
 #: Most evaluations of the model.
@@ -90,6 +92,8 @@ class FitProblem:
         Entries of the vector: the keys, then offsets such as "offset of ring_down: frequency".
     lowest, highest, start : ndarray, shape (k,)
         Bounds of the vector, infinite for offsets, and where a fit starts.
+    low, high : ndarray, shape (k,)
+        Bounds of the variables of the fit, see `inner`.
     curves : tuple of MeasuredCurve
 
     Raises
@@ -134,7 +138,7 @@ class FitProblem:
 
     def _bounds(self, free: Mapping[str, Bounds]) -> None:
         """Bounds and start of the vector; InputError as the class says."""
-        wrong, keys = list[str](), self.model.keys
+        wrong, keys, first = list[str](), self.model.keys, dict[Any, str]()
         for (key, pair), value in zip(free.items(), self.model.start.tolist(), strict=True):
             low, high = (float(x) for x in pair)
             if not (0.0 <= low < high < np.inf):
@@ -144,41 +148,30 @@ class FitProblem:
                     f"fit: {key}: is {value:g} in the scene, must be within the bounds {low:g} to "
                     f"{high:g}: change the value, or the bounds"
                 )
-        wrong += self._repeated()
-        named = [curve.name for curve in self.curves if curve.offset]
-        wrong += [
-            f"fit: two sets of data with an offset have the name {name!r}; give each its own name"
-            for name in sorted({name for name in named if named.count(name) > 1})
-        ]
-        refuse(wrong)
-        self._offsets = [
-            (k, quantity) for k, curve in enumerate(self.curves) for quantity in curve.offset
-        ]
-        offsets = [f"offset of {self.curves[k].name}: {q}" for k, q in self._offsets]
-        self.names = (*keys, *offsets)
-        more = np.zeros(len(offsets))
-        low_high = np.array([free[key] for key in keys], dtype=float)
-        self.lowest = np.append(low_high[:, 0], more - np.inf)
-        self.highest = np.append(low_high[:, 1], more + np.inf)
-        self.start = np.append(self.model.start, more)
-
-    def _repeated(self) -> list[str]:
-        """Sentences about keys that lead to the same number, which has one value."""
-        structure, first, wrong = self.model.structure, dict[Any, str](), list[str]()
-        for key in self.model.keys:
-            places = parameter(structure, key).places
+            places = parameter(self.model.structure, key).places
             if others := dict.fromkeys(first[place] for place in places if place in first):
                 wrong.append(
                     f"fit: {key}: found beside {', '.join(others)}, which varies the same number; "
                     "leave one out"
                 )
             first |= dict.fromkeys(places, key)
-        return wrong
-
-    @cached_property
-    def _logarithmic(self) -> Any:
-        """Whether each entry of the vector is fitted by its logarithm, (k,)."""
-        return self.lowest > 0.0
+        named = Counter(curve.name for curve in self.curves if curve.offset)
+        wrong += [
+            f"fit: two sets of data with an offset have the name {name!r}; give each its own name"
+            for name, count in sorted(named.items())
+            if count > 1
+        ]
+        refuse(wrong)
+        offsets = [(k, name) for k, curve in enumerate(self.curves) for name in curve.offset]
+        self._offsets = {which: place for place, which in enumerate(offsets, len(keys))}
+        self.names = (*keys, *(f"offset of {self.curves[k].name}: {name}" for k, name in offsets))
+        more = np.zeros(len(offsets))
+        low_high = np.array([free[key] for key in keys], dtype=float)
+        self.lowest = np.append(low_high[:, 0], more - np.inf)
+        self.highest = np.append(low_high[:, 1], more + np.inf)
+        self.start = np.append(self.model.start, more)
+        self._logarithmic = self.lowest > 0.0
+        self.low, self.high = self.inner(self.lowest), self.inner(self.highest)
 
     def place(self, name: str) -> int:
         """Number of the entry of the vector with a name; InputError if there is none."""
@@ -199,31 +192,47 @@ class FitProblem:
         vector = np.asarray(vector, dtype=float)
         if self._last is not None and self._last[0] == vector.tobytes():
             return self._last[1]
-        count = len(self.model.keys)
-        found = self.model.predict(vector[:count].tolist(), self.curves, every=False)
+        asked = [curve.displacement[curve.fitted] for curve in self.curves]
         rows, columns = list[FloatArray](), list[FloatArray]()
-        for k, (curve, predicted) in enumerate(zip(self.curves, found, strict=True)):
+        for k, predicted in enumerate(self.predict(vector, asked)):
+            curve = self.curves[k]
             if not predicted.inside.all():
                 raise InputError(
                     f"fit: {curve.name}: the structure does not reach the largest amplitude"
                 )
-            for quantity, values, rates in (
-                ("frequency", predicted.frequency, predicted.frequency_rates),
-                ("damping", predicted.damping, predicted.damping_rates),
-            ):
+            for quantity in QUANTITIES:
+                values, rates = self.beside(k, quantity, predicted, vector)
                 measured = getattr(curve, quantity)[curve.fitted]
                 deviation = getattr(curve, f"{quantity}_deviation")[curve.fitted]
                 known = ~np.isnan(measured)
-                of_offset = np.zeros((known.size, len(self._offsets)))
-                if (k, quantity) in self._offsets:
-                    of_offset[:, self._offsets.index((k, quantity))] = 1.0
-                all_rates = np.hstack([rates, of_offset])
-                difference = values + of_offset @ vector[count:] - measured
-                rows.append((difference / deviation)[known])
-                columns.append((all_rates / deviation[:, np.newaxis])[known])
+                rows.append(((values - measured) / deviation)[known])
+                columns.append((rates / deviation[:, np.newaxis])[known])
         both = np.concatenate(rows), np.vstack(columns)
         self._last = vector.tobytes(), both
         return both
+
+    def predict(self, vector: FloatArray, asked: Sequence[FloatArray]) -> list[PredictedCurve]:
+        """Curves beside the measured ones at displacements of their points, (k,) each, m.
+
+        Offsets are not included. InputError and ConvergenceError as `FitModel.predict`.
+        """
+        values = vector[: len(self.model.keys)].tolist()
+        return self.model.predict(values, self.curves, asked)
+
+    def beside(
+        self, k: int | None, quantity: str, predicted: PredictedCurve, vector: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Frequency or damping beside measured curve ``k`` with its offset, and derivatives.
+
+        Without a number there is no offset. Shapes are (samples,) and (samples, entries of the
+        vector).
+        """
+        values, of_keys = (getattr(predicted, quantity + end) for end in ("", "_rates"))
+        rates = np.hstack([of_keys, np.zeros((values.size, len(self._offsets)))])
+        if k is not None and (place := self._offsets.get((k, quantity))) is not None:
+            values = values + vector[place]
+            rates[:, place] = 1.0
+        return values, rates
 
     def log_likelihood(self, vector: FloatArray) -> tuple[float, FloatArray]:
         """Logarithm of the likelihood but for a constant, and its derivatives, (k,).
@@ -235,13 +244,15 @@ class FitProblem:
 
     def inner(self, vector: FloatArray) -> FloatArray:
         """The variables of the fit: logarithms, and offsets as they are."""
-        safe = np.where(self._logarithmic, vector, 1.0)
-        return np.where(self._logarithmic, np.log(safe), vector)
+        return np.log(vector, out=np.array(vector, dtype=float), where=self._logarithmic)
 
     def outer(self, variables: FloatArray) -> FloatArray:
         """The vector, from the variables of the fit."""
-        logarithms = np.where(self._logarithmic, variables, 0.0)
-        return np.where(self._logarithmic, np.exp(logarithms), variables)
+        return np.exp(variables, out=np.array(variables, dtype=float), where=self._logarithmic)
+
+    def entry(self, k: int, variable: float) -> float:
+        """Entry k of the vector, from its variable."""
+        return float(np.exp(variable) if self._logarithmic[k] else variable)
 
     def rates(self, vector: FloatArray) -> FloatArray:
         """Derivative of each entry of the vector by its variable, (k,)."""
@@ -249,7 +260,7 @@ class FitProblem:
 
     def sizes(self) -> FloatArray:
         """Largest measured value beside each offset, and 1 of other entries, (k,)."""
-        largest = [np.nanmax(getattr(self.curves[k], quantity)) for k, quantity in self._offsets]
+        largest = [np.nanmax(getattr(self.curves[k], name)) for k, name in self._offsets]
         return np.append(np.ones(len(self.model.keys)), largest)
 
     def minimise(
@@ -262,9 +273,8 @@ class FitProblem:
         moves = np.arange(begin.size) != (-1 if held is None else held)
         if not moves.any():
             return begin, 0
-        low, high = (self.inner(x)[moves] for x in (self.lowest, self.highest))
-        width = np.where(np.isfinite(high - low), high - low, 1.0)
-        inside = INSIDE * width
+        low, high = self.low[moves], self.high[moves]
+        inside = INSIDE * np.where(np.isfinite(high - low), high - low, 1.0)
         first = np.clip(self.inner(begin)[moves], low + inside, high - inside)
         count = 0
 
@@ -311,9 +321,9 @@ class FitProblem:
 
     def on_bound(self, vector: FloatArray) -> BoolArray:
         """Whether each entry lies on one of its bounds, (k,)."""
-        x, low, high = (self.inner(v) for v in (vector, self.lowest, self.highest))
-        near = np.where(np.isfinite(high - low), 2.0 * INSIDE * (high - low), -1.0)
-        return np.asarray(np.minimum(x - low, high - x) <= near)
+        x, width = self.inner(vector), self.high - self.low
+        near = np.where(np.isfinite(width), 2.0 * INSIDE * width, -1.0)
+        return np.asarray(np.minimum(x - self.low, self.high - x) <= near)
 
     def decrease(self, vector: FloatArray) -> float:
         """How much less the sum of squares should get from here, by its derivatives.
@@ -321,15 +331,12 @@ class FitProblem:
         Entries on a bound beyond which it would get less stay there.
         """
         r, J = self.residuals(vector)
-        J = J * self.rates(vector)
-        below = self.inner(vector) - self.inner(self.lowest) < self.inner(self.highest) - (
-            self.inner(vector)
-        )
+        J, x = J * self.rates(vector), self.inner(vector)
+        below = x - self.low < self.high - x
         outward = np.where(below, J.T @ r > 0.0, J.T @ r < 0.0)
         J = J[:, ~(self.on_bound(vector) & outward)]
-        U, size, _ = np.linalg.svd(J, full_matrices=False)
-        U = U[:, size > 1e-8 * size.max(initial=0.0)]
-        return float(np.sum((U.T @ r) ** 2))
+        promised = J @ np.linalg.lstsq(J, r, rcond=1e-8)[0]
+        return float(promised @ promised)
 
     def misses(self, vector: FloatArray) -> bool:
         """Whether the sum of squares is larger than deviations explain."""
@@ -345,7 +352,7 @@ class FitProblem:
         """Vectors of a Latin hypercube within the bounds, without offsets, (starts, k)."""
         keys = len(self.model.keys)
         count = SPREAD[0] + SPREAD[1] * keys
-        low, high = (self.inner(x)[:keys] for x in (self.lowest, self.highest))
+        low, high = self.low[:keys], self.high[:keys]
         shares = qmc.LatinHypercube(keys, rng=np.random.default_rng(0)).random(count)
         inner = np.tile(self.inner(self.start), (count, 1))
         inner[:, :keys] = low + shares * (high - low)
@@ -356,13 +363,13 @@ class FitProblem:
 
         ConvergenceError if no search ends.
         """
-        count, keys = 0, len(self.model.keys)
+        count, searches, keys = 0, 0, len(self.model.keys)
         ends, errors = list[FloatArray](), list[ConvergenceError]()
 
         def told(what: str, done: int, total: int, note: str = "") -> None:
             progress(what, count + done, total, f"evaluation {count + done}")
 
-        def search(begin: FloatArray, held: int | None = None) -> FloatArray | None:
+        def minimum(begin: FloatArray, held: int | None = None) -> FloatArray | None:
             nonlocal count
             try:
                 vector, taken = self.minimise(begin, held, told)
@@ -372,28 +379,24 @@ class FitProblem:
             count += taken
             return vector
 
-        def begins() -> Iterator[FloatArray]:
-            """Starts, as long as there is a doubt."""
-            nonlocal count
-            yield self.start
-            if ends and not self.doubtful(ends[-1]):
-                return
+        def search(begin: FloatArray) -> None:
+            nonlocal searches
+            searches += 1
+            if (vector := minimum(begin)) is not None:
+                ends.append(vector)
+
+        search(self.start)
+        if not ends or self.doubtful(ends[0]):
             several = self.spread()
             squares = np.array([self.squares(vector) for vector in several])
             count += squares.size
             if np.isfinite(squares).any():
-                yield several[squares.argmin()]
+                search(several[squares.argmin()])
             for held in range(keys) if keys > 1 else ():  # nested models, each without one key
                 if ends and not self.misses(min(ends, key=self.squares)):
-                    return
-                if (vector := search(self.start, held)) is not None:
-                    yield vector
-
-        searches = 0
-        for begin in begins():
-            searches += 1
-            if (vector := search(begin)) is not None:
-                ends.append(vector)
+                    break
+                if (nested := minimum(self.start, held)) is not None:
+                    search(nested)
         if not ends:
             raise errors[0]
         return min(ends, key=self.squares), count, searches
@@ -497,17 +500,13 @@ class Fit:
 
     def interval(self, name: str, level: float = LEVEL) -> tuple[float, float]:
         """Confidence interval of a value or an offset, within its bounds."""
-        k = self.problem.place(name)
-        best = self.problem.inner(self.vector)[k]
+        problem, k = self.problem, self.problem.place(name)
+        low, high = float(problem.lowest[k]), float(problem.highest[k])
         own = np.sqrt(self._inner_covariance[k, k]) * norm.ppf(0.5 + 0.5 * level)
-        width = (
-            self.problem.inner(self.problem.highest)[k] - self.problem.inner(self.problem.lowest)[k]
-        )
-        if own >= 0.499 * width:  # not determined
-            return float(self.problem.lowest[k]), float(self.problem.highest[k])
-        variables = self.problem.inner(self.vector)
-        low, high = (self._with(variables, k, end) for end in (best - own, best + own))
-        return max(low, float(self.problem.lowest[k])), min(high, float(self.problem.highest[k]))
+        if own >= 0.499 * (problem.high[k] - problem.low[k]):  # not determined
+            return low, high
+        best = problem.inner(self.vector)[k]
+        return max(low, problem.entry(k, best - own)), min(high, problem.entry(k, best + own))
 
     @cached_property
     def _inner_covariance(self) -> FloatArray:
@@ -546,10 +545,12 @@ class Fit:
         problem, k = self.problem, self.problem.place(name)
         check("profile: points", points, at_least(3))
         best = problem.inner(self.vector)
-        low, high = (problem.inner(x)[k] for x in (problem.lowest, problem.highest))
         own = self._inner_covariance[:, k] / self._inner_covariance[k, k]
         wide = PROFILE * norm.ppf(0.5 + 0.5 * level) * np.sqrt(self._inner_covariance[k, k])
-        ends = np.maximum(best[k] - wide, low), np.minimum(best[k] + wide, high)
+        ends = (
+            np.maximum(best[k] - wide, problem.low[k]),
+            np.minimum(best[k] + wide, problem.high[k]),
+        )
         at = np.unique(np.append(np.linspace(*ends, points), best[k]))
         excess = np.zeros(at.size)
         for j, x in enumerate(at.tolist()):
@@ -565,14 +566,8 @@ class Fit:
         limit = float(np.sqrt(chi2.ppf(level, 1)))
         below = np.interp(-limit, -root[: place + 1], at[: place + 1])
         above = np.interp(limit, root[place:], at[place:])
-        values = [self._with(best, k, x) for x in (*at.tolist(), below, above)]
+        values = [problem.entry(k, x) for x in (*at.tolist(), below, above)]
         return Profile(name, np.array(values[:-2]), excess, (values[-2], values[-1]))
-
-    def _with(self, variables: FloatArray, k: int, value: float) -> float:
-        """Entry k of the vector, from its variable."""
-        changed = variables.copy()
-        changed[k] = value
-        return float(self.problem.outer(changed)[k])
 
     def band(
         self, predicted: PredictedCurve, level: float = LEVEL, number: int | None = None
@@ -582,14 +577,10 @@ class Fit:
         Of the frequency, Hz, and of the damping ratio, to first order. ``number`` is that of a
         measured curve whose offsets count too.
         """
-        names, factor = self.problem.names, float(norm.ppf(0.5 + 0.5 * level))
-        name, halves = "" if number is None else self.problem.curves[number].name, []
-        for quantity in ("frequency", "damping"):
-            rates = getattr(predicted, f"{quantity}_rates")
-            offset = f"offset of {name}: {quantity}" if name else ""
-            own = np.array([float(each == offset) for each in names[rates.shape[1] :]])
-            every = np.hstack([rates, np.tile(own, (len(rates), 1))])
-            variance = np.einsum("ki,ij,kj->k", every, self.covariance, every)
+        factor, halves = float(norm.ppf(0.5 + 0.5 * level)), []
+        for quantity in QUANTITIES:
+            _, rates = self.problem.beside(number, quantity, predicted, self.vector)
+            variance = np.einsum("ki,ij,kj->k", rates, self.covariance, rates)
             halves.append(factor * np.sqrt(np.maximum(variance, 0.0)))
         return halves[0], halves[1]
 
@@ -656,11 +647,14 @@ def solved(problem: FitProblem, progress: Progress = silent) -> Fit:
         )
     inner, undetermined = _covariance(problem, vector, J / widened, widened, stalls)
     rates = problem.rates(vector)
-    count = len(problem.model.keys)
-    predicted = problem.model.predict(vector[:count].tolist(), problem.curves)
+    predicted = problem.predict(vector, [curve.displacement for curve in problem.curves])
     problem.model.let_go()
     notes += [note for curve in problem.curves for note in curve.notes]
-    notes += _at_bounds(problem, vector)
+    notes += [
+        f"{problem.names[k]} ends at its bound, {vector[k]:.6g}: the data ask for a value beyond "
+        "it."
+        for k in np.flatnonzero(problem.on_bound(vector)).tolist()
+    ]
     return Fit(
         problem=problem,
         vector=vector,
@@ -695,74 +689,49 @@ def _widened(squares: float, degrees: int) -> tuple[float, list[str]]:
     ]
 
 
-@dataclass(frozen=True)
-class _Axes:
-    """Principal directions of the covariance of the variables, and those that are left open.
-
-    Attributes
-    ----------
-    axes : ndarray, shape (k, k)
-        A column for each; a length of 1 reaches from the middle of the bounds to their ends.
-    size : ndarray, shape (k,)
-        Inverse of their standard deviation.
-    open : ndarray of int
-        Those whose interval is wider than the bounds.
-    """
-
-    axes: FloatArray
-    size: FloatArray
-    open: IntArray
-
-    @staticmethod
-    def of(problem: FitProblem, vector: FloatArray, J: FloatArray) -> _Axes:
-        """Of the derivatives ``J``, (r, k), of residuals over their (widened) deviations."""
-        variables = J * problem.rates(vector)
-        width = 0.5 * (problem.inner(problem.highest) - problem.inner(problem.lowest))
-        scale = np.where(np.isfinite(width), width, problem.sizes())
-        _, size, right = np.linalg.svd(variables * scale, full_matrices=True)
-        size = np.append(size, np.zeros(right.shape[0] - size.size))
-        beyond = np.flatnonzero(size <= norm.ppf(0.5 + 0.5 * LEVEL))
-        return _Axes(right.T * scale[:, np.newaxis], size, beyond)
-
-
 def _covariance(
     problem: FitProblem, vector: FloatArray, J: FloatArray, widened: float, stalls: bool
 ) -> tuple[FloatArray, list[str]]:
     """Covariance of the variables of the fit, and sentences about undetermined directions.
 
-    There are none where the search ``stalls``, or where a value lies on its bound though another
-    does not fit as well.
+    ``J``, (r, k), are the derivatives of residuals over their (widened) deviations. There are no
+    sentences where the search ``stalls``, or where a value lies on its bound though another does
+    not fit as well.
     """
-    found, sentences = _Axes.of(problem, vector, J), list[str]()
+    sentences, inner = list[str](), problem.inner(vector)
+    width = 0.5 * (problem.high - problem.low)
+    scale = np.where(np.isfinite(width), width, problem.sizes())
+    _, size, right = np.linalg.svd(J * problem.rates(vector) * scale, full_matrices=True)
+    # Principal directions: a length of 1 reaches from the middle of the bounds to their ends.
+    axes, size = right.T * scale[:, np.newaxis], np.append(size, np.zeros(len(right) - size.size))
     factor = float(norm.ppf(0.5 + 0.5 * LEVEL))
-    spread = 1.0 / np.maximum(found.size, factor)
+    spread = 1.0 / np.maximum(size, factor)  # their standard deviations, at most that of bounds
     bound = problem.on_bound(vector)
-    for k in [] if stalls else found.open.tolist():
-        names = _names(problem, found.axes[:, k])
-        if len(names) > 1:
-            if not bound[names].any():
-                sentences.append(_undetermined(problem, found.axes[:, k], names))
+    for j in [] if stalls else np.flatnonzero(size <= factor).tolist():
+        k, *others = _members(axes[:, j])
+        if others:
+            if not bound[[k, *others]].any():
+                sentences.append(_undetermined(problem, axes[:, j], k, others))
             continue
-        low, high = (_as_well(problem, vector, names[0], end, widened) for end in (0, 1))
-        inner = problem.inner(vector)[names[0]]
-        ends = [problem.inner(x)[names[0]] for x in (problem.lowest, problem.highest)]
-        name = problem.names[names[0]]
-        if [low, high] == ends:
-            sentences.append(f"The data do not determine {name}: any value within its bounds fits "
-                             "as well.")  # fmt: skip
-            continue
-        spread[k] = max(high - inner, inner - low) / (0.5 * (ends[1] - ends[0]) * factor)
-        if low == ends[0] or high == ends[1]:
-            reach = (float(problem.outer(np.full(vector.size, x))[names[0]]) for x in (low, high))
-            sentences.append(
-                "The data do not determine {}: any value from {:.3g} to {:.3g} fits as "
-                "well.".format(name, *reach)
-            )
-    return (found.axes * spread**2) @ found.axes.T, sentences
+        low, high = (
+            _as_well(problem, vector, k, end, widened) for end in (problem.low, problem.high)
+        )
+        to_low, to_high = low == problem.low[k], high == problem.high[k]
+        if not (to_low and to_high):
+            spread[j] = max(high - inner[k], inner[k] - low) / (width[k] * factor)
+        if to_low or to_high:
+            values = "any value within its bounds fits"
+            if not (to_low and to_high):
+                ends = problem.entry(k, low), problem.entry(k, high)
+                values = "any value from {:.3g} to {:.3g} fits".format(*ends)
+            sentences.append(f"The data do not determine {problem.names[k]}: {values} as well.")
+    return (axes * spread**2) @ axes.T, sentences
 
 
-def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened: float) -> float:
-    """How far the variable k reaches to its lower or upper bound while the data are fitted as well.
+def _as_well(
+    problem: FitProblem, vector: FloatArray, k: int, ends: FloatArray, widened: float
+) -> float:
+    """How far the variable k reaches to one of the ``ends`` while the data are fitted as well.
 
     That is while the sum of squares rises by less than the level of an interval allows.
     """
@@ -774,7 +743,7 @@ def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened
         changed[k] = x
         return bool(problem.squares(problem.outer(changed)) <= most)
 
-    near, far = float(best[k]), float(problem.inner((problem.lowest, problem.highest)[side])[k])
+    near, far = float(best[k]), float(ends[k])
     if fits(far):
         return far
     # Halvings of the range up to a bound, to find how far a value fits as well.
@@ -784,29 +753,21 @@ def _as_well(problem: FitProblem, vector: FloatArray, k: int, side: int, widened
     return near
 
 
-def _names(problem: FitProblem, direction: FloatArray) -> IntArray:
+def _members(direction: FloatArray) -> list[int]:
     """Entries of the vector that belong to a direction of the variables, (k,), largest first."""
     size = np.round(np.abs(direction) / np.abs(direction).max(), 3)  # equal shares in given order
+    order = np.argsort(-size, kind="stable")
     # Share of the largest component from which on a value belongs to an undetermined direction.
-    some = np.flatnonzero(size >= 0.1)
-    return np.asarray(some[np.argsort(-size[some], kind="stable")])
+    return [k for k in order.tolist() if size[k] >= 0.1]
 
 
-def _undetermined(problem: FitProblem, direction: FloatArray, some: IntArray) -> str:
+def _undetermined(problem: FitProblem, direction: FloatArray, first: int, others: list[int]) -> str:
     """Sentence about a direction, (k,), of some values that the data do not determine."""
-    names = [problem.names[k] for k in some]
-    share = direction / direction[some[0]]
-    powers = ", ".join(f"{problem.names[k]} by its power {share[k]:.2f}" for k in some[1:].tolist())
+    names = [problem.names[k] for k in (first, *others)]
+    powers = ", ".join(
+        f"{problem.names[k]} by its power {direction[k] / direction[first]:.2f}" for k in others
+    )
     return (
         f"The data do not determine {' and '.join(names)} each by itself: they fit as well if "
         f"{names[0]} changes by a factor and {powers}."
     )
-
-
-def _at_bounds(problem: FitProblem, vector: FloatArray) -> list[str]:
-    """Notes about best values that lie on a bound."""
-    return [
-        f"{problem.names[k]} ends at its bound, {vector[k]:.6g}: the data ask for a value beyond "
-        "it."
-        for k in np.flatnonzero(problem.on_bound(vector)).tolist()
-    ]

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from skfem_joint.analysis.fit import Fit
-from skfem_joint.analysis.fit_model import PredictedCurve
+from skfem_joint.analysis.fit import QUANTITIES, Fit
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.arrays import FloatArray
 
@@ -44,25 +43,14 @@ def fine_curves(fit: Fit, count: int = COUNT) -> list[FineCurve]:
 
     InputError and ConvergenceError as `FitModel.predict`.
     """
-    places = [_amplitudes(curve, count) for curve in fit.problem.curves]
-    at = [
-        _at(curve, displacement)
-        for curve, (_, displacement) in zip(fit.problem.curves, places, strict=True)
-    ]
-    found = fit.problem.model.predict([*fit.values.values()], at)
-    return [
-        _fine(fit, k, amplitude, predicted)
-        for k, ((amplitude, _), predicted) in enumerate(zip(places, found, strict=True))
-    ]
-
-
-def shifts(fit: Fit, k: int) -> dict[str, float]:
-    """What is added to frequency and damping of the model beside measured curve ``k``."""
-    name = fit.problem.curves[k].name
-    return {
-        quantity: fit.offsets.get(f"offset of {name}: {quantity}", 0.0)
-        for quantity in ("frequency", "damping")
-    }
+    problem, fine = fit.problem, []
+    places = [_amplitudes(curve, count) for curve in problem.curves]
+    found = problem.predict(fit.vector, [displacement for _, displacement in places])
+    for k, (predicted, (amplitude, _)) in enumerate(zip(found, places, strict=True)):
+        values = [problem.beside(k, name, predicted, fit.vector)[0] for name in QUANTITIES]
+        columns = amplitude, *values, *fit.band(predicted, number=k)
+        fine.append(FineCurve(problem.curves[k], *(x[predicted.inside] for x in columns)))
+    return fine
 
 
 def _amplitudes(curve: MeasuredCurve, count: int) -> tuple[FloatArray, FloatArray]:
@@ -71,30 +59,3 @@ def _amplitudes(curve: MeasuredCurve, count: int) -> tuple[FloatArray, FloatArra
     mean = np.bincount(place, np.log(curve.displacement)) / np.bincount(place)
     wanted = np.linspace(known[0], known[-1], count if known.size > 1 else 1)
     return np.exp(wanted), np.exp(np.interp(wanted, known, mean))
-
-
-def _at(curve: MeasuredCurve, displacement: FloatArray) -> MeasuredCurve:
-    """The same point and mode at other displacements, at which nothing was measured."""
-    nothing = np.full(displacement.size, np.nan)
-    return replace(
-        curve,
-        quantity="displacement",
-        amplitude=displacement,
-        frequency=nothing,
-        damping=nothing,
-        frequency_deviation=nothing,
-        damping_deviation=nothing,
-        fitted=np.ones(displacement.size, dtype=bool),
-    )
-
-
-def _fine(fit: Fit, k: int, amplitude: FloatArray, predicted: PredictedCurve) -> FineCurve:
-    inside, added, bands = predicted.inside, shifts(fit, k), fit.band(predicted, number=k)
-    return FineCurve(
-        measured=fit.problem.curves[k],
-        amplitude=amplitude[inside],
-        frequency=(predicted.frequency + added["frequency"])[inside],
-        damping=(predicted.damping + added["damping"])[inside],
-        frequency_band=bands[0][inside],
-        damping_band=bands[1][inside],
-    )

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 
-from skfem_joint.analysis.backbone import Backbone, Factors
+from skfem_joint.analysis.backbone import Backbone, Factors, backbone
 from skfem_joint.analysis.backbone_sensitivity import BackboneSensitivity, backbone_sensitivity
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.analysis.stuck import Stuck
@@ -128,17 +128,20 @@ class FitModel:
         return with_values(self.structure, dict(zip(self.keys, values, strict=True)))
 
     def predict(
-        self, values: Sequence[float], measured: Sequence[MeasuredCurve], every: bool = True
+        self,
+        values: Sequence[float],
+        measured: Sequence[MeasuredCurve],
+        asked: Sequence[FloatArray] | None = None,
     ) -> list[PredictedCurve]:
-        """Curves of the structure at the amplitudes of measured ones.
+        """Curves of the structure beside measured ones.
 
         Parameters
         ----------
         values : sequence of float
             Of the free keys.
         measured : sequence of MeasuredCurve
-        every : bool
-            At all measured amplitudes, or only at those that are fitted.
+        asked : sequence of ndarray, shape (k,) each, optional
+            Displacement of the point of each, m; those that were measured if not given.
 
         Raises
         ------
@@ -151,11 +154,11 @@ class FitModel:
         system = self.system(structure)
         parameters = sensitivities(structure, self.keys, system)
         at = np.array(values, dtype=float)
-        wanted = [curve.displacement[curve.fitted | every] for curve in measured]
-        found: list[PredictedCurve | None] = [None] * len(measured)
-        asked = [(curve.mode, tuple(curve.weights(system.points))) for curve in measured]
-        for mode, weights in dict.fromkeys(asked):
-            own = [k for k, one in enumerate(asked) if one == (mode, weights)]
+        wanted = [curve.displacement for curve in measured] if asked is None else asked
+        found = dict[int, PredictedCurve]()
+        kinds = [(curve.mode, tuple(curve.weights(system.points))) for curve in measured]
+        for mode, weights in dict.fromkeys(kinds):
+            own = [k for k, kind in enumerate(kinds) if kind == (mode, weights)]
             along = np.array(weights)
             nodes = np.unique(np.concatenate([wanted[k] for k in own]))
             if nodes.size == 1:
@@ -163,9 +166,8 @@ class FitModel:
             if nodes.size > MOST:
                 nodes = np.geomspace(nodes[0], nodes[-1], MOST)
             curve = self._curve(system, at, mode, along, nodes, parameters)
-            for k in own:
-                found[k] = _interpolated(*curve, system, along, wanted[k])
-        return [one for one in found if one is not None]
+            found |= {k: curve.at(wanted[k]) for k in own}
+        return [found[k] for k in range(len(measured))]
 
     def _curve(
         self,
@@ -175,16 +177,28 @@ class FitModel:
         weights: FloatArray,
         nodes: FloatArray,
         parameters: Sequence[SystemSensitivity],
-    ) -> tuple[Backbone, BackboneSensitivity]:
+    ) -> _Found:
         """Backbone at amplitudes near ``nodes`` of a point, (levels,), m, and its derivatives.
 
         The levels begin as the derivatives of the curve that was found before say.
         """
+
+        def found_at(levels: FloatArray) -> _Found:
+            (curve,) = backbone(system, (mode,), levels, keep_path=True, factors=self._factors)
+            rates = backbone_sensitivity(curve, parameters)
+            moved = np.asarray(system.P @ curve.states.T).T
+            along = moved @ weights
+            # Derivatives of a backbone are those of the magnitudes of the named points.
+            signs = np.sign(moved) * weights / along[:, np.newaxis]
+            of_logarithm = np.einsum("lp,lpk->lk", signs, rates.displacement)
+            curve, logarithm = replace(curve, path=None), np.log(np.abs(along))
+            return _Found(values, curve, rates, nodes, logarithm, of_logarithm)
+
         place = (mode, *weights.tolist(), *nodes.tolist())
         known = self._found.setdefault(place, [])
         for before in known:
             if np.array_equal(before.values, values):
-                return before.curve, before.rates
+                return before
         levels = (
             self._of_stuck(system, mode, weights) * nodes
             if not known
@@ -193,7 +207,7 @@ class FitModel:
         found, least, refused = None, np.inf, np.inf
         for trial in range(TRIALS):
             try:
-                curve, rates = self._differentiated(system, mode, levels, parameters)
+                last = found_at(levels)
             except (InputError, ConvergenceError):
                 # Levels of a stuck structure may be more than friction holds, where those of the
                 # same amplitudes with slip are not.
@@ -205,31 +219,17 @@ class FitModel:
                     levels = _up_to(levels, np.sqrt(found.curve.level[-1] * refused))
                 continue
             self.computed += 1
-            X, of_x = _logarithm(curve, rates, system, weights)
-            apart = np.log(nodes[: X.size]) - X
-            last = _Found(values, curve, rates, apart, of_x)
-            if (size := float(np.abs(apart).max())) < least:
+            if (size := float(np.abs(last.apart).max())) < least:
                 found, least = last, size
             if size <= NEAR:
                 break
             levels = _rising(last.levels(values))
             if levels[-1] >= refused:
-                levels = _up_to(levels, np.sqrt(curve.level[-1] * refused))
+                levels = _up_to(levels, np.sqrt(last.curve.level[-1] * refused))
         if found is None:  # say why
-            return self._differentiated(system, mode, levels, parameters)
+            return found_at(levels)
         known[:] = [found, *known[:1]]  # a step that is not taken leads back to the one before
-        return found.curve, found.rates
-
-    def _differentiated(
-        self,
-        system: System,
-        mode: int,
-        levels: FloatArray,
-        parameters: Sequence[SystemSensitivity],
-    ) -> tuple[Backbone, BackboneSensitivity]:
-        """Curve of a mode at some levels, and its derivatives; its path is given up."""
-        (curve,) = self._factors.backbone(system, (mode,), levels, keep_path=True)
-        return replace(curve, path=None), backbone_sensitivity(curve, parameters)
+        return found
 
     def _of_stuck(self, system: System, mode: int, weights: FloatArray) -> float:
         """Level over the amplitude of a point with the contact stuck."""
@@ -257,17 +257,25 @@ class _Found:
     curve : Backbone
     rates : BackboneSensitivity
         Its derivatives.
-    apart : ndarray, shape (levels,)
-        Logarithm of wanted amplitudes over those of the levels.
-    of_apart : ndarray, shape (levels, k + 1)
-        Derivatives of the logarithm of the amplitudes.
+    nodes : ndarray, shape (levels,)
+        Wanted amplitudes of the point, m; of more levels where the curve ends before.
+    logarithm : ndarray, shape (levels,)
+        Of the amplitudes of the point.
+    of_logarithm : ndarray, shape (levels, k + 1)
+        Derivatives of that.
     """
 
     values: FloatArray
     curve: Backbone
     rates: BackboneSensitivity
-    apart: FloatArray
-    of_apart: FloatArray
+    nodes: FloatArray
+    logarithm: FloatArray
+    of_logarithm: FloatArray
+
+    @property
+    def apart(self) -> FloatArray:
+        """Logarithm of wanted amplitudes over those of the levels, (levels,)."""
+        return np.asarray(np.log(self.nodes[: self.logarithm.size]) - self.logarithm)
 
     def levels(self, values: FloatArray) -> FloatArray:
         """Levels of the wanted amplitudes with other values, (levels,), to first order."""
@@ -276,9 +284,40 @@ class _Found:
         change = np.where(positive, old * np.log(ratio), values - old)
         # Most that a level changes from one to the next.
         largest = np.log(3.0)
-        apart = self.apart - self.of_apart[:, :-1] @ change
-        change = np.clip(apart / self.of_apart[:, -1], -largest, largest)
+        apart = self.apart - self.of_logarithm[:, :-1] @ change
+        change = np.clip(apart / self.of_logarithm[:, -1], -largest, largest)
         return np.asarray(self.curve.level * np.exp(change))
+
+    def at(self, displacement: FloatArray) -> PredictedCurve:
+        """The curve at given amplitudes of the point, (k,), m."""
+        curve, rates, X, of_x = self.curve, self.rates, self.logarithm, self.of_logarithm
+        rises = np.append(True, X[1:] > np.maximum.accumulate(X)[:-1])  # but for errors of levels
+        if np.count_nonzero(rises) < 2:
+            raise ConvergenceError("fit: the amplitude of the point does not rise with the level")
+        wanted = np.log(displacement)
+        at = np.clip(wanted, X[0] - APART, X[-1] + APART)
+        within = np.clip(wanted, X[0], X[-1])
+        X, of_x, zeta = X[rises], of_x[rises], curve.damping_ratio[rises]
+        of_zeta = rates.damping_ratio[rises] / zeta[:, np.newaxis]
+        columns = []
+        for values, of_values in (
+            (curve.frequency[rises], rates.frequency[rises]),
+            (np.log(zeta), of_zeta),
+        ):
+            spline = CubicHermiteSpline(X, values, of_values[:, -1] / of_x[:, -1])
+            held = rates.at_amplitude(of_values, of_x)
+            columns += [spline(at), PchipInterpolator(X, held, axis=0)(within)]
+        frequency, frequency_rates, logarithm, of_logarithm = columns
+        damping = np.exp(logarithm)
+        return PredictedCurve(
+            displacement=displacement,
+            frequency=frequency,
+            damping=damping,
+            frequency_rates=frequency_rates,
+            damping_rates=damping[:, np.newaxis] * of_logarithm,
+            inside=at == wanted,
+            turning=int(rates.turning.max()),
+        )
 
 
 def _rising(levels: FloatArray) -> FloatArray:
@@ -293,53 +332,3 @@ def _up_to(levels: FloatArray, highest: float) -> FloatArray:
         return np.full(1, highest)
     share = np.log(levels / levels[0]) / np.log(levels[-1] / levels[0])
     return np.asarray(lowest * (highest / lowest) ** share)
-
-
-def _logarithm(
-    curve: Backbone, rates: BackboneSensitivity, system: System, weights: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Logarithm of the amplitude of a point, (levels,), and its derivatives, (levels, k + 1)."""
-    moved = np.asarray(system.P @ curve.states.T).T
-    along = moved @ weights
-    # Derivatives of a backbone are those of the magnitudes of the named points.
-    signs = np.sign(moved) * weights / along[:, np.newaxis]
-    return np.log(np.abs(along)), np.einsum("lp,lpk->lk", signs, rates.displacement)
-
-
-def _interpolated(
-    curve: Backbone,
-    rates: BackboneSensitivity,
-    system: System,
-    weights: FloatArray,
-    displacement: FloatArray,
-) -> PredictedCurve:
-    """A curve at given amplitudes, (k,), m."""
-    X, of_x = _logarithm(curve, rates, system, weights)
-    rises = np.append(True, X[1:] > np.maximum.accumulate(X)[:-1])  # but for errors of levels
-    if np.count_nonzero(rises) < 2:
-        raise ConvergenceError("fit: the amplitude of the point does not rise with the level")
-    wanted = np.log(displacement)
-    at = np.clip(wanted, X[0] - APART, X[-1] + APART)
-    within = np.clip(wanted, X[0], X[-1])
-    X, of_x, zeta = X[rises], of_x[rises], curve.damping_ratio[rises]
-    of_zeta = rates.damping_ratio[rises] / zeta[:, np.newaxis]
-    of_frequency = rates.frequency[rises]
-    columns = []
-    for values, of_values in (
-        (curve.frequency[rises], of_frequency),
-        (np.log(zeta), of_zeta),
-    ):
-        spline = CubicHermiteSpline(X, values, of_values[:, -1] / of_x[:, -1])
-        held = rates.at_amplitude(of_values, of_x)
-        columns += [spline(at), PchipInterpolator(X, held, axis=0)(within)]
-    frequency, frequency_rates, logarithm, of_logarithm = columns
-    damping = np.exp(logarithm)
-    return PredictedCurve(
-        displacement=displacement,
-        frequency=frequency,
-        damping=damping,
-        frequency_rates=frequency_rates,
-        damping_rates=damping[:, np.newaxis] * of_logarithm,
-        inside=at == wanted,
-        turning=int(rates.turning.max()),
-    )

@@ -12,31 +12,13 @@ from skfem_joint.slips import WHOLE_SHARE
 from skfem_joint.stepping.levels import Level
 from skfem_joint.stepping.quasi_static import QuasiStatic
 
-
-@dataclass(frozen=True)
-class GrossSlipSettings:
-    """Numbers of gross slip.
-
-    Attributes
-    ----------
-    above : float
-        The search begins this much, relative, above the load at which the forces on the stuck
-        joint add up to its limit.
-    raised : float
-        Factor of the load from one trial to the next.
-    trials : int
-        Most trials, up to 190 times the first load.
-    near : float
-        Where friction alone holds, the level is found to this, relative.
-    """
-
-    above: float = 0.01
-    raised: float = 1.3
-    trials: int = 20
-    near: float = 0.02
-
-
-SETTINGS = GrossSlipSettings()
+#: The search begins this much, relative, above the load at which the forces on the stuck joint add
+#: up to its limit.
+ABOVE = 0.01
+#: Factor of the load from one trial to the next, and the most trials: up to 190 times the first.
+RAISED, TRIALS = 1.3, 20
+#: Where friction alone holds, the level is found to this, relative.
+NEAR = 0.02
 
 
 def still_share(path: QuasiStatic) -> float:
@@ -70,7 +52,7 @@ def gross_slip_level(
     its friction limit: slip moves load to supports and to other joints. Where supports carry a
     part, the level is interpolated between the last two steps. Where friction alone holds, all
     joints slip at the load of limit analysis; where one slips as a whole before, the level lies
-    within `GrossSlipSettings.near` above the last one at which none did.
+    within `NEAR` above the last one at which none did.
 
     Parameters
     ----------
@@ -96,24 +78,17 @@ def gross_slip_level(
     ConvergenceError
         If the response to a load does not converge.
     """
-    system = path.to.system
-    balanced = force - system.stuck_stiffness @ stuck
-    # A dense system has more slip rows than unknowns: the smallest forces that hold it are taken.
-    dense = path.to.kind == "dense"
-    rows = (
-        np.linalg.lstsq(as_dense(system.contact.B).T, balanced)[0]
-        if dense
-        else system.contact.B @ balanced
-    )
-    forces = system.contact.slip_norm(np.asarray(rows, dtype=float))
-    if (
-        system.contact.has_springs
-    ):  # points may share an unknown, and each has the force of its spring
-        stretched = system.contact.spring_constants * system.contact.slip_norm(
-            np.asarray(system.contact.B @ stuck)
-        )
-        forces = np.where(system.contact.sprung, stretched, forces)
-    by_joint, limits = system.contact.J @ forces, system.contact.J @ system.contact.w
+    system, contact = path.to.system, path.to.system.contact
+    rows = force - system.stuck_stiffness @ stuck
+    if path.to.kind == "dense":  # more slip rows than unknowns: the smallest forces that hold it
+        rows = np.linalg.lstsq(as_dense(contact.B).T, rows)[0]
+    else:
+        rows = contact.B @ rows
+    forces = contact.slip_norm(np.asarray(rows, dtype=float))
+    if contact.has_springs:  # points may share an unknown, and each has the force of its spring
+        stretched = contact.spring_constants * contact.slip_norm(np.asarray(contact.B @ stuck))
+        forces = np.where(contact.sprung, stretched, forces)
+    by_joint, limits = contact.J @ forces, contact.J @ contact.w
     loaded = (by_joint > 0.0) & (limits > 0.0)
     if not loaded.any():
         return limit
@@ -141,28 +116,28 @@ class _FirstWhole:
 
         ``start`` are a level and the state there.
         """
-        system = self.path.to.system
+        contact = self.path.to.system.contact
         self.path.tally.total += 1
         (way,) = self.path.walk(start[1], self.force, np.array([start[0], level]))
         reached = way[-1][1]
-        sliders = reached.slip - system.contact.spring_flexibility * reached.friction
-        both = system.contact.slip_norm(reached.slip), system.contact.slip_norm(sliders)
+        sliders = reached.slip - contact.spring_flexibility * reached.friction
+        both = contact.slip_norm(reached.slip), contact.slip_norm(sliders)
         return sticking_share(self.path, *both), reached
 
     def held(self, nominal: float) -> float:
         """Level where supports carry a part of the load."""
-        level, sticking = nominal * (1.0 + SETTINGS.above), 1.0
+        level, sticking = nominal * (1.0 + ABOVE), 1.0
         start = 0.0, self.path.rest()
-        for _ in range(SETTINGS.trials):
+        for _ in range(TRIALS):
             last = sticking
             sticking, reached = self.sticking(level, start)
             if is_gross(sticking):
                 if last == 1.0:  # at the first trial, or from all sticking to none
                     return nominal
                 beyond = (1.0 - WHOLE_SHARE - sticking) / (last - sticking)
-                return float(level * SETTINGS.raised**-beyond)
+                return float(level * RAISED**-beyond)
             start = level, reached
-            level *= SETTINGS.raised
+            level *= RAISED
         # The basis of a dense system may not let a joint slip so far.
         return nominal
 
@@ -171,8 +146,8 @@ class _FirstWhole:
         state = self.path.rest()
         # Share of the load of limit analysis up to which joints are looked at one by one.
         low, high, last = 0.0, limit, 0.98 * limit
-        level = min(nominal * (1.0 + SETTINGS.above), last)
-        for _ in range(SETTINGS.trials):
+        level = min(nominal * (1.0 + ABOVE), last)
+        for _ in range(TRIALS):
             sticking, reached = self.sticking(level, (low, state))
             if is_gross(sticking):
                 high = level
@@ -182,7 +157,7 @@ class _FirstWhole:
                 return nominal
             else:
                 low, state = level, reached
-            if high <= low * (1.0 + SETTINGS.near):
+            if high <= low * (1.0 + NEAR):
                 break
-            level = min(low * SETTINGS.raised, last) if high == limit else 0.5 * (low + high)
+            level = min(low * RAISED, last) if high == limit else 0.5 * (low + high)
         return high if high < limit else low  # up to ``low`` none slips as a whole

@@ -6,7 +6,7 @@ lines that say what it is of, the names of its columns with units
 
     # point: tip
     # direction: y
-    # fit: 0.5..10
+    # highest: 10
     amplitude (m/s2), frequency (Hz), damping (%)
     0.4,  402.1, 0.21
     1.3,  401.6, 0.26
@@ -180,13 +180,12 @@ def measured_curve(
         What the curve is of; each wins over the line ``# key: value`` of the file.
 
         - ``point`` (str) and ``direction`` ("x", "y", "z" or a vector): what was measured.
-        - ``quantity`` ("displacement", "velocity", "acceleration") or ``unit`` (str) of the
-          amplitude; one of them, or a unit in its column, is needed.
+        - ``unit`` (str) of the amplitude, which is needed if its column has none.
         - ``peak_to_peak`` (bool): amplitudes are the whole of peak to peak, not half. False.
         - ``mode`` (int): number of the mode, 1.
         - ``offset`` (sequence of str): "frequency", "damping", where known up to a constant.
         - ``lowest``, ``highest`` (float): amplitudes that a fit takes, in the unit of the data as
-          they stand there; a file states them by ``# fit: 0.5..10``.
+          they stand there.
         - ``relative_frequency_deviation``, ``relative_damping_deviation`` (float): standard
           deviations as shares of the values, in place of those of columns; 1e-4 and 0.05 where
           nothing says how sure the values are.
@@ -217,10 +216,9 @@ def measured_curve(
         )
     head = head_of(samples, given)
     check_samples(samples)
-    quantity, unit, notes = _unit_of_amplitude(samples, head)
+    (quantity, unit), notes = _unit_of_amplitude(samples, head), list[str]()
     if "signal" in samples.columns:
-        samples, of_decay = _of_decay(samples, head, quantity)
-        notes += of_decay
+        samples, notes = _of_decay(samples, head, quantity)
     elif head.frequency is not None:
         raise InputError(
             f"{samples.where}: found key 'frequency', which is about that of a signal over time; "
@@ -241,34 +239,25 @@ def _arrays(curve: DampingCurve) -> dict[str, FloatArray]:
     }
 
 
-def _unit_of_amplitude(samples: Samples, head: Head) -> tuple[str, str, list[str]]:
-    """Quantity and unit of the amplitude, and a note if the unit is assumed.
-
-    InputError if neither is stated, or if they do not fit.
-    """
+def _unit_of_amplitude(samples: Samples, head: Head) -> tuple[str, str]:
+    """Quantity and unit of the amplitude; InputError if that is not one unit."""
     column, where = "signal" if "signal" in samples.columns else "amplitude", samples.where
-    stated, notes = {head.unit, samples.units[column]} - {None}, []
-    if head.quantity is not None and not stated:
-        stated = {next(iter(AMPLITUDES[head.quantity]))}
-        notes = [f"the {column} has no unit; it is read in {next(iter(stated))}."]
+    stated = {head.unit, samples.units[column]} - {None}
     if len(stated) != 1:
         found = " and ".join(sorted(map(str, stated))) or "no unit"
         raise InputError(
             f"{where}: found {found} of the {column}, must be one unit, in the name of the column, "
-            f"as in '{column} (m/s2)', or stated by unit: one of {', '.join(COLUMNS[column])}; or "
-            f"state quantity, one of {', '.join(DERIVATIVES)}, for values in SI units"
+            f"as in '{column} (m/s2)', or stated by unit: one of {', '.join(COLUMNS[column])}"
         )
     unit = str(stated.pop())
-    own = next(name for name, units in AMPLITUDES.items() if unit in units)
-    if head.quantity not in (None, own):
-        raise InputError(f"{where}: found quantity {head.quantity!r} in {unit!r}, a unit of {own}")
+    quantity = next(name for name, units in AMPLITUDES.items() if unit in units)
     lacks = bool(np.isnan(samples.in_si("frequency")).all())
-    if own != "displacement" and column == "amplitude" and lacks:
+    if quantity != "displacement" and column == "amplitude" and lacks:
         raise InputError(
-            f"{where}: found amplitudes of {own} and no frequency, by which they become "
+            f"{where}: found amplitudes of {quantity} and no frequency, by which they become "
             "displacements; add a column 'frequency (Hz)', or give amplitudes of displacement"
         )
-    return own, unit, notes
+    return quantity, unit
 
 
 def _of_decay(samples: Samples, head: Head, quantity: str) -> tuple[Samples, list[str]]:

@@ -9,7 +9,6 @@ are refused.
 from __future__ import annotations
 
 import io
-import logging
 import math
 import re
 import unicodedata
@@ -23,12 +22,9 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Validat
 
 from skfem_joint.arrays import FloatArray, IntArray, as_real
 from skfem_joint.errors import InputError, refuse
-from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
 from skfem_joint.scene.messages import mistake, sentences
 from skfem_joint.scene.values import Count, Positive, SceneTable, has_no_repeats, key
-from skfem_joint.text_tables import Mistakes, number_in, rows_of
-
-_log = logging.getLogger(__name__)
+from skfem_joint.text_tables import Mistakes, number_in, read_rows
 
 #: Units of the amplitude of each quantity and what they are in SI.
 AMPLITUDES: Mapping[str, Mapping[str, float]] = {
@@ -40,7 +36,7 @@ _ANY_AMPLITUDE = {unit: value for units in AMPLITUDES.values() for unit, value i
 _FREQUENCY = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / np.pi}
 _DAMPING = {"1": 1.0, "%": 1e-2}
 #: Units of each column; the first one is that of a column without a unit, except of amplitudes,
-#: whose unit or quantity must be stated.
+#: whose unit must be stated.
 COLUMNS: Mapping[str, Mapping[str, float]] = {
     "amplitude": _ANY_AMPLITUDE,
     "frequency": _FREQUENCY,
@@ -103,39 +99,33 @@ def read_samples(path: Path) -> Samples:
         If it cannot be read, has other columns or keys, or cells are no numbers. The message names
         the file and the lines.
     """
-    content = read_text(path, LARGEST_TABLE)
+    content, rows = read_rows(path)
     if "\0" in content:
         raise InputError(f"{path}: holds no text, must be a table of text (CSV) in UTF-8")
-    if content and not content.endswith(("\n", "\r")):
-        _log.warning("%s: %s", path, UNFINISHED_LINE)
-    mistakes, units = Mistakes(path), None
-    values, numbers = array("d"), array("q")
-    try:
-        for number, text, cells in rows_of(io.StringIO(content, newline=None)):
-            place = f"{path}: line {number}"
-            if units is None:
-                if any(number_in(cell) is not None for cell in cells):
-                    raise InputError(
-                        f"{place}: found {text[:60]!r}, must be the names of the columns, as in "
-                        f"{_EXAMPLE}"
-                    )
-                units = _units_of(cells, place)
-            elif len(cells) != len(units):
-                mistakes.add(f"{place}: found {len(cells)} columns, must be {len(units)}")
-            elif any(cells):  # spreadsheets leave empty rows at the end
-                row = [number_in(cell or "nan") for cell in cells]
-                for name, cell, value in zip(units, cells, row, strict=True):
-                    if value is None or (not cell and name not in _MAY_LACK):
-                        hint = "; decimals have a point, as in 0.5" if "," in cell else ""
-                        found = f"{place}: {name}: found {cell[:60]!r}"
-                        mistakes.add(f"{found}, must be a number{hint}")
-                values.extend(math.nan if value is None else value for value in row)
-                numbers.append(number)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from error
-    mistakes.refuse()
-    if units is None:
+    number, text, names = next(rows, (0, "", list[str]()))
+    if not names:
         raise InputError(f"{path}: found no columns, must begin with their names, as in {_EXAMPLE}")
+    if any(number_in(cell) is not None for cell in names):
+        raise InputError(
+            f"{path}: line {number}: found {text[:60]!r}, must be the names of the columns, as in "
+            f"{_EXAMPLE}"
+        )
+    units = _units_of(names, f"{path}: line {number}")
+    mistakes, values, numbers = Mistakes(path), array("d"), array("q")
+    for number, _, cells in rows:
+        place = f"{path}: line {number}"
+        if len(cells) != len(units):
+            mistakes.add(f"{place}: found {len(cells)} columns, must be {len(units)}")
+        elif any(cells):  # spreadsheets leave empty rows at the end
+            for name, cell in zip(units, cells, strict=True):
+                value = number_in(cell or "nan")
+                if value is None or (not cell and name not in _MAY_LACK):
+                    hint = "; decimals have a point, as in 0.5" if "," in cell else ""
+                    found = f"{place}: {name}: found {cell[:60]!r}"
+                    mistakes.add(f"{found}, must be a number{hint}")
+                values.append(math.nan if value is None else value)
+            numbers.append(number)
+    mistakes.refuse()
     columns = dict(zip(units, np.reshape(values, (-1, len(units))).T, strict=True))
     lines = np.array(numbers, dtype=np.intp)
     return Samples(str(path), columns, units, "line", lines, [*_stated(path, content)])
@@ -281,9 +271,6 @@ class Head(SceneTable):
     direction: Annotated[tuple[float, ...], BeforeValidator(_direction)] | None = key(
         "unit vector along which it was measured", None
     )
-    quantity: Literal["displacement", "velocity", "acceleration"] | None = key(
-        "what the amplitude is of", None
-    )
     unit: Annotated[str, AfterValidator(_unit)] | None = key("unit of the amplitude", None)
     peak_to_peak: bool = key("amplitudes are the whole of peak to peak, not half", False)
     mode: Count = key("number of the mode", 1)
@@ -307,15 +294,6 @@ def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
             yield f"{path}: line {number}", stated[1].casefold(), stated[2]
 
 
-def _read(values: Mapping[str, str], places: Mapping[str, str]) -> tuple[dict[str, Any], list[str]]:
-    """Values of keys from their texts, and what is wrong with them by their places."""
-    try:
-        return Head.model_validate(dict(values)).model_dump(exclude_unset=True), []
-    except ValidationError as error:
-        wrong = [(places[str(each["loc"][0])], each) for each in error.errors()]
-        return {}, [f"{place}: {line}" for place, each in wrong for line in sentences(each, Head)]
-
-
 def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
     """Head of a curve from the comments of its file and from arguments, which win.
 
@@ -328,39 +306,30 @@ def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
     places: dict[str, str] = {}
     values: dict[str, str] = {}
     for place, name, text in samples.stated:
-        bounds = re.fullmatch(r"(.*?)(?<!\.)\.\.(?!\.)(.*)", text) if name == "fit" else None
         if name in places:
             problems.append(f"{place}: found {name!r} again, must be once")
-        elif name != "fit":
-            values[name] = text
-        elif bounds and any(bounds.groups()):
-            pairs = zip(("lowest", "highest"), map(str.strip, bounds.groups()), strict=True)
-            values |= {end: bound for end, bound in pairs if bound}
-            places |= dict.fromkeys(("lowest", "highest"), place)
-        else:
-            problems.append(
-                f"{place}: fit: found {text!r}, must be a range of amplitudes in the unit of the "
-                "data, as in 0.5..10, or 0.5.. or ..10"
-            )
-        places[name] = place
-    of_file, wrong = _read(values, places)
-    texts = {
-        name: ", ".join(map(str, value)) or "none"
-        if isinstance(value, list | tuple | np.ndarray)
-        else str(value).strip()
-        for name, value in given.items()
-        if value is not None
-    }
-    arguments, more = _read(texts, dict.fromkeys(texts, "measured_curve"))
-    problems += wrong + more
+        values[name], places[name] = text, place
+    of_file = {*values}
+    for name, value in given.items():
+        if value is not None:
+            several = isinstance(value, list | tuple | np.ndarray)
+            text = ", ".join(map(str, value)) or "none" if several else str(value).strip()
+            values[name], places[name] = text, "measured_curve"
+    try:
+        head = Head.model_validate(values)
+    except ValidationError as error:
+        problems += [
+            f"{places[str(each['loc'][0])]}: {line}"
+            for each in error.errors()
+            for line in sentences(each, Head)
+        ]
     problems += [
         f"{samples.where}: found both column '{name}_deviation' and key "
         f"'relative_{name}_deviation', must be one of them"
         for name in OFFSETS
-        if f"{name}_deviation" in samples.columns and f"relative_{name}_deviation" in values
+        if f"{name}_deviation" in samples.columns and f"relative_{name}_deviation" in of_file
     ]
     refuse(problems)
-    head = Head.model_construct(**(of_file | arguments))
     if head.lowest > head.highest:
         raise InputError(
             f"{samples.where}: found a range of amplitudes from {head.lowest:g} to "

@@ -15,7 +15,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
 from operator import itemgetter
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -100,12 +100,12 @@ class SteadyPoint:
         Factors of ``exp(i k omega t)``, m; nan where a period has too few steps for them.
     phase : ndarray, shape (points,)
         Phase of the first harmonic after that of the first load, rad.
+    slip : ndarray, shape (m,)
+        Largest slip of each contact point, m.
     friction_energy : float
         Dissipated by friction in a period, J.
     input_energy : float
         Work of the loads in a period, J.
-    slip : ndarray, shape (m,)
-        Largest slip of each contact point, m.
     share : float
         Share of the friction limits, with contact that opens of those at rest, whose points slip
         in the period, see `System.slipping`; 0 where all stick, wherever they came to rest before.
@@ -134,12 +134,12 @@ class SteadyPoint:
     offset: FloatArray
     harmonics: FloatArray
     phase: FloatArray
-    friction_energy: float
-    input_energy: float
     slip: FloatArray
-    share: float
-    periods: int
-    change: float
+    friction_energy: float = np.nan
+    input_energy: float = np.nan
+    share: float = np.nan
+    periods: int = 0
+    change: float = np.nan
     state: State | None = None
     course: FloatArray | None = None
     step_error: float = np.nan
@@ -279,6 +279,8 @@ def response(
     refined: bool = True,
     estimated: bool = True,
     executor: Executor | None = None,
+    workers: int | None = None,
+    coarse: Any = None,
     progress: Progress = silent,
     rows: Rows | None = None,
 ) -> list[Curve]:
@@ -306,6 +308,11 @@ def response(
         Whether each point is computed with half the step too, which gives the error of its step.
     executor : concurrent.futures.Executor, optional
         Where levels are run side by side.
+    workers : int, optional
+        How many it has: levels that take longest go first where they are fewer.
+    coarse : Guiding, optional
+        Reduced model beside a larger one, a `skfem_joint.analysis.coarse_model.CoarseModel`: it
+        corrects the searches, and the error of the step is found on it.
     progress : callable, optional
         Called with (vibrations found, vibrations in all), and between them, without an executor,
         with a note on the search. Those in all grow as frequencies are added.
@@ -327,57 +334,6 @@ def response(
         is a reduced model made for its own loads.
     ConvergenceError
         If no frequency of any level has a steady vibration.
-    """
-    return guided_response(
-        system,
-        frequencies,
-        levels,
-        None,
-        steps_per_cycle=steps_per_cycle,
-        refined=refined,
-        estimated=estimated,
-        beside=SideBySide(executor),
-        progress=progress,
-        rows=rows,
-    )
-
-
-@dataclass(frozen=True)
-class SideBySide:
-    """Where the levels of a response are computed.
-
-    Attributes
-    ----------
-    executor : concurrent.futures.Executor, optional
-        Levels run one after another in this process if not given.
-    workers : int, optional
-        How many it has: levels that take longest go first where they are fewer.
-    finished : callable, optional
-        Called with the number of each level, and its curve, when that is there.
-    """
-
-    executor: Executor | None = None
-    workers: int | None = None
-    finished: Callable[[int, Curve], None] | None = None
-
-
-def guided_response(
-    system: System,
-    frequencies: FloatArray,
-    levels: Sequence[float],
-    coarse: Guiding | None,
-    *,
-    steps_per_cycle: int = 200,
-    refined: bool = True,
-    estimated: bool = True,
-    beside: SideBySide | None = None,
-    progress: Progress = silent,
-    rows: Rows | None = None,
-) -> list[Curve]:
-    """Steady vibration over frequency of a system beside which there may be a coarse model.
-
-    That corrects the searches, and the error of the step is found on it. ``beside`` says where
-    levels are computed. The other arguments, result and errors are those of `response`.
     """
     frequencies, levels = _checked(system, frequencies, levels, steps_per_cycle)
     by_model = estimated and system.serves is not None
@@ -403,7 +359,7 @@ def guided_response(
         )
         for level in levels
     ]
-    curves = _curves(searches, system, coarse, beside or SideBySide(), tally, rows)
+    curves = _curves(searches, system, coarse, executor, workers, tally, rows)
     if not any(curve.found for curve in curves):
         raise ConvergenceError("; ".join(_nothing(curve) for curve in curves))
     if not by_model:
@@ -491,7 +447,8 @@ def _curves(
     searches: list[_Search],
     system: System,
     coarse: Guiding | None,
-    beside: SideBySide,
+    executor: Executor | None,
+    workers: int | None,
     tally: Tally,
     rows: Rows,
 ) -> list[Curve]:
@@ -502,7 +459,7 @@ def _curves(
     """
     origin = rows.mark("steady point", system, coarse)
     curves: dict[int, Curve] = {}
-    executor, workers = beside.executor, beside.workers or len(searches)
+    workers = workers or len(searches)
     waiting: dict[int, tuple[str, _Request]] = {}
     running: dict[Future[SteadyPoint], tuple[int, str, float]] = {}
 
@@ -519,8 +476,6 @@ def _curves(
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
-            if beside.finished is not None:
-                beside.finished(number, end.value)
 
     try:
         for number in range(len(searches)):
@@ -697,7 +652,6 @@ def _steady(
 
 def _without_vibration(system: System, frequency: float, why: ConvergenceError) -> SteadyPoint:
     """Point of a frequency (Hz) without steady vibration."""
-    gross = isinstance(why, GrossSlipError)
     nothing = np.full(len(system.points), np.nan)
     return SteadyPoint(
         frequency=frequency,
@@ -705,14 +659,10 @@ def _without_vibration(system: System, frequency: float, why: ConvergenceError) 
         offset=nothing,
         harmonics=np.full((nothing.size, HARMONICS), np.nan + 0j),
         phase=nothing,
-        friction_energy=np.nan,
-        input_energy=np.nan,
         slip=np.full(system.contact.w.size, np.nan),
-        share=np.nan,
         periods=why.periods if isinstance(why, GrossSlipError) else 0,
-        change=np.nan,
         failure=str(why),
-        gross=gross,
+        gross=isinstance(why, GrossSlipError),
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -73,8 +74,8 @@ class SceneBackbone:
     models : list of ModelBackbone
     warnings : tuple of str
         Of the structure, the full model's curves, and the smaller models.
-    normal : list of NormalChange or None
-        Of each mode the change of the normal force at the highest level; None where no contact is
+    normal : dict of int to NormalChange
+        Change of the normal force at the highest level of each mode; none where no contact is
         closed.
     """
 
@@ -82,7 +83,7 @@ class SceneBackbone:
     largest: list[float]
     models: list[ModelBackbone]
     warnings: tuple[str, ...]
-    normal: list[NormalChange | None] = field(default_factory=list)
+    normal: dict[int, NormalChange]
 
 
 def scene_backbone(
@@ -106,39 +107,39 @@ def scene_backbone(
     InputError, ConvergenceError
         As :func:`backbone` and :func:`ring_down`.
     """
-    table, system = scene.backbone, scene.system()
-    report = partial(progress, "full model")
-    full = backbone(system, table.modes, table.levels, table.up_to, progress=report)
-    warnings = [*doubts(scene.structure(), system)]
+    structure, system = scene.structure(), scene.system()
+    full = _curves(scene, system, scene.backbone.modes, partial(progress, "full model"))
+    warnings = [*doubts(structure, system)]
     warnings += [warning for curve in full for warning in curve.warnings]
-    structure = scene.structure()
     acts = structure.reactions(scene.loads())
-    normal = [
-        normal_change_of_mode(structure, acts, c.shape, c.stuck_frequency, c.amplitude[-1])
-        for c in full
-    ]
-    for curve, change in zip(full, normal, strict=True):
+    normal = {}
+    for c in full:
+        moved = c.shape, c.stuck_frequency, float(c.amplitude[-1])
+        change = normal_change_of_mode(structure, acts, *moved)
         if change is not None:
-            warnings += change.doubts(f"Mode {curve.mode}: at the highest level ")
-    start = _released(scene, system)
+            normal[c.mode] = change
+            warnings += change.doubts(f"Mode {c.mode}: at the highest level ")
+    released = _released(scene, system)
     models = []
     for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])
         for curve in full:
-            own = _OfMode(system, curve, start)
-            if name != "full":
-                if name == "reduced" and scene.reduction.range is not None:
-                    own, notes = _of_range_model(scene, curve, progress, folder)
-                else:
-                    own, notes = _of_small_model(name, scene, curve, progress)
-                warnings += notes
-            model.curves.append(own.curve)
-            model.errors.append(_distances(own.curve, curve))
-            if table.ring_down:
-                rung = _ring_down(name, scene, own, progress)
+            small, own, notes = system, curve, tuple[str, ...]()
+            report = partial(progress, f"{name} model, mode {curve.mode}")
+            if name == "reduced" and scene.reduction.range is not None:
+                small, own, notes = _of_range_model(scene, curve, report, folder)
+            elif name != "full":
+                small, own, notes = _of_small_model(name, scene, curve, report)
+            warnings += notes
+            model.curves.append(own)
+            model.errors.append(_distances(own, curve))
+            if scene.backbone.ring_down:
+                start = released if small is system else _released(scene, small)
+                report = partial(progress, f"{name} model, mode {curve.mode} rings down")
+                rung = _ring_down(scene, small, own, start, report)
                 model.ring_downs.append(rung)
-                model.curves[-1] = rung.beside(own.curve)
-                notes = model.curves[-1].warnings[len(own.curve.warnings) :]
+                model.curves[-1] = rung.beside(own)
+                notes = model.curves[-1].warnings[len(own.warnings) :]
                 mode = f"Mode {curve.mode}"
                 warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
                 warnings += _doubts(model, curve.mode)
@@ -153,41 +154,33 @@ def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]
     """
     if "backbone" not in scene.model_fields_set or not scene.system().contact.count:
         return []
-    table, report = scene.backbone, partial(progress, "backbone")
-    return backbone(scene.system(), table.modes, table.levels, table.up_to, progress=report)
+    return _curves(scene, scene.system(), scene.backbone.modes, partial(progress, "backbone"))
 
 
-@dataclass(frozen=True)
-class _OfMode:
-    """A model made for one mode.
-
-    Attributes
-    ----------
-    system : System
-    curve : Backbone
-        Of the mode.
-    start : tuple of ndarray, optional
-        State that it rings down from; the highest level of the curve if not given.
-    """
-
-    system: System
-    curve: Backbone
-    start: State | None
+def _curves(
+    scene: Scene,
+    system: System,
+    modes: Sequence[int],
+    report: Progress,
+    slips_at: float | None = None,
+) -> list[Backbone]:
+    """Curves of some modes of a model at the levels of a scene."""
+    table = scene.backbone
+    return backbone(system, modes, table.levels, table.up_to, slips_at, report)
 
 
 def _of_range_model(
-    scene: Scene, curve: Backbone, progress: Progress, folder: Path | None
-) -> tuple[_OfMode, tuple[str, ...]]:
-    """Model for the range of a scene, with its curve of a mode of the full model.
+    scene: Scene, curve: Backbone, report: Progress, folder: Path | None
+) -> tuple[System, Backbone, tuple[str, ...]]:
+    """Model for the range of a scene, its curve of a mode of the full model, and a note.
 
     InputError if the mode or its levels are outside the range.
     """
-    served, table = served_scene(scene), scene.backbone
+    served = served_scene(scene)
     if served is None:
         raise InputError("reduction.range: missing")
     model = of_scene(scene, range_model(served, folder))
-    report = partial(progress, f"reduced model, mode {curve.mode}")
-    (own,) = backbone(model, (curve.mode,), table.levels, table.up_to, curve.slips_at, report)
+    (own,) = _curves(scene, model, (curve.mode,), report, curve.slips_at)
     shown = " and ".join(
         f"its {name.replace('_', ' ')} by {100.0 * error:.2g} %"
         for name, error in own.estimated.items()
@@ -198,23 +191,18 @@ def _of_range_model(
     )
     shares = model.contact.shares
     slip = own.slip if shares is None else own.slip @ (shares > 0.0)
-    return _OfMode(model, replace(own, slip=slip), None), (note,)
+    return model, replace(own, slip=slip), (note,)
 
 
 def _of_small_model(
-    name: str, scene: Scene, curve: Backbone, progress: Progress
-) -> tuple[_OfMode, tuple[str, ...]]:
-    """Condensed or reduced model of a mode of the full model, whose ``curve`` is, and notes on it.
-
-    Where it is released by the loads it is by those of its own run.
-    """
-    table, system = scene.backbone, scene.system()
+    name: str, scene: Scene, curve: Backbone, report: Progress
+) -> tuple[System, Backbone, tuple[str, ...]]:
+    """Condensed or reduced model of a mode of the full model, its curve, and notes on it."""
+    system = scene.system()
     V, small = _small_model(name, scene, curve)
-    report = partial(progress, f"{name} model, mode {curve.mode}")
-    (own,) = backbone(small, (curve.mode,), table.levels, table.up_to, curve.slips_at, report)
+    (own,) = _curves(scene, small, (curve.mode,), report, curve.slips_at)
     slip = system.contact.slip_norm((system.contact.B @ (V @ own.states.T)).T)
-    own = replace(own, slip=slip)
-    return _OfMode(small, own, _released(scene, small)), notes_of_reduction(system, small)
+    return small, replace(own, slip=slip), notes_of_reduction(system, small)
 
 
 def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, System]:
@@ -247,13 +235,13 @@ def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, 
     return basis.V, reduced_system(system, basis, **options.friction, periodic=False)
 
 
-def _ring_down(name: str, scene: Scene, model: _OfMode, progress: Progress) -> RingDown:
+def _ring_down(
+    scene: Scene, system: System, curve: Backbone, start: State | None, report: Progress
+) -> RingDown:
     """Free vibration of a mode."""
-    system, curve, cycles = model.system, model.curve, scene.backbone.ring_down
     steps, given = scene.time.steps_per_cycle, "rho_infinity" in scene.time.model_fields_set
     scheme = generalized_alpha(scene.time.rho_infinity) if given else None
-    report = partial(progress, f"{name} model, mode {curve.mode} rings down")
-    return ring_down(system, curve, cycles, steps, scheme, model.start, report)
+    return ring_down(system, curve, scene.backbone.ring_down, steps, scheme, start, report)
 
 
 def _doubts(model: ModelBackbone, mode: int) -> list[str]:
@@ -299,9 +287,11 @@ def _largest(scene: Scene, curves: list[Backbone]) -> list[float]:
 def _released(scene: Scene, system: System) -> State | None:
     """State of a model when the last load of a scene has ended, if it rings down from there.
 
+    A model for a range is released in its mode.
     InputError if a load acts until the end of the run.
     """
-    if not scene.backbone.ring_down or scene.backbone.released != "loads":
+    table = scene.backbone
+    if not table.ring_down or table.released != "loads" or system.serves is not None:
         return None
     step, n_steps = scene.time_step, scene.n_steps
     acting = system.load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -15,11 +15,10 @@ from skfem_joint.analysis.estimate import Estimate, Parts
 from skfem_joint.analysis.linear_response import linear_response
 from skfem_joint.analysis.response import (
     Curve,
-    SideBySide,
     State,
     SteadyPoint,
     at_frequency,
-    guided_response,
+    response,
     steady_plan,
     suited_steps,
 )
@@ -181,7 +180,7 @@ def scene_response(
     """
     table = response_table(scene)
     scene, left_out = with_friction(scene)
-    system, between = scene.system(), table.frequencies
+    system, between, levels = scene.system(), table.frequencies, sorted(table.levels)
     frequencies = np.linspace(between.from_, between.to, between.points)
     more = min(BETWEEN, ENTRIES // max(system.K.nnz, 1))
     fine = np.union1d(frequencies, np.linspace(between.from_, between.to, more))
@@ -196,20 +195,33 @@ def scene_response(
     for name in scene.models.run:
         watch = Stopwatch()
         with announced(progress, f"making the {name} model"):
-            model = _with_coarse(
-                _prepared(name, scene, table, resonance, rows), scene, table, resonance
-            )
+            model = _with_coarse(_prepared(name, scene, resonance, rows), scene, resonance)
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
-        errors = _PeakErrors(model, scene, executor, workers, rows)
-        curves = _curves(model, scene, table, frequencies, errors, progress, rows)
+        curves = response(
+            model.system,
+            frequencies,
+            [level / model.level for level in levels],
+            steps_per_cycle=scene.time.steps_per_cycle,
+            estimated=scene.accuracy.estimate,
+            executor=executor,
+            workers=workers,
+            coarse=model.coarse,
+            progress=partial(progress, f"{name} model"),
+            rows=rows,
+        )
+        pairs = zip(levels, curves, strict=True)
+        curves = [_with_all_slips(curve, level, model, system) for level, curve in pairs]
         wall, compiled = watch.read()
-        of_levels = [note for curve in curves for note in _whole_slip(model.name, curve)]
+        notes = [*model.notes, *(note for curve in curves for note in _whole_slip(name, curve))]
         curves = [curve for curve in curves if curve.found]
-        estimates, notes = _checked(model, scene, curves, errors, progress)
-        notes = of_levels + notes
+        notes += [note for curve in curves for note in _frequencies_without(name, curve)]
+        estimates: list[Estimate] = []
+        if scene.accuracy.estimate:
+            estimates, of_errors = _estimates(model, scene, curves, executor, rows, progress)
+            notes += of_errors
         times = offline, wall + rows.earlier_s - earlier, compilation + compiled
-        models.append(ModelResponse(name, curves, estimates, *times, (*model.notes, *notes)))
+        models.append(ModelResponse(name, curves, estimates, *times, tuple(notes)))
     of_models = [note for model in models for note in model.notes]
     warnings = (*left_out, *doubts(scene.structure(), system), *of_models)
     if not system.contact.count and "backbone" in scene.model_fields_set:
@@ -248,11 +260,10 @@ class _Prepared:
     coarse: CoarseModel | None = None
 
 
-def _prepared(
-    name: str, scene: Scene, table: ResponseTable, resonance: float, rows: Rows
-) -> _Prepared:
+def _prepared(name: str, scene: Scene, resonance: float, rows: Rows) -> _Prepared:
     """Model of a scene; a reduced one serves its range, or the ``resonance`` (Hz) best."""
-    system, level = scene.system(), max(table.levels)
+    system, table = scene.system(), asked_table(scene)
+    level = max(table.levels)
     served = served_scene(scene) if name == "reduced" else None
     if served is not None:
         folder = None if rows.path is None else rows.path.parent
@@ -272,97 +283,73 @@ def _prepared(
     return _Prepared(name, small, basis, level, (*notes, CREPT) if scene.opens else notes)
 
 
-def _with_coarse(
-    model: _Prepared, scene: Scene, table: ResponseTable, resonance: float
-) -> _Prepared:
+def _with_coarse(model: _Prepared, scene: Scene, resonance: float) -> _Prepared:
     """A full or condensed model with a reduced one beside it, where that helps."""
     if model.name == "reduced" or not scene.system().contact.count:
         return model
     V = None if model.basis is None else model.basis.V
-    level, loaded = max(table.levels), scene.system()
-    loaded = at_frequency(loaded, resonance, model.level)
+    loaded = at_frequency(scene.system(), resonance, model.level)
+    level = max(asked_table(scene).levels) / model.level
     try:
-        coarse = CoarseModel.of(loaded, resonance, level / model.level, V)
+        return replace(model, coarse=CoarseModel.of(loaded, resonance, level, V))
     except (InputError, ConvergenceError) as error:
         note = f"No reduced model helps the {model.name} model's response, which takes longer then"
         return replace(model, notes=(*model.notes, f"{note}: {error}"))
-    return replace(model, coarse=coarse)
 
 
-def _curves(
-    model: _Prepared,
-    scene: Scene,
-    table: ResponseTable,
-    frequencies: FloatArray,
-    errors: _PeakErrors,
-    progress: Progress,
-    rows: Rows,
-) -> list[Curve]:
-    """Curves of a model at the levels of a scene, rising, with the slip of all contact points.
+def _with_all_slips(curve: Curve, level: float, model: _Prepared, full: System) -> Curve:
+    """Curve of a model at a ``level`` of the scene, with the slip of the full model's points."""
+    serves, shares = model.system.serves, model.system.contact.shares
+    slips = None if model.basis is None else full.contact.B @ model.basis.V
 
-    Their ``errors`` begin to be estimated while other curves are computed.
-    """
-    levels, system = sorted(table.levels), scene.system()
-    curves = guided_response(
-        model.system,
-        frequencies,
-        [level / model.level for level in levels],
-        model.coarse,
-        steps_per_cycle=scene.time.steps_per_cycle,
-        estimated=scene.accuracy.estimate,
-        beside=SideBySide(
-            errors.executor,
-            errors.workers,
-            lambda number, curve: errors.begin(levels[number], curve) if curve.found else None,
-        ),
-        progress=partial(progress, f"{model.name} model"),
-        rows=rows,
-    )
-    shares = model.system.contact.shares
-    if model.system.serves is not None and shares is not None:
-        of_points = [
-            [replace(p, slip=(shares > 0.0).T @ p.slip, course=None) for p in c.points]
-            for c in curves
-        ]
-        pairs = zip(levels, of_points, strict=True)
-        return [Curve(level, tuple(points)) for level, points in pairs]
-    if model.basis is None:
-        return curves
-    slips = system.contact.B @ model.basis.V
-
-    def with_all_slips(point: SteadyPoint) -> SteadyPoint:
-        """Point with the slip of the full model's contact points, by its course."""
-        if point.course is None:
+    def changed(point: SteadyPoint) -> SteadyPoint:
+        if serves is not None and shares is not None:
+            return replace(point, slip=(shares > 0.0).T @ point.slip, course=None)
+        if slips is None or point.course is None:
             return point
-        slip = system.contact.slip_norm(point.course @ slips.T).max(axis=0)
+        slip = full.contact.slip_norm(point.course @ slips.T).max(axis=0)
         return replace(point, slip=slip, course=None)
 
-    return [
-        Curve(level, tuple(map(with_all_slips, curve.points)))
-        for level, curve in zip(levels, curves, strict=True)
-    ]
+    return Curve(level, tuple(map(changed, curve.points)))
 
 
-def _checked(
-    model: _Prepared, scene: Scene, curves: list[Curve], errors: _PeakErrors, progress: Progress
+def _estimates(
+    model: _Prepared,
+    scene: Scene,
+    curves: Sequence[Curve],
+    executor: Executor | None,
+    rows: Rows,
+    progress: Progress,
 ) -> tuple[list[Estimate], list[str]]:
-    """Errors at the peak of each curve, if they are asked for, and what to beware of."""
+    """Errors of a model at the peak of each curve, side by side with an executor, and notes."""
+    basis, steps = model.basis, scene.time.steps_per_cycle
+    if basis is not None and executor is not None:
+        basis = replace(basis, stiffness=None)  # whose factors cannot go to another process
+    report = partial(progress, f"errors of the {model.name} model")
+    jobs: list[tuple[str, Callable[[], dict[str, Parts]]]] = []
+    for curve in curves:
+        at = curve.peak[0], curve.level
+        V = None if basis is None else basis.V
+        mark = rows.mark("errors", origin_of(scene), model.system, V, model.level, *at)
+        full = at_frequency(scene.system(), *at)
+        loaded = at_frequency(model.system, at[0], curve.level / model.level)
+        given = full, loaded, basis, steps, curve.start
+        if executor is None or mark in rows:
+            jobs.append((mark, partial(_errors, *given, report)))
+        else:
+            jobs.append((mark, executor.submit(_errors, *given).result))
     estimates, notes = [], []
-    for curve in curves:
-        notes += _frequencies_without(model.name, curve)
-    if not scene.accuracy.estimate:
-        return [], notes
-    for curve in curves:
+    for curve, (mark, job) in zip(curves, jobs, strict=True):
         parts: dict[str, Parts] = {}
         try:
-            parts = errors.of(curve, progress)
+            parts = rows.row(mark, job)
         except ConvergenceError as error:  # which does not cost the curve
             notes.append(
                 f"The errors of the {model.name} model at the peak of level {curve.level:g} are "
                 f"not estimated: {error}"
             )
         estimates.append(Estimate(parts))
-        notes += _step_error_notes(model.name, curve, scene.time.steps_per_cycle)
+        notes += _step_error_notes(model.name, curve, steps)
     return estimates, notes
 
 
@@ -404,90 +391,27 @@ def _step_error_notes(name: str, curve: Curve, steps_per_cycle: int) -> Iterator
         )
 
 
-def _whole_slip(name: str, curve: Curve) -> list[str]:
+def _whole_slip(name: str, curve: Curve) -> Iterator[str]:
     """Note of where on a curve a joint slips as a whole, and of what is left out for that."""
-    if not curve.gross.size:
-        return []
-    low, high = curve.gross.min(), curve.gross.max()
-    where = f"{low:.6g} Hz" if low == high else f"{low:.6g} to {high:.6g} Hz"
-    note = f"The {name} model at level {curve.level:g}: a joint slips as a whole at {where}"
-    given_up = [p.failure for p in curve.points if p.failure is not None and p.periods > 0]
-    if given_up:
-        what = "the curve ends there" if curve.found else "the level has no curve"
-        note += f"; {what}: {given_up[0]}"
-    return [f"{note}."]
+    if curve.gross.size:
+        low, high = curve.gross.min(), curve.gross.max()
+        where = f"{low:.6g} Hz" if low == high else f"{low:.6g} to {high:.6g} Hz"
+        note = f"The {name} model at level {curve.level:g}: a joint slips as a whole at {where}"
+        given_up = [p.failure for p in curve.points if p.failure is not None and p.periods > 0]
+        if given_up:
+            what = "the curve ends there" if curve.found else "the level has no curve"
+            note += f"; {what}: {given_up[0]}"
+        yield f"{note}."
 
 
-def _frequencies_without(name: str, curve: Curve) -> list[str]:
+def _frequencies_without(name: str, curve: Curve) -> Iterator[str]:
     """Note of the frequencies of a curve that have no steady vibration."""
     without = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
-    if not without:
-        return []
-    return [
-        f"The {name} model at level {curve.level:g} has no steady vibration at "
-        f"{', '.join(without)} Hz: these are no points of its curve."
-    ]
-
-
-class _PeakErrors:
-    """Estimated errors of a model at the peaks of its curves; with an executor side by side.
-
-    Parameters
-    ----------
-    model : _Prepared
-    scene : Scene
-    executor : concurrent.futures.Executor or None
-    workers : int or None
-        How many it has, if that is known.
-    rows : Rows
-        Where estimates are kept, and taken up again.
-    """
-
-    def __init__(
-        self,
-        model: _Prepared,
-        scene: Scene,
-        executor: Executor | None,
-        workers: int | None,
-        rows: Rows,
-    ) -> None:
-        self.model, self.scene, self.rows = model, scene, rows
-        self.executor, self.workers = executor, workers
-        basis = model.basis
-        if basis is not None and executor is not None:
-            basis = replace(basis, stiffness=None)  # whose factors cannot go to another process
-        self.basis, self.begun = basis, dict[float, Future[dict[str, Parts]]]()  # by level
-
-    def begin(self, level: float, curve: Curve) -> None:
-        """Begin with a curve at a level of the scene, where there is an executor."""
-        if self.executor is None or not self.scene.accuracy.estimate:
-            return
-        mark, job = self._job(level, curve)
-        if mark not in self.rows:
-            self.begun[level] = self.executor.submit(job)
-
-    def of(self, curve: Curve, progress: Progress) -> dict[str, Parts]:
-        """Errors at the peak of a curve, at a level of the scene, by source and quantity.
-
-        ConvergenceError if a run of the estimate does not converge.
-        """
-        mark, job = self._job(curve.level, curve)
-        if (begun := self.begun.get(curve.level)) is not None:
-            return self.rows.row(mark, begun.result)
-        report = partial(progress, f"errors of the {self.model.name} model")
-        return self.rows.row(mark, partial(job, report))
-
-    def _job(self, level: float, curve: Curve) -> tuple[str, Callable[..., dict[str, Parts]]]:
-        """Name of a row, and what computes it."""
-        model, scene, frequency = self.model, self.scene, curve.peak[0]
-        full = at_frequency(scene.system(), frequency, level)
-        loaded = at_frequency(model.system, frequency, level / model.level)
-        V = None if self.basis is None else self.basis.V
-        mark = self.rows.mark(
-            "errors", origin_of(scene), model.system, V, model.level, frequency, level
+    if without:
+        yield (
+            f"The {name} model at level {curve.level:g} has no steady vibration at "
+            f"{', '.join(without)} Hz: these are no points of its curve."
         )
-        steps = scene.time.steps_per_cycle
-        return mark, partial(_errors, full, loaded, self.basis, steps, curve.start)
 
 
 def _errors(

@@ -3,42 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skfem_joint.analysis.backbone import Backbone
 from skfem_joint.analysis.backbone_peaks import BackbonePeak, backbone_errors
+from skfem_joint.analysis.response import Curve
 from skfem_joint.analysis.scene_response import SceneResponse
 from skfem_joint.output.plots import new_figure, prefixed_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#1a1a1a", "#b8860b")
-_LINES = {"full": "-", "condensed": ":", "reduced": "--"}
+#: Look of curves: a colour for each level, a line and a mark for each model.
+COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#1a1a1a", "#b8860b")
+LINES = {"full": "-", "condensed": ":", "reduced": "--"}
 _MARKS = {"full": "o", "condensed": "s", "reduced": "x"}
-
-
-#: Columns of ``peaks.csv`` and what they hold of a peak.
+#: Columns of ``peaks.csv``, and the attributes of a peak that stand there.
 _COLUMNS = {
-    "model": "model",
-    "level": "level",
-    "mode": "mode",
-    "peak_frequency_Hz": "frequency",
-    "peak_frequency_error": "frequency_error",
-    "peak_amplitude_m": "amplitude",
-    "peak_amplitude_error": "amplitude_error",
-    "backbone_frequency_Hz": "backbone_frequency",
-    "backbone_frequency_error": "backbone_error",
-    "apart": "apart",
-    "error_of_both": "error",
-}
+    "model": "model", "level": "level", "mode": "mode", "peak_frequency_Hz": "frequency",
+    "peak_frequency_error": "frequency_error", "peak_amplitude_m": "amplitude",
+    "peak_amplitude_error": "amplitude_error", "backbone_frequency_Hz": "backbone_frequency",
+    "backbone_frequency_error": "backbone_error", "apart": "apart", "error_of_both": "error",
+}  # fmt: skip
 
 
-def peak_rows(peaks: Sequence[BackbonePeak]) -> list[list[Any]]:
-    """Rows of ``peaks.csv``, the first of which is its heading."""
-    return [[*_COLUMNS], *([getattr(p, name) for name in _COLUMNS.values()] for p in peaks)]
+def peak_columns(peaks: Sequence[BackbonePeak]) -> dict[str, list[Any]]:
+    """Columns of ``peaks.csv``."""
+    return {column: [getattr(p, name) for p in peaks] for column, name in _COLUMNS.items()}
 
 
 def peak_lines(peaks: Sequence[BackbonePeak]) -> list[str]:
@@ -74,16 +68,13 @@ def peaks_figure(
     response: SceneResponse, curves: Sequence[Backbone], peaks: Sequence[BackbonePeak]
 ) -> Figure:
     """Amplitude over frequency at each level, its peaks, and the backbones, with their errors."""
-    points, most = response.scene.system().points, response.models[0].largest
     figure = new_figure(7.5, 5.0)
-    panel = figure.subplots()
-    columns = [c.column("amplitude")[:, most] for m in response.models for c in m.curves]
+    panel, most = figure.subplots(), response.models[0].largest
+    curves_of_models = drawn_curves(response)
+    columns = [curve.column("amplitude")[:, most] for curve, _ in curves_of_models]
     unit, scale = prefixed_unit("m", [np.nan_to_num(column) for column in columns])
-    for model in response.models:
-        for curve, colour in zip(model.curves, _COLOURS * len(model.curves), strict=False):
-            x, y = curve.column("frequency"), curve.column("amplitude")[:, most] / scale
-            label = f"{model.name}, level {curve.level:g}"
-            panel.semilogy(x, y, _LINES[model.name], color=colour, label=label)
+    for (curve, look), column in zip(curves_of_models, columns, strict=True):
+        panel.semilogy(curve.column("frequency"), column / scale, **look)
     low, high = response.frequencies[[0, -1]]
     least = min(float(np.nanmin(column)) for column in columns) / scale
     for mode in curves:
@@ -95,27 +86,32 @@ def peaks_figure(
         f, error = (np.interp(y, np.r_[0.0, moved], values) for values in (f, error))
         panel.plot(f, y, color="#444444", label=f"backbone of mode {mode.mode}")
         panel.fill_betweenx(y, f * (1.0 - error), f * (1.0 + error), color="#999999", alpha=0.4)
-    for p in (p for p in peaks if not p.at_end):
-        panel.errorbar(
-            p.frequency,
-            p.amplitude / scale,
-            xerr=p.frequency * p.frequency_error,
-            yerr=p.amplitude * np.nan_to_num(p.amplitude_error) / scale,
-            fmt=_MARKS[p.model],
-            color="#c2185b",
-            capsize=3,
-            markersize=5,
-            markerfacecolor="none",
-            label=f"peaks, {p.model} model" if p is _first(peaks, p.model) else None,
-        )
+    for name, mark in _MARKS.items():
+        own = [p for p in peaks if p.model == name and not p.at_end]
+        if own:
+            f, A = (np.array([getattr(p, of) for p in own]) for of in ("frequency", "amplitude"))
+            of_f, of_A = (
+                np.array([getattr(p, of) for p in own])
+                for of in ("frequency_error", "amplitude_error")
+            )
+            panel.errorbar(
+                f, A / scale, A * np.nan_to_num(of_A) / scale, f * of_f,
+                fmt=mark, color="#c2185b", capsize=3, markersize=5, markerfacecolor="none",
+                label=f"peaks, {name} model",
+            )  # fmt: skip
     panel.set(xlabel="frequency, Hz", ylabel=f"amplitude, {unit}")
     panel.set_xlim(low, high)
-    panel.set_title(points[most], loc="left")
+    panel.set_title(response.scene.system().points[most], loc="left")
     panel.legend(fontsize="small")
     panel.grid(alpha=0.3)
     return figure
 
 
-def _first(peaks: Sequence[BackbonePeak], model: str) -> BackbonePeak:
-    """First of the peaks of a model that are drawn."""
-    return next(p for p in peaks if p.model == model and not p.at_end)
+def drawn_curves(response: SceneResponse) -> list[tuple[Curve, dict[str, Any]]]:
+    """Curves of all models, with the colour, line and label of each."""
+    drawn = []
+    for model in response.models:
+        for curve, colour in zip(model.curves, cycle(COLOURS), strict=False):
+            label = f"{model.name}, level {curve.level:g}"
+            drawn.append((curve, {"color": colour, "ls": LINES[model.name], "label": label}))
+    return drawn

@@ -11,78 +11,71 @@ import numpy as np
 from skfem_joint.analysis.backbone import Backbone
 from skfem_joint.analysis.backbone_peaks import backbone_peaks
 from skfem_joint.analysis.history import QUANTITIES
-from skfem_joint.analysis.normal_force import NormalChange
 from skfem_joint.analysis.response import HARMONICS, Curve
 from skfem_joint.analysis.scene_backbone import ModelBackbone, SceneBackbone
 from skfem_joint.analysis.scene_response import SceneResponse
 from skfem_joint.arrays import FloatArray
 from skfem_joint.files import safe_names
-from skfem_joint.output.backbone_peaks import peak_lines, peak_rows, peaks_figure
+from skfem_joint.output.backbone_peaks import (
+    COLOURS,
+    LINES,
+    drawn_curves,
+    peak_columns,
+    peak_lines,
+    peaks_figure,
+)
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
-from skfem_joint.output.tables import plain, write_csv
+from skfem_joint.output.tables import Table, by_columns, write_table
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.structure import AnyStructure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Rows = Sequence[Sequence[Any]]
-
-_COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#1a1a1a", "#b8860b")
-_LINES = {"full": "-", "condensed": ":", "reduced": "--"}
-#: Columns of a backbone with contact that opens.
-_OPENING = ("modal_offset", "opened_share")
 _DOTS = {"full": ".", "condensed": "+", "reduced": "x"}
 
 
 def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     """Write ``backbone.csv``, ``ring_down.csv`` if asked for, ``backbone.png``, a summary."""
-    points, structure = backbone.scene.system().points, backbone.scene.structure()
-    curves = [c for model in backbone.models for c in model.curves]
-    names, lengths = _active_lengths(structure, (slip for c in curves for slip in c.slip))
-    opens = curves[0].opened is not None
-    header = [
-        "model", "mode", "level", "modal_amplitude", "frequency_Hz", "damping_ratio",
-        *(f"displacement_{name}_m" for name in safe_names(points)),
-        "slipping_share", "friction_damping_ratio", "viscous_damping_ratio", "state", "doubt",
-        *(_OPENING if opens else ()), *names,
-    ]  # fmt: skip
+    structure = backbone.scene.structure()
+    names = safe_names(backbone.scene.system().points)
     rows = [
-        [
-            model.name, c.mode, c.level[k] / c.slips_at, c.amplitude[k], c.frequency[k],
-            c.damping_ratio[k], *c.displacement[k], c.share[k], c.friction_damping[k],
-            c.viscous_damping[k], c.state[k], c.doubts[k],
-            *(() if c.offset is None or c.opened is None else (c.offset[k], c.opened[k])),
-        ]
+        {
+            "model": model.name, "mode": c.mode, "level": c.level[k] / c.slips_at,
+            "modal_amplitude": c.amplitude[k], "frequency_Hz": c.frequency[k],
+            "damping_ratio": c.damping_ratio[k],
+            **_named("displacement_{}_m", names, c.displacement[k]),
+            "slipping_share": c.share[k], "friction_damping_ratio": c.friction_damping[k],
+            "viscous_damping_ratio": c.viscous_damping[k],
+            "state": c.state[k], "doubt": c.doubts[k],
+            **({} if c.offset is None else {"modal_offset": c.offset[k]}),
+            **({} if c.opened is None else {"opened_share": c.opened[k]}),
+            **_active_lengths(structure, c.slip[k]),
+        }
         for model in backbone.models
         for c in model.curves
         for k in range(c.level.size)
     ]  # fmt: skip
-    rows = [[*row, *length] for row, length in zip(rows, lengths, strict=True)]
-    tables: dict[str, Rows] = {"backbone.csv": [header, *rows]}
+    tables = {"backbone.csv": by_columns(rows)}
     if backbone.models[0].ring_downs:
-        header = ["model", "mode", "time_s", "modal_amplitude", "frequency_Hz", "damping_ratio"]
         rows = [
-            [model.name, c.mode, *row]
-            for model in backbone.models
-            for c, d in zip(model.curves, model.ring_downs, strict=True)
-            for row in zip(d.time, d.amplitude, d.frequency, d.damping_ratio, strict=True)
-        ]
-        tables["ring_down.csv"] = [header, *rows]
-    joints = [patch.joint.name for patch in structure.patches]
-    changes = _normal_changes(backbone)
-    content = {
-        "models": {
-            model.name: {
-                "modes": [_mode(model, k, joints, changes) for k in range(len(model.curves))]
+            {
+                "model": model.name, "mode": c.mode, "time_s": d.time[k],
+                "modal_amplitude": d.amplitude[k], "frequency_Hz": d.frequency[k],
+                "damping_ratio": d.damping_ratio[k],
             }
             for model in backbone.models
-        },
-        "warnings": list(backbone.warnings),
+            for c, d in zip(model.curves, model.ring_downs, strict=True)
+            for k in range(d.time.size)
+        ]  # fmt: skip
+        tables["ring_down.csv"] = by_columns(rows)
+    models = {
+        model.name: {"modes": [_mode(backbone, model, k) for k in range(len(model.curves))]}
+        for model in backbone.models
     }
-    figure = backbone_figure(backbone.models, backbone.largest)
-    return _written({folder / "backbone.png": figure}, content, tables)
+    figures = {"backbone.png": backbone_figure(backbone.models, backbone.largest)}
+    return _written(folder, figures, {"models": models, "warnings": [*backbone.warnings]}, tables)
 
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
@@ -105,7 +98,7 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
     lines += [
         f"Mode {mode} at its highest level changes the normal force by {change.text}. "
         f"{change.of_the_mesh}"
-        for mode, change in _normal_changes(backbone).items()
+        for mode, change in backbone.normal.items()
     ]
     return lines
 
@@ -135,29 +128,24 @@ def _opened(curve: Backbone) -> str:
     )
 
 
-def _active_lengths(
-    structure: AnyStructure, slips: Iterable[FloatArray]
-) -> tuple[list[str], list[list[float]]]:
-    """Names of columns of active lengths, and a row of lengths (m) for each slip of all points (m).
+def _named(column: str, names: Sequence[str], values: Iterable[Any]) -> dict[str, Any]:
+    """Cells of a row whose columns have a name each in place of {}."""
+    return {column.format(name): value for name, value in zip(names, values, strict=True)}
 
-    Only joints with an axis have a column. A slip that is not known gives a row of NaN.
+
+def _active_lengths(structure: AnyStructure, slip: FloatArray) -> dict[str, float]:
+    """Cells of a row with the active length (m) of each joint with an axis.
+
+    By the slip of all points (m); nan where that is not known.
     """
-    lengths = [None if np.isnan(x).any() else measured_lengths(structure, x) for x in slips]
-    joints = list(next(known for known in lengths if known is not None))
-    rows = [[np.nan] * len(joints) if x is None else list(x.values()) for x in lengths]
-    return [f"active_length_{name}_m" for name in safe_names(joints)], rows
+    lengths = measured_lengths(structure, slip)
+    if np.isnan(slip).any():
+        lengths = dict.fromkeys(lengths, np.nan)
+    return _named("active_length_{}_m", safe_names(lengths), lengths.values())
 
 
-def _normal_changes(backbone: SceneBackbone) -> dict[int, NormalChange]:
-    """Change of the normal force at the highest level of each mode, where a contact is closed."""
-    curves = backbone.models[0].curves
-    pairs = zip(curves, backbone.normal, strict=False)
-    return {curve.mode: change for curve, change in pairs if change is not None}
-
-
-def _mode(
-    model: ModelBackbone, k: int, joints: Sequence[str], changes: Mapping[int, NormalChange]
-) -> dict[str, Any]:
+def _mode(backbone: SceneBackbone, model: ModelBackbone, k: int) -> dict[str, Any]:
+    """Content of the summary about the curve number ``k`` of a model."""
     c = model.curves[k]
     content: dict[str, Any] = {
         "mode": c.mode,
@@ -172,15 +160,20 @@ def _mode(
         content["estimated_error"] = dict(c.estimated)
     if c.opened is not None:
         content["opened_share"] = float(c.opened.max())
-    if c.mode in changes:
-        content["normal_force_change"] = changes[c.mode].share
+    if c.mode in backbone.normal:
+        content["normal_force_change"] = backbone.normal[c.mode].share
     if model.name != "full":
         content["error"] = model.errors[k]
     for d in model.ring_downs[k : k + 1]:
-        work = dict(zip(joints, d.friction_work[-1].tolist(), strict=True))
-        content |= {"ring_down_energy_J": d.energy[0], "ring_down_friction_energy_J": work}
-        content["ring_down_step_error"] = d.step_error
-        content["ring_down_impact_energy_J"] = d.impact_work
+        joints = [patch.joint.name for patch in backbone.scene.structure().patches]
+        content |= {
+            "ring_down_energy_J": d.energy[0],
+            "ring_down_friction_energy_J": dict(
+                zip(joints, d.friction_work[-1].tolist(), strict=True)
+            ),
+            "ring_down_step_error": d.step_error,
+            "ring_down_impact_energy_J": d.impact_work,
+        }
     return content
 
 
@@ -199,21 +192,20 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
         if largest:
             unit, size = prefixed_unit("m", [largest[k] * curve.amplitude])
             label, scale = f"amplitude where the mode\nmoves most, {unit}", size / largest[k]
-        for model, colour in zip(models, _COLOURS, strict=False):
+        for model, colour in zip(models, COLOURS, strict=False):
             c, down = model.curves[k], [*model.ring_downs[k : k + 1]]
             x = c.amplitude / scale
             gross = np.array([state == "gross" for state in c.state])
             for panel, name in ((row[0], "frequency"), (row[1], "damping_ratio")):
                 factor = 1.0 if panel is row[0] else 100.0
                 y, how = factor * getattr(c, name), {"color": colour}
-                panel.semilogx(x, y, _LINES[model.name], label=f"{model.name} model", **how)
+                panel.semilogx(x, y, LINES[model.name], label=f"{model.name} model", **how)
                 if gross.any():
-                    label = "gross slip: not to be relied on"
-                    panel.plot(x[gross], y[gross], "s", label=label, **how)
+                    told = "gross slip: not to be relied on"
+                    panel.plot(x[gross], y[gross], "s", label=told, **how)
                 if c.differs is not None and c.differs.any():
                     ring = {"markerfacecolor": "none", "markersize": 9} | how
-                    label = "ring-down differs"
-                    panel.plot(x[c.differs], y[c.differs], "o", label=label, **ring)
+                    panel.plot(x[c.differs], y[c.differs], "o", label="ring-down differs", **ring)
                 for d in down:
                     drawn = d.amplitude >= c.amplitude[0]
                     at = d.amplitude[drawn] / scale
@@ -240,51 +232,49 @@ def write_response(
     With ``backbones`` also ``peaks.csv`` and ``backbone_response.png``, which compare the peaks.
     """
     points, structure = response.scene.system().points, response.scene.structure()
-    names = safe_names(points)
+    names, numbers = safe_names(points), range(1, HARMONICS + 1)
     every = [p for model in response.models for curve in model.curves for p in curve.points]
-    joints, lengths = _active_lengths(structure, (p.slip for p in every))
-    header = ["model", "level", "frequency_Hz", "converged"]
-    header += [f"amplitude_{n}_m" for n in names] + [f"phase_{n}_rad" for n in names]
-    header += [f"offset_{n}_m" for n in names]
-    header += [f"harmonic_{k + 1}_{n}_m" for n in names for k in range(HARMONICS)]
-    header += ["friction_energy_J", "input_energy_J"]
-    header += ["largest_slip_m", "slipping_share", "periods", "residual"]
     served = any(np.isfinite(p.model_error) for p in every)  # by a model for a range
-    header += ["step_error", *(["model_error"] if served else []), *joints]
+    harmonics = [f"{k}_{name}" for name in names for k in numbers]
     rows = [
-        [
-            model.name, curve.level, p.frequency, p.failure is None, *p.amplitude, *p.phase,
-            *p.offset, *np.abs(p.harmonics).ravel(), p.friction_energy, p.input_energy,
-            p.slip.max(initial=0.0), p.share, p.periods, p.change, p.step_error,
-            *([p.model_error] if served else []),
-        ]
+        {
+            "model": model.name, "level": curve.level, "frequency_Hz": p.frequency,
+            "converged": p.failure is None,
+            **_named("amplitude_{}_m", names, p.amplitude),
+            **_named("phase_{}_rad", names, p.phase),
+            **_named("offset_{}_m", names, p.offset),
+            **_named("harmonic_{}_m", harmonics, np.abs(p.harmonics).ravel()),
+            "friction_energy_J": p.friction_energy, "input_energy_J": p.input_energy,
+            "largest_slip_m": p.slip.max(initial=0.0), "slipping_share": p.share,
+            "periods": p.periods, "residual": p.change, "step_error": p.step_error,
+            **({"model_error": p.model_error} if served else {}),
+            **_active_lengths(structure, p.slip),
+        }
         for model in response.models
         for curve in model.curves
         for p in curve.points
     ]  # fmt: skip
-    rows = [[*row, *length] for row, length in zip(rows, lengths, strict=True)]
-    content = {
-        "models": {
-            model.name: {
-                "offline_s": model.offline_s,
-                "compilation_s": model.compilation_s,
-                "wall_s": model.wall_s,
-                "levels": [
-                    _level(curve, points, None if not model.estimates else model.estimates[k])
-                    for k, curve in enumerate(model.curves)
-                ],
-            }
-            for model in response.models
-        },
-        "warnings": list(response.warnings),
+    models = {
+        model.name: {
+            "offline_s": model.offline_s,
+            "compilation_s": model.compilation_s,
+            "wall_s": model.wall_s,
+            "levels": [
+                _level(curve, points, None if not model.estimates else model.estimates[k])
+                for k, curve in enumerate(model.curves)
+            ],
+        }
+        for model in response.models
     }
-    tables: dict[str, Rows] = {"response.csv": [header, *rows]}
-    pictures = {folder / "response.png": response_figure(response)}
+    tables, figures = (
+        {"response.csv": by_columns(rows)},
+        {"response.png": response_figure(response)},
+    )
     if backbones:
         peaks = backbone_peaks(response.models, backbones)
-        tables["peaks.csv"] = peak_rows(peaks)
-        pictures[folder / "backbone_response.png"] = peaks_figure(response, backbones, peaks)
-    return _written(pictures, content, tables)
+        tables["peaks.csv"] = peak_columns(peaks)
+        figures["backbone_response.png"] = peaks_figure(response, backbones, peaks)
+    return _written(folder, figures, {"models": models, "warnings": [*response.warnings]}, tables)
 
 
 def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) -> list[str]:
@@ -323,24 +313,17 @@ def response_figure(response: SceneResponse) -> Figure:
     points, most = response.scene.system().points, response.models[0].largest
     figure = new_figure(7.5, 6.0)
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
-    columns = [c.column("amplitude")[:, most] / c.level for m in response.models for c in m.curves]
+    drawn = drawn_curves(response)
+    columns = [curve.column("amplitude")[:, most] / curve.level for curve, _ in drawn]
     unit, scale = prefixed_unit("m", [np.nan_to_num(column) for column in columns])
     for name, limit, line in (("stuck", response.stuck, ":"), ("loose", response.loose, "-.")):
-        upper.semilogy(
-            response.linear_frequencies,
-            limit[:, most] / scale,
-            line,
-            color="#888888",
-            label=f"{name} joint",
-        )
-    for model in response.models:
-        for curve, colour in zip(model.curves, _COLOURS * len(model.curves), strict=False):
-            f, line = curve.column("frequency"), _LINES[model.name]
-            label = f"{model.name}, level {curve.level:g}"
-            y = curve.column("amplitude")[:, most] / curve.level / scale
-            upper.semilogy(f, y, line, color=colour, label=label)
-            phase = np.degrees(np.unwrap(np.nan_to_num(curve.column("phase")[:, most])))
-            lower.plot(f, phase, line, color=colour)
+        y, look = limit[:, most] / scale, {"color": "#888888", "label": f"{name} joint"}
+        upper.semilogy(response.linear_frequencies, y, line, **look)
+    for (curve, look), column in zip(drawn, columns, strict=True):
+        f = curve.column("frequency")
+        upper.semilogy(f, column / scale, **look)
+        phase = np.degrees(np.unwrap(np.nan_to_num(curve.column("phase")[:, most])))
+        lower.plot(f, phase, **look)
     upper.set(ylabel=f"amplitude over level, {unit}", xmargin=0.0)
     upper.set_title(points[most], loc="left")
     upper.legend(fontsize="small", ncols=2)
@@ -352,13 +335,15 @@ def response_figure(response: SceneResponse) -> Figure:
 
 
 def _written(
-    pictures: Mapping[Path, Figure], content: dict[str, Any], tables: Mapping[str, Rows]
+    folder: Path,
+    figures: Mapping[str, Figure],
+    content: dict[str, Any],
+    tables: Mapping[str, Table],
 ) -> list[Path]:
-    """Write a summary, tables whose first rows are their headings, and pictures in one folder."""
-    folder = next(iter(pictures)).parent
+    """Write a summary, tables and pictures in one folder."""
     with writing(folder, content) as summary:
-        for name, rows in tables.items():
-            write_csv(folder / name, ([plain(value) for value in row] for row in rows))
-        for picture, figure in pictures.items():
-            save_figure(picture, figure)
-    return [*(folder / name for name in tables), *pictures, summary]
+        for name, columns in tables.items():
+            write_table(folder / name, columns)
+        for name, figure in figures.items():
+            save_figure(folder / name, figure)
+    return [*(folder / name for name in (*tables, *figures)), summary]

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint import __version__
-from skfem_joint.analysis.fit import LEVEL, Fit, Profile
-from skfem_joint.analysis.fit_curves import FineCurve, shifts
+from skfem_joint.analysis.fit import LEVEL, QUANTITIES, Fit, Profile
+from skfem_joint.analysis.fit_curves import FineCurve
 from skfem_joint.analysis.measured import MeasuredCurve
 from skfem_joint.analysis.measured_table import AMPLITUDES
 from skfem_joint.arrays import FloatArray
@@ -19,7 +19,7 @@ from skfem_joint.errors import JointError, refuse
 from skfem_joint.files import replacing
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
-from skfem_joint.output.tables import plain, text_table, write_csv, write_json
+from skfem_joint.output.tables import by_columns, text_table, write_json, write_table
 from skfem_joint.scene import load_scene
 from skfem_joint.scene.rewriting import rewritten
 from skfem_joint.structure.parameters import single_values, value_of
@@ -35,7 +35,6 @@ NAMES = re.compile(
 _COLOURS = ("#1f5fa8", "#a33b00", "#2e7d32", "#8d5fb0", "#b8860b")
 _MODEL = "#1a1a1a"
 _MARKS = "oDs^v"
-_QUANTITIES = ("frequency", "damping")
 #: Label and factor of each quantity in a picture.
 _AXES = {"frequency": ("frequency, Hz", 1.0), "damping": ("damping ratio, %", 100.0)}
 
@@ -87,26 +86,21 @@ def write_fit(
         All notes: those of the fit, those given, and one if the scene could not be written.
     """
     every = [*fit.notes, *notes]
-    content = {"values": fit.values, "warnings": every}
-    figures = {
-        "fit.png": curves_figure(fit, curves),
-        "residuals.png": residuals_figure(fit),
+    tables = {
+        "values.csv": by_columns(_value_rows(fit)),
+        "residuals.csv": by_columns(_residual_rows(fit)),
+        "curve.csv": by_columns(_curve_rows(curves)),
     }
-    files = [folder / "fit.json"]
-    with writing(folder, content) as summary:
+    if profiles:
+        tables["profiles.csv"] = by_columns(_profile_rows(profiles))
+    figures = {"fit.png": curves_figure(fit, curves), "residuals.png": residuals_figure(fit)}
+    files = [folder / name for name in ("fit.json", *tables, *figures)]
+    with writing(folder, {"values": fit.values, "warnings": every}) as summary:
         write_json(files[0], _content(fit, every))
-        tables = {
-            "values.csv": _value_rows(fit),
-            "residuals.csv": _residual_rows(fit),
-            "curve.csv": _curve_rows(curves),
-        }
-        if profiles:
-            tables["profiles.csv"] = _profile_rows(profiles)
-        for name, rows in tables.items():
-            write_csv(folder / name, ([plain(value) for value in row] for row in rows))
-            files.append(folder / name)
+        for name, columns in tables.items():
+            write_table(folder / name, columns)
         for name, figure in figures.items():
-            files.append(save_figure(folder / name, figure))
+            save_figure(folder / name, figure)
         try:
             files.append(_write_scene(folder / "fitted.toml", fit, text))
         except JointError as error:
@@ -153,61 +147,64 @@ def curves_figure(fit: Fit, curves: Sequence[FineCurve]) -> Figure:
 
     Data of another mode or quantity have panels of their own.
     """
-    figure, rows = _figure_of(fit)
-    for panels, own, size in rows:
+    figure, panels = _figure_of(fit)
+    for panel, name, own, size in panels:
+        factor = _AXES[name][1]
         alike = len({_what_is_computed(fit, k) for k in own}) == 1
         for k in own:
-            curve, fine, style = fit.problem.curves[k], curves[k], _style(k)
-            x, line = fine.amplitude / size, _MODEL if alike else style[0]
-            for panel, quantity in zip(panels, _QUANTITIES, strict=True):
-                factor = _AXES[quantity][1]
-                _samples(panel, curve, quantity, style, size)
-                y, half = (factor * getattr(fine, f"{quantity}{end}") for end in ("", "_band"))
-                label = "model" if alike else f"model of {curve.name}"
-                panel.plot(x, y, color=line, linewidth=1.5, label=label, zorder=2)
-                panel.fill_between(
-                    x, y - half, y + half, color=line, alpha=0.2, linewidth=0.0, zorder=1,
-                    label=f"its {100.0 * LEVEL:g} % band",
+            curve, fine = fit.problem.curves[k], curves[k]
+            y, deviation = (factor * getattr(curve, name + end) for end in ("", "_deviation"))
+            for chosen, look in _kinds(curve, k, ~np.isnan(y)):
+                panel.errorbar(
+                    curve.amplitude[chosen] / size, y[chosen], deviation[chosen],
+                    capsize=2.0, elinewidth=1.0, zorder=3, **look,
                 )  # fmt: skip
+            x, colour = fine.amplitude / size, _MODEL if alike else _COLOURS[k % len(_COLOURS)]
+            y, half = (factor * getattr(fine, name + end) for end in ("", "_band"))
+            label = "model" if alike else f"model of {curve.name}"
+            panel.plot(x, y, color=colour, linewidth=1.5, label=label, zorder=2)
+            panel.fill_between(
+                x, y - half, y + half, color=colour, alpha=0.2, linewidth=0.0, zorder=1,
+                label=f"its {100.0 * LEVEL:g} % band",
+            )  # fmt: skip
     _legend(figure)
     return figure
 
 
 def residuals_figure(fit: Fit) -> Figure:
     """Residuals over their deviations against amplitude, beside lines at two deviations."""
-    figure, rows = _figure_of(fit, "model less measured,\nover deviation")
-    for panels, own, size in rows:
-        for panel, quantity in zip(panels, _QUANTITIES, strict=True):
-            panel.set_title(quantity, loc="right", fontsize="medium")
-            panel.axhspan(-2.0, 2.0, color="0.92", zorder=0, label="two deviations")
-            panel.axhline(0.0, color="0.5", linewidth=0.8, zorder=1)
-            for k in own:
-                curve, r = fit.problem.curves[k], _residuals(fit, k, quantity)
-                for chosen, how, label in _kinds(curve, ~np.isnan(r), _style(k)):
-                    panel.plot(
-                        curve.amplitude[chosen] / size, r[chosen], linestyle="none", label=label,
-                        **how,
-                    )  # fmt: skip
+    figure, panels = _figure_of(fit, "model less measured,\nover deviation")
+    for panel, name, own, size in panels:
+        panel.set_title(name, loc="right", fontsize="medium")
+        panel.axhspan(-2.0, 2.0, color="0.92", zorder=0, label="two deviations")
+        panel.axhline(0.0, color="0.5", linewidth=0.8, zorder=1)
+        for k in own:
+            curve, (_, r) = fit.problem.curves[k], _beside(fit, k, name)
+            for chosen, look in _kinds(curve, k, ~np.isnan(r)):
+                panel.plot(curve.amplitude[chosen] / size, r[chosen], **look)
     _legend(figure)
     return figure
 
 
-def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, list[int], float]]]:
-    """Figure with two panels for each mode and quantity, their curves and the unit's size."""
+def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, str, list[int], float]]]:
+    """Figure with two panels for each mode and quantity.
+
+    Of each panel also what it shows, "frequency" or "damping", the numbers of its curves, and the
+    size of the unit of the amplitude.
+    """
     groups: dict[tuple[int, str], list[int]] = {}
     for k, curve in enumerate(fit.problem.curves):
         groups.setdefault((curve.mode, curve.quantity), []).append(k)
     figure = new_figure(8.5, 0.6 + 3.5 * len(groups))
-    grid = figure.subplots(len(groups), 2, squeeze=False)
-    rows = []
-    for panels, ((mode, quantity), own) in zip(grid, groups.items(), strict=True):
+    grid, panels = figure.subplots(len(groups), 2, squeeze=False), []
+    for row, ((mode, quantity), own) in zip(grid, groups.items(), strict=True):
         of_all = [fit.problem.curves[k] for k in own]
         unit, size = prefixed_unit(_unit(quantity), [curve.amplitude for curve in of_all])
         if size > 1.0:  # nobody uses km/s²
             unit, size = _unit(quantity), 1.0
         points = {curve.point for curve in of_all}
         point = points.pop() if len(points) == 1 else ""
-        for panel, name in zip(panels, _QUANTITIES, strict=True):
+        for panel, name in zip(row, QUANTITIES, strict=True):
             panel.set_xscale("log")
             panel.set_xlabel(f"{quantity} amplitude{f' of {point}' * bool(point)}, {unit}")
             panel.set_ylabel(label or _AXES[name][0])
@@ -215,58 +212,40 @@ def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, list[
             panel.grid(alpha=0.3)
             panel.set_axisbelow(True)
             panel.ticklabel_format(axis="y", useOffset=False)
-        panels[0].set_title(f"mode {mode}", loc="left", fontsize="medium")
-        rows.append((panels, own, size))
-    return figure, rows
+            panels.append((panel, name, own, size))
+        row[0].set_title(f"mode {mode}", loc="left", fontsize="medium")
+    return figure, panels
 
 
-def _style(k: int) -> tuple[str, str]:
-    """Colour and marker of a data set."""
-    return _COLOURS[k % len(_COLOURS)], _MARKS[k % len(_MARKS)]
-
-
-def _samples(
-    panel: Any, curve: MeasuredCurve, quantity: str, style: tuple[str, str], size: float
-) -> None:
-    """Draw measured samples with their deviations; filled those that are fitted."""
-    factor = _AXES[quantity][1]
-    y, deviation = getattr(curve, quantity), getattr(curve, f"{quantity}_deviation")
-    for chosen, how, label in _kinds(curve, ~np.isnan(y), style):
-        panel.errorbar(
-            curve.amplitude[chosen] / size, factor * y[chosen], factor * deviation[chosen],
-            linestyle="none", capsize=2.0, elinewidth=1.0, label=label, zorder=3, **how,
-        )  # fmt: skip
-
-
-def _kinds(
-    curve: MeasuredCurve, known: Any, style: tuple[str, str]
-) -> Iterator[tuple[Any, dict[str, Any], str]]:
-    """Which samples are fitted and which are compared only, with the look and name of each."""
-    colour, mark = style
-    look = {"color": colour, "marker": mark, "markersize": 5.0}
-    fitted, rest = known & curve.fitted, known & ~curve.fitted
-    if fitted.any():
-        yield fitted, look, curve.name
-    if rest.any():
-        yield rest, {**look, "markerfacecolor": "white"}, f"{curve.name}, not fitted"
+def _kinds(curve: MeasuredCurve, k: int, known: Any) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """Which samples of curve ``k`` are fitted, filled, and which compared only, and their look."""
+    for chosen, face, label in (
+        (known & curve.fitted, {}, curve.name),
+        (known & ~curve.fitted, {"markerfacecolor": "white"}, f"{curve.name}, not fitted"),
+    ):
+        if chosen.any():
+            colour, mark = _COLOURS[k % len(_COLOURS)], _MARKS[k % len(_MARKS)]
+            look = {"color": colour, "marker": mark, "markersize": 5.0, "linestyle": "none"}
+            yield chosen, {**look, **face, "label": label}
 
 
 def _legend(figure: Figure) -> None:
     """Legend of the curves of all panels above them, each once."""
     entries: dict[str, Any] = {}
     for panel in figure.axes:
-        handles, labels = panel.get_legend_handles_labels()
-        for label, handle in zip(labels, handles, strict=True):
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     figure.legend(
         [*entries.values()], [*entries], loc="outside upper center", ncols=4, fontsize="small"
     )
 
 
-def _what_is_computed(fit: Fit, k: int) -> tuple[Any, ...]:
+def _what_is_computed(fit: Fit, k: int) -> tuple[float, ...]:
     """What the curve of the model beside a measured one depends on."""
-    weights = fit.problem.curves[k].weights(fit.problem.model.points)
-    return (*np.abs(weights).tolist(), *shifts(fit, k).values())
+    curve = fit.problem.curves[k]
+    weights = np.abs(curve.weights(fit.problem.model.points))
+    offsets = (fit.offsets.get(f"offset of {curve.name}: {name}", 0.0) for name in QUANTITIES)
+    return (*weights.tolist(), *offsets)
 
 
 def _unit(quantity: str) -> str:
@@ -279,12 +258,15 @@ def _named(fit: Fit) -> dict[str, float]:
     return {**fit.values, **fit.offsets}
 
 
-def _residuals(fit: Fit, k: int, quantity: str) -> FloatArray:
-    """Model less measured over the standard deviation, of all samples of a curve; nan if none."""
+def _beside(fit: Fit, k: int, name: str) -> tuple[FloatArray, FloatArray]:
+    """Frequency or damping of the model at all samples of a curve, and the residual over deviation.
+
+    nan where there is none.
+    """
     curve, predicted = fit.problem.curves[k], fit.predicted[k]
-    model = getattr(predicted, quantity) + shifts(fit, k)[quantity]
-    r = (model - getattr(curve, quantity)) / getattr(curve, f"{quantity}_deviation")
-    return np.where(predicted.inside, r, np.nan)
+    model, _ = fit.problem.beside(k, name, predicted, fit.vector)
+    model = np.where(predicted.inside, model, np.nan)
+    return model, (model - getattr(curve, name)) / getattr(curve, f"{name}_deviation")
 
 
 def _content(fit: Fit, notes: Sequence[str]) -> dict[str, Any]:
@@ -323,52 +305,51 @@ def _content(fit: Fit, notes: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def _value_rows(fit: Fit) -> Iterator[list[Any]]:
-    yield ["name", "best", "deviation", "lowest", "highest", "lower_bound", "upper_bound"]
+def _value_rows(fit: Fit) -> Iterator[dict[str, Any]]:
     for k, (name, best) in enumerate(_named(fit).items()):
-        bounds = fit.problem.lowest[k], fit.problem.highest[k]
-        yield [name, best, fit.deviations[name], *fit.interval(name), *bounds]
+        lowest, highest = fit.interval(name)
+        yield {
+            "name": name, "best": best, "deviation": fit.deviations[name],
+            "lowest": lowest, "highest": highest,
+            "lower_bound": fit.problem.lowest[k], "upper_bound": fit.problem.highest[k],
+        }  # fmt: skip
 
 
-def _profile_rows(profiles: Sequence[Profile]) -> Iterator[list[Any]]:
-    yield ["name", "value", "excess_of_squares"]
+def _profile_rows(profiles: Sequence[Profile]) -> Iterator[dict[str, Any]]:
     for profile in profiles:
         for value, excess in zip(profile.values, profile.excess, strict=True):
-            yield [profile.name, float(value), float(excess)]
+            yield {"name": profile.name, "value": value, "excess_of_squares": excess}
 
 
-def _residual_rows(fit: Fit) -> Iterator[list[Any]]:
-    yield [
-        "data", "mode", "quantity", "amplitude", "unit", "fitted",
-        "frequency_Hz", "model_frequency_Hz", "frequency_residual",
-        "damping_ratio", "model_damping_ratio", "damping_residual",
-    ]  # fmt: skip
-    for k, (curve, predicted) in enumerate(zip(fit.problem.curves, fit.predicted, strict=True)):
-        added, columns = shifts(fit, k), list[FloatArray]()
-        for quantity in _QUANTITIES:
-            model = getattr(predicted, quantity) + added[quantity]
-            model = np.where(predicted.inside, model, np.nan)
-            columns += [getattr(curve, quantity), model, _residuals(fit, k, quantity)]
+def _residual_rows(fit: Fit) -> Iterator[dict[str, Any]]:
+    for k, curve in enumerate(fit.problem.curves):
+        (frequency, of_frequency), (damping, of_damping) = (
+            _beside(fit, k, name) for name in QUANTITIES
+        )
         for i, amplitude in enumerate(curve.amplitude):
-            yield [
-                curve.name, curve.mode, curve.quantity, amplitude, _unit(curve.quantity),
-                bool(curve.fitted[i]), *(column[i] for column in columns),
-            ]  # fmt: skip
+            yield _sample(curve, amplitude) | {
+                "fitted": bool(curve.fitted[i]), "frequency_Hz": curve.frequency[i],
+                "model_frequency_Hz": frequency[i], "frequency_residual": of_frequency[i],
+                "damping_ratio": curve.damping[i],
+                "model_damping_ratio": damping[i], "damping_residual": of_damping[i],
+            }  # fmt: skip
 
 
-def _curve_rows(curves: Sequence[FineCurve]) -> Iterator[list[Any]]:
-    yield [
-        "data", "mode", "quantity", "amplitude", "unit",
-        "frequency_Hz", "frequency_band_Hz", "damping_ratio", "damping_ratio_band",
-    ]  # fmt: skip
+def _curve_rows(curves: Sequence[FineCurve]) -> Iterator[dict[str, Any]]:
     for fine in curves:
-        curve = fine.measured
-        for row in zip(
-            fine.amplitude, fine.frequency, fine.frequency_band, fine.damping, fine.damping_band,
-            strict=True,
-        ):  # fmt: skip
-            of_curve = curve.name, curve.mode, curve.quantity, row[0], _unit(curve.quantity)
-            yield [*of_curve, *row[1:]]
+        for i, amplitude in enumerate(fine.amplitude):
+            yield _sample(fine.measured, amplitude) | {
+                "frequency_Hz": fine.frequency[i], "frequency_band_Hz": fine.frequency_band[i],
+                "damping_ratio": fine.damping[i], "damping_ratio_band": fine.damping_band[i],
+            }  # fmt: skip
+
+
+def _sample(curve: MeasuredCurve, amplitude: float) -> dict[str, Any]:
+    """First columns of a table over the amplitude of a curve."""
+    return {
+        "data": curve.name, "mode": curve.mode, "quantity": curve.quantity,
+        "amplitude": amplitude, "unit": _unit(curve.quantity),
+    }  # fmt: skip
 
 
 def _write_scene(path: Path, fit: Fit, text: str) -> Path:

@@ -6,11 +6,14 @@ import csv
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from skfem_joint.files import replacing
+
+#: Columns of a table by their names.
+Table: TypeAlias = Mapping[str, Sequence[Any]]
 
 
 def write_json(path: Path, content: Any) -> None:
@@ -26,8 +29,26 @@ def write_csv(path: Path, rows: Iterable[Iterable[Any]]) -> None:
         csv.writer(file, lineterminator="\n").writerows(rows)
 
 
-def plain(value: Any) -> Any:
-    """Cell of a table: numbers with ten digits, empty where a value is not known."""
+def write_table(path: Path, columns: Table) -> None:
+    """Write a table of columns of one length by their names.
+
+    Numbers have ten digits; cells are empty where a value is not known.
+    """
+    cells = zip(*columns.values(), strict=True)
+    write_csv(path, [[*columns], *([_plain(value) for value in row] for row in cells)])
+
+
+def by_columns(rows: Iterable[Mapping[str, Any]]) -> Table:
+    """Columns of a table whose rows all have the same names."""
+    columns: dict[str, list[Any]] = {}
+    for row in rows:
+        for name, value in row.items():
+            columns.setdefault(name, []).append(value)
+    return columns
+
+
+def _plain(value: Any) -> Any:
+    """Cell of a table."""
     if isinstance(value, float | np.floating):
         return f"{value:.10g}" if np.isfinite(value) else ""
     return "" if value is None else value

@@ -335,7 +335,7 @@ def test_curves_of_other_limits_and_damping_use_factors_again(held, monkeypatch)
     for friction, damping in ((0.3, 0.01), (0.4, 0.02)):
         given = bolted(joint={"friction": friction}, damping_ratio=damping, **held)
         system = given.system(loads("right", 2))
-        (again,) = kept.backbone(system, modes, levels)
+        (again,) = backbone(system, modes, levels, factors=kept)
         assert len(made) == 1
     (alone,) = backbone(system, modes, levels)
     assert len(made) == 2
@@ -343,6 +343,6 @@ def test_curves_of_other_limits_and_damping_use_factors_again(held, monkeypatch)
         np.testing.assert_array_equal(getattr(again, name), getattr(alone, name))
     given = with_values(given, {"material.E": 190e9})
     stiffer = given.system(loads("right", 2))
-    (again,) = kept.backbone(stiffer, modes, levels)
+    (again,) = backbone(stiffer, modes, levels, factors=kept)
     (alone,) = backbone(stiffer, modes, levels)
     np.testing.assert_array_equal(again.frequency, alone.frequency)

@@ -34,7 +34,7 @@ NOISE = 2.0 * EXACT / STEP
 @pytest.fixture(autouse=True, scope="module")
 def _exact_levels() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(curves, "SETTINGS", replace(curves.SETTINGS, tolerance=EXACT))
+        patch.setattr(curves, "TOLERANCE", EXACT)
         yield
 
 

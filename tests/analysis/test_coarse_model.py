@@ -10,7 +10,7 @@ from stepping_systems import arm
 import skfem_joint as sj
 from skfem_joint.analysis import coarse_model
 from skfem_joint.analysis.coarse_model import CoarseModel
-from skfem_joint.analysis.response import guided_response, steady_point
+from skfem_joint.analysis.response import response, steady_point
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.stepping import shooting
 
@@ -53,11 +53,11 @@ def test_the_vibration_is_the_same_and_found_in_fewer_periods(name, plate, small
 def test_the_error_of_the_step_is_that_of_the_larger_model(plate, small_matrices):
     coarse = CoarseModel.of(plate, FIRST, 1.0, None)
     f, own = np.array([0.95 * FIRST, FIRST]), {"steps_per_cycle": 40, "refined": False}
-    (led,) = guided_response(plate, f, (1.0,), coarse, **own)
-    (plain,) = guided_response(plate, f, (1.0,), None, **own)
+    (led,) = response(plate, f, (1.0,), coarse=coarse, **own)
+    (plain,) = response(plate, f, (1.0,), **own)
     assert led.column("step_error") == pytest.approx(plain.column("step_error"), rel=0.5)
     far = replace(coarse, system=replace(coarse.system, P=1.2 * coarse.system.P))
-    (other,) = guided_response(plate, f, (1.0,), far, **own)
+    (other,) = response(plate, f, (1.0,), coarse=far, **own)
     np.testing.assert_allclose(other.column("step_error"), plain.column("step_error"), rtol=1e-2)
 
 

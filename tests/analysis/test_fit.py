@@ -325,8 +325,7 @@ def test_fewer_samples_than_values_are_noted():
 
 def test_the_gradient_of_the_log_likelihood(monkeypatch):
     """Exact but for errors of levels, and interpolation between them and the samples."""
-    exact_levels = replace(backbone_module.SETTINGS, tolerance=1e-10)
-    monkeypatch.setattr(backbone_module, "SETTINGS", exact_levels)
+    monkeypatch.setattr(backbone_module, "TOLERANCE", 1e-10)
     monkeypatch.setattr(fit_model_module, "NEAR", 1e-9)
     monkeypatch.setattr(fit_model_module, "TRIALS", 20)
     held = replace(START, fixed=["start"])  # levels that friction alone holds are less exact

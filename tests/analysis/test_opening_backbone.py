@@ -81,8 +81,7 @@ def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_fo
     slips = MU * PRESSED * (K0 + K1 + K2) / K1
     errors, stated = [], []
     for increments in (8, 16, 32):
-        settings = replace(cycles.SETTINGS, increments=increments)
-        monkeypatch.setattr(cycles, "SETTINGS", settings)
+        monkeypatch.setattr(cycles, "INCREMENTS", increments)
         (curve,) = sj.backbone(slider(), slips_at=slips, levels=3, up_to=3.0)
         assert curve.state == ("stick", "stick", "gross")
         q, work = loop_of_the_slider(curve.level[-1])

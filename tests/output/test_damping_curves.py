@@ -70,5 +70,7 @@ def test_what_not_to_rely_on_is_said_in_table_print_and_picture(tmp_path):
     assert "Not to be relied on: 1 of 5 levels: whole slip;" in line
     assert any("slips as a whole" in text for text in found.warnings)
     assert any("the ring-down differs" in text for text in found.warnings)
-    labels = backbone_figure(found.models).axes[0].get_legend_handles_labels()[1]
+    panels = backbone_figure(found.models).axes
+    assert {panel.get_xlabel() for panel in panels} == {"modal amplitude, m·√kg"}
+    labels = panels[0].get_legend_handles_labels()[1]
     assert {"gross slip: not to be relied on", "ring-down differs"} <= set(labels)
