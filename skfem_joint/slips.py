@@ -51,6 +51,12 @@ class NormalRows:
     part: NormalPart
     gain: Matrix
 
+    @staticmethod
+    def of_points(D: sparse.csr_array, part: NormalPart, gain: Matrix) -> NormalRows:
+        """Rows of single points, for `SlipRows` without pivots."""
+        pivots = np.asarray(abs(D).argmax(axis=1), dtype=np.intp)
+        return NormalRows(D, pivots, part, gain)
+
     def without(self, free: FloatArray, keep: NDArray[np.bool_]) -> NormalRows | None:
         """Rows that are left where degrees of freedom (N,) are ``free`` (1) or held (0), if any.
 
@@ -137,11 +143,11 @@ class SlipRows:
         joint = np.array([numbers[name] for name in names], dtype=np.intp)
         return tuple(numbers), sparse.csr_array(selection(joint, len(numbers)).T)
 
-    def change_of_unknowns(self, fixed: IntArray) -> ChangeOfUnknowns:
+    def change_of_unknowns(self, fixed: IntArray, approaches: bool = True) -> ChangeOfUnknowns:
         """Unknowns in which slips, and approaches of contact that opens, are unknowns.
 
-        Its ``slips`` are of the rows of ``B``, then those of approaches.
-        Points with springs and the same row share an unknown.
+        Its ``slips`` are of the rows of ``B``, then those of approaches, if these shall be
+        unknowns. Points with springs and the same row share an unknown.
         """
         n, h = self.B.shape[1], self.closed.shape[0]
         on_springs = np.repeat(np.isfinite(self.springs), self.directions)
@@ -149,7 +155,7 @@ class SlipRows:
         rows, pivots = [sparse.csr_array(self.B)[kept]], self.pivots
         if pivots is not None:
             pivots = np.concatenate([pivots[:h], pivots[h:][kept]])
-        if self.normal is not None:
+        if self.normal is not None and approaches:
             rows.append(self.normal.D)
             pivots = None if pivots is None else np.concatenate([pivots, self.normal.pivots])
         new = change_of_unknowns(n, fixed, self.closed, stacked(rows, n), pivots)
@@ -158,10 +164,12 @@ class SlipRows:
     def contact_in(self, new: ChangeOfUnknowns) -> Contact:
         """Contact in the unknowns of :meth:`change_of_unknowns`."""
         n, rows = new.forward.shape[1], self.B.shape[0]
+        own = new.slips[rows:]
         joints, J = self.joints
         given, normal, gain = self.w, NormalPart.none(n), None
         if self.normal is not None:
-            normal = self.normal.part.in_unknowns(selection(new.slips[rows:], n))
+            N = selection(own, n) if own.size else self.normal.D @ new.forward
+            normal = self.normal.part.in_unknowns(N)
             gain = self.normal.gain
             given = given - gain @ normal.force
             given[given <= 1e-12 * self.w] = 0.0  # round-off
