@@ -91,6 +91,7 @@ from skfem_joint.structure import PressureTable as PressureTable
 from skfem_joint.structure import Structure as Structure
 from skfem_joint.structure import contact as contact
 from skfem_joint.structure import iwan as iwan
+from skfem_joint.structure import point_contact as point_contact
 from skfem_joint.structure import point_friction as point_friction
 from skfem_joint.structure.sensitivities import sensitivities as sensitivities
 from skfem_joint.system import AppliedLoad as AppliedLoad

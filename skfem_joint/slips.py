@@ -58,6 +58,12 @@ class NormalRows:
         at, gain = np.zeros(0, dtype=np.intp), sparse.csr_array((m, 0))
         return NormalRows(sparse.csr_array((0, n)), at, NormalPart.none(0), gain)
 
+    @staticmethod
+    def of_points(D: sparse.csr_array, part: NormalPart, gain: Matrix) -> NormalRows:
+        """Rows of single points, for `SlipRows` without pivots."""
+        pivots = np.asarray(abs(D).argmax(axis=1), dtype=np.intp)
+        return NormalRows(D, pivots, part, gain)
+
     def __add__(self, other: NormalRows) -> NormalRows:
         """Rows of the contact points of ``self``, then those of ``other``."""
         return NormalRows(
@@ -146,29 +152,31 @@ class SlipRows:
         joint = np.array([numbers[name] for name in self.names], dtype=np.intp)
         return tuple(numbers), sparse.csr_array(selection(joint, len(numbers)).T)
 
-    def change_of_unknowns(self, fixed: IntArray) -> ChangeOfUnknowns:
+    def change_of_unknowns(self, fixed: IntArray, approaches: bool = True) -> ChangeOfUnknowns:
         """Unknowns in which slips, and approaches of contact that opens, are unknowns.
 
-        Its ``slips`` are of the rows of ``B``, then those of approaches.
-        Points with springs and the same row share an unknown.
+        Its ``slips`` are of the rows of ``B``, then those of approaches, if these shall be
+        unknowns. Points with springs and the same row share an unknown.
         """
         n, h = self.B.shape[1], self.closed.shape[0]
         on_springs = np.repeat(np.isfinite(self.stiffness), self.directions)
         kept, place = distinct_rows(self.B, on_springs)
-        rows, pivots = stacked([sparse.csr_array(self.B)[kept], self.normal.D], n), self.pivots
+        own_rows = self.normal.D if approaches else self.normal.D[:0]
+        rows, pivots = stacked([sparse.csr_array(self.B)[kept], own_rows], n), self.pivots
         if pivots is not None:
-            pivots = np.concatenate([pivots[:h], pivots[h:][kept], self.normal.pivots])
+            own = self.normal.pivots if approaches else self.normal.pivots[:0]
+            pivots = np.concatenate([pivots[:h], pivots[h:][kept], own])
         new = change_of_unknowns(n, fixed, self.closed, rows, pivots)
         return replace(new, slips=np.concatenate([new.slips[place], new.slips[kept.size :]]))
 
     def contact_in(self, new: ChangeOfUnknowns) -> Contact:
         """Contact in the unknowns of :meth:`change_of_unknowns`."""
         n, rows = new.forward.shape[1], self.B.shape[0]
+        own = new.slips[rows:]
         joints, J = self.joints
-        normal, gain = (
-            self.normal.part.in_unknowns(selection(new.slips[rows:], n)),
-            self.normal.gain,
-        )
+        normal, gain = self.normal.part, self.normal.gain
+        N = selection(own, n) if own.size else self.normal.D @ new.forward
+        normal = normal.in_unknowns(N)
         given = self.w - gain @ normal.force
         given[given <= 1e-12 * self.w] = 0.0  # round-off
         return Contact(

@@ -388,7 +388,8 @@ class System:
         fixed : array_like of int
             Degrees of freedom that are supported, such as ``basis.get_dofs("wall")``.
         contact : SlipRows, optional
-            From `contact` or `point_friction`, or a sum of them. Each of their names is a joint.
+            From `contact`, `point_friction` or `point_contact`, or a sum of them. Each of their
+            names is a joint.
         loads : mapping, optional
             By name: a vector of shape (N,) or the number of a degree of freedom, and the amplitude
             (N), a shape of :mod:`skfem_joint.loads` or a plain function of time (s).
@@ -431,7 +432,7 @@ class System:
             points=tuple(rows),
             notes=joined.notes,
         )
-        new = joined.change_of_unknowns(fixed)
+        new = _unknowns(joined, fixed)
         system = replace(outer._with(new.forward), contact=joined.contact_in(new))
         _check_definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
@@ -581,6 +582,27 @@ def _joined(contact: SlipRows, n: int) -> SlipRows:
     rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "closed")}
     refuse(wrong_shapes({f"contact: {name}": (A, (A.shape[0], n)) for name, A in rows.items()}))
     return replace(contact, **rows)
+
+
+def _unknowns(contact: SlipRows, fixed: IntArray) -> ChangeOfUnknowns:
+    """Unknowns among which are the slips, and the approaches of contact that opens.
+
+    Approaches of elastic contact may depend on slips or on each other, and are no unknowns then.
+    """
+    try:
+        return contact.change_of_unknowns(fixed)
+    except InputError as error:
+        if contact.normal is None:
+            raise
+        new = contact.change_of_unknowns(fixed, approaches=False)
+        if contact.normal.part.rigid.any():
+            raise InputError(
+                "contact that opens: a point approaches by the displacement of another one, or by "
+                "a slip: points that touch at one place share their force in a way that rigid "
+                "contact leaves open, and one that touches could not slip; give all that open a "
+                "finite normal_stiffness, or leave out those that follow from others"
+            ) from error
+        return new
 
 
 def _check_enough_mass(M: Matrix, unknowns: int) -> None:

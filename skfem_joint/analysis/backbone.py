@@ -239,10 +239,10 @@ def backbone(
     system.check_any_load("backbone")
     check_whole(system, "backbone")
     if not system.contact.count:
-        raise InputError(
-            "backbone: needs friction, no contact point carries any: frequency and damping do "
-            "not depend on amplitude"
-        )
+        why = "frequency and damping do not depend on amplitude"
+        if system.contact.opens:
+            why = "levels are shares of the load at which a joint slips as a whole"
+        raise InputError(f"backbone: needs friction, no contact point carries any: {why}")
     check_each("backbone: modes", modes, COUNT)
     asked = _Levels.of(levels, up_to, slips_at)
     numbers, tally = np.asarray(modes, dtype=int), Tally(progress)

@@ -67,7 +67,7 @@ from skfem_joint.analysis.history import (
 )
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.basis import Basis
-from skfem_joint.reduction.condensed import carrying, slips_first
+from skfem_joint.reduction.condensed import carrying, slips_picked
 from skfem_joint.reduction.friction_points import SETTINGS as MERGING
 from skfem_joint.reduction.friction_points import merged_points, shared_points
 from skfem_joint.reduction.missing_modes import Residual, stride
@@ -619,7 +619,7 @@ class _Points:
     def model(self, V: FloatArray, beta: float) -> System:
         """Reduced model on V with the points of verification runs."""
         if self.condensed:
-            return slips_first(self.everywhere(V, beta))
+            return slips_picked(self.everywhere(V, beta))
         small = self.everywhere(V, beta)
         if self.all_are_kept:
             return small

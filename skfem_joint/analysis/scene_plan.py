@@ -34,18 +34,22 @@ TO_STEADY = 100
 
 
 def with_friction(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
-    """Scene without condensed and reduced models where no joint carries friction, and a note.
+    """Scene without models that reduce slip where no joint carries friction, and a note.
 
-    InputError where no model is left.
+    These are reduced models, and condensed ones unless contact opens. InputError where no model is
+    left.
     """
-    left_out = [name for name in scene.models.run if name != "full"]
-    if scene.system().contact.count or not left_out:
+    contact = scene.system().contact
+    kept = ["full", "condensed"] if contact.opens else ["full"]
+    left_out = [name for name in scene.models.run if name not in kept]
+    if contact.count or not left_out:
         return scene, ()
     names = " and ".join(repr(name) for name in left_out)
     why = f"models.run: {names} left out: they reduce slip, and {NOWHERE}"
-    if "full" not in scene.models.run:
+    kept = [name for name in scene.models.run if name in kept]
+    if not kept:
         raise InputError(f"{scene.path}: {NO_FRICTION.replace('reduced', left_out[0])}")
-    return scene.changed(models={"run": ["full"]}), (f"{why}.",)
+    return scene.changed(models={"run": kept}), (f"{why}.",)
 
 
 def save_of(scene: Scene) -> Save:

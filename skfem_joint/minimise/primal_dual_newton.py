@@ -131,7 +131,7 @@ class PrimalDualNewton:
             self._gains = self.normal.gain.copy(), self.normal.point_gain.copy()
             self.following = Following(self.H, self.contact, self.normal)
             self.kept = Kept(self.H, self.contact, self.normal)
-        self.steps_per_second = max(1, 10_000_000 // (rows * n**2))
+        self.steps_per_second = max(1, 10_000_000 // (max(rows, 1) * n**2))
         self._own = self.contact.beta.copy()
         self._stuck: tuple[Any, float] | None = None
 

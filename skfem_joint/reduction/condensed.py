@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
@@ -24,7 +24,7 @@ from skfem_joint.reduction.basis import Basis, Origin, SlipHistory
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.interface_modes import RestrictedMotion, up_to
 from skfem_joint.reduction.pod import ProperModes, orthonormal
-from skfem_joint.stepping.arrangement import picks_unknowns
+from skfem_joint.stepping.arrangement import slips_are_unknowns
 from skfem_joint.system import System
 from skfem_joint.unknowns import selection
 from skfem_joint.values import WHOLE, check
@@ -53,8 +53,8 @@ def condense(system: System, interface_modes: str | int = "auto") -> System:
     Raises
     ------
     InputError
-        If no point carries friction, slip rows depend on each other, or the loads' highest
-        frequency is needed and not known.
+        If no point carries friction and none opens, slip rows depend on each other, or the loads'
+        highest frequency is needed and not known.
     """
     check("interface_modes", interface_modes, WHOLE, "auto")
     basis = condensed_basis(system, interface_modes)
@@ -70,15 +70,13 @@ def condensed_basis(
     Parameters and errors are those of `condense`; ``highest`` (Hz) takes the place of the highest
     frequency of the loads.
     """
-    if system.contact.count == 0:
+    if system.contact.count == 0 and not system.contact.opens:
         raise InputError(NO_FRICTION.replace("reduced", "condensed"))
     inner, forward = carrying(system), None
-    if not picks_unknowns(inner.contact.B):
+    if not slips_are_unknowns(inner):
         inner, new = inner.with_slips_as_unknowns()
         forward = new.forward
-    kept = np.concatenate([sparse.csr_array(inner.contact.B).indices, approaches(inner)]).astype(
-        np.intp
-    )
+    kept = kept_unknowns(inner)
     rest = np.setdiff1d(np.arange(inner.n), kept)
     V = np.zeros((inner.n, kept.size))
     V[kept, np.arange(kept.size)] = 1.0
@@ -134,23 +132,30 @@ def _fixed_interface(
 def condensed_system(system: System, V: FloatArray) -> System:
     """Projection on a condensed basis ``V`` (n, j)."""
     inner = carrying(system)
-    small = slips_first(inner.project(V))
-    rows, columns = inner.contact.B.shape[0], approaches(inner)
-    own = selection(np.arange(rows, rows + columns.size, dtype=np.intp), small.n)
-    N = sparse.csr_array(sparse.csr_array(inner.contact.normal.N)[:, columns] @ own)
+    small = slips_picked(inner.project(V))
+    if not slips_are_unknowns(inner):
+        inner, _ = inner.with_slips_as_unknowns()
+    kept = kept_unknowns(inner)
+    own = selection(np.arange(kept.size), small.n)
+    N = sparse.csr_array(sparse.csr_array(inner.contact.normal.N)[:, kept] @ own)
     return small.with_contact(normal=replace(inner.contact.normal, N=N))
 
 
-def approaches(system: System) -> IntArray:
-    """Unknowns whose means are the approaches of contact that opens; none without it."""
-    N = sparse.csr_array(system.contact.normal.N)
-    return np.unique(N.indices).astype(np.intp)
+def kept_unknowns(system: System) -> IntArray:
+    """Unknowns of contact: the slips in the order of their rows, then others that approach.
+
+    Sliders on springs may share a slip, and elastic contact may approach by one.
+    """
+    rows = sparse.csr_array(system.contact.B).indices
+    slips = rows[np.sort(np.unique(rows, return_index=True)[1])]
+    approaches = sparse.csr_array(system.contact.normal.N).indices
+    return np.concatenate([slips, np.setdiff1d(approaches, slips)]).astype(np.intp)
 
 
-def slips_first(system: System) -> System:
-    """System whose slip rows pick its first unknowns; before they did so but for round-off."""
-    rows = np.arange(system.contact.B.shape[0], dtype=np.intp)
-    return system.with_contact(B=selection(rows, system.n))
+def slips_picked(system: System) -> System:
+    """System whose slip rows pick unknowns; before they did so but for round-off."""
+    places = np.abs(as_dense(system.contact.B)).argmax(axis=1)
+    return system.with_contact(B=selection(places, system.n))
 
 
 def carrying(system: System) -> System:

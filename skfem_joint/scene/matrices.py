@@ -45,8 +45,9 @@ class MatricesTable(SceneTable):
     contact: dict[_Name, FileName] = key(
         "pairs of nodes by the name of the contact: CSV or a file as for K; each row has the x, y "
         "and z degrees of freedom of the first node and of the second (none: a rigid base), the "
-        "normal x, y, z and the area in m²; empty, or a number below first, where there is no "
-        "degree of freedom",
+        "normal x, y, z, the area in m², and the gap in m if there are gaps; empty, or a number "
+        "below first, where there is no degree of freedom. With contact = 'unilateral' in the "
+        "joint the normal points from the first node to the second, or into the base",
         {},
     )
     fixed: Annotated[

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.csgraph import reverse_cuthill_mckee, structural_rank
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError
@@ -23,6 +23,12 @@ from skfem_joint.unknowns import ChangeOfUnknowns, selection
 
 #: Most unknowns of a sparse system with dependent slips: it can only be stepped as a dense one.
 MOST_DENSE = 500
+#: What slips and approaches must be if they are no unknowns of their own.
+_SMOOTH = (
+    "each must have its own, or contact be elastic (normal_stiffness) and friction have springs "
+    f"(tangential_stiffness) or a finite beta, in a system of at most {MOST_DENSE} unknowns, such "
+    "as sj.condense makes"
+)
 
 
 @dataclass(frozen=True)
@@ -111,7 +117,8 @@ def _arranged_opening(system: System) -> Arranged:
     """Of a system with contact that opens: slips are unknowns, apart from those that approach.
 
     Reduced models keep their unknowns, and so do small systems whose slips or approaches depend on
-    each other, if contact is elastic and friction smooth.
+    each other, if contact is elastic and friction smooth. A rigid point that touches could not slip
+    where it approaches by that, and how rigid points share a force at one place is not determined.
     """
     given, contact = system, system.contact.normal
     maps: tuple[ChangeOfUnknowns, ...] = ()
@@ -124,9 +131,13 @@ def _arranged_opening(system: System) -> Arranged:
         N = sparse.csr_array(system.contact.normal.N)
         if np.isin(N.indices, sparse.csr_array(system.contact.B).indices).any():
             raise InputError(
-                "contact that opens: its normal motion and a slip are the same displacement; slips "
-                "must be perpendicular to what opens, or contact elastic (normal_stiffness) and "
-                "friction have springs (tangential_stiffness) or a finite beta"
+                "contact that opens: its normal motion and a slip are the same displacement; "
+                f"{_SMOOTH}"
+            )
+        if structural_rank(N) < N.shape[0]:
+            raise InputError(
+                "contact that opens: points approach by the same displacement, or by none; "
+                f"{_SMOOTH}"
             )
     except InputError:
         smooth = np.isfinite(given.contact.beta) | given.contact.sprung | ~given.contact.rubs

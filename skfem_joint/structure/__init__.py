@@ -18,6 +18,7 @@ from skfem_joint.structure.body import Body as Body
 from skfem_joint.structure.body import Material as Material
 from skfem_joint.structure.clamps import Clamp as Clamp
 from skfem_joint.structure.contact import contact as contact
+from skfem_joint.structure.contact import point_contact as point_contact
 from skfem_joint.structure.contact import point_friction as point_friction
 from skfem_joint.structure.iwan import iwan as iwan
 from skfem_joint.structure.joints import Joint as Joint

@@ -3,7 +3,7 @@
 A contact point's friction limit is ``w += friction * normal_force``, summed over the joints that
 share the point; `skfem_joint.structure.pressure` integrates the pressure to normal forces. The rows
 are made for structures (`contact_rows`), for matrices assembled on any basis of scikit-fem
-(`contact`), and for slips that users give (`point_friction`).
+(`contact`), and for slips and approaches that users give (`point_friction`, `point_contact`).
 """
 
 from __future__ import annotations
@@ -288,3 +288,83 @@ def point_friction(
         names=(_joint_name("point_friction", name),),
         stiffness=np.array([float(stiffness)]),
     )
+
+
+def point_contact(
+    slip: Any,
+    approach: Any,
+    *,
+    friction: float,
+    force: float = 0.0,
+    gap: float = 0.0,
+    normal_stiffness: float = np.inf,
+    beta: float = np.inf,
+    stiffness: float = np.inf,
+    name: str = "contact",
+) -> SlipRows:
+    """Contact of a point that opens and closes, on given rows of the displacements.
+
+    The normal force p follows the approach d of the faces: p >= 0 while d = gap where contact is
+    rigid, and p = max(0, force + normal_stiffness (d - gap)) where it is elastic. The friction
+    limit is ``friction`` p. With a ``stiffness`` and Coulomb's law this is an elastic slider, or
+    Jenkins element, under a normal force that varies.
+
+    Parameters
+    ----------
+    slip : array_like, shape (N,) or (2, N), or None
+        Slip from the degrees of freedom, in one direction or two, as for `point_friction`; None for
+        a stop without friction.
+    approach : array_like, shape (N,)
+        Approach of the faces from the degrees of freedom: positive towards each other. The forces
+        at the degrees of freedom are minus this row times the change of p.
+    friction : float
+        Coefficient of friction.
+    force : float
+        Normal force at rest, N.
+    gap : float
+        Distance of the faces at rest, m; of a point without a ``force``.
+    normal_stiffness : float
+        Of the contact across the faces, N/m; ``inf`` is rigid. An elastic point may slip and
+        approach by the same degree of freedom, if friction has a spring or a finite beta.
+    beta, stiffness, name
+        As for `point_friction`.
+
+    Returns
+    -------
+    SlipRows
+        For :meth:`skfem_joint.System.from_matrices`; ``a + b`` puts several together.
+
+    Raises
+    ------
+    InputError
+        For rows of another shape, rows that are zero or not finite, a negative friction, force or
+        gap, a force beside a gap, and a beta or stiffness that is not positive.
+    """
+    where = "point_contact"
+    row = np.asarray(as_real(approach, f"{where}: approach"))
+    if row.ndim != 1 or not np.isfinite(row).all() or not row.any():
+        raise InputError(
+            f"{where}: approach: found a row of shape {np.shape(approach)}, must be (N,), finite "
+            "and not zero"
+        )
+    check(f"{where}: friction", friction, NOT_NEGATIVE)
+    check(f"{where}: force", force, NOT_NEGATIVE)
+    check(f"{where}: gap", gap, NOT_NEGATIVE)
+    check(f"{where}: normal_stiffness", normal_stiffness, STIFFNESS)
+    if force > 0.0 and gap > 0.0:
+        raise InputError(
+            f"{where}: found force = {force:g} N beside gap = {gap:g} m: faces that are apart "
+            "carry no force; leave one of them out"
+        )
+    if slip is None and friction > 0.0:
+        raise InputError(
+            f"{where}: friction: found {friction:g} without a slip; give its row, or friction = 0"
+        )
+    rows = SlipRows.none(row.size)
+    if slip is not None:
+        rows = point_friction(slip, friction * force, beta, stiffness=stiffness, name=name)
+    values = (np.array([float(x)]) for x in (gap, force, normal_stiffness, 1.0))
+    part = NormalPart(sparse.csr_array([[1.0]]), *values)
+    gain = sparse.csr_array(np.full((rows.w.size, 1), float(friction)))
+    D = sparse.csr_array(row[np.newaxis])
+    return replace(rows, pivots=None, normal=NormalRows.of_points(D, part, gain))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from operator import add
 from typing import Any, NoReturn
@@ -16,16 +16,18 @@ from skfem_joint.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.errors import InputError, listed, refuse
 from skfem_joint.mesh.named import name_problems
 from skfem_joint.modes import rigid_motions
-from skfem_joint.slips import SlipRows, rows_along, unit_vectors
+from skfem_joint.normal import NormalPart
+from skfem_joint.slips import NormalRows, SlipRows, rows_along, unit_vectors
 from skfem_joint.structure.joints import Joint, joint_value_problems
 from skfem_joint.structure.load import Load, under_loads
 from skfem_joint.structure.manifold import SMALL, slip_directions
 from skfem_joint.structure.patch import Patch, point_stiffness
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.system import AppliedLoad, System
+from skfem_joint.unknowns import selection
 
-#: Columns of a contact: degrees of freedom of both nodes of a pair, normal, area.
-COLUMNS = 10
+#: Columns of a contact: degrees of freedom of both nodes of a pair, normal, area, and gap if given.
+COLUMNS = 11
 
 
 @dataclass(frozen=True)
@@ -39,12 +41,14 @@ class MatrixModel:
     ----------
     M, K, C : ndarray or sparse array, shape (N, N)
         As `System.from_matrices` takes them; ``C`` may be None.
-    contacts : mapping of str to ndarray, shape (k, 10)
+    contacts : mapping of str to ndarray, shape (k, 10) or (k, 11)
         Pairs of nodes by the name of the contact, in rows of x, y and z degrees of freedom of the
-        first node, the same of the second, normal (x, y, z, of any length) and area, m2. Absent
-        degrees of freedom are negative or NaN; so are all three of the second node if the first is
-        pressed on a rigid base. Contact stays closed: along the normal the nodes of a pair move
-        together; their slip is the displacement of the first relative to the second across it.
+        first node, the same of the second, normal (x, y, z, of any length), area, m2, and gap, m,
+        if there are gaps. Absent degrees of freedom are negative or NaN; so are all three of the
+        second node if the first is pressed on a rigid base. Slip is the displacement of the first
+        node relative to the second across the normal. Where contact stays closed both move together
+        along it; where it opens the normal points from the first node to the second, or into the
+        base, and the nodes approach each other by their relative displacement along it.
     points : mapping of str to ndarray, shape (N,)
         Rows on the degrees of freedom that can be loaded or observed, by name.
     fixed : ndarray of int
@@ -171,7 +175,7 @@ class MatrixModel:
             elif joint.on not in self.contacts:
                 names = listed(self.contacts)
                 problems.append(f"{joint.label}: no contact has this name; contacts: {names}")
-            elif wrong := [*_wrong_rows(self.contacts[joint.on], self.n_dofs, self.first)]:
+            elif wrong := [*_wrong_rows(joint, self.contacts[joint.on], self.n_dofs, self.first)]:
                 problems += [f"contact.{joint.on}: {problem}" for problem in wrong]
             else:
                 start = sum(patch.points.size for patch, _ in pairs)
@@ -185,10 +189,11 @@ class MatrixModel:
         Degrees of freedom that the rows determine are added to ``taken``.
         """
         rows = self.contacts[joint.on]
-        force = np.asarray(joint.pressure, dtype=float) * rows[:, -1]
-        pressed = np.flatnonzero(force > 0.0)
-        rows, force, k = rows[pressed], force[pressed], pressed.size
-        normal, area = unit_vectors(rows[:, 6:9]), rows[:, -1]
+        gap = joint.gap + _gaps(rows)
+        force = np.where(gap > 0.0, 0.0, np.asarray(joint.pressure, dtype=float) * rows[:, 9])
+        pressed = np.flatnonzero(rows[:, 9] > 0.0 if joint.opens else force > 0.0)
+        rows, force, gap, k = rows[pressed], force[pressed], gap[pressed], pressed.size
+        normal, area = unit_vectors(rows[:, 6:9]), rows[:, 9]
         dofs = rows[:, :6].reshape(-1, 2, 3)
         moves = (dofs >= 0.0) & ~np.isin(dofs, self.fixed)
         pair, side, component = np.nonzero(moves)
@@ -200,19 +205,33 @@ class MatrixModel:
         acting = np.any(directions != 0.0, axis=2)
         point, which = np.nonzero(acting)
         slips = acting.any(axis=1)
-        closed = np.linalg.norm(normal * there, axis=1) > SMALL
-        counts = closed.astype(int), acting.sum(axis=1)
-        held, free = self._pivots(joint, pressed, np.where(moves, dofs, -1), counts, taken)
+        across = np.flatnonzero(np.linalg.norm(normal * there, axis=1) > SMALL)
+        if joint.opens and not across.size:
+            raise InputError(
+                f"contact.{joint.on}: no pair with an area has a degree of freedom along its "
+                f"normal that is free, which contact = 'unilateral' of {joint.label} needs; give "
+                "such, or leave that out"
+            )
+        approaches = sparse.csr_array(rows_along(across, normal[across], k) @ relative)
         contact = SlipRows(
             B=rows_along(point, directions[point, which], k) @ relative,
             w=joint.friction * force[slips],
             beta=np.full(np.count_nonzero(slips), joint.beta),
             directions=np.count_nonzero(acting[slips], axis=1).astype(np.int64),
-            closed=rows_along(np.flatnonzero(closed), normal[closed], k) @ relative,
-            pivots=np.array(held + free, dtype=np.intp),
-            clamped=force[closed],
+            closed=approaches[:0] if joint.opens else approaches,
             stiffness=point_stiffness(joint, area[slips]),
         )
+        if joint.opens:
+            stiffness = joint.normal_stiffness * area
+            part = NormalPart(sparse.eye_array(k, format="csr"), gap, force, stiffness, area)
+            gain = joint.friction * selection(np.flatnonzero(slips), k)
+            normal_rows = NormalRows.of_points(approaches, part.among(across), gain[:, across])
+            contact = replace(contact, normal=normal_rows)
+        else:
+            counts = np.isin(np.arange(k), across).astype(int), acting.sum(axis=1)
+            held, free = self._pivots(joint, pressed, np.where(moves, dofs, -1), counts, taken)
+            pivots = np.array(held + free, dtype=np.intp)
+            contact = replace(contact, pivots=pivots, clamped=force[across])
         patch = Patch(
             joint=joint,
             nodes=pressed[slips],
@@ -359,11 +378,6 @@ class MatrixModel:
 
 def _on_surfaces(joint: Joint) -> Iterator[str]:
     """Refuse keys that a joint between pairs of nodes cannot have."""
-    if joint.opens:
-        yield (
-            f"{joint.label}: contact: found 'unilateral' beside matrices, whose pairs stay closed; "
-            "it needs a mesh, or sj.contact in Python; leave it out"
-        )
     for name, usual in (("against", None), ("axis", None), ("normal_force", "consistent")):
         if getattr(joint, name) != usual:
             yield f"{joint.label}: {name}: found beside matrices, whose contacts tell; leave it out"
@@ -373,14 +387,26 @@ def _on_surfaces(joint: Joint) -> Iterator[str]:
             f"{joint.label}: pressure: found {what}, must be a number in Pa beside matrices; what "
             "differs from pair to pair goes into the areas"
         )
-
-
-def _wrong_rows(rows: FloatArray, n: int, first: int) -> Iterator[str]:
-    """What is wrong with the rows of a contact of ``n`` degrees of freedom, which count from 0."""
-    if rows.ndim != 2 or rows.shape[1] != COLUMNS:
+    elif joint.pressure > 0.0 and joint.gap > 0.0:
         yield (
-            f"found shape {rows.shape}, must have {COLUMNS} columns: x, y, z degrees of freedom of "
-            "the first node, of the second, normal x, y, z, area"
+            f"{joint.label}: found a pressure beside gap = {joint.gap:g} m: nodes that are apart "
+            "carry no pressure; leave one of them out, or give single pairs gaps, in column "
+            f"{COLUMNS} of the contact"
+        )
+
+
+def _gaps(rows: FloatArray) -> FloatArray:
+    """Gap of each pair of a contact, (k,), m; zero where none is given."""
+    return np.asarray(np.nan_to_num(rows[:, 10:]).sum(axis=1))
+
+
+def _wrong_rows(joint: Joint, rows: FloatArray, n: int, first: int) -> Iterator[str]:
+    """What is wrong with a contact of ``n`` degrees of freedom, which count from 0, for a joint."""
+    if rows.ndim != 2 or rows.shape[1] not in (COLUMNS - 1, COLUMNS):
+        yield (
+            f"found shape {rows.shape}, must have {COLUMNS - 1} columns: x, y, z degrees of "
+            "freedom of the first node, of the second, normal x, y, z, area; and one more where "
+            "pairs have gaps"
         )
         return
     if rows.dtype.kind not in "iuf":
@@ -389,7 +415,7 @@ def _wrong_rows(rows: FloatArray, n: int, first: int) -> Iterator[str]:
     dofs, absent = rows[:, :6], ~(rows[:, :6] >= 0.0)
     ordered = np.sort(np.where(absent, -1.0 - np.arange(6), dofs), axis=1)
     last = f"must be a whole number from {first} to {n - 1 + first}, or nothing"
-    normal, area = rows[:, 6:9], rows[:, 9:]
+    normal, area, gap = rows[:, 6:9], rows[:, 9:10], rows[:, 10:]
     wrong: dict[str, Any] = {
         f"a degree of freedom {last}": ~absent & ((dofs >= n) | (dofs != np.floor(dofs))),
         "each degree of freedom must stand in it once": np.diff(ordered, axis=1) == 0.0,
@@ -397,10 +423,14 @@ def _wrong_rows(rows: FloatArray, n: int, first: int) -> Iterator[str]:
         "the normal must be three finite numbers, not all 0": ~np.isfinite(normal)
         | ~normal.any(axis=1, keepdims=True),
         "the area must be a finite number >= 0": ~((area >= 0.0) & np.isfinite(area)),
+        "the gap must be a finite number >= 0, or nothing": (gap < 0.0) | np.isinf(gap),
     }
+    if not joint.opens:
+        wrong["a gap needs contact = 'unilateral' in its joint; leave it out"] = gap > 0.0
     for what, where in wrong.items():
         if where.any():
             row = int(np.argmax(where.any(axis=1)))
-            given = rows[row] + first * (np.arange(COLUMNS) < 6)
+            given = rows[row] + first * (np.arange(rows.shape[1]) < 6)
             shown = ", ".join("" if np.isnan(x) else f"{x:g}" for x in given)
             yield f"pair {row + 1}, found {shown}: {what}"
+            return

@@ -373,3 +373,47 @@ def test_names_of_matrices_are_as_those_of_meshes(table, tmp_path):
     (line,) = [line for line in caught.value.problems if "control characters" in line]
     assert f"matrices.{table}." in line
     assert line.isprintable()
+
+
+def test_a_chain_whose_damper_opens_runs_as_in_python(tmp_path):
+    """Two masses along x, the second one pressed on a base along y with an elastic slider."""
+    K = np.array([[8e4, -4e4, 0.0], [-4e4, 4e4, 0.0], [0.0, 0.0, 2e5]])
+    M, C = np.diag([1.0, 1.0, 0.5]), 3e-4 * K + np.diag([0.0, 0.0, 60.0])
+    np.savez(tmp_path / "chain.npz", K=K, M=M, C=C)
+    (tmp_path / "damper.csv").write_text("2,3,,,,,0,1,0,1e-4,\n")
+    names = {name: f"chain.npz:{name}" for name in "KMC"}
+    points = {"pull": 1, "end": 2, "lift": 3}
+    joint = {"on": "damper", "contact": "unilateral", "pressure": 3e6, "friction": 0.3}
+    stiffness = {"normal_stiffness": 2e9, "tangential_stiffness": 2e9}
+    tables = {
+        "matrices": names | {"contact": {"damper": "damper.csv"}, "points": points, "first": 1},
+        "joint": [joint | stiffness],
+        "load": [harmonic("pull", 150.0, 15.0), harmonic("lift", 800.0, 30.0)],
+        "time": {"cycles": 2, "steps_per_cycle": 100},
+        "models": {"run": ["full", "condensed"]},
+        "accuracy": {"estimate": False},
+    }
+    damper = sj.point_contact(
+        [0.0, 1.0, 0.0],
+        [0.0, 0.0, 1.0],
+        friction=0.3,
+        force=300.0,
+        normal_stiffness=2e5,
+        stiffness=2e5,
+        name="damper",
+    )
+    pull, lift = (0, sj.Harmonic(150.0, 15.0)), (2, sj.Harmonic(800.0, 30.0))
+    system = sj.System.from_matrices(
+        M, K, C, contact=damper, loads={"pull": pull, "lift": lift}, points={"end": 1}
+    )
+    known = sj.integrate(system, cycles=2, steps_per_cycle=100)
+    scene = matrix_scene(tmp_path, tables)
+    study = sj.run_scene(scene)
+    assert known.opened.all()
+    for name in ("full", "condensed"):
+        run = study.models[name].run
+        assert run.peak_of("end") == pytest.approx(known.peak_of("end"), rel=1e-9)
+        assert run.friction_energy["damper"] == pytest.approx(known.friction_energy["damper"])
+    facts = " ".join(describe(scene).facts)
+    assert "Contact that opens (damper)" in facts
+    assert "friction limit of the points that can slip 90 N" in facts

@@ -212,13 +212,13 @@ def _stops(N: Any, gap: Any, stiffness: float = inf, **values: Any) -> sj.System
     ("N", "stiffness"),
     [
         ([[1.0], [-1.0]], inf),
-        ([[1.0], [1.0]], 10.0),
         ([[0.5, 0.5], [0.5, 0.5]], inf),
         ([[0.5, 0.5], [0.0, 0.0]], inf),
     ],
 )
 def test_stops_of_the_same_displacement_are_refused(N, stiffness):
-    with pytest.raises(sj.InputError, match="approaches of pressure points depend on each other"):
+    said = "approach by the same displacement|approaches of pressure points depend on each other"
+    with pytest.raises(sj.InputError, match=said):
         sj.integrate(_stops(N, [0.1, 0.2], stiffness), step=0.1, n_steps=1)
 
 
