@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skfem_joint.mesh.gmsh import Block, RawMesh
+from skfem_joint.mesh.gmsh import CellBlock, RawMesh
 
 #: Parameters that are read right, by keyword; others change what a block means.
 _READ = {
@@ -192,7 +192,7 @@ class _Scan:
         positions = np.reshape(self.positions, (-1, 3))
         return RawMesh(positions, [block for block in blocks if len(block.nodes)], names)
 
-    def block(self, kind: int, cells: list[list[int]], count: int) -> Block:
+    def block(self, kind: int, cells: list[list[int]], count: int) -> CellBlock:
         """Those of some cells that have ``count`` nodes, of a type of Gmsh, with their sets."""
         own = [i for i, nodes in enumerate(cells) if len(nodes) == count]
         key = "NSET" if count == 1 else "ELSET"
@@ -202,7 +202,7 @@ class _Scan:
             if set_of == key and (inside := np.isin(own, members)).any()
         }
         nodes = np.reshape([cells[i] for i in own], (-1, count)).astype(np.intp)
-        return Block(kind, nodes, groups)
+        return CellBlock(kind, nodes, groups)
 
     def inner_last(self, nodes: list[int]) -> list[int]:
         """Places of an element's nodes, the one between two others last, as in Gmsh.

@@ -40,7 +40,7 @@ _TYPES = {
 Groups = dict[tuple[int, int], set[int]]
 
 
-class Block(NamedTuple):
+class CellBlock(NamedTuple):
     """Cells of one type.
 
     Attributes
@@ -69,14 +69,14 @@ class RawMesh(NamedTuple):
     ----------
     positions : ndarray, shape (n, 3)
         Of the nodes, in the order of their numbers in the file.
-    blocks : list of Block
+    blocks : list of CellBlock
         With the places of their nodes among all.
     names : list of (int, int, str)
         Dimension, tag and name of each physical group.
     """
 
     positions: FloatArray
-    blocks: list[Block]
+    blocks: list[CellBlock]
     names: list[tuple[int, int, str]]
 
 
@@ -150,7 +150,7 @@ def read_msh(data: bytes) -> RawMesh:
     if np.any(np.diff(known) == 0.0):
         raise ValueError("$Nodes uses a node number twice")
 
-    def placed(block: Block) -> Block:
+    def placed(block: CellBlock) -> CellBlock:
         """The block with the places of its nodes in place of their numbers."""
         place = np.searchsorted(known, block.nodes).clip(max=known.size - 1)
         unknown = block.nodes[known[place] != block.nodes]
@@ -203,7 +203,7 @@ def _groups_of_entities(numbers: _Numbers) -> Groups:
 
 
 #: Numbers of the nodes, their positions, and blocks with these numbers.
-Walked = tuple[FloatArray, FloatArray, list[Block]]
+Walked = tuple[FloatArray, FloatArray, list[CellBlock]]
 
 
 def _walk_22(parts: Mapping[str, _Numbers]) -> Walked:
@@ -240,7 +240,7 @@ def _walk_22(parts: Mapping[str, _Numbers]) -> Walked:
     for kind, rows in found.items():
         table = np.vstack(rows)
         groups = {int(tag): np.flatnonzero(table[:, 0] == tag) for tag in np.unique(table[:, 0])}
-        blocks.append(Block(kind, table[:, 1:], groups))
+        blocks.append(CellBlock(kind, table[:, 1:], groups))
     return tags, positions, blocks
 
 
@@ -258,7 +258,7 @@ def _walk_41(parts: Mapping[str, _Numbers]) -> Walked:
         (count,) = Nodes.integers("u8", 1)
         tags.append(Nodes.take("u8", count).astype(float))
         positions.append(Nodes.take("f8", 3 * count).reshape(-1, 3))
-    found: list[Block] = []
+    found: list[CellBlock] = []
     blocks, n_elements, _, _ = Elements.integers("u8", 4)
     for _ in range(blocks):
         _, entity, kind = Elements.integers("i4", 3)
@@ -266,7 +266,7 @@ def _walk_41(parts: Mapping[str, _Numbers]) -> Walked:
         (count,) = Elements.integers("u8", 1)
         table = Elements.take("u8", count * width).reshape(count, width).astype(float)
         own = groups.get((_dim(kind), entity), ())  # an entity that is not listed has none
-        found.append(Block(kind, table[:, 1:], dict.fromkeys(own, np.arange(count))))
+        found.append(CellBlock(kind, table[:, 1:], dict.fromkeys(own, np.arange(count))))
     nodes, count_read = np.concatenate(tags), sum(len(block.nodes) for block in found)
     if (nodes.size, count_read) != (n_nodes, n_elements):
         raise ValueError(
