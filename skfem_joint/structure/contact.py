@@ -100,7 +100,9 @@ def _approaches(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRows
     count, dim = held.shape
     faces = [patch.opening for patch in patches]
     nodes = np.concatenate([np.zeros(0, np.intp), *(face.nodes[face.moves] for face in faces)])
-    normals = np.vstack([np.zeros((0, dim)), *(face.normals[face.moves] for face in faces)])
+    if not nodes.size:  # all the following would be empty, and takes a millisecond
+        return NormalRows.none(dim * count, m)
+    normals = np.vstack([face.normals[face.moves] for face in faces])
     others = stacked([face.other[np.flatnonzero(face.moves)] for face in faces], count)
     relative = sparse.kron(selection(nodes, count) - others, sparse.eye_array(dim))
     along = rows_along(np.arange(nodes.size), np.where(held[nodes], 0.0, normals), nodes.size)
@@ -111,7 +113,7 @@ def _approaches(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRows
     return NormalRows(
         D=sparse.csr_array(along @ relative),
         pivots=dim * nodes + free_first[np.arange(nodes.size), slips[nodes]],
-        part=NormalPart.joined([NormalPart.none(0), *(face.moving for face in faces)]),
+        part=NormalPart.joined([face.moving for face in faces]),
         gain=friction_gain(patches, [patch.joint.friction for patch in patches], m),
     )
 

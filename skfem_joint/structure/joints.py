@@ -112,8 +112,8 @@ def joint_value_problems(joint: Joint) -> Iterator[str]:
     pressure = joint.pressure
     if isinstance(pressure, str) and pressure != PRELOAD:
         yield f"{joint.label}: pressure: found {pressure!r}, must be in Pa, or {PRELOAD!r}"
-    elif not isinstance(pressure, PressureTable | Bolts):
-        yield from problems(f"{joint.label}: pressure", pressure, NOT_NEGATIVE, PRELOAD)
+    elif not isinstance(pressure, PressureTable | Bolts | str):
+        yield from problems(f"{joint.label}: pressure", pressure, NOT_NEGATIVE)
 
 
 def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:

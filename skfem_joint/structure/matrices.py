@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
-from operator import add
 from typing import Any, NoReturn
 
 import numpy as np
@@ -59,7 +57,7 @@ class MatrixModel:
         As those of a `Structure`, where ``C`` is None.
     first : int
         Number of the first degree of freedom in messages; in all arrays it is 0.
-    contact : SlipRows or None
+    contact : SlipRows
         Slip rows of all joints, made from the values above.
     patches : tuple of Patch
         Contact points of each joint.
@@ -85,7 +83,7 @@ class MatrixModel:
     damping_ratio: float | None = None
     first: int = 0
 
-    contact: SlipRows | None = field(init=False, repr=False, compare=False)
+    contact: SlipRows = field(init=False, repr=False, compare=False)
     patches: tuple[Patch, ...] = field(init=False, repr=False, compare=False)
     unloaded: System = field(init=False, repr=False, compare=False)
 
@@ -93,8 +91,7 @@ class MatrixModel:
         for named in (self.contacts, self.points):
             refuse(name_problems(matrices=named))
         pairs = self._contact_pairs()
-        rows = [own for _, own in pairs]
-        contact = reduce(add, rows) if rows else None
+        contact = sum((own for _, own in pairs), start=SlipRows.none(self.n_dofs))
         unloaded = System.from_matrices(
             self.M,
             self.K,
@@ -303,7 +300,7 @@ class MatrixModel:
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces by vibration; None where no contact is closed."""
-        if self.contact is None or not self.contact.clamped.any():
+        if not self.contact.clamped.any():
             return None
         F = np.stack([self.points[str(load.on)] for load in loads], axis=1)
         return reactions(self.contact, self.fixed, (self.M, self.K), self.unloaded.T, F)

@@ -114,14 +114,9 @@ def with_values(structure: Structure, values: Mapping[str, float]) -> Structure:
     InputError
         For other keys, and for values that the structure refuses.
     """
-    given = {
-        place: float(value)
-        for key, value in values.items()
-        for place in parameter(structure, key).places
-    }
     new: dict[str, Any] = {}
     joints, bolts, regions = [*structure.joints], [*structure.bolts], dict(structure.regions)
-    for place, value in given.items():
+    for place, value in _placed(structure, values).items():
         match place:
             case ("joint", int(i), str(name)):
                 changed: dict[str, Any] = {name: value}
@@ -153,8 +148,13 @@ def single_values(structure: Structure, values: Mapping[str, float]) -> dict[str
     InputError
         For keys that cannot be varied.
     """
+    return {key_path(place): value for place, value in _placed(structure, values).items()}
+
+
+def _placed(structure: Structure, values: Mapping[str, float]) -> dict[Location, float]:
+    """Values by the places to which their keys lead."""
     return {
-        key_path(place): float(value)
+        place: float(value)
         for key, value in values.items()
         for place in parameter(structure, key).places
     }

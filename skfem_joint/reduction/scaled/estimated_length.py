@@ -27,10 +27,10 @@ from skfem_joint.system import System
 DAMPING_RATIO = 2.0 / sqrt(9.0 * pi**2 - 16.0)
 
 
-def amplification(frequency_ratio: float, damping_ratio: float = DAMPING_RATIO) -> float:
+def amplification(frequency_ratio: float) -> float:
     """Amplification A_a of a linear oscillator, Eq. (17)."""
     r = frequency_ratio
-    return 1.0 / sqrt((1.0 - r * r) ** 2 + (2.0 * r * damping_ratio) ** 2)
+    return 1.0 / sqrt((1.0 - r * r) ** 2 + (2.0 * r * DAMPING_RATIO) ** 2)
 
 
 @dataclass(frozen=True)
