@@ -203,7 +203,10 @@ def opening_rows(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRow
         if patch.opening_other is not None:
             relative = relative - patch.opening_other[moves]
         relative = sparse.kron(relative, sparse.eye_array(dim))
-        rows.append(rows_along(np.arange(nodes.size), n, nodes.size) @ relative)
+        # What a support holds of a slanted normal is no part of the approach.
+        size = np.where(held[nodes].any(axis=1), np.linalg.norm(n, axis=1), 1.0)
+        along = rows_along(np.arange(nodes.size), n, nodes.size)
+        rows.append(sparse.diags_array(size) @ along @ relative)
         slips = np.zeros(count, dtype=np.intp)
         slips[patch.nodes] = np.count_nonzero(np.any(patch.directions != 0.0, axis=2), axis=1)
         free_first = np.argsort(held[nodes], axis=1, kind="stable")
