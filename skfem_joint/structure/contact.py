@@ -103,15 +103,18 @@ def _approaches(patches: Sequence[Patch], held: BoolArray, m: int) -> NormalRows
     if not nodes.size:  # all the following would be empty, and takes a millisecond
         return NormalRows.none(dim * count, m)
     normals = np.vstack([face.normals[face.moves] for face in faces])
+    normals = np.where(held[nodes], 0.0, normals)
     others = stacked([face.other[np.flatnonzero(face.moves)] for face in faces], count)
     relative = sparse.kron(selection(nodes, count) - others, sparse.eye_array(dim))
-    along = rows_along(np.arange(nodes.size), np.where(held[nodes], 0.0, normals), nodes.size)
+    # What a support holds of a slanted normal is no part of the approach.
+    size = np.where(held[nodes].any(axis=1), np.linalg.norm(normals, axis=1), 1.0)
+    along = rows_along(np.arange(nodes.size), normals, nodes.size)
     slips = np.zeros(count, dtype=np.intp)
     for patch in patches:
         slips[patch.nodes] = np.count_nonzero(np.any(patch.directions != 0.0, axis=2), axis=1)
     free_first = np.argsort(held[nodes], axis=1, kind="stable")
     return NormalRows(
-        D=sparse.csr_array(along @ relative),
+        D=sparse.csr_array(sparse.diags_array(size) @ along @ relative),
         pivots=dim * nodes + free_first[np.arange(nodes.size), slips[nodes]],
         part=NormalPart.joined([face.moving for face in faces]),
         gain=friction_gain(patches, [patch.joint.friction for patch in patches], m),

@@ -207,6 +207,20 @@ def test_a_node_held_across_its_contact_keeps_its_normal_force_and_rubs():
         )
 
 
+def test_a_node_that_is_held_along_x_approaches_a_slanted_base_by_its_share():
+    """As all others: moved down by one, the face approaches by the y component of its normal."""
+    sides = {"base": lambda x: x[1] == 0.0, "right": lambda x: x[0] == 0.1}
+    flat = skfem.MeshQuad.init_tensor(np.linspace(0.0, 0.1, 4), np.linspace(0.0, 0.04, 3))
+    flat = flat.with_boundaries(sides)
+    places = np.array([flat.p[0], flat.p[1] + 0.5 * flat.p[0]])
+    slanted = skfem.MeshQuad(places, flat.t, _boundaries=flat.boundaries)
+    joints = [sj.Joint("base", 1e6, 0.3, contact="unilateral")]
+    body = sj.Structure(slanted, STEEL, thickness=0.1, fixed_x=["right"], joints=joints)
+    down = body.change_of_unknowns.inverse @ np.tile([0.0, -1.0], body.n_nodes)
+    approach = body.unloaded.contact.normal.N @ down
+    assert approach == pytest.approx(np.full(4, 2.0 / np.sqrt(5.0)))
+
+
 def test_contact_of_which_all_nodes_are_held_across_stays_as_it_is_at_rest():
     structure = block()
     structure = sj.Structure(

@@ -146,6 +146,7 @@ def test_a_mass_between_two_elastic_stops_is_held_by_each_in_turn():
     force = run.amplitudes[:, 0]
     known = np.where(np.abs(force) < 0.1, force, np.sign(force) * (np.abs(force) + 0.3) / 4.0)
     assert run.point("end") == pytest.approx(known, abs=1e-8)
+    assert run.energy_residual < 1e-9
 
 
 def test_a_condensed_chain_keeps_stops_without_friction():
