@@ -44,13 +44,13 @@ def read_table(path: str | Path) -> Table:
             match values:
                 case [float(time), float(force)] if abs(time) <= largest and abs(force) <= largest:
                     if rows and not time - rows[-1][0] >= 1.0 / largest:
-                        mistakes.add(
+                        mistakes.append(
                             f"{path}: line {number}: found time {time:g}, "
                             f"must be > {rows[-1][0]:g}, the time before it"
                         )
                     rows.append([time, force])
                 case _:
-                    mistakes.add(
+                    mistakes.append(
                         f"{path}: line {number}: found {text[:60]!r}, must be two finite "
                         "numbers separated by a comma: time in s, force in N; none larger than "
                         f"{largest:g}"
@@ -58,6 +58,8 @@ def read_table(path: str | Path) -> Table:
     except ValueError as error:
         raise InputError(f"{path}: {error}") from error
     if not mistakes and len(rows) < 2:
-        mistakes.add(f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2")
+        mistakes.append(
+            f"{path}: line {max(1, len(lines))}: found {len(rows)} points, must be >= 2"
+        )
     mistakes.refuse()
     return Table(*np.array(rows).T)

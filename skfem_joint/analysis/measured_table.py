@@ -121,14 +121,14 @@ def read_samples(path: Path) -> Samples:
                     )
                 units = _units_of(cells, place)
             elif len(cells) != len(units):
-                mistakes.add(f"{place}: found {len(cells)} columns, must be {len(units)}")
+                mistakes.append(f"{place}: found {len(cells)} columns, must be {len(units)}")
             elif any(cells):  # spreadsheets leave empty rows at the end
                 row = [number_in(cell or "nan") for cell in cells]
                 for name, cell, value in zip(units, cells, row, strict=True):
                     if value is None or (not cell and name not in _MAY_LACK):
                         hint = "; decimals have a point, as in 0.5" if "," in cell else ""
                         found = f"{place}: {name}: found {cell[:60]!r}"
-                        mistakes.add(f"{found}, must be a number{hint}")
+                        mistakes.append(f"{found}, must be a number{hint}")
                 values.extend(math.nan if value is None else value for value in row)
                 numbers.append(number)
     except ValueError as error:
@@ -229,10 +229,10 @@ def check_samples(samples: Samples) -> None:
         lacks = np.isnan(values) & (name in _MAY_LACK)
         must += ", or empty where it was not measured" if name in _MAY_LACK else ""
         for k in np.flatnonzero(~lacks & ~((values >= low) & (values <= high))):
-            mistakes.add(f"{samples.place(k)}: {name}: found {values[k]:g}, {must}")
+            mistakes.append(f"{samples.place(k)}: {name}: found {values[k]:g}, {must}")
     either = [samples.columns[name] for name in OFFSETS if name in samples.columns]
     for k in np.flatnonzero(np.isnan(either).all(axis=0)) if either else ():
-        mistakes.add(
+        mistakes.append(
             f"{samples.place(k)}: found neither a frequency nor a damping; leave the row out"
         )
     mistakes.refuse()
