@@ -34,18 +34,18 @@ def read_table(path: str | Path) -> Table:
         match values:
             case [float(time), float(force)] if abs(time) <= largest and abs(force) <= largest:
                 if rows and not time - rows[-1][0] >= 1.0 / largest:
-                    mistakes.add(
+                    mistakes.append(
                         f"{path}: line {number}: found time {time:g}, "
                         f"must be > {rows[-1][0]:g}, the time before it"
                     )
                 rows.append([time, force])
             case _:
-                mistakes.add(
+                mistakes.append(
                     f"{path}: line {number}: found {text[:60]!r}, must be two finite "
                     "numbers separated by a comma: time in s, force in N; none larger than "
                     f"{largest:g}"
                 )
     if not mistakes and len(rows) < 2:
-        mistakes.add(f"{path}: line {number}: found {len(rows)} points, must be >= 2")
+        mistakes.append(f"{path}: line {number}: found {len(rows)} points, must be >= 2")
     mistakes.refuse()
     return Table(*np.array(rows).T)

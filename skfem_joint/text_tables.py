@@ -7,7 +7,7 @@ import logging
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from skfem_joint.errors import InputError
+from skfem_joint.errors import InputError, refuse
 from skfem_joint.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
 
 _log = logging.getLogger(__name__)
@@ -77,34 +77,21 @@ def number_in(cell: str) -> float | None:
         return None
 
 
-class Mistakes:
-    """Sentences about lines of a file, of very many only the first ones and how many more.
+class Mistakes(list[str]):
+    """Sentences about lines of a file.
 
     Parameters
     ----------
     where : object
-        File, for the sentence that counts the others.
+        File, for the sentence that counts those that are not shown.
     """
 
     def __init__(self, where: object) -> None:
+        super().__init__()
         self.where = where
-        self.sentences: list[str] = []
-        self.more = 0
-
-    def __bool__(self) -> bool:
-        return bool(self.sentences)
-
-    def add(self, sentence: str) -> None:
-        """Keep a sentence, or count it if there are many."""
-        if len(self.sentences) < MOST_LISTED:
-            self.sentences.append(sentence)
-        else:
-            self.more += 1
 
     def refuse(self) -> None:
-        """Raise InputError with the sentences, if there are any."""
-        if self.more:
-            more = f"{self.where}: and {self.more} more lines like these"
-            raise InputError([*self.sentences, more])
-        if self.sentences:
-            raise InputError(self.sentences)
+        """Raise InputError with the sentences, if there are any; of very many with the first."""
+        more = len(self) - MOST_LISTED
+        rest = [f"{self.where}: and {more} more lines like these"] if more > 0 else []
+        refuse([*self[:MOST_LISTED], *rest])

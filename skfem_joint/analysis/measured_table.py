@@ -115,14 +115,14 @@ def read_samples(path: Path) -> Samples:
     for number, _, cells in rows:
         place = f"{path}: line {number}"
         if len(cells) != len(units):
-            mistakes.add(f"{place}: found {len(cells)} columns, must be {len(units)}")
+            mistakes.append(f"{place}: found {len(cells)} columns, must be {len(units)}")
         elif any(cells):  # spreadsheets leave empty rows at the end
             for name, cell in zip(units, cells, strict=True):
                 value = number_in(cell or "nan")
                 if value is None or (not cell and name not in _MAY_LACK):
                     hint = "; decimals have a point, as in 0.5" if "," in cell else ""
                     found = f"{place}: {name}: found {cell[:60]!r}"
-                    mistakes.add(f"{found}, must be a number{hint}")
+                    mistakes.append(f"{found}, must be a number{hint}")
                 values.append(math.nan if value is None else value)
             numbers.append(number)
     mistakes.refuse()
@@ -219,10 +219,10 @@ def check_samples(samples: Samples) -> None:
         lacks = np.isnan(values) & (name in _MAY_LACK)
         must += ", or empty where it was not measured" if name in _MAY_LACK else ""
         for k in np.flatnonzero(~lacks & ~((values >= low) & (values <= high))):
-            mistakes.add(f"{samples.place(k)}: {name}: found {values[k]:g}, {must}")
+            mistakes.append(f"{samples.place(k)}: {name}: found {values[k]:g}, {must}")
     either = [samples.columns[name] for name in OFFSETS if name in samples.columns]
     for k in np.flatnonzero(np.isnan(either).all(axis=0)) if either else ():
-        mistakes.add(
+        mistakes.append(
             f"{samples.place(k)}: found neither a frequency nor a damping; leave the row out"
         )
     mistakes.refuse()

@@ -164,6 +164,11 @@ class Study:
             raise KeyboardInterrupt
         return self
 
+    def whole(self, name: str) -> Model | None:
+        """A model whose run was not interrupted; None if there is none of this name."""
+        model = self.models.get(name)
+        return None if model is None or model.run.interrupted else model
+
     def holding(self, model: Model) -> Study:
         """Copy that holds a model, in place of one of the same name."""
         return replace(self, models={**self.models, model.name: model})

@@ -4,15 +4,15 @@ Structure and system follow from the scene. `describe` states what they are and 
 static loads; `choose` finds time steps and a reduced model for an accuracy, if the scene asks for
 one. Then, for each model of the scene, `make_model` runs it, `compare_with_full` compares it with
 the full model, `estimate_errors` estimates its errors, `compare_with_coulomb` says how far an
-arctan law takes it from Coulomb's, and `with_model` adds it to the study with the warnings about
-it. Each function returns a frozen object; none changes another one's result.
+arctan law takes it from Coulomb's. Each takes a study, which is frozen, and returns one that says
+more.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -136,11 +136,12 @@ def _with_models(
         checkpoint = None if checkpoints is None else checkpoints.of(name, origin)
         labelled = partial(progress, f"{name} model")
         integrate = partial(integrate_plan, progress=labelled, checkpoint=checkpoint)
-        result = make_model(name, study, choice, path, integrate)
-        result = compare_with_full(study, result)
-        result = estimate_errors(study, result, progress)
-        result = compare_with_coulomb(study, result, progress)
-        study = with_model(study, result)
+        study = make_model(name, study, choice, path, integrate)
+        study = compare_with_full(study, name)
+        study = estimate_errors(study, name, progress)
+        study = compare_with_coulomb(study, name, progress)
+        if (model := study.whole(name)) is not None:
+            study = study.noting(*violated(study, model))
         if study.ended:
             break
     return study
@@ -150,69 +151,41 @@ def _with_models(
 _Integrate = Callable[..., Run]
 
 
-@dataclass(frozen=True)
-class ModelResult:
-    """One model with its notes, or why there is none; passed from one function to the next.
-
-    Attributes
-    ----------
-    scene : Scene
-        Scene with the time steps that were taken.
-    model : Model, optional
-        None where it failed, or was interrupted before its first step.
-    notes : tuple of str
-        What to beware of.
-    failure : Failure, optional
-    interrupted : bool
-    """
-
-    scene: Scene
-    model: Model | None = None
-    notes: tuple[str, ...] = ()
-    failure: Failure | None = None
-    interrupted: bool = False
-
-    @property
-    def whole(self) -> Model | None:
-        """The model, if its run was not interrupted."""
-        return None if self.model is None or self.model.run.interrupted else self.model
-
-
 def make_model(
     name: str, study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
-) -> ModelResult:
-    """Make a model and run it.
+) -> Study:
+    """Study with one more model, which is made and run.
 
     What fails, or is interrupted, after another model of the study was run is a result too; an
     error of the first one is raised. So is a quasi-static run that ends where friction does not
     hold the loads, with the levels before.
     """
     try:
-        result = _MAKERS[name](study, choice, path, integrate)
+        study = _MAKERS[name](study, choice, path, integrate)
     except JointError as error:
         if isinstance(error, ConvergenceError) and error.run is not None:
             return _ended_by(error, name, study)
         if not study.models:
             raise
         note = f"There is no {name} model: {error}"
-        return ModelResult(study.scene, notes=(note,), failure=Failure(name, error))
+        return replace(study.noting(note), failure=Failure(name, error))
     except KeyboardInterrupt:
         if not study.models:
             raise
         note = f"The run was interrupted while the {name} model was made."
-        return ModelResult(study.scene, notes=(note,), interrupted=True)
-    run = result.model.run if result.model is not None else None
-    if run is None or not run.interrupted:
-        return result
+        return study.noting(note, interrupted=True)
+    if study.whole(name) is not None:
+        return study
+    time = study.models[name].run.counters.steps * study.scene.time_step
     note = (
-        f"The run was interrupted in the {name} model at t = "
-        f"{run.counters.steps * result.scene.time_step:.6g} s; results are those until then."
+        f"The run was interrupted in the {name} model at t = {time:.6g} s; results are those until "
+        "then."
     )
-    return replace(result, notes=(*result.notes, note), interrupted=True)
+    return study.noting(note, interrupted=True)
 
 
-def _ended_by(error: ConvergenceError, name: str, study: Study) -> ModelResult:
-    """A model whose quasi-static run has no further level, with the levels before."""
+def _ended_by(error: ConvergenceError, name: str, study: Study) -> Study:
+    """Study with a model whose quasi-static run has no further level, with the levels before."""
     run: Run = error.run
     model = Model(name, run, run.preparation_s, {}, compilation_s=run.compilation_s)
     if name == "full":
@@ -221,99 +194,80 @@ def _ended_by(error: ConvergenceError, name: str, study: Study) -> ModelResult:
             model, active_length=length, active_area_fraction=area, slipping_fraction=points
         )
     note = f"The results of the {name} model end with its last level. {error}."
-    return ModelResult(study.scene, model, (note,), Failure(name, error))
+    return replace(study.holding(model).noting(note), failure=Failure(name, error))
 
 
-def compare_with_full(study: Study, result: ModelResult) -> ModelResult:
+def compare_with_full(study: Study, name: str) -> Study:
     """Give a model its distance from the full one, where that was run before."""
-    model, full = result.whole, study.models.get("full")
-    if model is None or full is None:
-        return result
-    return replace(result, model=replace(model, errors=compare(full.run, model.run)))
+    model, full = study.whole(name), study.models.get("full")
+    if model is None or full is None or model is full:
+        return study
+    return study.holding(replace(model, errors=compare(full.run, model.run)))
 
 
-def _with_estimate(
-    result: ModelResult, model: Model, what: str, compute: Callable[[], Estimate]
-) -> ModelResult:
+def _with_estimate(study: Study, model: Model, what: str, compute: Callable[[], Estimate]) -> Study:
     """Model with estimated errors; what ends their computation early costs no more than a note."""
     watch = Stopwatch()
     try:
         errors = compute()
     except JointError as error:
-        note = f"The {what} of the {model.name} model are not estimated: {error}"
-        return replace(result, notes=(*result.notes, note))
+        return study.noting(f"The {what} of the {model.name} model are not estimated: {error}")
     except KeyboardInterrupt:
         note = f"The run was interrupted in the {what} of the {model.name} model."
-        return replace(result, notes=(*result.notes, note), interrupted=True)
+        return study.noting(note, interrupted=True)
     took, compiled = watch.read()
     _log.info("The %s of the %s model are estimated, in %.3g s.", what, model.name, took)
     took, compiled = took + model.estimate_s, compiled + model.compilation_s
-    model = replace(model, estimate=errors, estimate_s=took, compilation_s=compiled)
-    return replace(result, model=model)
+    return study.holding(replace(model, estimate=errors, estimate_s=took, compilation_s=compiled))
 
 
-def estimate_errors(study: Study, result: ModelResult, progress: Progress) -> ModelResult:
+def estimate_errors(study: Study, name: str, progress: Progress) -> Study:
     """Give a model its estimated errors, if they are not known.
 
     The distance from the full model, where that was run, counts among them.
     """
-    model, scene = result.whole, result.scene
-    if model is None:
-        return result
-    if model.estimate is None and scene.accuracy.estimate:
-        report = partial(progress, f"errors of the {model.name} model")
-        of_model = study.system, model.basis, model.run, plan_of(scene)
+    model = study.whole(name)
+    if model is not None and model.estimate is None and study.scene.accuracy.estimate:
+        report = partial(progress, f"errors of the {name} model")
+        of_model = study.system, model.basis, model.run, plan_of(study.scene)
         compute = partial(run_estimate.of_run, *of_model, progress=report)
-        result = _with_estimate(result, model, "errors", compute)
-        model = result.model
+        study = _with_estimate(study, model, "errors", compute)
+        model = study.models[name]
     if model is None or model.estimate is None or model.errors is None:
-        return result
+        return study
     runs = results(study.models["full"].run), results(model.run)
     joints = joint_differences(*runs, study.system.contact.joints)
     beside = model.estimate.beside(difference(*runs), joints)
-    return replace(result, model=replace(model, estimate=beside))
+    return study.holding(replace(model, estimate=beside))
 
 
-def compare_with_coulomb(study: Study, result: ModelResult, progress: Progress) -> ModelResult:
+def compare_with_coulomb(study: Study, name: str, progress: Progress) -> Study:
     """Give a model with estimated errors its distance from Coulomb's law, unless it has that."""
-    model = result.whole
-    if model is None or model.estimate is None or result.interrupted:
-        return result
-    errors, report = model.estimate, partial(progress, f"{model.name} model, Coulomb's law")
+    model = study.whole(name)
+    if model is None or model.estimate is None or study.interrupted:
+        return study
+    errors, report = model.estimate, partial(progress, f"{name} model, Coulomb's law")
     V = None if errors.missing is None else errors.missing.V
-    of_model = study.system, model.run, plan_of(result.scene), model.basis, V
+    of_model = study.system, model.run, plan_of(study.scene), model.basis, V
 
     def compute() -> Estimate:
         apart = against_coulomb(*of_model, progress=report)
         parts = {} if apart is None else {"coulomb": apart}
         return replace(errors, parts={**errors.parts, **parts})
 
-    return _with_estimate(result, model, "distances from Coulomb's law", compute)
+    return _with_estimate(study, model, "distances from Coulomb's law", compute)
 
 
-def with_model(study: Study, result: ModelResult) -> Study:
-    """Study with a model, and with what to beware of in it."""
-    study = replace(study, scene=result.scene, failure=result.failure)
-    study = study.noting(*result.notes, interrupted=result.interrupted)
-    if result.model is not None:
-        study = study.holding(result.model)
-    if result.whole is not None:
-        study = study.noting(*violated(study, result.whole))
-    return study
-
-
-def _full(
-    study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
-) -> ModelResult:
+def _full(study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate) -> Study:
     scene, run, errors = shortened_steps(
         study.scene,
         partial(_named_places, study, integrate, study.system),
         partial(step_estimate.of_full, study.system),
     )
-    notes = _of_accuracy("full", scene, errors)
-    active = _active(replace(study, scene=scene), run.slip_peak, run.slider_peak)
+    study = replace(study, scene=scene).noting(*_of_accuracy("full", scene, errors))
+    active = _active(study, run.slip_peak, run.slider_peak)
     model = Model("full", run, run.preparation_s, *active, estimate=errors)
-    return ModelResult(scene, replace(model, compilation_s=run.compilation_s), notes)
+    return study.holding(replace(model, compilation_s=run.compilation_s))
 
 
 def _of_accuracy(name: str, scene: Scene, errors: Estimate | None) -> tuple[str, ...]:
@@ -356,7 +310,7 @@ def _active(
 
 def _reduced(
     study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
-) -> ModelResult:
+) -> Study:
     watch, scene, accurate = Stopwatch(), study.scene, choice.accurate
     notes: tuple[str, ...] = ()
     if choice.in_range is not None:
@@ -383,21 +337,21 @@ def _reduced(
     offline, compiled = before + run.preparation_s, compiled + run.compilation_s
     model = Model("reduced", run, offline, dict(basis.active_length), *active, basis)
     errors = None if accurate is None else accurate.estimate
-    return ModelResult(scene, replace(model, estimate=errors, compilation_s=compiled), notes)
+    model = replace(model, estimate=errors, compilation_s=compiled)
+    return study.noting(*notes).holding(model)
 
 
-def _served(study: Study, choice: Choice, in_range: InRange, integrate: _Integrate) -> ModelResult:
+def _served(study: Study, choice: Choice, in_range: InRange, integrate: _Integrate) -> Study:
     """Reduced model that is a point of the model for a range."""
-    scene = study.scene
-    run = integrate(in_range.system, plan_of(scene))
+    run = integrate(in_range.system, plan_of(study.scene))
     offline, compiled = choice.seconds + run.preparation_s, choice.compilation_s
     model = Model("reduced", run, offline, {}, estimate=in_range.estimate)
-    return ModelResult(scene, replace(model, compilation_s=compiled + run.compilation_s))
+    return study.holding(replace(model, compilation_s=compiled + run.compilation_s))
 
 
 def _condensed(
     study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
-) -> ModelResult:
+) -> Study:
     watch, system = Stopwatch(), study.system
     notes: tuple[str, ...] = ()
     basis = condensed_basis(system)
@@ -420,7 +374,7 @@ def _condensed(
     offline = before + run.preparation_s
     model = Model("condensed", run, offline, *_active(study, peak, sliding), basis)
     model = replace(model, compilation_s=compiled + run.compilation_s, estimate=errors)
-    return ModelResult(scene, model, notes)
+    return replace(study, scene=scene).noting(*notes).holding(model)
 
 
 _MAKERS = {"full": _full, "condensed": _condensed, "reduced": _reduced}

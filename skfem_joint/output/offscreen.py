@@ -99,7 +99,7 @@ def plotter_of(axes: FloatArray, low: FloatArray, high: FloatArray, pixel: float
     camera, middle = plotter.camera, 0.5 * (low + high) @ axes[:2]
     camera.parallel_projection = True
     camera.focal_point, camera.position, camera.up = middle, middle + axes[2], axes[1]
-    camera.parallel_scale = 0.5 * float(high[1] - low[1])
+    camera.parallel_scale = 0.5 * size[1] * pixel
     return plotter
 
 

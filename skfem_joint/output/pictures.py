@@ -258,10 +258,9 @@ class Picture:
         edge = 3.0 * inch / DPI  # lines of the border are drawn whole
         views = [replace(view, low=view.low - edge, high=view.high + edge) for view in views]
         heights = [*np.maximum(tall / inch, 0.1)] * (models // columns)
-        loads = [2.0] if frames.forces else []
-        self.figure = new_figure(
-            _WIDTH, 0.7 + sum(heights) + 0.35 * len(heights) + 1.4 * len(loads)
-        )
+        loads = [1.6] if frames.forces else []
+        height = 0.5 + sum(heights) + 0.4 * len(heights) + 2.2 * len(loads)
+        self.figure = new_figure(_WIDTH, height)
         grid = self.figure.add_gridspec(
             len(heights) + len(loads), columns, height_ratios=[*heights, *loads]
         )
@@ -276,7 +275,8 @@ class Picture:
                 (left, low), (right, high) = view.low.tolist(), view.high.tolist()
                 image = panel.imshow(np.ones((1, 1, 3)), extent=(left, right, low, high))
                 middle = 0.5 * (view.low + view.high)[0]
-                panel.set_xlim(middle - 0.5 * wide.max(), middle + 0.5 * wide.max())
+                half = 0.5 * float(wide.max()) + edge
+                panel.set_xlim(middle - half, middle + half)
                 self.panels.append(Panel(field, view, inch / DPI, image))
                 stack.callback(self.panels[-1].plotter.close)
         self.marks = self._add_loads(self.figure.add_subplot(grid[-1, :])) if loads else []

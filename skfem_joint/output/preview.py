@@ -179,10 +179,7 @@ def _support_marks(structure: Structure) -> Iterator[Mark]:
 def _load_marks(scene: Scene, structure: Structure) -> Iterator[Mark]:
     """Mark of each load with its peak and its shape in time."""
     for table, load in zip(scene.load, scene.loads(), strict=True):
-        peak = load.amplitude.peak_value
-        if peak is None:  # it is sampled over the run
-            times = np.linspace(0.0, scene.n_steps * scene.time_step, 2001)
-            peak = float(np.abs(load.amplitude(times)).max())
+        peak = load.amplitude.peak_value or 0.0  # all shapes of scenes know it
         amount = _range(peak, peak, "N" if load.quantity == "force" else "Pa")
         what = "" if load.quantity == "force" else f"{load.quantity} "
         parts = load.amplitude.harmonics

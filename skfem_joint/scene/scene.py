@@ -366,12 +366,8 @@ def problems_between_tables(scene: Scene, valid: Set[str]) -> Iterator[str]:
         yield from _time_problems(scene)
     if valid >= TABLES_OF_SYSTEM and scene.matrices is not None:
         yield from _matrix_problems(scene, scene.matrices)
-    if valid >= {"models", "reduction", "time"} and scene.time.quasi_static:
-        yield from _slow_problems(scene)
-    if valid >= {"models", "joint", "reduction"}:
+    if valid >= {"models", "joint", "reduction", "time", "load"}:
         yield from _model_problems(scene)
-    if valid >= {"models", "joint", "reduction", "time", "accuracy"}:
-        yield from _opening_problems(scene)
 
 
 def _time_problems(scene: Scene) -> Iterator[str]:
@@ -405,35 +401,10 @@ def _time_problems(scene: Scene) -> Iterator[str]:
             )
 
 
-def _slow_problems(scene: Scene) -> Iterator[str]:
-    """Problems of reduced models with a quasi-static run."""
-    if scene.reduction.range is not None:
-        yield (
-            "reduction.range: found beside time.quasi_static = true; a range has frequencies of "
-            "vibration; leave out either of them"
-        )
-    if "reduced" in scene.models.run and scene.reduction.reference == "paper":
-        yield (
-            "reduction.reference: found 'paper' beside time.quasi_static = true; the paper's modes "
-            "are scaled by a run in time; use reference = 'static'"
-        )
-
-
-def _opening_problems(scene: Scene) -> Iterator[str]:
-    """Problems of contact that opens with what needs constant normal forces."""
-    if scene.opens and scene.reduction.range is not None:
-        yield constant_contact_alone("reduction.range", "leave it out")
-
-
 def _matrix_problems(scene: Scene, matrices: MatricesTable) -> Iterator[str]:
     """Problems of other tables with [matrices]."""
     if matrices.C is not None and scene.damping.model_fields_set:
         yield "damping: found beside matrices.C; leave out either of them"
-    if "reduced" in scene.models.run and scene.reduction.reference == "paper":
-        yield (
-            "reduction.reference: found 'paper' beside [matrices], which have no axis to scale its "
-            "modes along; use reference = 'static'"
-        )
     if scene.output.vtk:
         yield (
             "output.vtk: found true beside [matrices], which have no positions of nodes; leave it "
@@ -449,6 +420,13 @@ def _model_problems(scene: Scene) -> Iterator[str]:
             "to reduce by its joints, run 'full' alone"
         )
     if scene.reduction.range is not None:
+        if scene.opens:
+            yield constant_contact_alone("reduction.range", "leave it out")
+        if scene.time.quasi_static:
+            yield (
+                "reduction.range: found beside time.quasi_static = true; a range has frequencies "
+                "of vibration; leave out either of them"
+            )
         yield from scene.reduction.range.problems(scene.joint)
         for i, load in enumerate(scene.load):
             if not load.to_amplitude().harmonics:
@@ -458,6 +436,15 @@ def _model_problems(scene: Scene) -> Iterator[str]:
                 )
     if "reduced" not in scene.models.run:
         return
+    for found, beside, why in (
+        (scene.time.quasi_static, "time.quasi_static = true", "are scaled by a run in time"),
+        (scene.matrices is not None, "[matrices]", "need an axis to be scaled along"),
+    ):
+        if found and scene.reduction.reference == "paper":
+            yield (
+                f"reduction.reference: found 'paper' beside {beside}; the paper's modes {why}; use "
+                "reference = 'static'"
+            )
     joints, lengths = {joint.on for joint in scene.joint}, scene.reduction.active_length
     for name in sorted(lengths.keys() - joints) if isinstance(lengths, dict) else ():
         where = key_path(("reduction", "active_length", name))
