@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.analysis import run_estimate, step_estimate
+from skfem_joint.analysis import run_estimate, rungs
 from skfem_joint.analysis.accuracy import Choice, InRange, choose, shortened_steps, stated
 from skfem_joint.analysis.active_region import region_of
 from skfem_joint.analysis.against_coulomb import against_coulomb
@@ -324,7 +324,7 @@ def _full(
     scene, run, errors = shortened_steps(
         study.scene,
         partial(_named_places, study, integrate, study.system),
-        partial(step_estimate.of_full, study.system),
+        partial(rungs.of_full, study.system),
     )
     notes = _of_accuracy("full", scene, errors)
     active = _active(replace(study, scene=scene), run.slip_peak, run.slider_peak)
