@@ -26,7 +26,7 @@ from paper import cases
 import skfem_joint as sj
 from benchmarks import EXAMPLES, head, row
 from benchmarks.plates import CYCLES, FREQUENCY, STEPS, system_of
-from skfem_joint.analysis import estimate
+from skfem_joint.analysis import rungs
 from skfem_joint.analysis.history import compare
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.sources import static_basis
@@ -102,7 +102,7 @@ def measure(task):
     reduced = sj.integrate(small, **how)
     offline += reduced.preparation_s
     begin = time.perf_counter()
-    estimated = estimate.of_reduced(system, basis, small, plan, reduced)
+    estimated = rungs.of_reduced(system, basis, small, plan, reduced)
     more = time.perf_counter() - begin
 
     errors, cycles, n = compare(full, reduced), full.cycles.friction.size, basis.V.shape[1]

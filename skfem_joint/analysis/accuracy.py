@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis import estimate, opening_estimate
+from skfem_joint.analysis import rungs
 from skfem_joint.analysis.condensed_reference import CondensedReference
 from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.scene_plan import basis_of_scene, options_of, plan_of
@@ -196,14 +196,14 @@ def accurate_model(
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
-    reference = None if system.contact.opens else CondensedReference.of(system, shared=True)
+    reference = CondensedReference.of(system, shared=True)
     errors: list[float] = []
     for done in range(ROUNDS):
         report(done, ROUNDS)
         own: dict[str, Any] = {"friction_points": points, "beta": beta}
         reduced = reduced_system(system, basis, **own, periodic=scene.periodic)
         step, plan = scene.time_step, plan_of(scene)
-        stands = _estimate(system, basis, reduced, plan, reference)
+        stands = rungs.of_reduced(system, basis, reduced, plan, reference=reference)
         errors.append(excess(accuracy, stands))
         if errors[-1] <= 1.0:
             return AccurateModel(scene, basis, reduced, stands)
@@ -232,7 +232,7 @@ def accurate_model(
                 else "all"
             )
         if "law" in refined:
-            beta = min(estimate.STEEPER * reduced.contact.steepest, system.contact.steepest)
+            beta = min(rungs.STEEPER * reduced.contact.steepest, system.contact.steepest)
         if "time_step" in refined:
             more = min(max(_halvings(sources["time_step"]), 1), 3)
             halvings, scene = halvings + more, scene.finer(2**more)
@@ -244,20 +244,6 @@ def accurate_model(
         f"points with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of "
         f"it from its {worst}. Ask for less, or run 'full' alone"
     )
-
-
-def _estimate(
-    system: System,
-    basis: Basis,
-    reduced: System,
-    plan: Plan,
-    reference: CondensedReference | None,
-) -> Estimate:
-    """Estimated errors of a reduced model, which is run for them."""
-    if not system.contact.opens:
-        return estimate.of_reduced(system, basis, reduced, plan, reference=reference)
-    run = estimate.verification_run(reduced, plan)
-    return opening_estimate.of_reduced(system, run, plan)
 
 
 def _halvings(ratio: float) -> int:

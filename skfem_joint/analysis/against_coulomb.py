@@ -21,28 +21,31 @@ The same model is run under both laws from rest, until its cycles are alike:
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy import sparse
 
-from skfem_joint.analysis.estimate import Parts, by_cycle, cycles_to_settle, verification_run
+from skfem_joint.analysis.estimate import Parts, verification_run
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, results
-from skfem_joint.analysis.scene_plan import TO_STEADY
+from skfem_joint.analysis.ladder import cycles_to_settle
+from skfem_joint.analysis.rungs import model_beside
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
-from skfem_joint.reduction.basis import Basis, Options
+from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.reduction.friction_points import SETTINGS as MERGING
-from skfem_joint.reduction.friction_points import merged_points, shared_points
-from skfem_joint.reduction.sources import make_basis
-from skfem_joint.stepping.arrangement import arranged, picks_unknowns
+from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
 #: Relative change of the friction energy of cycles below which they are alike.
 SETTLED = 0.02
+#: Fewest cycles that are compared.
+FEWEST = 3
 #: Steps times (unknowns + 1000) up to which the full model itself is run.
 SMALL = 1e6
 
@@ -85,42 +88,55 @@ def against_coulomb(
     """
     if np.isinf(system.contact.beta[system.contact.rubs]).all():
         return None
-    verify = partial(verification_run, progress=progress)
-    whole = plan
+    whole, verify = plan, partial(verification_run, progress=progress)
     if plan.cycle_steps is not None and plan.until == "end":
-        plan = plan.first(_settles(run))
+        plan = plan.first(cycles_to_settle(run, SETTLED, FEWEST))
+    steep, own = _models(system, run, plan, basis, V)
     while True:
-        coulomb, own = _both(system, run, plan, basis, V, verify)
-        if plan.n_steps == whole.n_steps or _settles(coulomb) < coulomb.cycles.friction.size:
-            return _apart(coulomb, own)
-        plan = whole.first(2 * coulomb.cycles.friction.size)
+        coulomb, judged = verify(steep, plan), _until(run, plan)
+        base = judged if own is None else results(verify(own, plan))
+        apart = _apart(results(coulomb), base)
+        beside = own is not None and basis is None and run.system.serves is None
+        if beside and _is_poor(judged, base, apart):
+            steep, own = system.with_beta(np.inf), None
+            continue
+        count = coulomb.cycles.friction.size
+        if plan.n_steps == whole.n_steps or cycles_to_settle(coulomb, SETTLED, FEWEST) < count:
+            return apart
+        plan = whole.first(2 * count)
 
 
-def _settles(run: Run) -> int:
-    """Cycles after which the energies and the peak of a run are alike, or all of them."""
-    series = np.stack(by_cycle(run))
-    # Fewest cycles that are compared.
-    return cycles_to_settle(series, SETTLED, 3)
-
-
-def _both(
-    system: System,
-    run: Run,
-    plan: Plan,
-    basis: Basis | None,
-    V: FloatArray | None,
-    verify: Callable[..., Run],
-) -> tuple[Run, Results]:
-    """Run under Coulomb's law, and results under the model's own law."""
+def _models(
+    system: System, run: Run, plan: Plan, basis: Basis | None, V: FloatArray | None
+) -> tuple[System, System | None]:
+    """Model under a law that stands for Coulomb's, and under its own; None: that of the run."""
     if run.system.serves is not None:  # the law of a point is no steeper than its modes resolve
-        steep, larger = _laws(run.system.serves.larger)
-        return verify(steep, plan), results(verify(larger, plan))
-    if basis is None:
-        return _of_full(system, run, plan, verify)
-    if picks_unknowns(run.system.contact.B):
-        return verify(run.system.with_beta(np.inf), plan), _until(run, plan)
-    steep, own = _on(system, basis, basis.V if V is None else V)
-    return verify(steep, plan), results(verify(own, plan))
+        return _laws(run.system.serves.larger)
+    by_itself = run.system.with_beta(np.inf), None
+    if basis is not None:
+        if sparse.issparse(run.system.contact.B):  # condensed
+            return by_itself
+        small = elastic(system).project(basis.V if V is None else V)
+        if not system.contact.opens:
+            small = basis.merging(system, MERGING.many, MERGING.merged)(small)
+        return _laws(small, basis)
+    kind = arranged(system).kind
+    if system.is_dense or kind == "dense":  # as of points that share an unknown
+        return _laws(system)[0], None
+    # Unknowns that cost as much as what a step costs anyhow.
+    large = plan.n_steps * (system.n + 1000) > SMALL
+    if large and kind != "chain" and not system.contact.opens:
+        with suppress(InputError, ConvergenceError):  # no static slip path
+            return _laws(*model_beside(system, plan, np.inf))
+    return by_itself
+
+
+def _is_poor(full: Results, small: Results, apart: Parts) -> bool:
+    """Whether a reduced model beside a full one errs by more than the laws are apart."""
+    energy = QUANTITIES[2]
+    error, between = difference(full, small)[energy], apart[energy]
+    # Difference of the friction energy that does not count.
+    return error is None or between is None or error > max(0.02, between)
 
 
 def _until(run: Run, plan: Plan) -> Results:
@@ -139,9 +155,8 @@ def _until(run: Run, plan: Plan) -> Results:
     )
 
 
-def _apart(coulomb: Run, own: Results) -> Parts:
+def _apart(reference: Results, own: Results) -> Parts:
     """Differences relative to Coulomb's law; 1 where that gives next to nothing beside the own."""
-    reference = results(coulomb)
     parts = difference(reference, own)
     for name in QUANTITIES[1:]:
         under, value = abs(getattr(reference, name)), abs(getattr(own, name))
@@ -151,71 +166,16 @@ def _apart(coulomb: Run, own: Results) -> Parts:
     return parts
 
 
-def _laws(system: System, steepest: float = 0.0) -> tuple[System, System]:
+def _laws(system: System, basis: Basis | None = None) -> tuple[System, System]:
     """Dense system under a law that stands for Coulomb's, and under its own laws.
 
     A dense system takes no set-valued law: where its own is Coulomb's, the steep one stands for it
-    in both. ``steepest`` is the steepness, s/m, that the velocities of such joints ask for.
+    in both, as steep as the velocities of the run of a ``basis`` ask for.
     """
+    fastest = 0.0 if basis is None else basis.history.slip_velocity
     carries = system.contact.rubs
     finite = np.isfinite(system.contact.beta) & carries
-    least = 0.0 if finite.any() and finite[carries].all() else steepest
+    least = 0.0 if finite.any() and finite[carries].all() else 1.0 / (fastest or np.inf)
     # Steepness that stands for Coulomb's law in a reduced model, over the largest of the system.
     steep = 1e3 * max(float(system.contact.beta[finite].max(initial=0.0)), least)
     return system.with_beta(steep), system.with_contact(beta=np.minimum(system.contact.beta, steep))
-
-
-def _on(system: System, basis: Basis, V: FloatArray) -> tuple[System, System]:
-    """Reduced models on vectors V under both laws, very many points merged."""
-    small = elastic(system).project(V)
-    if system.contact.count > MERGING.many and not system.contact.opens:
-        narrow, carrying = system.project(basis.V), np.flatnonzero(system.contact.w)
-        merged = merged_points(narrow, basis.history.velocities, carrying, MERGING.merged)
-        small = shared_points(small, merged.contact.shares, merged.contact.w)
-    fastest = basis.history.slip_velocity
-    return _laws(small, 1.0 / fastest if fastest else 0.0)
-
-
-def _of_full(
-    system: System, run: Run, plan: Plan, verify: Callable[..., Run]
-) -> tuple[Run, Results]:
-    """Both of a full model: by itself where it is small, else by a reduced one."""
-    own = _until(run, plan)
-    # Unknowns that cost as much as what a step costs anyhow.
-    cost = plan.n_steps * (system.n + 1000)
-    kind = arranged(system).kind
-    if (
-        system.is_dense or kind == "dense"
-    ):  # as of points that share an unknown: it takes no set-valued law
-        return verify(_laws(system)[0], plan), own
-    large = cost > SMALL and not system.contact.opens  # no reduced model has that
-    if large and kind != "chain":
-        both = _by_reduced(system, own, plan, verify)
-        if both is not None:
-            return both
-    return verify(system.with_beta(np.inf), plan), own
-
-
-def _by_reduced(
-    system: System, own: Results, plan: Plan, verify: Callable[..., Run]
-) -> tuple[Run, Results] | None:
-    """Both of a reduced model; None where there is none, or where it is too poor."""
-    whole = plan
-    if plan.until == "steady":
-        whole = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
-    try:
-        basis = make_basis(system, Options(), whole, enriched=True)
-    except (InputError, ConvergenceError):
-        return None  # no static slip path: the full model itself is run
-    steep, small = _on(system, basis, basis.V)
-    first = results(verify(small, plan))
-    coulomb = verify(steep, plan)
-    energy = QUANTITIES[2]
-    poor, apart = difference(own, first)[energy], _apart(coulomb, first)[energy]
-    if poor is None or apart is None:
-        return None
-    # Largest difference of the friction energy of a large full model from that of its reduced
-    # one, over the difference between the laws.
-    # Such a difference that does not count.
-    trusted = poor <= max(0.02, 1.0 * apart)
-    return (coulomb, first) if trusted else None

@@ -7,7 +7,7 @@ first one, from rest, is like no other.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy import sparse
@@ -22,31 +22,9 @@ from skfem_joint.stepping.recording import Run
 from skfem_joint.structure import Structure
 from skfem_joint.system import System
 
-
-@dataclass(frozen=True)
-class OpeningSettings:
-    """Numbers of the comparison.
-
-    Attributes
-    ----------
-    levels : int
-        Levels in a cycle.
-    most_contact : int
-        Most contact unknowns, slips and approaches: condensing and following as many takes some
-        seconds.
-    most_unknowns : int
-        Most unknowns of the full model.
-    samples : int
-        Most times at which loads are looked at.
-    """
-
-    levels: int = 24
-    most_contact: int = 400
-    most_unknowns: int = 50_000
-    samples: int = 5_000
-
-
-SETTINGS = OpeningSettings()
+#: Most contact unknowns, slips and approaches, and most unknowns of the full model: condensing and
+#: following as many takes some seconds.
+MOST_CONTACT, MOST_UNKNOWNS = 400, 50_000
 #: Ratio beyond which it is not told.
 MANY = 10.0
 
@@ -69,28 +47,26 @@ def against_opening(scene: Scene, change: float | None) -> str | None:
     structure = scene.structure()
     if change is None or change <= LARGE or not isinstance(structure, Structure):
         return None
+    why = "By how much slip and friction energy err for it was not computed"
     cure = (
         "To see it, run the scene with contact = 'unilateral' in its [[joint]] and "
         "time.quasi_static = true."
     )
-    system = scene.system()
     try:
-        other = _opening(structure)
-        opens = other.system(scene.loads(), scene.output.points or None)
+        opens = _opening(structure).system(scene.loads(), scene.output.points or None)
     except InputError as error:
-        return f"By how much slip and friction energy err for it was not computed: {error}."
+        return f"{why}: {error}."
     N = sparse.csr_array(opens.contact.normal.N)
     kept = opens.contact.B.shape[0] + np.unique(N.indices).size
-    if kept > SETTINGS.most_contact or opens.n > SETTINGS.most_unknowns:
+    if kept > MOST_CONTACT or opens.n > MOST_UNKNOWNS:
         return (
-            f"By how much slip and friction energy err for it was not computed: {kept} contact "
-            f"unknowns in {opens.n} are more than {SETTINGS.most_contact} in "
-            f"{SETTINGS.most_unknowns}. {cure}"
+            f"{why}: {kept} contact unknowns in {opens.n} are more than {MOST_CONTACT} in "
+            f"{MOST_UNKNOWNS}. {cure}"
         )
     try:
-        closed, opened = (_cycle(scene, s) for s in (system, opens))
+        closed, opened = (_cycle(scene, s) for s in (scene.system(), opens))
     except (ConvergenceError, InputError) as error:
-        return f"By how much slip and friction energy err for it was not computed: {error}. {cure}"
+        return f"{why}: {error}. {cure}"
     energy = _relative(float(closed.cycles.friction[-1]), float(opened.cycles.friction[-1]))
     slip = _relative(float(closed.slip_peak.max()), float(opened.slip_peak.max()))
     return (
@@ -122,7 +98,7 @@ def _opening(structure: Structure) -> Structure:
 
 def _cycle(scene: Scene, system: System) -> Run:
     """Two slow cycles of the condensed model of a system."""
-    steps = min(scene.n_steps, SETTINGS.samples)
+    steps = min(scene.n_steps, 5_000)  # times at which loads are looked at
     times = np.linspace(0.0, scene.n_steps * scene.time_step, steps + 1)
     amplitudes = system.load_amplitudes(times)
     peaks = np.abs(amplitudes).max(axis=1, keepdims=True)
@@ -134,4 +110,4 @@ def _cycle(scene: Scene, system: System) -> Run:
         if a != 0.0
     ]
     small = condense(replace(system, loads=tuple(loads)), 0)
-    return quasi_static(small, cycles=2, steps_per_cycle=SETTINGS.levels)
+    return quasi_static(small, cycles=2, steps_per_cycle=24)

@@ -23,11 +23,13 @@ from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from math import log2
 from typing import Any
 
 from skfem_joint.analysis.estimate import Estimate, Parts, added, verification_run
 from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
+from skfem_joint.analysis.ladder import Rung, Series, errors_of
 from skfem_joint.analysis.models import Model, Study
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_plan import origin_of, plan_of
@@ -44,6 +46,10 @@ from skfem_joint.system import System
 #: Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without
 #: cycles.
 PER_CYCLE = 25
+#: Orders of convergence that an extrapolation may use: friction is not smooth.
+LEAST, MOST = 0.5, 2.0
+#: Changes by halving a step or a size, with these orders.
+HALVED = Series(0.5**MOST, 0.5**LEAST, 0.5)
 
 
 @dataclass(frozen=True)
@@ -67,22 +73,9 @@ class Source:
     order: float | None = None
 
 
-def extrapolated(first: float, second: float) -> tuple[float, float | None]:
-    """Error of the coarsest of three results from their successive differences, and the order.
-
-    The order p is given as observed, None if there is none; the error uses it as `kept`.
-    """
-    if first == 0.0 or second == 0.0:
-        return first, None
-    order = log2(first / second)
-    return max(first, second) * extrapolation(2.0 ** kept(order)), order
-
-
 def kept(order: float | None) -> float:
     """Order of convergence kept within what an extrapolation may use; the highest if not known."""
-    # Orders of convergence that an extrapolation may use.
-    least, most = 0.5, 2.0
-    return most if order is None else min(max(order, least), most)
+    return MOST if order is None else min(max(order, LEAST), MOST)
 
 
 def halved(source: str, runs: Sequence[Results]) -> Source:
@@ -90,16 +83,10 @@ def halved(source: str, runs: Sequence[Results]) -> Source:
 
     Of two runs, the error is taken to be proportional to step or size.
     """
-    first = difference(runs[0], runs[1])
-    if len(runs) == 2:
-        return Source(
-            source, {k: None if e is None else extrapolation(2.0) * e for k, e in first.items()}
-        )
-    second = difference(runs[1], runs[2])
-    pairs = {k: (a, b) for k, a in first.items() if a is not None and (b := second[k]) is not None}
-    known = {k: extrapolated(*pair) for k, pair in pairs.items()}
-    errors = {k: known[k][0] if k in known else None for k in first}
-    return Source(source, errors, known.get(QUANTITIES[0], (None, None))[1])
+    rungs = [Rung.of(source, *pair, HALVED) for pair in pairwise(runs)]
+    first, last = (rungs[k].change[QUANTITIES[0]] for k in (0, -1))
+    order = log2(first / last) if len(rungs) > 1 and first and last else None
+    return Source(source, errors_of(runs[0], rungs)[source], order)
 
 
 def full_results(scene: Scene) -> Results:

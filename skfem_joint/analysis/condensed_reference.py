@@ -24,7 +24,7 @@ from skfem_joint.arrays import FloatArray, Matrix
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
-from skfem_joint.reduction.pod import orthonormal
+from skfem_joint.reduction.pod import modes_beyond
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
@@ -35,6 +35,8 @@ ROWS = 700
 #: law is steeper than the reduced model's, and where it is not.
 WORK = 6e8
 WORK_SMOOTH = 2e7
+#: The same with the square of all its unknowns, where contact opens.
+WORK_OPENING = 1e8
 #: So many times as much work where several estimates share its runs, as in the search for a model
 #: of some accuracy. (On a plate with six bolts, whose step had become eight times as short, modes
 #: of residuals took 300 s for each estimate, and did not end.)
@@ -71,11 +73,14 @@ class CondensedReference:
 
         ``shared`` is whether several estimates use its runs.
         """
-        if not 0 < _rows(system) <= ROWS or system.is_dense:
+        opens = system.contact.opens
+        if not opens and (system.is_dense or not 0 < _rows(system) <= ROWS):
             return None
         try:
             V = condensed_basis(system, MODES).V
         except InputError:  # slip rows depend on each other: there is no condensed model
+            if opens:  # nor any other that is better
+                raise
             return None
         times = SHARED if shared else 1.0
         return CondensedReference(system, V, condensed_system(system, V), times)
@@ -98,6 +103,10 @@ class CondensedReference:
             Whether the full model's law is steeper than the reduced model's. Otherwise modes of
             residuals do well, and less is spent.
         """
+        if self.system.contact.opens:
+            return plan.n_steps * self.small.n**2 <= WORK_OPENING
+        if plan.quasi_static:
+            return True
         most = WORK if steeper else WORK_SMOOTH
         return plan.n_steps * periods * _rows(self.system) ** 2 <= self.times * most
 
@@ -132,15 +141,7 @@ class CondensedReference:
         for x in (run.u, run.v):
             size = float(np.sqrt(max(np.vdot(x.T, self.small.K @ x.T), 0.0)))
             parts.append(self.V @ (x.T / (size or 1.0)))
-        X = np.hstack(parts)
-        whole = float(np.vdot(X, stiffness @ X))
-        for _ in range(2):  # twice, because of round-off
-            X = X - V @ (V.T @ (M @ X))
-        sizes, turn = np.linalg.eigh(X.T @ (stiffness @ X))
-        # Singular values of missing modes below this share of the largest are left out.
-        counting = np.flatnonzero(sizes > 1e-6**2 * whole)[::-1]
-        first = counting[: min(most, self.system.n - V.shape[1])]
-        wide = np.hstack([V, orthonormal(X @ turn[:, first], M)]) if first.size else V
+        wide = np.hstack([V, modes_beyond(V, np.hstack(parts), M, stiffness, 1e-6, most)])
         return wide, np.asarray(run.v @ (self.V.T @ (M @ wide)))
 
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.analysis import opening_estimate, range_modes, step_estimate
+from skfem_joint.analysis import range_modes, rungs
 from skfem_joint.analysis.against_coulomb import against_coulomb
-from skfem_joint.analysis.estimate import Estimate, Parts, of_reduced
+from skfem_joint.analysis.estimate import Estimate
 from skfem_joint.analysis.history import QUANTITIES
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, InputError
@@ -67,30 +66,20 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
         raise InputError("estimate: the run stored no named points; leave out points=False")
     if system.serves is not None:
         return range_modes.of_range(run, plan, progress)
-    origin = system.origin
-    if origin is None:
-        if system.made_for or not (system.T is None or sparse.issparse(system.T)):
-            raise InputError(
-                "estimate: the full system that this model was made from is not known: it was "
-                "loaded from a file or projected by hand. Give a run of a model as reduce or "
-                "condense return it"
-            )
-        errors = step_estimate.of_full(system, run, plan, progress)
-        return _with_coulomb(errors, partial(against_coulomb, system, run, plan, progress=progress))
-    _check_origin(system, origin)
-    errors = of_run(origin.system, origin.basis, run, plan, progress)
+    full, basis = system, None
+    if system.origin is not None:
+        _check_origin(system, system.origin)
+        full, basis = system.origin.system, system.origin.basis
+    elif system.made_for or not (system.T is None or sparse.issparse(system.T)):
+        raise InputError(
+            "estimate: the full system that this model was made from is not known: it was loaded "
+            "from a file or projected by hand. Give a run of a model as reduce or condense return "
+            "it"
+        )
+    errors = of_run(full, basis, run, plan, progress)
     V = None if errors.missing is None else errors.missing.V
-    apart = partial(against_coulomb, origin.system, run, plan, origin.basis, V, progress)
-    return _with_coulomb(errors, apart)
-
-
-def _with_coulomb(errors: Estimate, compared: Callable[[], Parts | None]) -> Estimate:
-    """Copy with the distance from Coulomb's law, if that is not the law itself.
-
-    It is not known, which is logged, where a run under that law does not converge.
-    """
     try:
-        apart = compared()
+        apart = against_coulomb(full, run, plan, basis, V, progress)
     except ConvergenceError as error:
         _log.warning("The distance from Coulomb's law is not known: %s", error)
         apart = dict.fromkeys(QUANTITIES)
@@ -137,15 +126,12 @@ def of_run(
 ) -> Estimate:
     """Errors of a model's run: a reduced one's, or without ``basis`` the full one's.
 
-    Those of a model for a range are estimated by what it carries, those of a condensed or
-    reduced one with contact that opens by :mod:`skfem_joint.analysis.opening_estimate`.
+    Those of a model for a range are estimated by what it carries.
     """
     if run.system.serves is not None:
         return range_modes.of_range(run, plan, progress)
     if basis is None:
-        return step_estimate.of_full(system, run, plan, progress)
-    if system.contact.opens:
-        if not sparse.issparse(run.system.contact.B):
-            return opening_estimate.of_reduced(system, run, plan, progress)
-        return opening_estimate.of_condensed(system, basis, run, plan, progress)
-    return of_reduced(system, basis, run.system, plan, run, progress)
+        return rungs.of_full(system, run, plan, progress)
+    if sparse.issparse(run.system.contact.B):
+        return rungs.of_condensed(system, basis, run, plan, progress)
+    return rungs.of_reduced(system, basis, run.system, plan, run, progress)

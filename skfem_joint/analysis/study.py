@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.analysis import run_estimate, step_estimate
+from skfem_joint.analysis import run_estimate, rungs
 from skfem_joint.analysis.accuracy import Choice, InRange, choose, shortened_steps, stated
 from skfem_joint.analysis.active_region import region_of
 from skfem_joint.analysis.against_coulomb import against_coulomb
@@ -262,7 +262,7 @@ def _full(study: Study, choice: Choice, path: QuasiStatic | None, integrate: _In
     scene, run, errors = shortened_steps(
         study.scene,
         partial(_named_places, study, integrate, study.system),
-        partial(step_estimate.of_full, study.system),
+        partial(rungs.of_full, study.system),
     )
     study = replace(study, scene=scene).noting(*_of_accuracy("full", scene, errors))
     active = _active(study, run.slip_peak, run.slider_peak)

@@ -52,7 +52,7 @@ the arctangent, and have to be revised too:
   `skfem_joint.analysis.summary` use the same creep;
 - `skfem_joint.reduction.basis.reduced_system` and `static_path`: beta is limited to the inverse of
   the slip velocity that modes resolve, for the law is steep where z < 1;
-- `skfem_joint.analysis.estimate`: the error of a less steep law is proportional to 1 / beta.
+- `skfem_joint.analysis.rungs`: the error of a less steep law is proportional to 1 / beta.
 
 To add a law beside the arctangent takes more, since a contact point carries no kind of law, only
 its beta, and the value ``inf`` stands for Coulomb's law. A kind, or a further parameter, has to

@@ -7,7 +7,7 @@ and the steepness of the reduced law of friction are chosen by that.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,12 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.reduction.elastic_contact import elastic
-from skfem_joint.reduction.friction_points import NO_FRICTION, friction_lost, merged_points
+from skfem_joint.reduction.friction_points import (
+    NO_FRICTION,
+    friction_lost,
+    merged_points,
+    shared_points,
+)
 from skfem_joint.reduction.pod import ProperModes, orthonormal, thinned
 from skfem_joint.system import System
 
@@ -220,6 +225,18 @@ class Basis:
             if lost <= SETTINGS.most_lost:
                 break
         return merged
+
+    def merging(self, system: System, many: int, count: int) -> Callable[[System], System]:
+        """What merges points of models of a system that slip alike in the run of this basis.
+
+        It takes models with all points, and leaves them as they are if these are no more than
+        ``many``; else it leaves ``count`` points.
+        """
+        if system.contact.count <= many:
+            return lambda small: small
+        narrow, carrying = system.project(self.V), np.flatnonzero(system.contact.w)
+        merged = merged_points(narrow, self.history.velocities, carrying, count).contact
+        return lambda small: shared_points(small, merged.shares, merged.w)
 
     def enriched(self, system: System, V: FloatArray, velocities: FloatArray) -> Basis:
         """Basis of more vectors V (n, k), with the velocities (times, k) of a run on them.

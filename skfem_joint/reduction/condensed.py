@@ -141,6 +141,14 @@ def condensed_system(system: System, V: FloatArray) -> System:
     return small.with_contact(normal=replace(inner.contact.normal, N=N))
 
 
+def interface_modes_in(system: System, V: FloatArray) -> int:
+    """Number of fixed-interface modes in a condensed basis ``V`` (n, j) of a system."""
+    inner = carrying(system)
+    if not slips_are_unknowns(inner):
+        inner, _ = inner.with_slips_as_unknowns()
+    return int(V.shape[1] - kept_unknowns(inner).size)
+
+
 def kept_unknowns(system: System) -> IntArray:
     """Unknowns of contact: the slips in the order of their rows, then others that approach.
 

@@ -31,13 +31,12 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.cluster.hierarchy import fclusterdata
 
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.arrays import FloatArray
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed, condensed
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.minimise import law
 from skfem_joint.minimise.springs import friction_along
-from skfem_joint.reduction.pod import orthonormal
-from skfem_joint.stepping.arrangement import picks_unknowns
+from skfem_joint.reduction.pod import modes_beyond
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 
@@ -58,8 +57,6 @@ class ResidualSettings:
         Smallest spring, over the largest.
     negligible : float
         Singular values below this share of the largest are left out.
-    inside : float
-        A new mode with this share of its mass in the span of others is round-off of these.
     """
 
     instants: int = 100
@@ -67,7 +64,6 @@ class ResidualSettings:
     rate: float = 10.0
     least_spring: float = 1e-6
     negligible: float = 1e-8
-    inside: float = 1.0 - 1e-6
 
 
 SETTINGS = ResidualSettings()
@@ -120,11 +116,6 @@ class Residual:
         return sparse.csc_array(shifted(self.system.K, self.system.M))
 
     @cached_property
-    def _carrying(self) -> IntArray:
-        """Slip rows of points that carry friction."""
-        return np.flatnonzero(self.system.contact.on_rows(self.system.contact.w))
-
-    @cached_property
     def _condensed(self) -> Uncondensed:
         """Schur complement of the stiffness: springs will be added to the contact unknowns."""
         moved = np.unique(sparse.csr_array(self.system.contact.B).indices)
@@ -152,15 +143,8 @@ class Residual:
         left = system.load_vectors() @ system.load_amplitudes(run.field_times)
         motions = acceleration(run), run.v.T, run.u.T
         for A, x in zip((system.M, system.C, system.K), motions, strict=True):
-            # The cheaper order of products: a condensed model has more unknowns than frames.
-            left -= (A @ V) @ x if V.shape[1] < x.shape[1] else A @ (V @ x)
-        if picks_unknowns(
-            run.system.contact.B
-        ):  # condensed: its friction is that of the same points
-            sigma = np.zeros((len(run.v), system.contact.B.shape[0]))
-            sigma[:, self._carrying] = run.sigma
-        else:
-            sigma = self._friction(V, run)
+            left -= (A @ V) @ x
+        sigma = self._friction(V, run)
         return np.asarray(
             left - system.contact.B.T @ (system.contact.on_rows(system.contact.w) * sigma).T
         )
@@ -197,15 +181,10 @@ class Residual:
         return np.asarray(springs)
 
     def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:
-        """Responses (n, frames), m, to the residual: first without springs, then with these.
-
-        A condensed model has all slips in its basis, and the first response alone.
-        """
+        """Responses (n, frames), m, to the residual: first without springs, then with these."""
         R, whole = self.forces(V, run), self._condensed
         right, still = whole.restrict(np.ascontiguousarray(R))
         yield whole.extend(self._free(right), still)
-        if picks_unknowns(run.system.contact.B):
-            return
         springs = self._springs(V, run, R)
         least = SETTINGS.least_spring * max(float(springs.max(initial=0.0)), 1e-300)
         springs = np.log(np.maximum(springs, least))
@@ -227,7 +206,7 @@ class Residual:
         Parameters
         ----------
         V : ndarray, shape (n, j)
-            Basis of the run.
+            Basis of the run, orthonormal in mass.
         run : Run
             With stored fields.
         most : int
@@ -237,36 +216,11 @@ class Residual:
         Returns
         -------
         ndarray, shape (n, k)
-            Orthonormal in mass, and to V. Without slips if those are coordinates of the run.
+            Orthonormal in mass, and to V.
         """
-        system, M = self.system, self.system.M
-        modes = V[:, :0]
-        responses = list(self._responses(V, run))
-        each = most // len(responses)
-        for X, more in [*((X, each) for X in responses), (known, most)]:
-            whole = float(np.vdot(X, self._stiffness @ X))
-            MN = M @ modes
-            between = V.T @ MN
-            gram = np.block([[run.system.M, between], [between.T, modes.T @ MN]])
-            for _ in range(2):  # twice, because of round-off
-                share, _ = _nearest(V, modes, gram, M @ X)
-                X = X - V @ share[: V.shape[1]]
-                X -= modes @ share[V.shape[1] :]
-            if picks_unknowns(run.system.contact.B):
-                X = X - V @ (run.system.contact.B.T @ (system.contact.B[self._carrying] @ X))
-            sizes, turn = np.linalg.eigh(X.T @ (self._stiffness @ X))
-            counting = np.flatnonzero(sizes > SETTINGS.negligible**2 * whole)[::-1]
-            first = counting[: min(more, system.n - V.shape[1] - modes.shape[1])]
-            if first.size:
-                new = orthonormal(X @ turn[:, first], M)
-                inside = np.einsum("ij,ij->j", *_nearest(V, modes, gram, M @ new))
-                modes = np.hstack([modes, new[:, inside < SETTINGS.inside]])
-        return modes
-
-
-def _nearest(
-    V: FloatArray, modes: FloatArray, gram: FloatArray, MX: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Coordinates in [V modes] of the motions nearest to X, and the products [V modes]ᵀ M X."""
-    right = np.vstack([V.T @ MX, modes.T @ MX])
-    return linalg.solve(gram, right, assume_a="pos"), right
+        M, stiffness, wide = self.system.M, self._stiffness, V
+        motions = [(X, most // 2) for X in self._responses(V, run)]
+        for X, more in (*motions, (known, most)):
+            new = modes_beyond(wide, X, M, stiffness, SETTINGS.negligible, more)
+            wide = np.hstack([wide, new])
+        return wide[:, V.shape[1] :]

@@ -249,3 +249,38 @@ def orthonormal(V: FloatArray, M: Matrix) -> FloatArray:
     if np.all(keep):
         return np.asarray(solve_triangular(np.linalg.cholesky(gram), V.T, lower=True).T)
     return np.asarray(V @ (vectors[:, keep] / np.sqrt(values[keep])))
+
+
+def modes_beyond(
+    V: FloatArray, X: FloatArray, M: Matrix, stiffness: Matrix, negligible: float, most: int
+) -> FloatArray:
+    """Proper modes of what motions have beyond the span of a basis, the most important first.
+
+    Parameters
+    ----------
+    V : ndarray, shape (n, j)
+        Basis, orthonormal in mass.
+    X : ndarray, shape (n, s)
+        Motions.
+    M, stiffness : matrix, shape (n, n)
+        The modes are proper in the norm of the second, and orthonormal in the first.
+    negligible : float
+        Singular values below this share of the norm of all motions are left out.
+    most : int
+        Most modes.
+
+    Returns
+    -------
+    ndarray, shape (n, k)
+        Orthonormal in mass, and to V.
+    """
+    whole = float(np.vdot(X, stiffness @ X))
+    for _ in range(2):  # twice, because of round-off
+        X = X - V @ (V.T @ (M @ X))
+    sizes, turn = np.linalg.eigh(X.T @ (stiffness @ X))
+    counting = np.flatnonzero(sizes > negligible**2 * whole)[::-1]
+    first = counting[: min(most, V.shape[0] - V.shape[1])]
+    new = orthonormal(X @ turn[:, first], M)
+    inside = ((V.T @ (M @ new)) ** 2).sum(axis=0)
+    # A mode with more of its mass in the span of the basis is round-off.
+    return new[:, inside < 1.0 - 1e-6]

@@ -9,7 +9,7 @@ import pytest
 import skfem_joint as sj
 from skfem_joint.analysis import condensed_reference
 from skfem_joint.analysis.condensed_reference import CondensedReference
-from skfem_joint.analysis.estimate import Estimate, _left, left_of_steps, verification_run
+from skfem_joint.analysis.estimate import Estimate, verification_run
 from skfem_joint.analysis.history import (
     QUANTITIES,
     Results,
@@ -17,6 +17,8 @@ from skfem_joint.analysis.history import (
     joint_differences,
     results,
 )
+from skfem_joint.analysis.ladder import HALVED, Series
+from skfem_joint.analysis.rungs import MODES_ADDED
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.system import System
 
@@ -98,22 +100,21 @@ def test_a_large_contact_has_no_condensed_model(plate, limits, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("rest_of", "ratios"),
-    [(lambda one, two: _left([one, two]), (0.1, 0.4, 0.75)), (left_of_steps, (0.25, 0.35, 0.5))],
+    ("series", "ratios"), [(MODES_ADDED, (0.1, 0.4, 0.75)), (HALVED, (0.25, 0.35, 0.5))]
 )
-def test_the_rest_of_a_geometric_series_is_exact(rest_of, ratios):
+def test_the_rest_of_a_geometric_series_is_exact(series: Series, ratios):
     one = dict.fromkeys(QUANTITIES, 2.0)
     for ratio in ratios:
         two = dict.fromkeys(QUANTITIES, 2.0 * ratio)
         whole = 2.0 / (1.0 - ratio)
-        for rest in rest_of(one, two).values():
+        for rest in series.rest([one, two]).values():
             assert 2.0 + 2.0 * ratio + rest == pytest.approx(whole, rel=1e-12)
-    (rest,) = set(rest_of(one, dict.fromkeys(QUANTITIES, 0.0)).values())
+    (rest,) = set(series.rest([one, dict.fromkeys(QUANTITIES, 0.0)]).values())
     assert rest == 0.0
 
 
 def test_half_a_step_alone_is_taken_to_be_of_second_order():
-    for rest in left_of_steps(None, dict.fromkeys(QUANTITIES, 3.0)).values():
+    for rest in HALVED.rest([dict.fromkeys(QUANTITIES, 3.0)]).values():
         assert 3.0 + rest == pytest.approx(4.0, rel=1e-12)
 
 

@@ -8,7 +8,7 @@ from benchmarks.estimates import judged
 from joint_scenes import bar_scene, harmonic, joint, lap_joint, plate, plate_scene, steps_taken
 from scipy import linalg
 
-from skfem_joint.analysis import accuracy, estimate
+from skfem_joint.analysis import accuracy, estimate, rungs
 from skfem_joint.analysis import study as study_module
 from skfem_joint.analysis.estimate import verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
@@ -127,9 +127,9 @@ def test_the_error_of_merged_points_is_stated(sets, monkeypatch):
     every = every.with_contact(beta=np.minimum(every.contact.beta, small.contact.beta.max()))
     few = merged_points(every, basis.history.velocities, np.flatnonzero(every.contact.w), sets)
     true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
-    monkeypatch.setattr(estimate, "MANY", 0)
-    monkeypatch.setattr(estimate, "MERGED", sets)
-    stated = estimate.of_reduced(system, basis, few, plan).parts["points"]
+    monkeypatch.setattr(rungs, "MANY", 0)
+    monkeypatch.setattr(rungs, "MERGED", sets)
+    stated = rungs.of_reduced(system, basis, few, plan).parts["points"]
     for name in QUANTITIES:
         one, other = stated[name] or 0.0, true[name] or 0.0
         assert 0.5 * other - 1e-4 < one < 2.0 * other + 5e-3

@@ -11,7 +11,7 @@ from joint_scenes import plate_scene
 import skfem_joint as sj
 from skfem_joint import cli
 from skfem_joint.analysis import error_time, response
-from skfem_joint.analysis.against_opening import OpeningSettings, against_opening
+from skfem_joint.analysis.against_opening import against_opening
 from skfem_joint.analysis.description import describe
 from skfem_joint.analysis.estimate import QUANTITIES
 from skfem_joint.analysis.rows import Rows
@@ -329,9 +329,7 @@ def test_check_says_when_that_is_not_computed(monkeypatch):
     constant = block(contact=BASE | {"contact": "constant"})
     assert against_opening(constant, 0.05) is None
     assert against_opening(constant, None) is None
-    monkeypatch.setattr(
-        "skfem_joint.analysis.against_opening.SETTINGS", OpeningSettings(most_contact=3)
-    )
+    monkeypatch.setattr("skfem_joint.analysis.against_opening.MOST_CONTACT", 3)
     told = against_opening(constant, 0.5)
     assert "was not computed: 7 contact unknowns in 28 are more than 3" in told
     assert "time.quasi_static = true" in told

@@ -10,11 +10,12 @@ from random_contact import random_contact
 from stepping_systems import oscillator
 
 import skfem_joint as sj
-from skfem_joint.analysis import estimate, step_estimate
+from skfem_joint.analysis import estimate, rungs
 from skfem_joint.analysis.estimate import verification_run
 from skfem_joint.analysis.history import QUANTITIES, difference, results
+from skfem_joint.analysis.ladder import HALVED, STEP, Ladder
+from skfem_joint.analysis.rungs import of_full
 from skfem_joint.analysis.scene_plan import plan_of
-from skfem_joint.analysis.step_estimate import by_finer_steps, of_full
 from skfem_joint.analysis.study import run_scene
 from skfem_joint.contacts import Contact
 from skfem_joint.loads import Harmonic, MultiHarmonic
@@ -78,6 +79,14 @@ def test_a_higher_mode_that_twice_the_step_misses_is_stated():
     true = distance(response(h), exact)
     assert distance(response(2.0 * h), response(h)) / 3.0 < 0.4 * true
     assert 0.8 * true < driven(system, base, steps) < 1.5 * true
+
+
+def by_finer_steps(run: Run, *finer: Run) -> sj.Estimate:
+    """Errors of a run from those with half of its step, a quarter and so on."""
+    way = Ladder(run)
+    for better in finer:
+        way.add(STEP, better, HALVED)
+    return way.estimate()
 
 
 def off(run: Run, error: float) -> Run:
@@ -161,7 +170,7 @@ def large(monkeypatch):
         return real(one, two, **options)
 
     monkeypatch.setattr(estimate, "integrate_plan", counted)
-    monkeypatch.setattr(step_estimate, "SMALL", 0.0)
+    monkeypatch.setattr(rungs, "SMALL", 0.0)
     return system, plan, run, taken
 
 
@@ -182,8 +191,8 @@ def test_a_large_model_without_a_good_reduced_one_is_run_with_half_the_step(
 ):
     system, plan, run, taken = large
     if why == "too poor":
-        monkeypatch.setattr(step_estimate, "TRUSTED", 0.0)
-        monkeypatch.setattr(step_estimate, "NEGLIGIBLE", 0.0)
+        monkeypatch.setattr(rungs, "TRUSTED", 0.0)
+        monkeypatch.setattr(rungs, "NEGLIGIBLE", 0.0)
     else:
         system = replace(system, contact=Contact.none(system.n))
         run = verification_run(system, plan)

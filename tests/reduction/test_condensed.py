@@ -9,8 +9,8 @@ from bodies import MU, structure
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.analysis.estimate import of_reduced
 from skfem_joint.analysis.history import compare
+from skfem_joint.analysis.rungs import of_condensed
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -130,7 +130,7 @@ def test_estimate_tells_what_missing_modes_cost():
     small = condensed_system(system, basis.V)
     plan = Plan(**TIMES, save=sj.Save(fields=True))
     full, run = (integrate_plan(model, plan) for model in (system, small))
-    found, true = of_reduced(system, basis, small, plan, run), compare(full, run)
+    found, true = of_condensed(system, basis, run, plan), compare(full, run)
     stated = found.of("basis", "displacement_rms")
     assert 0.5 * true.displacement_rms < stated < 2.0 * true.displacement_rms
     for source in ("law", "points"):  # those of the full model
