@@ -7,13 +7,12 @@
 - `front_elimination.Chain`, for tridiagonal matrices: `front_elimination` decides between stick and
   slip under Coulomb's law; else its `minty_newton` evaluates the law by `law.graph`;
 - `dense_loop.Dense`, for dense matrices: evaluates the law by `law.forces`, and with springs in
-  series by `law.sprung_force` and its kin.
+  series by `law.sprung_force` and its kin;
+- `dense_pressures.Following`, for dense matrices with elastic contact that opens: the same law.
 
 Other systems are not stepped in that loop but by `steppers.PythonStepper`, one minimisation at a
-time: sparse ones by `contact_newton` or `condensed_newton`, whose `contact_loops` evaluate the law
-by `law.sigma`, `law.resolvent`, `law.add_tangent` and the same with springs; dense ones whose
-contact opens by `primal_dual_newton`, with the problems `Following` and `Kept` of
-`dense_pressures`.
+time: by `contact_newton` or `condensed_newton`, whose `contact_loops` evaluate the law by
+`law.sigma`, `law.resolvent`, `law.add_tangent` and the same with springs.
 """
 
 # mypy: allow-untyped-defs
@@ -125,6 +124,13 @@ class CompiledStepProblem(StepProblem, Protocol):
 
     def resume(self, v: FloatArray, sigma: FloatArray) -> None:
         """Prepare for steps from a velocity and friction after steps with another matrix."""
+
+    def rescue(self, g: FloatArray, v: FloatArray, tolerance: float) -> dict[str, int]:
+        """Minimise for a right side for which `minimise_step` has just failed, by other means.
+
+        Returns the work, and `minimise_step` then starts from the minimum; nothing where there is
+        no other way, or it fails too.
+        """
 
     def with_matrix(self, H: Any, points: ContactPoints | None = None) -> CompiledStepProblem:
         """See `StepProblem`; ``points`` are the same contact points with other laws."""

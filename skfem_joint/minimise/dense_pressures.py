@@ -36,7 +36,7 @@ from skfem_joint.linalg.kernels import (
     sum_of_products,
     sum_of_triple_products,
 )
-from skfem_joint.minimise.compiled_step import Places, minimise_step
+from skfem_joint.minimise.compiled_step import Places, minimise_step, slips
 from skfem_joint.minimise.dense_loop import (
     SETTINGS,
     DenseRows,
@@ -99,7 +99,8 @@ class PressureRows(NamedTuple):
     listed : ndarray of int, shape (q,)
         Pressure points whose tangents changed.
     watch : ndarray, shape (3,)
-        Least residual up to now, N, iterations since it halved last, and of limits that follow the
+        Least residual up to now, N, iterations since it halved last, which are none between
+        minimisations with limits that follow, and of limits that follow the
         largest normal force on an unknown, of others the residual that is enough, N.
     """
 
@@ -171,7 +172,8 @@ def pressure_rows(points: ContactPoints, places: Places) -> PressureRows:
     held, X, Y = np.zeros((3, n, q))
     arrays: list[Any] = [N, np.array(normal.stiffness, dtype=float), bound, *compressed, given]
     arrays += [flexible, steep, *forces, held, U.reshape((n, n)), np.zeros(n, np.int64), pushed]
-    arrays += [tried, left, old_w, old_sigma, slip, rows, X, Y, np.zeros(q, np.int64), np.zeros(3)]
+    arrays += [tried, left, old_w, old_sigma, slip, rows, X, Y, np.zeros(q, np.int64)]
+    arrays += [np.array([np.inf, 0.0, 0.0])]
     return PressureRows._make(arrays)
 
 
@@ -488,12 +490,20 @@ def _enough_or_at_rest(problem, largest):
 
 @compiled_for(minimise_step, Following)
 def _minimise_following(problem, workspace, right, v, tolerance):
-    return minimise_from(problem, workspace, right, v, tolerance)
+    outcome = minimise_from(problem, workspace, right, v, tolerance)
+    problem.normal.watch[0], problem.normal.watch[1] = inf, 0.0  # of the next minimisation
+    return outcome
 
 
 @compiled_for(minimise_step, Kept)
 def _minimise_kept(problem, workspace, right, v, tolerance):
     return minimise_from(problem, workspace, right, v, tolerance)
+
+
+@compiled_for(slips, Following)
+def _slips_of_following(problem, x, out):
+    combine_rows(problem.contact.B, x, out)
+    return out
 
 
 @compiled

@@ -527,6 +527,10 @@ class FrontElimination:
         if self.workspace.scale[0] != self.kernel.kappa:
             self._set_parameter(self.kernel, v, sigma)
 
+    def rescue(self, g: FloatArray, v: FloatArray, tolerance: float) -> dict[str, int]:
+        """See `CompiledStepProblem`: there is no other way."""
+        return {}
+
     def _set_parameter(self, chain: Chain, v: FloatArray, sigma: FloatArray) -> None:
         """Let the next minimisation start from a point of the law's graph."""
         space, n = self.workspace, v.size

@@ -116,7 +116,7 @@ class PrimalDualNewton:
         n, rows = len(self.H), self.limits.size
         space = dense_workspace(n, rows, points.w.size) if workspace is None else workspace
         self.workspace = space
-        self.kernel = Dense(self.H, self.contact)
+        self.kernel: Any = Dense(self.H, self.contact)
         if points.normal is not None:
             if np.isinf(points.normal.stiffness).any():
                 raise InputError(
@@ -130,7 +130,7 @@ class PrimalDualNewton:
             q = self.normal.bound.size
             self._presses = np.repeat(np.arange(q), np.diff(self.normal.point_start))
             self._gains = self.normal.gain.copy(), self.normal.point_gain.copy()
-            self.following = Following(self.H, self.contact, self.normal)
+            self.kernel = Following(self.H, self.contact, self.normal)
             self.kept = Kept(self.H, self.contact, self.normal)
         self.steps_per_second = max(1, 10_000_000 // (max(rows, 1) * n**2))
         self._own = self.contact.beta.copy()
@@ -238,22 +238,7 @@ class PrimalDualNewton:
     ) -> Minimum:
         """Minimise with contact that opens."""
         normal, places, space = self.normal, self.places, self.workspace
-        rubs = (pressed.given > 0.0) | self._follows
-        if np.isinf(law[rubs & ~self._sprung]).any():
-            raise InputError(
-                "contact that opens: set-valued Coulomb friction (beta = inf) needs one unknown "
-                "for each slip, which a reduced model has not; use System.no_steeper"
-            )
-        law = np.where(rubs, law, 0.0)
-        space.offset[places.row] = 0.0 if offset is None else offset
-        normal.bound[:] = pressed.bound
-        normal.given[places.point], normal.steep[places.point] = pressed.given, law
-        self.contact.beta[places.point] = law
-        factors = np.full(normal.bound.size, pressed.gain)
-        normal.gain[:] = self._gains[0] * factors[normal.column]
-        normal.point_gain[:] = self._gains[1] * factors[self._presses]
-        if self.contact.soft.size:  # a force of springs to compare with
-            keep_limits(self.contact, normal, self.points.w[np.argsort(places.point)])
+        self.press(law, offset, pressed)
         work: Counter[str] = Counter()
         outcome = self._follow(g, np.zeros(g.size) if start is None else start, tolerance, work)
         if not outcome.converged and np.isfinite(outcome.residual):
@@ -269,6 +254,41 @@ class PrimalDualNewton:
             self.contact.w[places.point],
         )
 
+    def press(self, law: FloatArray, offset: FloatArray | None, pressed: Pressed) -> None:
+        """Set the laws, offsets, bounds and limits of minimisations where contact opens."""
+        normal, places = self.normal, self.places
+        rubs = (pressed.given > 0.0) | self._follows
+        if np.isinf(law[rubs & ~self._sprung]).any():
+            raise InputError(
+                "contact that opens: set-valued Coulomb friction (beta = inf) needs one unknown "
+                "for each slip, which a reduced model has not; use System.no_steeper"
+            )
+        law = np.where(rubs, law, 0.0)
+        self.workspace.offset[places.row] = 0.0 if offset is None else offset
+        normal.bound[:] = pressed.bound
+        normal.given[places.point], normal.steep[places.point] = pressed.given, law
+        self.contact.beta[places.point] = law
+        factors = np.full(normal.bound.size, pressed.gain)
+        normal.gain[:] = self._gains[0] * factors[normal.column]
+        normal.point_gain[:] = self._gains[1] * factors[self._presses]
+        if self.contact.soft.size:  # a force of springs to compare with
+            keep_limits(self.contact, normal, self.points.w[np.argsort(places.point)])
+
+    def rescue(self, g: FloatArray, v: FloatArray, tolerance: float) -> dict[str, int]:
+        """See `CompiledStepProblem`: where contact opens, by limits that are kept for a while."""
+        space, work = self.workspace, Counter[str]()
+        kept = {name: getattr(space, name).copy() for name in self.remembered}
+        if self.points.normal is None:
+            return {}
+        outcome = self._follow(g, space.velocity.copy(), tolerance, work, 0)
+        if np.isfinite(outcome.residual):
+            outcome = self._renew(g, tolerance, outcome.residual, work)
+        self.restore(kept)
+        if not outcome.converged:
+            return {}
+        space.old_velocity[:] = 2.0 * v - space.velocity
+        return dict(work)
+
     def _follow(
         self,
         g: FloatArray,
@@ -281,9 +301,9 @@ class PrimalDualNewton:
 
         A ``patience`` of 0 finds out what the start is worth.
         """
-        left = SETTINGS.patience if patience is None else patience
-        self.normal.watch[:] = np.inf if left else 0.0, SETTINGS.patience - left, 0.0
-        return self._counted(self.following, g, start, tolerance, work)
+        if patience is not None:
+            self.normal.watch[:] = 0.0, SETTINGS.patience - patience, 0.0
+        return self._counted(self.kernel, g, start, tolerance, work)
 
     def _renew(
         self, g: FloatArray, tolerance: float, mark: float, work: Counter[str]

@@ -215,6 +215,5 @@ def choose(to: Arranged, *others: Any) -> Stepper:
     InputError
         For set-valued Coulomb friction in a dense system or on slips that depend on each other.
     """
-    opens = to.system.contact.opens
-    stepper = CompiledStepper if to.kind in ("chain", "dense") and not opens else PythonStepper
+    stepper = CompiledStepper if to.kind in ("chain", "dense") else PythonStepper
     return stepper(to.kind, to.system, *others)

@@ -61,14 +61,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.arrays import FloatArray, as_dense
 from skfem_joint.linalg.compressed import as_compressed
+from skfem_joint.minimise.compiled_step import Places
 from skfem_joint.minimise.limits import Hinges
 from skfem_joint.minimise.problem import (
     ContactPoints,
@@ -78,9 +79,13 @@ from skfem_joint.minimise.problem import (
     StepProblem,
 )
 from skfem_joint.minimise.touching import Touching
+from skfem_joint.stepping.loop_contact import Opening
 from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import Coefficients, State
 from skfem_joint.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
 
 Saved = Mapping[str, NDArray[Any]]
 
@@ -394,6 +399,55 @@ class NormalForces:
             raise ArithmeticError(
                 f"contact that opens: its normal forces did a work of {-lost:.3g} J in a step"
             )
+
+    def in_loop(self, places: Places, joint_points: int) -> Opening:
+        """Forces of elastic contact for the compiled loop over steps of a dense system.
+
+        ``places`` are those of the step problem, ``joint_points`` the points with friction of all
+        joints. What belongs to a step problem and to a run is not there yet, see `enter_loop`.
+        """
+        contact, (q, m) = self.part, (self.part.gap.size, self.limits.size)
+        rows, slides = places.row.size, m if self.system.contact.has_springs else 0
+        none, some = np.zeros(0), np.zeros((0, 0))
+        return Opening(
+            N=np.ascontiguousarray(as_dense(contact.N).T),
+            rest=np.asarray(self._faces @ contact.force),
+            apart=contact.gap - contact.force / contact.stiffness,
+            stiffness=np.array(contact.stiffness),
+            bound=none, pressing=none, w=none,
+            p=np.zeros(q), force=np.zeros(rows), limits=np.zeros(m),
+            new_force=np.zeros(rows), weight=np.ones(rows),
+            approach=np.zeros(q), share=np.zeros(joint_points),
+            slider_peak=np.zeros(slides),
+            peak=none, least=none, stored_p=some, stored_limits=some,
+        )  # fmt: skip
+
+    def enter_loop(self, loop: Opening, problem: PrimalDualNewton, recorder: Recorder) -> Opening:
+        """The same with the forces now, for steps of a problem."""
+        row, point = problem.places
+        loop.p[:] = self.normal.mean
+        loop.force[row], loop.limits[point] = self.friction.mean, self.limits
+        if loop.slider_peak.size:
+            loop.slider_peak[point] = recorder.slider_peak
+        none = np.full(self.normal.mean.size, np.inf)
+        problem.press(problem.points.beta, None, Pressed(none, self.system.contact.given))
+        return loop._replace(
+            bound=problem.normal.bound,
+            pressing=problem.normal.p,
+            w=problem.limits,
+            peak=recorder.normal_force_peak,
+            least=recorder.normal_force_least,
+            stored_p=recorder.normal_force[recorder.field_rows :],
+            stored_limits=recorder.limits[recorder.field_rows :],
+        )
+
+    def leave_loop(self, loop: Opening, places: Places, recorder: Recorder) -> None:
+        """Take over the forces at the end of steps in the loop; earlier ones do not matter."""
+        self.normal = NormalState(*np.repeat(loop.p[None], 3, axis=0))
+        self.friction = FrictionState.at(loop.force[places.row])
+        self.limits = loop.limits[places.point]
+        if loop.slider_peak.size:
+            recorder.slider_peak[:] = loop.slider_peak[places.point]
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that steps depend on, for a checkpoint."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache, partial
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -181,8 +182,8 @@ def _too_long(step: float, bounds: Iterable[Bound]) -> Iterator[str]:
 
 def _load_bounds(system: System, duration: float, vibrates: bool = True) -> Iterator[Bound]:
     """Longest steps by the periods and rise times of the loads."""
-    system = _as_closed(system)
-    for load, peak in _acting(system, duration):
+    closed = cache(partial(_as_closed, system))
+    for number, load, peak in _acting(system, duration):
         amplitude, name = load.amplitude, _name(load)
         frequency = amplitude.highest_frequency
         if frequency is None:
@@ -194,37 +195,43 @@ def _load_bounds(system: System, duration: float, vibrates: bool = True) -> Iter
         rise = 0.5 / frequency
         most = rise / SETTINGS.per_rise
         if vibrates and not _is_round(amplitude, peak):
-            most = max(most, _period(system, load.vector) / SETTINGS.per_vibration)
+            shape = closed().loads[number].vector
+            most = max(most, _period(closed(), shape) / SETTINGS.per_vibration)
         yield Bound(name, most, f"is too long for a pulse that rises in {rise:.4g} s")
 
 
 def _jump_bounds(system: System, duration: float) -> Iterator[Bound]:
     """Longest steps by the free vibration that the loads' jumps set off."""
-    system = _as_closed(system)
-    for load, peak in _acting(system, duration):
+    closed = cache(partial(_as_closed, system))
+    for number, load, peak in _acting(system, duration):
         amplitude, end = load.amplitude, duration * (1.0 - 1e-9)
         jumps = any(0.0 <= t < end for t in amplitude.jumps)
         if jumps or abs(float(amplitude(0.0))) > 1e-6 * peak:
-            period = _period(system, _static_shape(system, peak * load.vector))
+            shape = _static_shape(closed(), peak * closed().loads[number].vector)
+            period = _period(closed(), shape)
             why = f"does not follow the vibration of period {period:.4g} s that its jump sets off"
             most = period / SETTINGS.per_vibration
             yield Bound(_name(load), most, why, ", or let the load rise in a ramp")
 
 
 def _as_closed(system: System) -> System:
-    """System whose contact stays as it is at rest, where its unknowns tell which those are."""
+    """System whose contact stays as it is at rest, where its unknowns tell which those are.
+
+    That takes as long as hundreds of steps of a large condensed system: where nothing is too fast
+    or jumps it is not needed.
+    """
     return system.closed() if sparse.issparse(system.contact.normal.N) else system
 
 
-def _acting(system: System, duration: float) -> Iterator[tuple[AppliedLoad, float]]:
-    """Loads that do something, with their largest force, N: sampled where it is not known."""
-    for load in system.loads:
+def _acting(system: System, duration: float) -> Iterator[tuple[int, AppliedLoad, float]]:
+    """Loads that do something: number, load, and largest force, N, sampled where not known."""
+    for number, load in enumerate(system.loads):
         peak = load.amplitude.peak_value
         if peak is None:
             times = np.linspace(0.0, duration, SETTINGS.samples)
             peak = float(np.abs(load.amplitude(times)).max())
         if peak != 0.0 and np.any(load.vector):
-            yield load, peak
+            yield number, load, peak
 
 
 def _name(load: AppliedLoad) -> str:

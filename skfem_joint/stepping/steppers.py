@@ -1,12 +1,11 @@
 """Steppers: each advances one system by equal implicit steps.
 
 `Stepper` is what the driver needs. There are two. `CompiledStepper` does many steps in one call of
-the compiled loop (`time_loop`), for chains and small dense systems whose contact does not open.
-`PythonStepper` does them one by one in Python, for all others: systems without friction, whose
-steps are one linear solution each, large sparse systems, whose step problems take much longer than
-the lines of Python around them, and systems of any kind whose contact opens. What contact has from
-step to step beside the state is in its `forces`: `ConstantForces`, or `NormalForces` where it
-opens.
+the compiled loop (`time_loop`), for chains and small dense systems. `PythonStepper` does them one
+by one in Python, for all others: systems without friction, whose steps are one linear solution
+each, and large systems, whose step problems take much longer than the lines of Python around them.
+What contact has from step to step beside the state is in `Stepper.forces`: `ConstantForces`, or
+`NormalForces` where it opens.
 """
 
 from __future__ import annotations
@@ -32,6 +31,7 @@ from skfem_joint.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.minimise.compiled_step import CompiledStepProblem
+    from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
     from skfem_joint.stepping.normal_forces import NormalForces
 
 Saved = Mapping[str, NDArray[Any]]
@@ -75,6 +75,7 @@ class Stepper(ABC):
     ----------
     now : State
         ``sigma`` may have an order of its own, see :meth:`state`.
+    forces : ConstantForces or NormalForces
     counts : dict
         Work done so far, by names of :class:`skfem_joint.stepping.recording.Counters`.
     prepared : dict
@@ -107,11 +108,16 @@ class Stepper(ABC):
         self.prepared: dict[Coefficients, StepProblem] = {}
         rest = *np.zeros((2, system.n)), np.zeros(system.contact.B.shape[0])
         self.now = State(np.array(u), np.array(v), *rest)
+        self.forces: ConstantForces | NormalForces = ConstantForces()
+        if system.contact.opens:
+            from skfem_joint.stepping.normal_forces import NormalForces  # loads the compiler
+
+            self.forces = NormalForces(system)
 
     @property
     def limits_now(self) -> FloatArray | None:
         """Friction limits now, (m,), N; None where they are those of the system."""
-        return None
+        return self.forces.limits
 
     @abstractmethod
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
@@ -132,6 +138,11 @@ class Stepper(ABC):
             self.counts["factorizations"] += new.factorizations
         return self.prepared[c]
 
+    def made(self, H: Any, points: ContactPoints) -> StepProblem:
+        """Problem of a matrix in the unknowns of the steps."""
+        dense = self.kind == "dense"
+        return step_problem(as_dense(H) if dense else as_compressed(H), points, self.kind)
+
     def restart(self, amplitudes: FloatArray) -> bool:
         """Make the acceleration consistent with the loads now (at the start, or after a jump).
 
@@ -139,6 +150,13 @@ class Stepper(ABC):
         friction minimise the step problem of the mass with these points alone. False, and the
         failure noted, where none is found.
         """
+        if not isinstance(self.forces, ConstantForces):
+            loads = self.recorder.vectors @ amplitudes
+            minimum = self.forces.restart(self.state(), loads, self.tolerance, self.made)
+            if minimum.converged:
+                self.started(minimum.v, minimum.sigma)
+            self.failure = FailedStep(minimum.residual, minimum.where)
+            return minimum.converged
         s, (u, v) = self.system, self.now[:2]
         slip, limits = s.contact.B @ v, s.contact.on_rows(s.contact.w)
         at_rest, sigma = self.points.at_rest(slip), np.zeros(slip.size)
@@ -216,20 +234,23 @@ class Stepper(ABC):
     @property
     def beside(self) -> FloatArray:
         """Numbers that a step starts from beside ``now``; those of friction are none."""
-        return np.zeros(0)
+        return self.forces.beside
 
     def go_on(self, now: State, beside: FloatArray) -> None:
         """Go on from a state and the numbers beside it."""
-        del beside
         self.now = now
+        if beside.size:
+            self.forces.go_on(beside)
 
     def set_limits(self, limits: FloatArray) -> None:
         """Start with friction limits, (m,), N, where they change."""
-        del limits
-        raise TypeError(f"{type(self).__name__} has constant friction limits")
+        if isinstance(self.forces, ConstantForces):
+            raise TypeError(f"{type(self).__name__} has constant friction limits")
+        self.forces.limits = np.array(limits)
 
-    def store_start(self) -> None:  # noqa: B027
+    def store_start(self) -> None:
         """Store what a start has beside its state."""
+        self.forces.store(self.recorder, 0)
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that steps depend on, between two calls of :meth:`advance`, for a checkpoint."""
@@ -251,7 +272,7 @@ class Stepper(ABC):
             "frequency": np.array(self.frequency),
             "steps": np.reshape(np.array(list(self.prepared), dtype=float), (-1, width)),
             "counts": np.array(list(self.counts.values())),
-        }
+        } | self.forces.saved()
 
     def check(self, saved: Saved) -> None:
         """See that arrays are such as :meth:`saved` gives at some moment of this run.
@@ -281,6 +302,7 @@ class Stepper(ABC):
             problem = self.problem(Coefficients._make([*row[:-1], bool(row[-1])]))
             problem.restore(_of_problem(saved, k))
         self.counts = dict(zip(self.counts, saved["counts"].tolist(), strict=True))
+        self.forces.restore(saved)
 
 
 def _of_problem(saved: Saved, k: int) -> dict[str, NDArray[Any]]:
@@ -300,22 +322,21 @@ class CompiledStepper(Stepper):
 
     COUNTS = (
         *("newton_iterations", "nested_solves", "descents", "line_searches"),
-        *("friction_evaluations", "largest_iterations"),
+        *("friction_evaluations", "largest_iterations", "renewed_limits"),
     )
     most_at_once = 20_000
 
     def __init__(self, kind: str, system: System, *others: Any) -> None:
         super().__init__(kind, system, *others)
         s = self.system
-        if kind == "dense" and np.any(
-            np.isinf(s.contact.beta[(s.contact.w > 0.0) & ~s.contact.sprung])
-        ):
+        if kind == "dense" and np.any(np.isinf(s.contact.beta[s.contact.rubs & ~s.contact.sprung])):
             raise InputError(
                 "set-valued Coulomb friction (beta = inf) without springs needs one unknown for "
                 "each contact point, which a reduced or dense system has not; use System.with_beta "
                 "with a finite beta"
             )
         from skfem_joint.linalg.kernels import Full, bands
+        from skfem_joint.stepping.loop_contact import Constant
         from skfem_joint.stepping.time_loop import LoopSystem, loop_workspace
 
         form = bands if kind == "chain" else lambda A: Full(as_dense(A))
@@ -331,14 +352,23 @@ class CompiledStepper(Stepper):
         start, point, value, share, sliding, creep = self.recorder.joints
         joints = start, own.places.point[point], value, share, sliding, creep
         places = own.places.row, own.places.point
-        stretch = self.placed(s.contact.spring_stretch) if s.contact.has_springs else np.zeros(0)
+        stretch = np.zeros(0)
+        if s.contact.has_springs:
+            changing = s.contact.opens
+            taken = s.contact.spring_flexibility if changing else s.contact.spring_stretch
+            stretch = self.placed(taken)
         self.loop_system = LoopSystem(M, C, K, loads, observed, joints, *places, stretch)
+        self.loop_contact: Any = Constant(own.limits, *3 * [np.zeros(0)])
+        if not isinstance(self.forces, ConstantForces):
+            self.loop_contact = self.forces.in_loop(own.places, share.size)
 
     def new_problem(self, c: Coefficients) -> CompiledStepProblem:
         """See `Stepper`."""
         M, C, K = self.loop_system[:3]
         H = type(M)(*(c.c_M * m + d + c.c_K * k for m, d, k in zip(M, C, K, strict=True)))
-        return self.own.with_matrix(H, self.of_step(c) if self.system.contact.has_springs else None)
+        contact = self.system.contact
+        changes = contact.has_springs or contact.opens
+        return self.own.with_matrix(H, self.of_step(c) if changes else None)
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
         """Go on with friction in the order of the problem."""
@@ -360,30 +390,55 @@ class CompiledStepper(Stepper):
         """See `Stepper`."""
         return np.asarray(sigma[self.own.places.row])
 
+    def go_on(self, now: State, beside: FloatArray) -> None:
+        """See `Stepper`; where contact opens earlier steps are forgotten."""
+        super().go_on(now, beside)
+        if beside.size:
+            self.own.restart(now.v, now.sigma)
+
     def prepare(self, h: float) -> None:
         """See `Stepper`; the loop is compiled by doing no step."""
         super().prepare(h)
         self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
 
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
-        """Do the steps in the compiled loop."""
+        """Do the steps in the compiled loop, and those that it leaves as far as Python can."""
+        done, of_steps = 0, np.ascontiguousarray(amplitudes.T)
+        while True:
+            done += self._loop(h, of_steps[done:], first_step + done, store)
+            if done == len(of_steps) - 1 or not self._rescued(h):
+                return done
+
+    def _rescued(self, h: float) -> bool:
+        """Whether the step problem that the loop left is solved: the loop then starts from that."""
+        problem = cast("CompiledStepProblem", self.problem(self.coefficients(h)))
+        counts = problem.rescue(self.workspace.right, self.now.v, self.tolerance)
+        for name in self.counts.keys() & counts.keys():
+            self.counts[name] += counts[name]
+        return bool(counts)
+
+    def _loop(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
+        """Do steps in the compiled loop; ``amplitudes`` are by step."""
         from skfem_joint.stepping.time_loop import time_loop
 
         c, r = self.coefficients(h), self.recorder
         problem = cast("CompiledStepProblem", self.problem(c))
         problem.resume(self.now.v, self.now.sigma)
+        contact = self.loop_contact
+        if not isinstance(self.forces, ConstantForces):
+            contact = self.forces.enter_loop(contact, cast("PrimalDualNewton", problem), r)
         counted = np.array([self.counts[name] for name in self.COUNTS])
         steps, rows, field_rows, residual, unknown = time_loop(
-            amplitudes.shape[1] - 1,
+            len(amplitudes) - 1,
             first_step,
             r.save.strides if store else (NEVER, NEVER),
             c,
             self.loop_system,
             problem.kernel,
             problem.workspace,
-            problem.limits,
+            contact,
             self.tolerance,
-            np.ascontiguousarray(amplitudes.T),
+            amplitudes,
             tuple(self.now),
             tuple(self.workspace),
             r.sums(),
@@ -392,6 +447,8 @@ class CompiledStepper(Stepper):
         )
         r.rows += rows
         r.field_rows += field_rows
+        if not isinstance(self.forces, ConstantForces):
+            self.forces.leave_loop(contact, self.own.places, r)
         self.counts |= dict(zip(self.COUNTS, counted.tolist(), strict=True))
         self.failure = FailedStep(residual, unknown)
         if steps > 0:
@@ -434,14 +491,7 @@ class ConstantForces:
 
 
 class PythonStepper(Stepper):
-    """Steps done one by one in Python: of sparse systems in contact, and of linear systems.
-
-    So are those of all systems whose contact opens.
-
-    Attributes
-    ----------
-    forces : ConstantForces or NormalForces
-    """
+    """Steps done one by one in Python: of systems whose slips are unknowns, and of linear ones."""
 
     COUNTS: ClassVar[tuple[str, ...]] = (
         *("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves"),
@@ -451,45 +501,11 @@ class PythonStepper(Stepper):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         self.v_before = self.now.v
-        self.forces: ConstantForces | NormalForces = ConstantForces()
-        if self.system.contact.opens:
-            from skfem_joint.stepping.normal_forces import NormalForces  # loads the compiler
-
-            self.forces = NormalForces(self.system)
-
-    @property
-    def limits_now(self) -> FloatArray | None:
-        """See `Stepper`."""
-        return self.forces.limits
-
-    def set_limits(self, limits: FloatArray) -> None:
-        """See `Stepper`."""
-        if isinstance(self.forces, ConstantForces):
-            super().set_limits(limits)
-        else:
-            self.forces.limits = np.array(limits)
 
     def new_problem(self, c: Coefficients) -> StepProblem:
         """See `Stepper`."""
         s = self.system
         return self.made(c.c_M * s.M + s.C + c.c_K * s.K, self.of_step(c))
-
-    def made(self, H: Any, points: ContactPoints) -> StepProblem:
-        """Problem of a matrix in the unknowns of the steps."""
-        dense = self.kind == "dense"
-        return step_problem(as_dense(H) if dense else as_compressed(H), points, self.kind)
-
-    def restart(self, amplitudes: FloatArray) -> bool:
-        """See `Stepper`."""
-        if isinstance(self.forces, ConstantForces):
-            return super().restart(amplitudes)
-        loads = self.recorder.vectors @ amplitudes
-        minimum = self.forces.restart(self.now, loads, self.tolerance, self.made)
-        if not minimum.converged:
-            self.failure = FailedStep(minimum.residual, minimum.where)
-            return False
-        self.started(minimum.v, minimum.sigma)
-        return True
 
     def prepare(self, h: float) -> None:
         """See `Stepper`."""
@@ -541,10 +557,8 @@ class PythonStepper(Stepper):
         """Start of a step: extrapolated velocity, in which points at rest stay at rest."""
         if self.kind == "linear":
             return None
-        v = 2.0 * self.now.v - self.v_before
-        if self.kind != "dense":  # slips are unknowns
-            unknowns = self.points.unknowns
-            v[unknowns[self.points.on_rows(self.points.at_rest(self.now.v[unknowns]))]] = 0.0
+        v, unknowns = 2.0 * self.now.v - self.v_before, self.points.unknowns
+        v[unknowns[self.points.on_rows(self.points.at_rest(self.now.v[unknowns]))]] = 0.0
         return v
 
     def _count(self, counts: Mapping[str, int]) -> None:
@@ -553,28 +567,17 @@ class PythonStepper(Stepper):
         iterations = counts.get("newton_iterations", 0)
         self.counts["largest_iterations"] = max(self.counts["largest_iterations"], iterations)
 
-    @property
-    def beside(self) -> FloatArray:
-        """See `Stepper`."""
-        return self.forces.beside
-
     def go_on(self, now: State, beside: FloatArray) -> None:
         """See `Stepper`."""
-        self.now = now
+        super().go_on(now, beside)
         if beside.size:
-            self.forces.go_on(beside)
             self.v_before = now.v
-
-    def store_start(self) -> None:
-        """See `Stepper`."""
-        self.forces.store(self.recorder, 0)
 
     def _own(self) -> dict[str, NDArray[Any]]:
         """State, and the velocity before it."""
-        return super()._own() | {"before": np.array(self.v_before)} | self.forces.saved()
+        return super()._own() | {"before": np.array(self.v_before)}
 
     def restore(self, saved: Saved) -> None:
         """Take up a saved state."""
         super().restore(saved)
         self.v_before = np.array(saved["before"])
-        self.forces.restore(saved)

@@ -1,10 +1,11 @@
 """The compiled loop over steps: predictor, step problem, bookkeeping and stored rows.
 
 The law of friction is evaluated in `minimise_step`: for chains by `front_elimination` and its
-`minty_newton` (`law.graph`), for dense systems by `primal_dual_newton` (`law.forces`). Other
-systems have no part in this loop: `steppers.PythonStepper` steps them with `contact_newton` or
-`condensed_newton`, whose `contact_loops` call `law.sigma` (forces), `law.slope` (tangents) and
-`law.resolvent` (relaxation). `minimise.choice` chooses the method.
+`minty_newton` (`law.graph`), for dense systems by `primal_dual_newton` (`law.forces`). What differs
+where contact opens is in `loop_contact`. Other systems have no part in this loop:
+`steppers.PythonStepper` steps them with `contact_newton` or `condensed_newton`, whose
+`contact_loops` call `law.sigma` (forces), `law.slope` (tangents) and `law.resolvent` (relaxation).
+`minimise.choice` chooses the method.
 """
 
 # numba infers the types of compiled functions:
@@ -19,7 +20,7 @@ from skfem_joint.compiling import compiled, compiled_inside
 from skfem_joint.linalg.kernels import aligned
 from skfem_joint.linalg.vectors import point_norms, product, raise_to, raise_to_norms, weighted
 from skfem_joint.minimise.compiled_step import minimise_step, slips
-from skfem_joint.stepping import energy
+from skfem_joint.stepping import energy, loop_contact
 
 _add_dissipation = compiled_inside(energy.add_dissipation)
 _add_input_work = compiled_inside(energy.add_input_work)
@@ -66,7 +67,8 @@ class LoopSystem(NamedTuple):
         Places of the system's slip rows and contact points among those of the step problem.
     stretch : ndarray
         Slip that the spring in series of each row of the step problem takes under the friction
-        limit, m, 0 for none; empty if there are no springs.
+        limit, m, or, where limits follow normal forces, under a unit force; 0 for none; empty if
+        there are no springs.
     """
 
     M: Any
@@ -82,8 +84,8 @@ class LoopSystem(NamedTuple):
 
 @compiled
 def time_loop(
-    n_steps, first_step, strides, c, system, problem, workspace, w, tolerance, amplitude, state,
-    loop, sums, stored, counts,
+    n_steps, first_step, strides, c, system, problem, workspace, contact, tolerance, amplitude,
+    state, loop, sums, stored, counts,
 ):  # fmt: skip
     """Advance ``n_steps`` equal steps in place; add up works and peaks, and store rows.
 
@@ -98,8 +100,8 @@ def time_loop(
     system : LoopSystem
     problem, workspace : named tuple
         Arguments of `minimise_step`.
-    w : ndarray, shape (rows,)
-        Friction limit of each slip row of the problem, N.
+    contact : named tuple
+        Limits and normal forces, see `loop_contact`.
     tolerance : float
     amplitude : ndarray, shape (n_steps + 1, loads)
         Load amplitudes at the steps' ends, N.
@@ -137,8 +139,9 @@ def time_loop(
             for i in range(n):
                 change[i] = c.u_v * v[i] + c.u_a * a[i]
             known = slips(problem, change, slip_change)
+            force = loop_contact.before(contact, sigma, contact.force)
             for q in range(stretch.size):
-                free = -(known[q] + stretch[q] * sigma[q]) / c.c_K
+                free = -(known[q] + stretch[q] * force[q]) / c.c_K
                 workspace.offset[q] = free if stretch[q] > 0.0 else 0.0
         for i in range(n):
             u[i] += c.u_v * v[i] + c.u_a * a[i]  # predictor; completed by c_K v below
@@ -150,6 +153,7 @@ def time_loop(
         for k in range(load_start.size - 1):
             for e in range(load_start[k], load_start[k + 1]):
                 right[load_column[e]] += amplitude[step, k] * load_value[e]
+        loop_contact.approach(contact, c.c_K, u, right)
         outcome = minimise_step(problem, workspace, right, v, tolerance)
         counts[0] += outcome.newton_iterations
         counts[1] += outcome.nested_solves
@@ -186,12 +190,17 @@ def time_loop(
         )
         _add_input_work(loads, amplitude[step - 1], amplitude[step], change, moved, input_work)
         slip_moved, slip = slips(problem, change, slip_change), slips(problem, u, slip_now)
+        force = loop_contact.before(contact, sigma, contact.force)
+        new_force = loop_contact.at_end(contact, sigma_new, contact.new_force)
         if sprung:  # sliders slip by what their springs leave
             for q in range(stretch.size):
-                slip_moved[q] -= stretch[q] * (sigma_new[q] - sigma[q])
-        _add_friction_work(w, sigma, sigma_new, slip_moved, work)
+                slip_moved[q] -= stretch[q] * (new_force[q] - force[q])
+        _add_friction_work(contact.weight, force, new_force, slip_moved, work)
+        loop_contact.add_normal_work(contact, change, dissipated)
         raise_to_norms(slip_peak, slip)
-        for q in range(w.size):
+        loop_contact.raise_slider_peaks(contact, stretch, slip, slip_change)
+        loop_contact.follow(contact)
+        for q in range(sigma.size):
             sigma[q] = sigma_new[q]
         product(observed, u, seen)
         raise_to(peak, seen)
@@ -205,8 +214,11 @@ def time_loop(
             if joint_slip.shape[0] > 0:
                 point_norms(slip, slip_size)
                 point_norms(sigma, force_size)
+                share = loop_contact.shares(
+                    contact, joint_start, joint_point, joint_value, joint_share, contact.share
+                )
                 _joint_slips(
-                    joint_start, joint_point, joint_share, joint_sliding, joint_creep,
+                    joint_start, joint_point, share, joint_sliding, joint_creep,
                     (first_step + step) * c.h, work, slip_size, force_size, joint_slip[rows],
                     joint_slipping[rows],
                 )  # fmt: skip
@@ -219,6 +231,7 @@ def time_loop(
                 stored_sigma[field_rows, j] = sigma[row_place[j]]
             for j in range(point_place.size):
                 worked[field_rows, j] = work[point_place[j]]
+            loop_contact.store_forces(contact, field_rows, point_place)
             field_rows += 1
     for j in range(point_place.size):
         friction_work[j] = work[point_place[j]]

@@ -8,6 +8,7 @@ from scipy import linalg, sparse
 
 from skfem_joint.errors import InputError
 from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.dense_loop import minimise_dense
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
 
 Q = 8
@@ -115,6 +116,23 @@ def test_limits_are_renewed_where_those_that_follow_do_not_lead_on():
         renewed += found.counts.get("renewed_limits", 0)
     assert renewed
     assert unsolved <= 1
+
+
+def test_the_compiled_loop_starts_from_the_minimum_that_kept_limits_lead_to():
+    rescued, tolerance = 0, 1e-11
+    for seed in range(20):
+        rng = np.random.default_rng([seed, 9])
+        (H, points, N, gain), k, g, given = _random(rng, 1, 4.0, 1e4)
+        problem = step_problem(H, replace(points, normal=PressurePoints(N, gain, k)), "dense")
+        problem.press(points.beta, None, Pressed(np.zeros(Q), given))
+        step = problem.kernel, problem.workspace, g, np.zeros(g.size), tolerance
+        if minimise_dense(*step).converged or not problem.rescue(*step[2:]):
+            continue
+        again = minimise_dense(*step)
+        assert again.converged
+        assert again.newton_iterations <= 1
+        rescued += 1
+    assert rescued
 
 
 @pytest.mark.parametrize("beta", [1e2, 1e5])
