@@ -239,7 +239,7 @@ class CycleRates:
             0.5 * (x[1:] + x[:-1]) for x in map(np.array, (limits, [r.limits for r in rates]))
         )
         size = system.contact.slip_norm(slips)
-        rows = size[:, self.rates.row_point]
+        rows = np.repeat(size, system.contact.directions, axis=1)
         along = np.divide(slips, rows, out=np.zeros_like(rows), where=rows > 0.0)
         of_size = system.contact.by_point(np.swapaxes(along[:, :, np.newaxis] * of_slips, 1, 2))
         of_work = np.einsum("lkm,lm->k", of_size, w) + np.einsum("lm,lmk->k", size, of_w)

@@ -223,8 +223,7 @@ class BlockFactors:
         ``blocks``, shape (m, 3), has the entries (11, 12, 22) of each block. Solutions are zero at
         unknowns that are fixed.
         """
-        values = np.concatenate([blocks[:, 0], blocks[self.both, 2], *2 * [blocks[self.both, 1]]])
-        moving = np.flatnonzero(~fixed)
+        values, moving = self._values(blocks), np.flatnonzero(~fixed)
         solve: Callable[[FloatArray], FloatArray]
         solve = self._solver(values, ~fixed if fixed.any() else None)
         if not fixed.any():
@@ -236,6 +235,16 @@ class BlockFactors:
             return y
 
         return factor
+
+    def matrix(self, blocks: FloatArray) -> FloatArray:
+        """Dense matrix with the blocks added."""
+        T = np.array(self.A)
+        np.add.at(T, (self.rows, self.columns), self._values(blocks))
+        return T
+
+    def _values(self, blocks: FloatArray) -> FloatArray:
+        """Entries of the blocks at their ``rows`` and ``columns``."""
+        return np.concatenate([blocks[:, 0], blocks[self.both, 2], *2 * [blocks[self.both, 1]]])
 
     def _solver(self, values: FloatArray, among: BoolArray | None) -> Any:
         if isinstance(self.A, np.ndarray):
@@ -258,3 +267,37 @@ class BlockFactors:
             return banded
         T = sparse.csr_array((values, (self.rows, self.columns)), shape=(n, n))
         return _of_any_pattern(T if among is None else T[among][:, among])
+
+
+class RowFactors:
+    """`BlockFactors` of a dense matrix where slips, in place of unknowns, have the blocks.
+
+    Parameters
+    ----------
+    A : ndarray, shape (n, n)
+    first, second : ndarray, shape (m, n) and (pairs, n)
+        First slip of each point by the unknowns, and the second one of those that have two.
+    pairs : ndarray of int
+        Points that have two.
+    """
+
+    def __init__(
+        self, A: FloatArray, first: FloatArray, second: FloatArray, pairs: IntArray
+    ) -> None:
+        self.A, self.first, self.second, self.pairs = A, first, second, pairs
+
+    def matrix(self, blocks: FloatArray) -> FloatArray:
+        """See `BlockFactors`."""
+        T = self.A + (self.first.T * blocks[:, 0]) @ self.first
+        if self.pairs.size:
+            of_pairs, second = blocks[self.pairs], self.second
+            mixed = (self.first[self.pairs].T * of_pairs[:, 1]) @ second
+            T += (second.T * of_pairs[:, 2]) @ second + mixed + mixed.T
+        return np.asarray(T)
+
+    def factorised(
+        self, blocks: FloatArray, fixed: BoolArray
+    ) -> Callable[[FloatArray], FloatArray]:
+        """See `BlockFactors`; no unknown is ``fixed``."""
+        solve: Callable[[FloatArray], FloatArray] = factorised(self.matrix(blocks))
+        return solve

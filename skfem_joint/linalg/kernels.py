@@ -9,6 +9,7 @@ from math import hypot, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy import sparse
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.compiling import (
@@ -51,6 +52,16 @@ def bands(A: Any) -> Bands:
     """Bands of a symmetric tridiagonal matrix."""
     diagonal, off = (np.ascontiguousarray(A.diagonal(k), dtype=float) for k in (0, 1))
     return Bands(diagonal, off)
+
+
+def as_sparse(A: Any) -> Any:
+    """Sparse matrix of bands; any other matrix as it is."""
+    if not isinstance(A, Bands):
+        return A
+    i = np.arange(A.diagonal.size)
+    rows, columns = np.concatenate([i, i[1:], i[:-1]]), np.concatenate([i, i[:-1], i[1:]])
+    values = np.concatenate([A.diagonal, A.off, A.off])
+    return sparse.csr_array((values, (rows, columns)), shape=(i.size, i.size))
 
 
 def aligned(*sizes: int) -> list[FloatArray]:

@@ -24,6 +24,7 @@ from skfem_joint.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.errors import InputError
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.contact_newton import ContactNewton
+from skfem_joint.minimise.linearisation import Linearisation
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
 from skfem_joint.minimise.touching import Part
 from skfem_joint.unknowns import selection
@@ -97,6 +98,13 @@ class CondensedNewton:
     def factorizations(self) -> int:
         """Matrices factorised so far, that of the interior included."""
         return self.contact.factorizations + 1
+
+    def linearisation(self, beta: FloatArray | None = None) -> Linearisation:
+        """See `LinearisedProblem`; of the unknowns of the contact."""
+        points = self.points.in_unknowns(self.schur.kept)
+        if self.points.normal is not None:  # all points are those of the contact
+            points = self.contact.points
+        return Linearisation(self.contact.H, points.with_beta(beta), self)
 
     def with_matrix(self, H: Any) -> CondensedNewton:
         """See `StepProblem`."""

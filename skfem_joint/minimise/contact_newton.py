@@ -84,6 +84,7 @@ from skfem_joint.minimise.contact_loops import (
 )
 from skfem_joint.minimise.law import potential as law_potential
 from skfem_joint.minimise.limits import Renewal
+from skfem_joint.minimise.linearisation import Linearisation
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 
 
@@ -307,6 +308,10 @@ class ContactNewton:
         gain = compressed_rows(G)
         arrays: list[Any] = [*7 * [np.zeros(0)], *gain]
         return Limits(*arrays)
+
+    def linearisation(self, beta: FloatArray | None = None) -> Linearisation:
+        """See `LinearisedProblem`."""
+        return Linearisation(self.H, self.points.with_beta(beta))
 
     def with_matrix(self, H: Any) -> ContactNewton:
         """See `StepProblem`."""

@@ -28,10 +28,11 @@ from scipy.linalg import lapack
 
 from skfem_joint.arrays import FloatArray, check_like
 from skfem_joint.compiling import compiled, compiled_for, compiled_inside
-from skfem_joint.linalg.kernels import Bands, bands, largest_of
+from skfem_joint.linalg.kernels import Bands, as_sparse, bands, largest_of
 from skfem_joint.minimise import law
 from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, slips
 from skfem_joint.minimise.law import COULOMB, FREE, REGULAR, graph_parameters, sticks
+from skfem_joint.minimise.linearisation import Linearisation
 from skfem_joint.minimise.minty_newton import newton_on_graph
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 
@@ -508,6 +509,10 @@ class FrontElimination:
         by_unknown = np.full(self._matrix.diagonal.size, np.inf)
         by_unknown[self.points.unknowns] = beta
         return by_unknown
+
+    def linearisation(self, beta: FloatArray | None = None) -> Linearisation:
+        """See `LinearisedProblem`."""
+        return Linearisation(as_sparse(self.H), self.points.with_beta(beta))
 
     def with_matrix(self, H: Any, points: ContactPoints | None = None) -> FrontElimination:
         """See `CompiledStepProblem`."""

@@ -87,6 +87,7 @@ from skfem_joint.minimise.dense_loop import (
 from skfem_joint.minimise.dense_pressures import Following, Kept, keep_limits, pressure_rows
 from skfem_joint.minimise.law import potential
 from skfem_joint.minimise.limits import Renewal
+from skfem_joint.minimise.linearisation import RowLinearisation
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 
 
@@ -134,6 +135,10 @@ class PrimalDualNewton:
         self.steps_per_second = max(1, 10_000_000 // (rows * n**2))
         self._own = self.contact.beta.copy()
         self._stuck: tuple[Any, float] | None = None
+
+    def linearisation(self, beta: FloatArray | None = None) -> RowLinearisation:
+        """See `LinearisedProblem`."""
+        return RowLinearisation(self.H, self.points.with_beta(beta))
 
     def with_matrix(self, H: Any, points: ContactPoints | None = None) -> PrimalDualNewton:
         """See `CompiledStepProblem`."""

@@ -200,8 +200,8 @@ class ContactPoints:
         return none if self.flexible is None else np.asarray(self.flexible > 0.0)
 
     def on_rows(self, values: NDArray[Any]) -> NDArray[Any]:
-        """Repeat a value of each point for each of its rows."""
-        return np.repeat(values, self.directions)
+        """Repeat the values of each point, (m, ...), for each of its rows."""
+        return np.repeat(values, self.directions, axis=0)
 
     @property
     def first_row(self) -> NDArray[np.int64]:
@@ -231,6 +231,10 @@ class ContactPoints:
             return self._coulomb
         resting: BoolArray = slip_norms(slip, self.directions) == 0.0
         return self._coulomb & resting
+
+    def with_beta(self, beta: FloatArray | None) -> ContactPoints:
+        """Same points with other values of beta, (m,); with their own if None."""
+        return self if beta is None else replace(self, beta=np.asarray(beta, dtype=float))
 
     def without_friction_but(self, points: BoolArray) -> ContactPoints:
         """Same points where only some have a friction limit."""

@@ -9,9 +9,9 @@ whether steps are short enough, `checkpoint` how an interrupted run is resumed, 
 took its time.
 
 Steady vibration: `steady` finds the state that a period brings back, `marching` does where contact
-opens; `shooting` goes through the periods. How the end of a period depends on its start is in
-`transition`, `chain_transition` and `sprung_transition`. A smaller model may help by `correction`;
-`warp` makes the trapezoidal rule exact at the frequency of the load.
+opens; `shooting` goes through the periods. `advanced` has the states that steps depend on alone,
+`transition` and `chain_transition` how the end of a period depends on its start. A smaller model
+may help by `correction`; `warp` makes the trapezoidal rule exact at the frequency of the load.
 
 Without inertia: `levels` says what is known of a level of the loads and what a solver of levels
 does, `quasi_static` is this solver, `slow_run` makes a run of its levels, `loops` their hysteresis

@@ -58,6 +58,8 @@ class Correction:
     ) -> Correction | None:
         """Correction by a reduced system; None if its steps are not dense or 1 + J is singular.
 
+        None with springs in series with friction, too, of whose forces it knows nothing.
+
         Parameters
         ----------
         system : System
@@ -69,7 +71,7 @@ class Correction:
             See `Correction`.
         """
         to, omega = arranged(system), 2.0 * np.pi / plan.duration
-        if to.kind != "dense" or to.maps:
+        if to.kind != "dense" or to.maps or system.contact.has_springs:
             return None
         stepped = warped(to.system, plan.warp)
         J = transition(stepped, to.kind, plan.step, velocities / plan.warp, omega)

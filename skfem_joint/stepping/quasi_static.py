@@ -57,6 +57,7 @@ from skfem_joint.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.minimise.condensed_newton import CondensedNewton
+    from skfem_joint.minimise.linearisation import Linearisation, LinearisedProblem
 
 #: Why there is no level, where a limit of friction is not known.
 NOT_HELD = "friction and contact do not hold the loads: the structure slides or lifts off"
@@ -258,6 +259,11 @@ class QuasiStatic:
     def creep(self) -> float:
         """Slip of a sticking point in an increment up to now, m; none where points can stick."""
         return SETTINGS.creep * self.largest_slip
+
+    def linearisation(self) -> Linearisation:
+        """How increments change with what they are of, under Coulomb's law."""
+        problem = cast("LinearisedProblem", self.whole or self.problem)
+        return problem.linearisation(np.full(self.to.system.contact.w.size, np.inf))
 
     def _step_contact_alone(self, whole: CondensedNewton) -> None:
         """Iterate on contact unknowns only, unless a rigid motion without slip exists.

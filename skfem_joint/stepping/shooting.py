@@ -17,12 +17,12 @@ from scipy.linalg import lstsq, lu_factor, lu_solve
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import GrossSlipError
+from skfem_joint.stepping.advanced import Springs, advanced, state_of
 from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.driver import SETTINGS, Driver
 from skfem_joint.stepping.marching import MAY_DEPEND, marched_state, opening_norm
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.schemes import State
-from skfem_joint.stepping.sprung_transition import Springs, sprung_transition
 from skfem_joint.stepping.steady import (
     EnergyNorm,
     Passage,
@@ -31,13 +31,7 @@ from skfem_joint.stepping.steady import (
     periodic_state,
     turns_over,
 )
-from skfem_joint.stepping.transition import (
-    Transition,
-    advanced,
-    moving_unknowns,
-    state_of,
-    transition,
-)
+from skfem_joint.stepping.transition import Transition, moving_unknowns, transition
 
 
 @dataclass(frozen=True)
@@ -266,20 +260,15 @@ class Shooting:
         v, omega = recorder.stored.v[1 : recorder.field_rows], 2.0 * np.pi / driver.plan.duration
         if moving_unknowns(driver.system, v).size > self.most:
             return None
-        if self.springs.rows.size:
-            stored = recorder.stored.v, recorder.stored.sigma
-            rows = [x[: recorder.field_rows] for x in stored]
-            J = sprung_transition(driver.system, driver.h, rows[0], rows[1], omega)
-        else:
-            u = recorder.stored.u[1 : recorder.field_rows] if self.opens else None
-            J = transition(driver.system, driver.to.kind, driver.h, v, omega, u)
+        stored, starts = recorder.stored, slice(0, recorder.field_rows - 1)
+        u = stored.u[1 : recorder.field_rows] if self.opens else None
+        e = self.springs.advanced(stored.v[starts], stored.sigma[starts])
+        J = transition(driver.system, driver.to.kind, driver.h, v, omega, u, e)
         return _Derivative(J, self.sign)
 
     def corrected(self, change: FloatArray) -> FloatArray | None:
         """Change as a smaller model corrects it, over half a period; None without one."""
         if self.correction is None or self.parts == 1 or not self.trapezoidal:
-            return None
-        if self.springs.rows.size:  # it knows nothing of their forces
             return None
         return change + self.correction.added(change, self.driver.to)
 
