@@ -77,14 +77,15 @@ def test_normal_forces_change_as_the_linearisation_says(kind):
     rng = np.random.default_rng(3)
     points, rows, q = points_of(kind, rng, 3.0, True), 6, 3
     N_of = selection(np.arange(rows, rows + q), N)
-    stiffness = np.array([np.inf, 5.0, 2.0])
+    stiffness, bound = np.array([np.inf, 5.0, 2.0]), np.array([-0.1, -0.2, 5.0])
     if kind == "dense":
         N_of, stiffness = rng.normal(size=(q, N)), np.array([4.0, 5.0, 2.0])
+        bound = np.array([-3.0, -3.0, 9.0])
     gain = sparse.csr_array(rng.uniform(0.2, 0.6, (4, q)))
     points = replace(points, normal=PressurePoints(N_of, gain, stiffness))
     problem = step_problem(matrix(kind, rng), points, kind)
     o = np.where(points.on_rows(points.has_spring), 0.2 * rng.normal(size=rows), 0.0)
-    g, bound, given = 2.0 * rng.normal(size=N), np.array([-0.1, -0.2, 5.0]), np.full(4, 0.3)
+    g, given = 2.0 * rng.normal(size=N), np.full(4, 0.3)
     g[rows : rows + q] += 2.0
     dg, d_bound, d_given = rng.normal(size=N), rng.normal(size=q), rng.normal(size=4)
 
@@ -95,8 +96,7 @@ def test_normal_forces_change_as_the_linearisation_says(kind):
         return found.v, found.p, found.w
 
     v, p, w = solution(0.0)
-    assert (p[:2] > 0.0).all()
-    assert p[2] == 0.0
+    assert 0 < np.count_nonzero(p) < q
     linear = problem.linearisation()
     slip = np.asarray(points.B @ v) - o
     (at,) = linear.at(slip[np.newaxis], w[np.newaxis], p[np.newaxis])
