@@ -39,7 +39,7 @@ _ARRAYS = ("M", "C", "K", "P", "T")
 _CONTACT = ("B", "given", "beta", "stiffness", "directions", "gain", "J", "shares")
 _NORMAL = ("N", "gap", "force", "stiffness", "area", "shares")
 _OPTIONAL = ("T", "shares")
-_NUMBERS = ("accuracy", "reached", "law", "period")  # of what a model for a range carries
+_NUMBERS = ("accuracy", "reached", "law")  # of what a model for a range carries
 #: Shapes of loads that are numbers alone.
 _PLAIN = {
     shape.__name__: shape
@@ -156,7 +156,7 @@ def _content(system: System, prefix: str, arrays: dict[str, Any]) -> dict[str, A
         "loads": described,
         "made_for": system.made_for,
     }
-    if system.serves is not None:
+    if system.serves is not None:  # which is a second system, with numbers
         content["serves"] = _serves_content(system.serves, arrays)
     return content
 
@@ -170,6 +170,7 @@ def _serves_content(serves: Served, arrays: dict[str, Any]) -> dict[str, Any]:
     return numbers | {
         "range": range_,
         "factors": dict(serves.factors),
+        "shared": dict(serves.shared),
         "point": point,
         "larger": _content(serves.larger, "larger/", arrays),
     }
@@ -249,6 +250,7 @@ def _served(content: Mapping[str, Any], arrays: dict[str, NDArray[Any]]) -> Serv
         range=Range.of(content["range"]),
         larger=larger,
         factors=content["factors"],
+        shared=content["shared"],
         known=known,
         point=None if point is None else Point(**point),
         **{name: content[name] for name in _NUMBERS},

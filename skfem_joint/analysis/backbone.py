@@ -36,11 +36,12 @@ from skfem_joint.analysis.gross_slip import (
     is_gross,
     sticking_share,
 )
-from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
+from skfem_joint.analysis.range_modes import alone, check_modes, distances
 from skfem_joint.analysis.stuck import Stuck, StuckMode
 from skfem_joint.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.progress import Progress, Tally, silent
+from skfem_joint.served import Served
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
@@ -315,7 +316,6 @@ class Factors:
     ) -> list[Backbone]:
         """Curves as the function `backbone` returns them."""
         system.check_any_load("backbone")
-        check_whole(system, "backbone")
         if not system.contact.count:
             raise InputError(
                 "backbone: needs friction, no contact point carries any: frequency and damping do "
@@ -336,9 +336,11 @@ class Factors:
             for k in numbers.tolist()
             if k > frequencies.size
         )
-        if system.serves is not None:
+        larger = None
+        if system.serves is not None:  # its modes end with its range, and it states its errors
             of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
             check_modes(system.serves, of_mode, of_mode, up_to)
+            larger = alone(system)
         curves = []
         for k in numbers.tolist():
             mode = StuckMode(k, frequencies, shapes, stuck)
@@ -346,12 +348,11 @@ class Factors:
             curve = _curve(system, to, closed, path, mode, shares, slips_at, absolute)
             curve = replace(curve, path=curve.path if keep_path else None)
             curves.append(replace(curve, slips_at=np.nan) if absolute else curve)
-        if system.serves is None:
+        if larger is None:
             return curves
-        larger = alone(system)
         for k, curve in enumerate(curves):
             (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
-            curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
+            curves[k] = replace(curve, estimated=distances(Served.by(system), curve, other))
         return curves
 
 

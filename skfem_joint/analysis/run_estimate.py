@@ -65,7 +65,7 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
         )
     if not plan.save.points:
         raise InputError("estimate: the run stored no named points; leave out points=False")
-    if system.serves is not None:
+    if system.serves is not None:  # judged without the full system, which may not be known
         return range_modes.of_range(run, plan, progress)
     origin = system.origin
     if origin is None:
@@ -140,7 +140,7 @@ def of_run(
     Those of a model for a range are estimated by what it carries, those of a condensed or
     reduced one with contact that opens by :mod:`skfem_joint.analysis.opening_estimate`.
     """
-    if run.system.serves is not None:
+    if run.system.serves is not None:  # judged without the full system
         return range_modes.of_range(run, plan, progress)
     if basis is None:
         return step_estimate.of_full(system, run, plan, progress)

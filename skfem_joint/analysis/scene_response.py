@@ -256,7 +256,8 @@ def _prepared(
     served = served_scene(scene) if name == "reduced" else None
     if served is not None:
         folder = None if rows.path is None else rows.path.parent
-        return _Prepared(name, of_scene(scene, range_model(served, folder)))
+        small = of_scene(scene, range_model(served, folder))
+        return _Prepared(name, small, notes=(CREPT,) if scene.opens else ())
     if name == "full":
         return _Prepared(name, system)
     if name == "condensed":
@@ -319,7 +320,7 @@ def _curves(
         rows=rows,
     )
     shares = model.system.contact.shares
-    if model.system.serves is not None and shares is not None:
+    if model.basis is None and shares is not None:  # of a range, which is of many bases
         of_points = [
             [replace(p, slip=(shares > 0.0).T @ p.slip, course=None) for p in c.points]
             for c in curves

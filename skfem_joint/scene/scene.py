@@ -25,7 +25,6 @@ from skfem_joint.errors import InputError, listed, refuse
 from skfem_joint.key_paths import key_parts, key_path
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.normal import constant_contact_alone
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.changes import with_changes
@@ -370,8 +369,6 @@ def problems_between_tables(scene: Scene, valid: Set[str]) -> Iterator[str]:
         yield from _slow_problems(scene)
     if valid >= {"models", "joint", "reduction"}:
         yield from _model_problems(scene)
-    if valid >= {"models", "joint", "reduction", "time", "accuracy"}:
-        yield from _opening_problems(scene)
 
 
 def _time_problems(scene: Scene) -> Iterator[str]:
@@ -417,12 +414,6 @@ def _slow_problems(scene: Scene) -> Iterator[str]:
             "reduction.reference: found 'paper' beside time.quasi_static = true; the paper's modes "
             "are scaled by a run in time; use reference = 'static'"
         )
-
-
-def _opening_problems(scene: Scene) -> Iterator[str]:
-    """Problems of contact that opens with what needs constant normal forces."""
-    if scene.opens and scene.reduction.range is not None:
-        yield constant_contact_alone("reduction.range", "leave it out")
 
 
 def _matrix_problems(scene: Scene, matrices: MatricesTable) -> Iterator[str]:
