@@ -31,8 +31,8 @@ from skfem_joint.arrays import (
     slip_norms,
     wrong_shapes,
 )
-from skfem_joint.errors import InputError, refuse
-from skfem_joint.normal import NormalPart, constant_contact_alone
+from skfem_joint.errors import refuse
+from skfem_joint.normal import NormalPart
 from skfem_joint.values import BETA, check
 
 _NO_NORMAL = NormalPart.none(0)  #: where no normal part is given
@@ -167,19 +167,6 @@ class Contact:
     def count(self) -> int:
         """Number of contact points that can carry friction."""
         return int(np.count_nonzero(self.rubs))
-
-    def check_constant(self, what: str, cure: str) -> None:
-        """Refuse contact that opens, for what takes normal forces and friction limits as constant.
-
-        ``what`` names the analysis in the message, ``cure`` says what to do in its place.
-
-        Raises
-        ------
-        InputError
-            If a joint opens.
-        """
-        if self.opens:
-            raise InputError(constant_contact_alone(what, cure))
 
     # Joints
 
@@ -370,6 +357,12 @@ class Contact:
         shares = sparse.diags_array(factors) @ J @ sparse.diags_array(1.0 / known)
         gain = sparse.csr_array(sparse.diags_array(of_points) @ sparse.csr_array(self.gain))
         return replace(self, given=self.given * of_points, J=sparse.csr_array(shares), gain=gain)
+
+    def pressed(self, factor: float) -> Contact:
+        """Contact under another preload: forces, gaps and limits at rest times a factor."""
+        normal = self.normal
+        pressed = replace(normal, gap=factor * normal.gap, force=factor * normal.force)
+        return replace(self, given=factor * self.given, normal=pressed)
 
     # Other unknowns
 

@@ -24,16 +24,6 @@ from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix, make_rea
 from skfem_joint.unknowns import selection
 
 
-def constant_contact_alone(what: str, cure: str) -> str:
-    """Sentence that refuses contact that opens for ``what``, and says what to do: ``cure``."""
-    return (
-        f"{what}: found a joint with contact = 'unilateral', must have constant normal forces: "
-        "with contact that opens there are full, condensed and reduced models over given cycles "
-        "or a duration, or until = 'steady', and slow cycles, backbones, ring-downs and responses "
-        f"of them; {cure}"
-    )
-
-
 @dataclass(frozen=True)
 class NormalPart:
     """Normal part of a contact, on the unknowns of a system.

@@ -5,9 +5,11 @@ Numbers alone: `skfem_joint.reduction.ranges` makes such models and takes points
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import InputError, refuse
@@ -15,6 +17,8 @@ from skfem_joint.values import POSITIVE, check
 
 #: Lowest and highest value.
 Interval = tuple[float, float]
+#: Quantities whose errors are those of energies.
+ENERGIES = "friction_energy", "loop_energy", "damping_ratio"
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,10 @@ class Range:
             limits={str(name): _pair(f"limits.{name}", pair) for name, pair in limits.items()},
         )
 
+    def of_joints(self, joints: Sequence[str]) -> list[Interval]:
+        """Interval of the factor on the limits of each joint."""
+        return [self.limits.get(name, (1.0, 1.0)) for name in joints]
+
     def __str__(self) -> str:
         """One line for users."""
         parts = [
@@ -88,16 +96,27 @@ class Point:
     level : float
         Factor on the loads of the system that the model was made of.
     limits : dict of str to float
-        Factor on the friction limits of each joint in the range.
+        Factor on the friction limits of joints, by their names; 1 of others.
     slip : float, optional
         Share of the level at which the first joint slips as a whole; None where the point was
         taken by its level, and its run shows how much slips.
+    preload : float
+        Factor on all that presses the joints at rest.
     """
 
     frequency: float
-    level: float
-    limits: Mapping[str, float]
+    level: float = 1.0
+    limits: Mapping[str, float] = field(default_factory=dict)
     slip: float | None = None
+    preload: float = 1.0
+
+    def factors(self, joints: Sequence[str]) -> FloatArray:
+        """Factor on the limits of each joint, (joints,)."""
+        return np.array([float(self.limits.get(name, 1.0)) for name in joints])
+
+    def mean_factor(self, joints: Sequence[str]) -> float:
+        """Geometric mean of these; 1 without joints."""
+        return float(np.exp(np.log(self.factors(joints)).mean())) if joints else 1.0
 
 
 @dataclass(frozen=True)
@@ -109,9 +128,10 @@ class Served:
     range : Range
     larger : System
         Model with more modes and friction points; a run of it shows the error of a run.
-    factors : dict of str to float
-        By quantity: what the difference to the larger model is multiplied with, as was found where
-        the model was made, where the full system was at hand.
+    factors, shared : dict of str to float
+        By quantity, "history" and "energy": what the difference to the larger model is multiplied
+        with, and the error that the larger one has too, as of elastic in place of rigid contact.
+        They were found where the model was made, where the full system was at hand.
     accuracy : float
         Error of displacement histories that was asked for; three times that of energies.
     reached : float
@@ -120,8 +140,6 @@ class Served:
     law : float
         Steepness of the reduced law, s/m, with the limits of the system; see
         `skfem_joint.reduction.ranges.points`.
-    period : float
-        Common period of the loads of the system that the model was made of, s.
     known : ndarray, shape (points, 2 + joints)
         Where the load that makes the first joint slip as a whole is known: frequency (Hz), factor
         on the limits of each joint of the system, and factor on the loads.
@@ -132,12 +150,29 @@ class Served:
     range: Range
     larger: Any
     factors: Mapping[str, float]
+    shared: Mapping[str, float]
     accuracy: float
     reached: float
     law: float
-    period: float
     known: FloatArray
     point: Point | None = None
+
+    @staticmethod
+    def by(system: Any) -> Served:
+        """What a model for a range carries; InputError for any other system."""
+        serves: Served | None = system.serves
+        if serves is None:  # else each caller would have to say so
+            raise InputError("range: found a model that serves no range")
+        return serves
+
+    def error(self, quantity: str, apart: float, times: float = 1.0) -> float:
+        """Stated error of a quantity by its relative distance, ``apart``, from the larger model's.
+
+        ``times`` is how many times as large, relative to an energy, is what the larger model has.
+        """
+        if quantity in ENERGIES:
+            return self.factors["energy"] * apart + times * self.shared["energy"]
+        return self.factors["history"] * apart + self.shared["history"]
 
     @property
     def shortfall(self) -> str | None:

@@ -191,9 +191,9 @@ class System:
         if self.made_for:
             raise InputError(
                 f"{what}: found a reduced model made for {self.made_for}, must be a system that "
-                "serves other frequencies and levels too; give the full system, or "
-                "sj.condense(system), which keeps all of the contact; the commands backbone and "
-                "response make reduced models of their own from a scene"
+                "serves other frequencies and levels too; give the full system, the reduced model "
+                "for a whole range, or sj.condense(system), which keeps all of the contact; the "
+                "commands backbone and response make reduced models of their own from a scene"
             )
 
     def closed(self) -> System:

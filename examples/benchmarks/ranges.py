@@ -1,6 +1,7 @@
 """One reduced model for a range of slip, frequency and friction, at points drawn at random.
 
-    python examples/benchmarks/ranges.py                      a bar, a plate, a bracket, a solid
+    python examples/benchmarks/ranges.py                      a bar, a plate, a bracket, a solid,
+                                                              and two laps whose contact opens
     python examples/benchmarks/ranges.py plate bracket        some of them
     python examples/benchmarks/ranges.py plate --points 60 --seed 1
     python examples/benchmarks/ranges.py --quick              a bar, six points
@@ -58,11 +59,52 @@ def plate():
     return system.with_contact(beta=np.full(system.contact.w.size, np.inf))
 
 
+def lapped(solid=False, fine=6):
+    """Two plates that lap under two bolts; their contact opens.
+
+    ``fine`` is the number of elements of each bolt's 10 mm along the lap; its middle has twice as
+    many.
+    """
+    strips = [("1", 0.01, fine), ("middle", 0.02, 2 * fine), ("2", 0.01, fine)]
+    arm, parts = [("arm", 0.1, 5)], []
+    for name, x, y, regions, places, end, bolt in (
+        ("lower ", 0.0, 0.0, arm + strips, ("left", "top"), "bottom", "nut"),
+        ("upper ", 0.1, 0.01, strips + arm, ("right", "bottom"), "top", "head"),
+    ):
+        sides = dict(
+            zip(("fixed", "face") if y == 0.0 else ("end", "contact"), places, strict=True)
+        )
+        sides |= {f"{bolt}_{k}": (end, f"{name}{k}") for k in "12"}
+        named = [(name + region, *sizes) for region, *sizes in regions]
+        if solid:
+            box = sj.build_box(named, (0.01, 0.02), (2, 3), origin=(x, y, 0.0), boundaries=sides)
+            parts.append(box)
+        else:
+            parts.append(sj.build_plate(named, 0.01, 2, origin=(x, y), boundaries=sides))
+    joint = sj.Joint("contact", "preload", 0.6, against="face", contact="unilateral")
+    return sj.Structure(
+        sj.merged(parts),
+        sj.Material(E=200e9, density=7800.0, poisson=0.3),
+        fixed=["fixed"],
+        joints=[joint],
+        bolts=[sj.Clamp(3e3, "head_1", "nut_1"), sj.Clamp(4e3, "head_2", "nut_2")],
+        damping_ratio=0.01,
+        **({} if solid else {"thickness": 0.02}),
+    )
+
+
+def bent(solid=False):
+    """Load that bends them."""
+    return [sj.Load("end", sj.Harmonic(100.0, 500.0), (0.0, 1.0, 0.0)[: 3 if solid else 2])]
+
+
 STRUCTURES = {
     "bar": bar,
     "plate": plate,
     "bracket": lambda: shapes.pulled_bracket(0.5).system(),
     "solid": lambda: solids.plates(*solids.SIZES[""]).system(),
+    "lap that opens": lambda: lapped().system(bent()),
+    "solid lap that opens": lambda: lapped(True, 3).system(bent(True)),
 }
 
 

@@ -36,11 +36,12 @@ from skfem_joint.analysis.gross_slip import (
     is_gross,
     sticking_share,
 )
-from skfem_joint.analysis.range_modes import alone, check_modes, check_whole, distances
+from skfem_joint.analysis.range_modes import alone, check_modes, distances
 from skfem_joint.analysis.stuck import Stuck, StuckMode
 from skfem_joint.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.errors import InputError, refuse
 from skfem_joint.progress import Progress, Tally, silent
+from skfem_joint.served import Served
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.system import System
@@ -237,7 +238,6 @@ def backbone(
         If a level does not converge, or with contact that opens the first one has no state.
     """
     system.check_any_load("backbone")
-    check_whole(system, "backbone")
     if not system.contact.count:
         why = "frequency and damping do not depend on amplitude"
         if system.contact.opens:
@@ -256,19 +256,20 @@ def backbone(
         for k in numbers.tolist()
         if k > frequencies.size
     )
-    if system.serves is not None:
+    larger = None
+    if system.serves is not None:  # its modes end with its range, and it states its errors
         of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
         check_modes(system.serves, of_mode, of_mode, up_to)
+        larger = alone(system)
     curves = []
     for k in numbers.tolist():
         curve = _curve(path, StuckMode(k, frequencies, shapes, stuck), asked)
         curves.append(curve if keep_path else replace(curve, path=None))
-    if system.serves is None:
+    if larger is None:
         return curves
-    larger = alone(system)
     for k, curve in enumerate(curves):
         (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
-        curves[k] = replace(curve, estimated=distances(system.serves, curve, other))
+        curves[k] = replace(curve, estimated=distances(Served.by(system), curve, other))
     return curves
 
 

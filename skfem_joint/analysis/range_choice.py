@@ -14,6 +14,7 @@ from skfem_joint.errors import JointError
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip
 from skfem_joint.scene import Scene
+from skfem_joint.served import Served
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.system import System
@@ -52,7 +53,7 @@ def choose_in_range(
             check_short_of_gross_slip(verification_run(point, plan_of(scene), progress=report))
     except JointError as error:
         return Choice(scene, notes=(_own(str(error)),))
-    short = range_modes.served_by(model).shortfall
+    short = Served.by(model).shortfall
     chosen, notes = InRange(point), () if short is None else (f"{short}.",)
     if scene.accuracy.is_given:
         scene = shorter

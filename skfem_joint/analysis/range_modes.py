@@ -29,6 +29,7 @@ from skfem_joint.errors import InputError, refuse
 from skfem_joint.reduction.ranges.points import (
     check_short_of_gross_slip,
     check_within,
+    least_energy,
     point_of,
 )
 from skfem_joint.served import Point, Served
@@ -38,22 +39,6 @@ from skfem_joint.system import System
 
 #: Levels may pass the highest slip of a range by this, relative, which is round-off.
 _NEAR = 1e-9
-
-
-def served_by(system: System) -> Served:
-    """What a model for a range carries; InputError for any other system."""
-    if system.serves is None:
-        raise InputError("range: found a model that serves no range")
-    return system.serves
-
-
-def check_whole(system: System, what: str) -> None:
-    """InputError if a system is a point of a range, and not the model of the whole range."""
-    if system.serves is not None and system.serves.point is not None:
-        raise InputError(
-            f"{what}: found a point of a range, must be the model of the whole range, as "
-            "sj.reduce(system, range=...) returns it"
-        )
 
 
 def check_modes(
@@ -93,8 +78,8 @@ def check_modes(
 
 def ringing(system: System, frequency: float) -> System:
     """Model for a range, with the law that resolves the least slip at a frequency (Hz)."""
-    point = Point(frequency, 1.0, {}, served_by(system).range.slip[0])
-    return point_of(system, point, np.ones(len(system.contact.joints)))
+    point = Point(frequency, slip=Served.by(system).range.slip[0])
+    return point_of(system, point)
 
 
 def largest_apart(curve: Any, other: Any, factors: Mapping[str, float]) -> dict[str, float]:
@@ -122,13 +107,13 @@ def distances(serves: Served, curve: Any, larger: Any) -> dict[str, float]:
     curve, larger : Backbone or RingDown
         Of the model and of its larger one, at the same levels or in the same cycles.
     """
-    history, energy = (serves.factors.get(name, 1.0) for name in ("history", "energy"))
-    return largest_apart(curve, larger, {"frequency": history, "damping_ratio": energy})
+    apart = largest_apart(curve, larger, {"frequency": 1.0, "damping_ratio": 1.0})
+    return {name: serves.error(name, e) for name, e in apart.items()}
 
 
 def alone(system: System) -> System:
     """The larger model of a model for a range, of the whole range."""
-    larger: System = served_by(system).larger
+    larger: System = Served.by(system).larger
     return replace(larger, serves=None)
 
 
@@ -137,9 +122,9 @@ def steady_in_range(system: System, frequency: float, level: float) -> System:
 
     InputError if the frequency is outside the range.
     """
-    factors = np.ones(len(system.contact.joints))
-    check_within(system, frequency, factors)
-    return point_of(system, Point(frequency, level, {}), factors)
+    point = Point(frequency, level)
+    check_within(system, point)
+    return point_of(system, point)
 
 
 def of_range(run: Run, plan: Plan, progress: Callable[..., None] | None = None) -> Estimate:
@@ -163,21 +148,21 @@ def of_range(run: Run, plan: Plan, progress: Callable[..., None] | None = None) 
     KeyboardInterrupt
         If a verification run is interrupted.
     """
-    serves = served_by(run.system)
+    serves = Served.by(run.system)
     if serves.point is None:
         raise InputError("estimate: found a run of no point of a range; take one by sj.at")
     check_short_of_gross_slip(run)
     base = results(run)
     larger = results(verification_run(serves.larger, plan, progress=progress))
     halved = results(verification_run(run.system, plan.finer(2), progress=progress))
-    factors = {name: serves.factors["energy"] for name in ("friction_energy", "loop_energy")}
-    apart = difference(larger, base)
+    friction = float(run.cycles.friction[-1])
+    times = max(1.0, least_energy(run) / friction) if friction > 0.0 else 1.0
     basis = {
-        name: _times(factors.get(name, serves.factors["history"]), e) for name, e in apart.items()
+        name: None if e is None else serves.error(name, e, times)
+        for name, e in difference(larger, base).items()
     }
-    step = {name: _times(extrapolation(4.0), e) for name, e in difference(halved, base).items()}
+    step = {
+        name: None if e is None else extrapolation(4.0) * e
+        for name, e in difference(halved, base).items()
+    }
     return Estimate({"basis": basis, "time_step": step, "total": added(basis, step)})
-
-
-def _times(factor: float, error: float | None) -> float | None:
-    return None if error is None else factor * error

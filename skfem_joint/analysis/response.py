@@ -21,13 +21,14 @@ import numpy as np
 
 from skfem_joint.analysis.history import relative
 from skfem_joint.analysis.peaks import parabola_vertex
-from skfem_joint.analysis.range_modes import alone, check_whole, served_by, steady_in_range
+from skfem_joint.analysis.range_modes import alone, steady_in_range
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, GrossSlipError, InputError
 from skfem_joint.loads import common_period
 from skfem_joint.progress import Progress, Tally, silent
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at
+from skfem_joint.served import Served
 from skfem_joint.stepping.correction import Correction
 from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -227,15 +228,10 @@ def at_frequency(system: System, frequency: float, level: float = 1.0) -> System
     InputError if a load is not made of harmonics, or the frequency is not positive, or outside the
     range of a model for one.
     """
-    if system.serves is not None and system.serves.point is None:
+    if system.serves is not None:  # its law and limits are those of the point
         return steady_in_range(system, frequency, level)
-    period = common_period(load.amplitude for load in system.loads)
-    harmonic = all(load.amplitude.harmonics for load in system.loads)
-    if period is None or frequency <= 0.0 or not harmonic:
-        raise InputError(
-            f"response: found frequency {frequency}, must be > 0, of loads that are harmonic"
-        )
-    return loaded_at(system, frequency, level, period)
+    check("response: frequency", frequency, POSITIVE)
+    return loaded_at(system, frequency, level)
 
 
 def steady_plan(system: System, steps_per_cycle: int) -> Plan:
@@ -336,7 +332,7 @@ def response(
         If no frequency of any level has a steady vibration.
     """
     frequencies, levels = _checked(system, frequencies, levels, steps_per_cycle)
-    by_model = estimated and system.serves is not None
+    by_model = estimated and system.serves is not None  # by the larger model that it carries
     steps_per_cycle = suited_steps(system, steps_per_cycle)
     rows, tally = rows or Rows(), Tally(progress)
     # Vibrations of each frequency: itself, with half the step, of a larger model.
@@ -372,7 +368,6 @@ def _checked(
 ) -> tuple[FloatArray, list[float]]:
     """Frequencies and levels of a response; InputError as `response`."""
     system.check_any_load("response")
-    check_whole(system, "response")
     check_each("response: frequencies", frequencies, POSITIVE)
     check_each("response: levels", levels, POSITIVE)
     check("response: steps_per_cycle", steps_per_cycle, COUNT)
@@ -393,10 +388,9 @@ def _with_model_errors(
 ) -> Curve:
     """Curve of a model for a range with its distance from that of its larger model.
 
-    The distance is multiplied with the factor that was found where the model was made.
+    What a distance says of the error was found where the model was made.
     """
-    largest, points = curve.largest, []
-    factor = served_by(system).factors.get("history", 1.0)
+    largest, points, serves = curve.largest, [], Served.by(system)
     origin = rows.mark("larger model", system, steps_per_cycle)
     for point in curve.points:
         at, found = (point.frequency, curve.level), point
@@ -405,7 +399,7 @@ def _with_model_errors(
             compute = partial(_steady, loaded, at[0], steps_per_cycle, None, tally.within)
             other = rows.row(rows.mark(origin, at), compute)
             change = relative(point.amplitude[largest], other.amplitude[largest])
-            error = np.nan if change is None else factor * abs(change)
+            error = np.nan if change is None else serves.error("amplitude", abs(change))
             found = replace(point, model_error=error)
             tally.add()
         points.append(found)
@@ -626,7 +620,8 @@ def _steady(
     plan = replace(steady_plan(system, steps_per_cycle), save=Save(fields=system.is_dense))
     try:
         run = integrate_plan(system, plan, initial=start, progress=progress, correction=correction)
-        check_short_of_gross_slip(run)
+        if system.serves is not None:  # its modes do not follow joints that slip as a whole
+            check_short_of_gross_slip(run)
     except ConvergenceError as error:
         return _without_vibration(system, frequency, error)
     slip = system.contact.slid(run.friction_work)

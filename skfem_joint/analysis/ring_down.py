@@ -22,7 +22,7 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 from skfem_joint.analysis.backbone import Backbone, backbone
 from skfem_joint.analysis.history import extrapolation
 from skfem_joint.analysis.peaks import parabola_vertex
-from skfem_joint.analysis.range_modes import alone, check_whole, distances, largest_apart, ringing
+from skfem_joint.analysis.range_modes import alone, distances, largest_apart, ringing
 from skfem_joint.arrays import FloatArray, IntArray
 from skfem_joint.errors import ConvergenceError
 from skfem_joint.served import Served
@@ -182,10 +182,9 @@ def ring_down(
         If a step does not converge, or no cycle is left to measure.
     """
     system.check_any_load("ring_down")
-    check_whole(system, "ring_down")
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
-    if system.serves is not None:
+    if system.serves is not None:  # which then are two, the model and its larger one
         steps = cycles, steps_per_cycle, scheme
         return _in_range(system, system.serves, curve, steps, start, progress)
     modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])
@@ -252,7 +251,7 @@ def _in_range(
     The larger one is released at the same level, in its own displacement there.
     """
     model = ringing(system, curve.stuck_frequency)
-    rung = ring_down(replace(model, serves=None), curve, *steps, start, progress)
+    rung = ring_down(replace(model, serves=None, made_for=""), curve, *steps, start, progress)
     if start is not None:
         return rung
     share = float(curve.level[-1] / curve.slips_at)

@@ -64,7 +64,7 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
         )
     if not plan.save.points:
         raise InputError("estimate: the run stored no named points; leave out points=False")
-    if system.serves is not None:
+    if system.serves is not None:  # judged without the full system, which may not be known
         return range_modes.of_range(run, plan, progress)
     full, basis = system, None
     if system.origin is not None:
@@ -128,7 +128,7 @@ def of_run(
 
     Those of a model for a range are estimated by what it carries.
     """
-    if run.system.serves is not None:
+    if run.system.serves is not None:  # judged without the full system
         return range_modes.of_range(run, plan, progress)
     if basis is None:
         return rungs.of_full(system, run, plan, progress)

@@ -20,18 +20,17 @@ from typing import Any
 import numpy as np
 
 from skfem_joint import __version__, system_files
-from skfem_joint.analysis.range_modes import served_by
 from skfem_joint.array_files import fingerprint
 from skfem_joint.errors import InputError
 from skfem_joint.loads import Harmonic
 from skfem_joint.progress import Progress, silent
 from skfem_joint.reduction import reduce
-from skfem_joint.reduction.ranges.points import at, placed
+from skfem_joint.reduction.ranges.points import at, period_of, placed
 from skfem_joint.scene import Scene
 from skfem_joint.scene.range_table import ServedRangeTable
 from skfem_joint.scene.scene import TABLES_OF_STRUCTURE
 from skfem_joint.scene.tables import AnyLoad, HarmonicLoad, MultiHarmonicLoad
-from skfem_joint.served import Range
+from skfem_joint.served import Point, Range, Served
 from skfem_joint.structure import AnyStructure, doubts
 from skfem_joint.system import System
 
@@ -76,7 +75,7 @@ def served_scene(scene: Scene) -> ServedScene | None:
         return None
     middle = scene.model_copy(
         update={
-            "joint": table.at_the_middle(scene.joint),
+            "joint": scene.changed(table.middle()).joint,
             "load": tuple(_in_the_middle(scene, table)),
         }
     )
@@ -122,29 +121,26 @@ def of_scene(scene: Scene, model: System) -> System:
     InputError
         If no load acts, or bolts of a joint have other factors than each other.
     """
-    table, serves = scene.reduction.range, served_by(model)
+    table, serves = scene.reduction.range, Served.by(model)
     if table is None:
         raise InputError("reduction.range: missing")
-    level, known = _largest(scene), table.factors(scene.joint)
-    factors = np.array([known.get(name, 1.0) for name in model.contact.joints])
-    pairs = serves.range.limits.items()
+    joints = model.contact.joints
+    here = Point(1.0 / period_of(model), _largest(scene), table.factors(scene.joint))
+    factors = here.factors(joints)
     limits = {
-        name: (low / known.get(name, 1.0), high / known.get(name, 1.0))
-        for name, (low, high) in pairs
+        name: (low / factor, high / factor)
+        for name, factor, (low, high) in zip(
+            joints, factors.tolist(), serves.range.of_joints(joints), strict=True
+        )
     }
-
-    def moved(system: System) -> System:
-        return placed(system, 1.0 / serves.period, level, factors, serves.period)
-
-    rows = serves.known / np.concatenate([[1.0], factors, [level]])
     changed = replace(
         serves,
         range=replace(serves.range, limits=limits),
-        larger=moved(serves.larger),
-        law=serves.law / float(np.exp(np.log(factors).mean())),
-        known=rows,
+        larger=placed(serves.larger, here),
+        law=serves.law / here.mean_factor(joints),
+        known=serves.known / np.concatenate([[1.0], factors, [here.level]]),
     )
-    return replace(moved(model), serves=changed)
+    return replace(placed(model, here), serves=changed)
 
 
 def range_model(served: ServedScene, folder: Path | None = None) -> System:
@@ -233,11 +229,6 @@ def _in_the_middle(scene: Scene, table: ServedRangeTable) -> Iterable[AnyLoad]:
     for load in scene.load:
         if isinstance(load, HarmonicLoad):
             yield load.model_copy(update=moved(load))
-        elif isinstance(load, MultiHarmonicLoad):
+        elif isinstance(load, MultiHarmonicLoad):  # others were refused with the scene
             parts = tuple(part.model_copy(update=moved(part)) for part in load.components)
             yield load.model_copy(update={"components": parts})
-        else:
-            raise InputError(
-                f"reduction.range: found beside a load of kind = '{load.kind}', must be of kind "
-                "'harmonic' or 'multi_harmonic'"
-            )

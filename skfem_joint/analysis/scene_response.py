@@ -267,7 +267,8 @@ def _prepared(name: str, scene: Scene, resonance: float, rows: Rows) -> _Prepare
     served = served_scene(scene) if name == "reduced" else None
     if served is not None:
         folder = None if rows.path is None else rows.path.parent
-        return _Prepared(name, of_scene(scene, range_model(served, folder)))
+        small = of_scene(scene, range_model(served, folder))
+        return _Prepared(name, small, notes=(CREPT,) if scene.opens else ())
     if name == "full":
         return _Prepared(name, system)
     if name == "condensed":
@@ -299,11 +300,11 @@ def _with_coarse(model: _Prepared, scene: Scene, resonance: float) -> _Prepared:
 
 def _with_all_slips(curve: Curve, level: float, model: _Prepared, full: System) -> Curve:
     """Curve of a model at a ``level`` of the scene, with the slip of the full model's points."""
-    serves, shares = model.system.serves, model.system.contact.shares
+    shares = model.system.contact.shares
     slips = None if model.basis is None else full.contact.B @ model.basis.V
 
     def changed(point: SteadyPoint) -> SteadyPoint:
-        if serves is not None and shares is not None:
+        if model.basis is None and shares is not None:  # of a range, which is of many bases
             return replace(point, slip=(shares > 0.0).T @ point.slip, course=None)
         if slips is None or point.course is None:
             return point

@@ -111,8 +111,6 @@ def reduce(
         If a number is out of range, the loads have no common period and no duration is given,
         nothing moves, or no point carries friction.
     """
-    if range is not None:
-        system.contact.check_constant("reduce: range", "leave it out")
     check("modes", modes, COUNT, "auto")
     if range is not None:
         others = (interface_modes, friction_points, beta, duration, run, quasi_static)

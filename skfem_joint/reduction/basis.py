@@ -19,7 +19,7 @@ from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.reduction.friction_points import (
     NO_FRICTION,
-    friction_lost,
+    few_points,
     merged_points,
     shared_points,
 )
@@ -42,8 +42,6 @@ class BasisSettings:
         while the first loses too much.
     merged_if_open : tuple of int
         The same with contact that opens, whose steps cost more for each point.
-    most_lost : float
-        Share of the friction power that merging may lose.
     resolved : float
         Share of the largest slip velocity below which modes of a run do not resolve velocities.
     decaying : float
@@ -60,7 +58,6 @@ class BasisSettings:
     most_times: int = 300
     merged_per_mode: tuple[int, ...] = (3, 6, 12)
     merged_if_open: tuple[int, ...] = (3, 4, 5, 6, 12)
-    most_lost: float = 3e-3
     resolved: float = 1e-4
     decaying: float = 100.0
     stuck_velocity: float = 1e-3
@@ -201,30 +198,22 @@ class Basis:
         ``unmerged`` is the projection on V with all contact points. Its ``notes`` say so if fewer
         than ``count`` points are left, because no more of them slip apart from each other.
         """
-        history = self.history
-
-        def merge(most: int) -> System:
-            known = history.velocities, history.active, most, history.displacements
-            return merged_points(unmerged, *known)
-
-        if count is not None:
-            merged = merge(count)
-            contact = merged.contact
-            points = contact.normal.gap.size or contact.w.size
-            note = (
-                f"The reduced model has {points} friction points instead of {count}: no "
-                "more of the joints' points slip apart from each other."
-            )
-            if points >= count:
-                return merged
-            return replace(merged, notes=(*merged.notes, note))
-        opens = unmerged.contact.opens
-        for each in SETTINGS.merged_if_open if opens else SETTINGS.merged_per_mode:
-            merged = merge(each * unmerged.n)
-            lost = friction_lost(unmerged, merged, history.velocities, history.displacements)
-            if lost <= SETTINGS.most_lost:
-                break
-        return merged
+        history, opens = self.history, unmerged.contact.opens
+        if count is None:
+            each = SETTINGS.merged_if_open if opens else SETTINGS.merged_per_mode
+            numbers = [number * unmerged.n for number in each]
+        else:
+            numbers = [count]
+        known = history.active, numbers, history.velocities, history.displacements
+        merged = few_points(unmerged, *known)
+        points = merged.contact.normal.gap.size if opens else merged.contact.w.size
+        if count is None or points >= count:
+            return merged
+        note = (
+            f"The reduced model has {points} friction points instead of {count}: no "
+            "more of the joints' points slip apart from each other."
+        )
+        return replace(merged, notes=(*merged.notes, note))
 
     def merging(self, system: System, many: int, count: int) -> Callable[[System], System]:
         """What merges points of models of a system that slip alike in the run of this basis.

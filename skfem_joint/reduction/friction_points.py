@@ -28,6 +28,7 @@ each other in the training are left out.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -66,6 +67,8 @@ class MergingSettings:
         Points that are apart at rest are left out if they stay apart by this share of their gap.
     apart : float
         Largest share of such points in the number of points; more of them are merged as others.
+    most_lost : float
+        Share of the friction power that merging may lose.
     """
 
     many: int = 1000
@@ -76,6 +79,7 @@ class MergingSettings:
     pressed: float = 3.0
     near: float = 0.02
     apart: float = 0.75
+    most_lost: float = 3e-3
 
 
 SETTINGS = MergingSettings()
@@ -102,6 +106,25 @@ def friction_lost(
         speeds = system.contact.slip_norm(rates @ np.asarray(system.contact.B).T)
         powers.append(float((speeds @ _States.of(system, displacements).limits).sum()))
     return abs(1.0 - powers[1] / powers[0]) if powers[0] > 0.0 else 0.0
+
+
+def few_points(
+    unmerged: System,
+    points: IntArray,
+    numbers: Iterable[int],
+    velocities: FloatArray,
+    displacements: FloatArray,
+) -> System:
+    """System with the first of some numbers of merged points that loses little friction power.
+
+    It has the last of them if none loses so little. The other arguments are those of
+    `merged_points`.
+    """
+    for count in numbers:
+        merged = merged_points(unmerged, velocities, points, count, displacements)
+        if friction_lost(unmerged, merged, velocities, displacements) <= SETTINGS.most_lost:
+            break
+    return merged
 
 
 def merged_points(

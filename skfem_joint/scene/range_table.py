@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
 from skfem_joint.errors import InputError
-from skfem_joint.key_paths import Location, key_parts, key_path
+from skfem_joint.key_paths import key_parts, key_path
 from skfem_joint.scene.joint_tables import BoltPressureTable, JointTable
 from skfem_joint.scene.messages import mistake
 from skfem_joint.scene.values import Positive, SceneTable, TomlList, key
@@ -44,6 +44,40 @@ def _is_share(pair: tuple[float, ...]) -> tuple[float, ...]:
     return pair
 
 
+class _Key(NamedTuple):
+    """What a key changes: friction or pressure of a joint, or the force of one of its bolts."""
+
+    joint: int
+    kind: str
+    bolt: int | None = None
+
+    @classmethod
+    def of(cls, name: str) -> _Key | None:
+        """Key by its name; None for one that does not change all limits of a joint by a factor."""
+        match key_parts(name):
+            case ("joint", int() as number, "friction" | "pressure" as kind):
+                return cls(number, kind)
+            case ("joint", int() as number, "pressure", "bolts", int() as bolt, "force"):
+                return cls(number, "pressure", bolt)
+        return None
+
+    def value(self, joint: JointTable) -> float:
+        """Value of its joint; InputError in words that follow the key if that has none."""
+        pressure = joint.pressure
+        if self.kind == "friction":
+            return joint.friction
+        if self.bolt is None and isinstance(pressure, float | int):
+            return pressure
+        bolts = pressure.bolts if isinstance(pressure, BoltPressureTable) else ()
+        if self.bolt is not None and self.bolt < len(bolts):
+            return bolts[self.bolt].force
+        what = "number in Pa as" if self.bolt is None else f"bolts[{self.bolt}] in"
+        raise InputError(
+            f"the joint has no {what} its pressure; give its friction, its pressure where that is "
+            "a number, or the force of all its bolts"
+        )
+
+
 Pair = Annotated[TomlList[Positive], AfterValidator(_rises)]
 
 
@@ -70,12 +104,11 @@ class ServedRangeTable(SceneTable):
     @model_validator(mode="after")
     def _has_keys_of_limits(self) -> Self:
         for name in self.values():
-            parts = key_parts(name) or ()
-            if _joint_of(parts) is None:
+            if _Key.of(name) is None:
                 why = (
                     "; clamping bolts may open a joint as they press it, so that its limits have "
                     "no common factor: give the friction of the joint"
-                    if parts[:1] == ("bolt",)
+                    if name.startswith("bolt[")
                     else ""
                 )
                 raise mistake(
@@ -91,41 +124,60 @@ class ServedRangeTable(SceneTable):
         extra: Mapping[str, Any] = self.__pydantic_extra__ or {}
         return {name: (pair[0], pair[1]) for name, pair in extra.items()}
 
+    def _keys(self) -> Iterator[tuple[str, _Key]]:
+        """Names and keys of the values."""
+        for name in self.values():
+            changed = _Key.of(name)
+            if changed is not None:  # others were refused
+                yield name, changed
+
     def problems(self, joints: Sequence[JointTable]) -> Iterator[str]:
         """What is wrong with the keys for these joints of a scene."""
-        for name, (low, high) in self.values().items():
-            where = f"reduction.{key_path(('range', name))}"
-            number = _joint_of(key_parts(name) or ())
-            if number is None or number >= len(joints):
-                yield f"{where}: the scene has no joint[{number}]"
-                continue
-            try:
-                value = _value(joints[number], key_parts(name) or ())
-            except InputError as error:
-                yield f"{where}: {error}"
-                continue
-            if not value > 0.0:
-                yield f"{where}: found {value:g} in the scene, must be > 0 to be changed by factors"
-            for other in _other_bolts(joints[number], name, number):
-                pair = self.values().get(other)
-                if pair is None or abs(pair[1] / pair[0] / (high / low) - 1.0) > _ALIKE:
-                    yield (
-                        f"{where}: found without {key_path(('range', other))} of the same ratio; "
-                        "the force of one bolt of several changes a part of the joint's limits. "
-                        "Give all bolts of the joint, or its friction"
-                    )
+        for name, changed in self._keys():
+            problem = self._problem(name, changed, joints)
+            if problem:
+                yield f"reduction.{key_path(('range', name))}: {problem}"
+
+    def _problem(self, name: str, changed: _Key, joints: Sequence[JointTable]) -> str:
+        """What is wrong with a key; empty if nothing is."""
+        if changed.joint >= len(joints):
+            return f"the scene has no joint[{changed.joint}]"
+        joint = joints[changed.joint]
+        if joint.contact == "unilateral" and changed.kind != "friction":
+            return (
+                "found beside contact = 'unilateral', whose points open at other loads as they are "
+                "pressed otherwise: pressure is no factor on friction limits. All pressures at "
+                "once only rescale the loads: give the amplitudes over that factor, or the "
+                "friction of the joint"
+            )
+        try:
+            value = changed.value(joint)
+        except InputError as error:
+            return str(error)
+        if not value > 0.0:
+            return f"found {value:g} in the scene, must be > 0 to be changed by factors"
+        low, high = self.values()[name]
+        bolts = joint.pressure.bolts if isinstance(joint.pressure, BoltPressureTable) else ()
+        for k in range(len(bolts) if changed.bolt is not None else 0):
+            other = f"joint[{changed.joint}].pressure.bolts[{k}].force"
+            pair = self.values().get(other)
+            if pair is None or abs(pair[1] / pair[0] / (high / low) - 1.0) > _ALIKE:
+                return (
+                    f"found without {key_path(('range', other))} of the same ratio; the force of "
+                    "one bolt of several changes a part of the joint's limits. Give all bolts of "
+                    "the joint, or its friction"
+                )
+        return ""
+
+    def middle(self) -> dict[str, float]:
+        """Geometric mean of the interval of each key: all factors are 1 there."""
+        return {name: math.sqrt(low * high) for name, (low, high) in self.values().items()}
 
     def limits(self, joints: Sequence[JointTable]) -> dict[str, Interval]:
         """Lowest and highest factor on the limits of each joint, by its name."""
-        pairs: dict[str, dict[str, Interval]] = {}
-        for name, (low, high) in self.values().items():
-            middle = math.sqrt(low * high)
-            kind = _kind(name)  # bolts of a joint have one factor in common
-            pairs.setdefault(_named(joints, name).on, {})[kind] = low / middle, high / middle
-        return {
-            joint: (math.prod(p[0] for p in of.values()), math.prod(p[1] for p in of.values()))
-            for joint, of in pairs.items()
-        }
+        ends = ({name: pair[k] for name, pair in self.values().items()} for k in (0, 1))
+        low, high = (self._factors(joints, values) for values in ends)
+        return {name: (low[name], high[name]) for name in low}
 
     def factors(self, joints: Sequence[JointTable]) -> dict[str, float]:
         """Factor on the limits of each joint that the values of these joints mean, by its name.
@@ -135,83 +187,21 @@ class ServedRangeTable(SceneTable):
         InputError
             If bolts of a joint have other factors than each other.
         """
+        return self._factors(joints, {name: k.value(joints[k.joint]) for name, k in self._keys()})
+
+    def _factors(
+        self, joints: Sequence[JointTable], values: Mapping[str, float]
+    ) -> dict[str, float]:
+        """Factor on the limits of each joint with some values of the keys, by its name."""
         found: dict[str, dict[str, float]] = {}
-        for name, (low, high) in self.values().items():
-            joint, kind = _named(joints, name), _kind(name)
-            factor = _value(joint, key_parts(name) or ()) / math.sqrt(low * high)
-            earlier = found.setdefault(joint.on, {}).setdefault(kind, factor)
+        middle = self.middle()
+        for name, changed in self._keys():
+            on, factor = joints[changed.joint].on, values[name] / middle[name]
+            # Bolts of a joint have one factor in common.
+            earlier = found.setdefault(on, {}).setdefault(changed.kind, factor)
             if abs(earlier - factor) > _ALIKE * factor:
                 raise InputError(
-                    f"{name}: bolts of the joint {joint.on!r} differ from the range by other "
-                    "factors than each other"
+                    f"{name}: bolts of the joint {on!r} differ from the range by other factors "
+                    "than each other"
                 )
         return {joint: math.prod(of.values()) for joint, of in found.items()}
-
-    def at_the_middle(self, joints: Sequence[JointTable]) -> tuple[JointTable, ...]:
-        """Joints with the geometric mean of the interval at each key: all factors are 1 there."""
-        middle = [*joints]
-        for name, (low, high) in self.values().items():
-            parts = key_parts(name) or ()
-            number = int(parts[1])
-            middle[number] = _with_value(middle[number], parts, math.sqrt(low * high))
-        return tuple(middle)
-
-
-def _joint_of(parts: Location) -> int | None:
-    """Number of the joint whose limits a key changes by a factor; None for other keys."""
-    match parts:
-        case ("joint", int() as number, "friction" | "pressure"):
-            return number
-        case ("joint", int() as number, "pressure", "bolts", int(), "force"):
-            return number
-    return None
-
-
-def _named(joints: Sequence[JointTable], name: str) -> JointTable:
-    return joints[int((key_parts(name) or ())[1])]
-
-
-def _kind(name: str) -> str:
-    """Friction or pressure: what of a joint a key changes."""
-    return str((key_parts(name) or ())[2])
-
-
-def _value(joint: JointTable, parts: Location) -> float:
-    """Value of a joint at a key; InputError in words that follow the key if it has none."""
-    if parts[2] == "friction":
-        return joint.friction
-    pressure = joint.pressure
-    if len(parts) == 3:
-        if isinstance(pressure, float | int):
-            return pressure
-        raise InputError(
-            "the scene's pressure of this joint is not a number in Pa; give the joint's friction, "
-            "or the force of all its bolts"
-        )
-    number = int(parts[4])
-    if not isinstance(pressure, BoltPressureTable) or number >= len(pressure.bolts):
-        raise InputError(f"the joint has no bolts[{number}] in its pressure")
-    return pressure.bolts[number].force
-
-
-def _other_bolts(joint: JointTable, name: str, number: int) -> Iterator[str]:
-    """Keys of the other bolts in the pressure of a joint, for the key of one of them."""
-    if len(key_parts(name) or ()) < 6 or not isinstance(joint.pressure, BoltPressureTable):
-        return
-    for k in range(len(joint.pressure.bolts)):
-        other = f"joint[{number}].pressure.bolts[{k}].force"
-        if other != name:
-            yield other
-
-
-def _with_value(joint: JointTable, parts: Location, value: float) -> JointTable:
-    pressure = joint.pressure
-    if parts[2] == "friction":
-        return joint.model_copy(update={"friction": value})
-    if isinstance(pressure, BoltPressureTable):
-        bolts, number = [*pressure.bolts], int(parts[4])
-        bolts[number] = bolts[number].model_copy(update={"force": value})
-        return joint.model_copy(
-            update={"pressure": pressure.model_copy(update={"bolts": tuple(bolts)})}
-        )
-    return joint.model_copy(update={"pressure": value})

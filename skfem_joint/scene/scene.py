@@ -25,7 +25,6 @@ from skfem_joint.errors import InputError, listed, refuse
 from skfem_joint.key_paths import key_parts, key_path
 from skfem_joint.loads import common_period
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.normal import constant_contact_alone
 from skfem_joint.progress import Progress, silent
 from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.changes import with_changes
@@ -420,8 +419,6 @@ def _model_problems(scene: Scene) -> Iterator[str]:
             "to reduce by its joints, run 'full' alone"
         )
     if scene.reduction.range is not None:
-        if scene.opens:
-            yield constant_contact_alone("reduction.range", "leave it out")
         if scene.time.quasi_static:
             yield (
                 "reduction.range: found beside time.quasi_static = true; a range has frequencies "

@@ -148,6 +148,7 @@ def integrate_plan(
     ``correction`` is a smaller model's, of a run until "steady".
     """
     check("tolerance", tolerance, _TOLERANCES)
+    # The loads and the law of a whole range are those of no point of it.
     if system.serves is not None and system.serves.point is None:
         raise InputError(
             f"integrate: found a reduced model for the whole range ({system.serves}), must be a "

@@ -42,6 +42,7 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import aslinearoperator
 
 from skfem_joint.arrays import FloatArray, Matrix, as_dense
+from skfem_joint.contacts import Contact
 from skfem_joint.errors import ConvergenceError, InputError, JointError
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
@@ -218,12 +219,13 @@ class QuasiStatic:
         path._to_rest()
         return path
 
-    def with_limits(self, w: FloatArray) -> Self:
-        """Copy at rest with other friction limits (m,), N, zero where they were zero.
+    def with_limits(self, contact: Contact) -> Self:
+        """Copy at rest with the friction limits, and their gain, of another contact of its points.
 
-        Factors of the stiffness are used again.
+        Limits are zero where they were zero. Factors of the stiffness are used again.
         """
-        return self.limited(replace(self.to, system=self.to.system.with_contact(given=w)))
+        limits = {"given": contact.given, "gain": contact.gain}
+        return self.limited(replace(self.to, system=self.to.system.with_contact(**limits)))
 
     def limited(self, to: Arranged) -> Self:
         """Copy at rest for a system that differs in friction limits, springs and damping alone.

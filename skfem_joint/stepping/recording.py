@@ -375,8 +375,7 @@ class Run:
         """Error of the energy balance relative to the largest energy in it."""
         start, end = self.stored_energy
         balance = float(self.input_work.sum()) - self._dissipated - (end - start)
-        in_play = self._in_play
-        return abs(balance) / in_play if in_play > 0.0 else 0.0
+        return abs(balance) / self.in_play if self.in_play > 0.0 else 0.0
 
     @property
     def _dissipated(self) -> float:
@@ -385,7 +384,7 @@ class Run:
         return sum(works) + self.impact_work
 
     @property
-    def _in_play(self) -> float:
+    def in_play(self) -> float:
         """Largest energy in the balance, J."""
         energies = *self.stored_energy, self._dissipated
         in_play = max(float(np.abs(self.input_work).sum()), *map(abs, energies))
@@ -399,11 +398,11 @@ class Run:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Sentences on what the run shows to be wrong with its step."""
-        if self.system.contact.normal.rigid.all() or -self.scheme_work <= GAINED * self._in_play:
+        if self.system.contact.normal.rigid.all() or -self.scheme_work <= GAINED * self.in_play:
             return ()
         return (
             f"The time steps added {-self.scheme_work:.3g} J, "
-            f"{-100.0 * self.scheme_work / self._in_play:.2g} % of the energy in play: elastic "
+            f"{-100.0 * self.scheme_work / self.in_play:.2g} % of the energy in play: elastic "
             "contact (normal_stiffness) that opens or closes is faster than they follow. Take a "
             "shorter step, or rigid contact, whose impacts cannot add energy.",
         )

@@ -96,7 +96,7 @@ def slow_run(
     InputError
         If slip rows of a large sparse system depend on each other.
     """
-    if system.serves is not None:
+    if system.serves is not None:  # its modes are those of vibration
         raise InputError(
             "quasi_static: found a reduced model for a range of frequencies, must be a full, "
             "condensed or reduced model without one"

@@ -14,10 +14,11 @@ from skfem_joint.analysis import error_time, response
 from skfem_joint.analysis.against_opening import against_opening
 from skfem_joint.analysis.description import describe
 from skfem_joint.analysis.estimate import QUANTITIES
+from skfem_joint.analysis.history import compare
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.analysis.scene_response import CREPT, scene_response
-from skfem_joint.analysis.study import run_scene
+from skfem_joint.analysis.study import run_scene, run_scene_in_range
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.mesh import build_plate, write_mesh
@@ -168,30 +169,37 @@ def test_constant_joints_have_the_fields_they_had():
     assert not {"gap", "contact_pressure"} & frames.arrays(frames.fields[0], 0).keys()
 
 
-@pytest.mark.parametrize(
-    ("changes", "place"),
-    [
-        (
-            {"reduction": {"range": {"slip": [0.1, 0.5], "frequency": [1e3, 2e3]}}},
-            "reduction.range",
-        ),
-    ],
-)
-def test_what_needs_constant_normal_forces_is_refused(changes, place):
-    with pytest.raises(InputError, match="contact = 'unilateral'") as caught:
-        block(**changes)
-    (problem,) = [p for p in caught.value.problems if "unilateral" in p]
-    assert f"{place}: found" in problem
-    assert "; " in problem  # what to do in its place
+IN_RANGE = {"slip": [0.1, 0.8], "frequency": [1000.0, 2500.0], "joint[0].friction": [0.4, 0.6]}
 
 
-def test_functions_refuse_it_too():
-    system = block().system()
-    for analysis in (
-        lambda: sj.reduce(system, range={"slip": [1e-6, 1e-5], "frequency": [1e3, 2e3]}),
-    ):
-        with pytest.raises(InputError, match="found a joint with contact = 'unilateral'"):
-            analysis()
+def in_range(amplitude: float, friction: float) -> Scene:
+    """Block pulled to the side, as a point of one model for a range."""
+    return block(
+        "reduced",
+        contact=BASE | {"friction": friction},
+        load=[ACROSS | {"amplitude": amplitude}],
+        reduction={"range": IN_RANGE, "modes": 8},
+        output={"vtk": False},
+    )
+
+
+def test_scenes_of_a_range_share_a_model_that_opens_and_states_its_errors(tmp_path):
+    for amplitude, friction in ((80e3, 0.45), (90e3, 0.55)):
+        scene = in_range(amplitude, friction)
+        study = run_scene_in_range(scene, tmp_path)
+        run = study.models["reduced"].run
+        assert not [text for text in study.warnings if "does not serve" in text]
+        assert run.system.serves.point.limits == pytest.approx({"base": friction / 0.24**0.5})
+        full = sj.integrate(scene.system(), cycles=2, steps_per_cycle=100)
+        errors, stated = compare(full, run), study.models["reduced"].estimate.parts["total"]
+        assert errors.displacement_rms < min(0.02, stated["displacement_rms"])
+        assert abs(errors.friction_energy_per_cycle or 0.0) <= stated["friction_energy"]
+    assert len(list(tmp_path.glob("range_*.npz"))) == 1
+
+
+def test_pressure_of_contact_that_opens_is_no_key_of_a_range():
+    with pytest.raises(InputError, match="open at other loads as they are pressed otherwise"):
+        block(reduction={"range": IN_RANGE | {"joint[0].pressure": [40e6, 60e6]}})
 
 
 @pytest.fixture

@@ -181,5 +181,5 @@ def test_a_response_says_where_a_joint_slips_as_a_whole_and_what_is_outside(mode
     assert both[1].peak == pytest.approx(curve.peak)
     with pytest.raises(sj.InputError, match="found frequency 2600 Hz, outside the range"):
         sj.response(whole, np.array([1500.0, 2600.0]))
-    with pytest.raises(sj.InputError, match="found a point of a range"):
+    with pytest.raises(sj.InputError, match="made for one point of its range"):
         sj.response(sj.at(whole, frequency=1500.0, level=1.0), np.array([1500.0]))

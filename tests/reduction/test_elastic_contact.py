@@ -127,11 +127,6 @@ def test_a_slow_load_that_lifts_a_body_off_ends_the_run_of_a_reduced_model_too(l
         sj.quasi_static(small, cycles=1, steps_per_cycle=40)
 
 
-def test_models_for_a_range_are_refused():
-    with pytest.raises(sj.InputError, match="range: found a joint"):
-        sj.reduce(_system(elements=3), range={"slip": [0.1, 0.5], "frequency": [100.0, 200.0]})
-
-
 def test_modes_of_a_run_are_refused():
     system = _system(elements=3)
     run = sj.integrate(system, **TIMING, save=sj.Save(fields=True))

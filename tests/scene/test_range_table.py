@@ -65,7 +65,7 @@ def test_values_of_a_joint_become_factors_about_their_middle():
     (low, high) = table.limits(scene.joint)["joint"]
     assert (low, high) == pytest.approx((0.25, 4.0))  # both together multiply
     assert table.factors(scene.joint)["joint"] == pytest.approx(0.7 / 0.4 * 2.0)
-    (middle,) = table.at_the_middle(scene.joint)
+    (middle,) = scene.changed(table.middle()).joint
     assert (middle.friction, middle.pressure) == pytest.approx((0.4, 50e6))
     assert table.factors((middle,))["joint"] == pytest.approx(1.0)
 

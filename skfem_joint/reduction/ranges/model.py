@@ -4,28 +4,33 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError, first_of, refuse
-from skfem_joint.loads import common_period
+from skfem_joint.errors import InputError
 from skfem_joint.reduction.active_length import THRESHOLD
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.reduction.pod import ProperModes
 from skfem_joint.reduction.ranges.points import (
+    check_joints,
+    from_rest,
+    least_energy,
+    period_of,
     placed,
     point_of,
     searched_level,
 )
 from skfem_joint.reduction.ranges.training import SETTINGS as TRAINING
-from skfem_joint.reduction.ranges.training import Pool, Training, scaled, spread
+from skfem_joint.reduction.ranges.training import Pool, spread
 from skfem_joint.served import Point, Range, Served
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.recording import Run
 from skfem_joint.system import System
 from skfem_joint.values import COUNT, POSITIVE, check
 
@@ -44,8 +49,6 @@ class RangeSettings:
         Number where these do not reach the accuracy; paths are followed at further points before.
     larger : float
         Modes of the larger model over those of the model.
-    points_per_mode : int
-        Merged friction points for each vector of a basis.
     checks : int
         Points at which numbers of modes are judged, and of these those at which the larger model
         is judged by the residual of its run in the full equation.
@@ -53,7 +56,10 @@ class RangeSettings:
     cycles, steps : int
         Cycles of the runs at these points, and steps of each.
     missing : int
-        Missing modes that are added to the larger model.
+        Missing modes that are added to the best model.
+    interface : int
+        Fixed-interface modes of the condensed model that those with contact that opens are judged
+        by.
     best : int
         Fewest joint modes of the best model, which others are compared with where numbers of modes
         are judged; it has at least as many as the larger model.
@@ -62,26 +68,24 @@ class RangeSettings:
         largest of the usual numbers of modes: each mode more costs time in every step.
     energies : float
         Error of energies that is allowed, over that of displacement histories.
-    least, most, quantile : float
-        Least and most factor on the difference of a run to that of the larger model, and the
-        quantile of the factors at the checked points that is taken.
+    least, most : float
+        Least and most factor on the difference of a run to that of the larger model.
     """
 
     modes: tuple[int, ...] = (20, 28, 40)
     many: int = 84
     larger: float = 1.5
-    points_per_mode: int = 3
     checks: int = 4
     judged: int = 1
     cycles: int = 3
     steps: int = 100
     missing: int = 16
+    interface: int = 24
     best: int = 64
     margin: float = 0.5
     energies: float = 3.0
     least: float = 2.0
     most: float = 5.0
-    quantile: float = 1.0
 
 
 SETTINGS = RangeSettings()
@@ -123,24 +127,12 @@ def reduced_for_range(
     range_ = Range.of(given)
     check("accuracy", accuracy, POSITIVE)
     check("modes", modes, COUNT, "auto")
-    period = common_period(load.amplitude for load in system.loads)
-    if period is None or not all(load.amplitude.harmonics for load in system.loads):
-        raise InputError(
-            "range: the loads must be harmonic, with a common period, whose frequency and level "
-            "the range is of"
-        )
+    period_of(system)  # refuses loads without one
     if system.contact.count == 0:
         raise InputError(NO_FRICTION)
-    refuse(
-        f"range.limits: found joint {name!r}, must be one of {first_of(system.contact.joints)}"
-        for name in range_.limits
-        if name not in system.contact.joints
-    )
-    return _Maker(system, range_, accuracy, period).model(modes)
-
-
-#: A point of the range at which models are run, and its level.
-_Checked = tuple[Training, float]
+    check_joints(system, range_.limits, "range.limits")
+    pool = Pool.of(elastic(system), range_)
+    return _Maker(system, range_, accuracy, pool).model(modes)
 
 
 @dataclass(frozen=True)
@@ -170,78 +162,102 @@ class _Fitted:
 
 @dataclass
 class _Maker:
-    """What is made on the way to a model, see `reduced_for_range`."""
+    """What is made on the way to a model, see `reduced_for_range`.
+
+    Attributes
+    ----------
+    system : System
+    range : Range
+    accuracy : float
+    pool : Pool
+        Static slip paths, with contact that opens elastic.
+    known : ndarray, shape (points, 2 + joints)
+        See `Served.known`.
+    """
 
     system: System
     range: Range
     accuracy: float
-    period: float
+    pool: Pool
+    known: FloatArray = field(init=False)
 
     def model(self, modes: str | int) -> System:
         """Model of the range."""
-        pool, known, rough, checked = self._trained()
+        rough, checked = self._trained()
         tried = SETTINGS.modes if isinstance(modes, str) else (modes,)
-        fitted = self._fitted(pool, known, checked, tried)
+        fitted = self._fitted(checked, tried)
         if isinstance(modes, str) and fitted.worst > self.accuracy:
-            self._follow_further(pool, known, rough)
-            fitted = self._fitted(pool, known, checked, (SETTINGS.many,))
-        factors = self._factors(pool, fitted, checked)
+            self._follow_further(rough)
+            fitted = self._fitted(checked, (SETTINGS.many,))
         larger = replace(fitted.larger.with_contact(shares=None), T=None, serves=None)
-        serves = self._serves(pool, larger, known)
-        serves = replace(serves, factors=factors, reached=max(fitted.worst, 1e-12))
+        serves = replace(self._serves(larger), **self._stated(fitted, checked))
+        serves = replace(serves, reached=max(fitted.worst, 1e-12))
         if serves.shortfall is not None:
             _log.warning("%s.", serves.shortfall)
         return replace(fitted.small, serves=serves)
 
-    def _trained(self) -> tuple[Pool, FloatArray, System, list[_Checked]]:
-        """Pool of paths, known levels of gross slip, a rough model, and the points to check."""
-        pool = Pool.of(self.system, self.range)
-        count = TRAINING.first + TRAINING.more
-        places = spread(self.system, self.range, count + SETTINGS.checks)
+    def _trained(self) -> tuple[System, list[Point]]:
+        """Rough model of the first paths, and the points to check, after all paths are followed."""
+        first, count = TRAINING.first, TRAINING.first + TRAINING.more
+        places = spread(self.system.contact.joints, self.range, count + SETTINGS.checks)
         levels, factor = [], 1.0
-        for place in places[: TRAINING.first]:
-            levels.append(factor * pool.nominal(place))
-            peak = pool.follow(replace(place, slip=1.0), levels[-1]).slip_peak
+        for place in places[:first]:
+            levels.append(factor * self.pool.nominal(place))
+            peak = self.pool.follow(replace(place, slip=1.0, level=levels[-1])).slip_peak
             sticks = self.system.contact.least_share(peak <= THRESHOLD * peak.max())
             if sticks > TRAINING.still:
                 factor *= TRAINING.raised
             elif sticks < 0.1 * TRAINING.still:
                 factor /= float(np.sqrt(TRAINING.raised))
-        known = scaled(places[: TRAINING.first], levels)
-        rough = self._with(pool, pool.proper(), TRAINING.rough, known)
-        levels += [_level(rough, place) for place in places[TRAINING.first :]]
-        known = scaled(places, levels)
-        for k in range(TRAINING.first, count):
-            pool.follow(places[k], places[k].slip * levels[k])
+        self._know(places[:first], levels)
+        rough = self._with(self.pool.proper(), TRAINING.rough)
+        levels += [_level(rough, place) for place in places[first:]]
+        self._know(places, levels)
+        for place, level in zip(places[first:count], levels[first:count], strict=True):
+            self.pool.follow(_slipping(place, level))
         pairs = zip(places[count:], levels[count:], strict=True)
-        return pool, known, rough, [self._inside(*pair) for pair in pairs]
+        return rough, [self._inside(*pair) for pair in pairs]
 
-    def _inside(self, place: Training, level: float) -> _Checked:
-        """A place with its share of slip in the range, and the level there."""
-        low, high = self.range.slip
-        slip = min(max(place.slip, low), high)
-        return replace(place, slip=slip), slip * level
+    def _know(self, places: Sequence[Point], levels: Sequence[float]) -> None:
+        """Keep where the levels of gross slip are known."""
+        joints, pairs = self.system.contact.joints, zip(places, levels, strict=True)
+        self.known = np.array([[p.frequency, *p.factors(joints), level] for p, level in pairs])
 
-    def _follow_further(self, pool: Pool, known: FloatArray, rough: System) -> None:
+    def _inside(self, place: Point, level: float) -> Point:
+        """A place with its share of slip in the range, and its level by that of gross slip."""
+        slip = float(np.clip(place.slip or 1.0, *self.range.slip))
+        return _slipping(replace(place, slip=slip), level)
+
+    def _follow_further(self, rough: System) -> None:
         """Follow paths where two models of the pool differ most, of points not used before."""
         used = TRAINING.first + TRAINING.more + SETTINGS.checks
-        places = spread(self.system, self.range, used + TRAINING.rounds * TRAINING.candidates)
-        for start in range(used, len(places), TRAINING.candidates):
-            proper, judged = pool.proper(), []
-            pair = [self._with(pool, proper, m, known) for m in (SETTINGS.modes[-1], SETTINGS.many)]
+        count = used + TRAINING.rounds * TRAINING.candidates
+        places = spread(self.system.contact.joints, self.range, count)
+        for start in range(used, count, TRAINING.candidates):
+            proper, judged = self.pool.proper(), []
+            pair = [self._with(proper, modes) for modes in (SETTINGS.modes[-1], SETTINGS.many)]
             for place in places[start : start + TRAINING.candidates]:
                 point = self._inside(place, _level(rough, place))
-                runs = [self._run(model, *point) for model in pair]
-                judged.append((self._error(*runs), *point))
+                judged.append((self._error(*(self._run(model, point) for model in pair)), point))
             judged.sort(key=lambda item: item[0], reverse=True)
-            for _, place, level in judged[: TRAINING.followed]:
-                pool.follow(place, level)
+            for _, point in judged[: TRAINING.followed]:
+                self.pool.follow(point)
 
-    def _fitted(
-        self, pool: Pool, known: FloatArray, checked: list[_Checked], numbers: Sequence[int]
-    ) -> _Fitted:
+    @cached_property
+    def _exact(self) -> System | None:
+        """Condensed model of contact that opens, which is rigid where the full model's is.
+
+        Where limits are constant the residual in the full equation shows what a model misses, and
+        none is made: it would be slow where contact is large.
+        """
+        if not self.system.contact.opens:
+            return None
+        basis = condensed_basis(self.system, SETTINGS.interface, self.range.frequency[1])
+        return condensed_system(self.system, basis.V)
+
+    def _fitted(self, checked: list[Point], numbers: Sequence[int]) -> _Fitted:
         """Model with the first number of modes that suffices at the checked points."""
-        proper = pool.proper()
+        proper = self.pool.proper()
         most = int(np.count_nonzero(proper.singular_values > 1e-7 * proper.singular_values[0]))
         tried = list(dict.fromkeys(min(count, most) for count in numbers))
         top = 0
@@ -249,76 +265,80 @@ class _Maker:
             wider = round(SETTINGS.larger * count)
             if wider > top:
                 top = min(most, max(SETTINGS.best, wider))
-                best = self._with(pool, proper, top, known)
-                truths = [self._run(best, *point) for point in checked]
-            small = self._with(pool, proper, count, known)
-            runs = [self._run(small, *point) for point in checked]
+                best = self._with(proper, top)
+                truths = [self._run(self._exact or best, point) for point in checked]
+            small = self._with(proper, count)
+            runs = [self._run(small, point) for point in checked]
             worst = max(self._error(*pair) for pair in zip(truths, runs, strict=True))
             share = SETTINGS.margin if count < tried[-1] else 1.0
             if worst <= share * self.accuracy:
                 break
-        larger = self._with(pool, proper, min(top, wider), known)
-        return _Fitted(small, larger, best, pool.basis(proper, top), truths, runs, worst)
+        larger = self._with(proper, min(top, wider))
+        return _Fitted(small, larger, best, self.pool.basis(proper, top), truths, runs, worst)
 
-    def _with(self, pool: Pool, proper: ProperModes, modes: int, known: FloatArray) -> System:
+    def _with(self, proper: ProperModes, modes: int) -> System:
         """Model of a number of modes, which is its own larger model."""
-        V = pool.basis(proper, modes)
-        small = pool.merged(V, SETTINGS.points_per_mode * V.shape[1])
-        return replace(small, serves=self._serves(pool, small, known))
+        small = self.pool.merged(self.pool.basis(proper, modes))
+        return replace(small, serves=self._serves(small))
 
-    def _serves(self, pool: Pool, larger: System, known: FloatArray) -> Served:
-        """What a model carries, without factors."""
-        law, accuracy = pool.law(), self.accuracy
-        return Served(self.range, larger, {}, accuracy, accuracy, law, self.period, known)
+    def _serves(self, larger: System) -> Served:
+        """What a model carries, but for what errors are stated by."""
+        asked, law = self.accuracy, self.pool.law()
+        return Served(self.range, larger, {}, {}, asked, asked, law, self.known)
 
-    def _run(self, model: System, place: Training, level: float, fields: bool = False) -> Run:
-        point = point_of(model, Point(place.frequency, level, {}, place.slip), place.factors)
-        steps, cycles = SETTINGS.steps, SETTINGS.cycles
-        every = stride(steps * cycles, steps)
-        save = Save(fields=True, fields_every=every) if fields else None
-        return integrate(point, cycles=cycles, steps_per_cycle=steps, save=save)
+    def _run(self, model: System, point: Point, fields_every: int = 0) -> Run:
+        """Run at a point of a model for the range, or of the exact one."""
+        there = placed(model, point) if model is self._exact else point_of(model, point)
+        return from_rest(there, SETTINGS.cycles, SETTINGS.steps, fields_every)
 
-    def _factors(self, pool: Pool, fitted: _Fitted, checked: list[_Checked]) -> dict[str, float]:
-        """Factors on the difference of a run to that of the larger model.
+    def _stated(self, fitted: _Fitted, checked: list[Point]) -> dict[str, Any]:
+        """By what a point states its errors: `Served.factors` and `Served.shared`.
 
-        At one or some points the best model is run again with the modes that its run misses.
+        With constant limits the best model is run again, at one or some points, with the modes that
+        its run misses. With contact that opens all truths are of the condensed model.
         """
-        residual = Residual(self.system, pool.path.unshifted)
-        ratios = []
-        for number, (place, level) in enumerate(checked):
+        residual = Residual(self.system, self.pool.path.unshifted)
+        errors, shown, shared = [], [], []
+        for number, point in enumerate(checked):
             truth, run = fitted.truths[number], fitted.runs[number]
-            if number < SETTINGS.judged:
-                truth = self._better(residual, fitted.V, fitted.best, place, level)
-            error = np.array(_apart(truth, run))
-            shown = np.array(_apart(self._run(fitted.larger, place, level), run))
-            ratios.append(error / np.maximum(shown, 1e-12))
-        found = np.quantile(np.array(ratios), SETTINGS.quantile, axis=0)
-        found = np.clip(found, SETTINGS.least, SETTINGS.most)
-        return {"history": float(found[0]), "energy": float(found[1])}
+            if number < SETTINGS.judged and self._exact is None:
+                truth = self._better(residual, fitted.V, fitted.best, point)
+            larger = self._run(fitted.larger, point)
+            errors.append(_apart(truth, run))
+            shown.append(_apart(larger, run))
+            shared.append(_apart(truth, larger) if self._exact else (0.0, 0.0))
+        left = np.max(shared, axis=0)
+        ratios = np.maximum(errors - left, 0.0) / np.maximum(shown, 1e-12)
+        found = np.clip(ratios.max(axis=0), SETTINGS.least, SETTINGS.most)
+        names = "history", "energy"
+        values = {"factors": found.tolist(), "shared": left.tolist()}
+        return {of: dict(zip(names, pair, strict=True)) for of, pair in values.items()}
 
     def _error(self, reference: Run, other: Run) -> float:
         """Distance of two runs, of which energies may err more."""
         history, energy = _apart(reference, other)
         return max(history, energy / SETTINGS.energies)
 
-    def _better(
-        self, residual: Residual, V: FloatArray, best: System, place: Training, level: float
-    ) -> Run:
+    def _better(self, residual: Residual, V: FloatArray, best: System, point: Point) -> Run:
         """Run of the best model with the modes that its run misses, with all friction points."""
-        run = self._run(best, place, level, fields=True)
-        there = placed(self.system, place.frequency, level, place.factors)
+        every = stride(SETTINGS.steps * SETTINGS.cycles, SETTINGS.steps)
+        run = self._run(best, point, every)
+        there = placed(self.system, point)
         missing = residual.under(there).missing_modes(V, run, SETTINGS.missing, V[:, :0])
-        point = run.system
+        contact = run.system.contact
         model = there.widened(there.project(V), V, missing)
-        if point.contact.shares is not None:
-            model = shared_points(model, point.contact.shares, point.contact.w)
-        model = model.no_steeper(point.contact.steepest)
-        return integrate(model, cycles=SETTINGS.cycles, steps_per_cycle=SETTINGS.steps)
+        model = shared_points(model, contact.shares, contact.w).no_steeper(contact.steepest)
+        return from_rest(model, SETTINGS.cycles, SETTINGS.steps)
 
 
-def _level(rough: System, place: Training) -> float:
+def _slipping(place: Point, level: float) -> Point:
+    """A place at its share of the level at which the first joint slips as a whole."""
+    return replace(place, level=(1.0 if place.slip is None else place.slip) * level)
+
+
+def _level(rough: System, place: Point) -> float:
     """Level at which the first joint slips as a whole, of a rough model, or a guess."""
-    level, guess = searched_level(rough, place.frequency, place.factors)
+    level, guess = searched_level(rough, place)
     return TRAINING.missed * guess if level is None else level
 
 
@@ -334,4 +354,6 @@ def _apart(reference: Run, other: Run) -> tuple[float, float]:
             np.linalg.norm(other.point_u - reference.point_u, axis=0).max() / size.max()
         )
     ours, theirs = float(other.cycles.friction[-1]), float(reference.cycles.friction[-1])
-    return history, abs(ours - theirs) / theirs if theirs > 0.0 else 0.0
+    if not theirs > 0.0:
+        return history, 0.0
+    return history, abs(ours - theirs) / max(theirs, least_energy(reference))

@@ -4,23 +4,24 @@ Coulomb's law is approached by one so steep that slip velocities are resolved do
 median of the largest ones in the training paths: slow points of the range creep far less than the
 largest velocity tells. (On plates and solids friction energies came out 0.2 to 0.5 % closer than
 with 1e-5, for up to 1.4 times the cost.) It is less steep by the geometric mean of the factors on
-all joints' limits: a factor common to the loads and all limits then rescales the solution exactly.
+all joints' limits, and by that on the preload: a factor common to the loads and all limits, or to
+the loads and the preload where contact opens, then rescales the solution exactly.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
 from skfem_joint.errors import ConvergenceError, GrossSlipError, InputError, first_of, refuse
 from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
-from skfem_joint.served import Interval, Point, Served
+from skfem_joint.served import Point, Served
 from skfem_joint.slips import WHOLE_SHARE
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.resolution import longest_step
 from skfem_joint.system import System
 from skfem_joint.values import POSITIVE, check, check_some
@@ -48,6 +49,8 @@ class PointSettings:
         Most trials.
     tolerance : float
         Relative distance from a range that is round-off.
+    least_energy : float
+        Share of the energy in play, see `least_energy`.
     """
 
     steeper: float = 5.0
@@ -58,6 +61,7 @@ class PointSettings:
     raised: float = 1.3
     trials: int = 16
     tolerance: float = 1e-9
+    least_energy: float = 1e-3
 
 
 SETTINGS = PointSettings()
@@ -70,6 +74,7 @@ def at(
     slip: float | None = None,
     level: float | None = None,
     limits: Mapping[str, float] | None = None,
+    preload: float = 1.0,
 ) -> System:
     """Model of one point of the range that a reduced model serves.
 
@@ -88,7 +93,10 @@ def at(
         point's own run shows it, and `estimate` refuses one in which a joint slips as a whole.
     limits : mapping of str to float, optional
         Factor on the friction limits of joints by name; 1 where not given. Where joints share
-        contact points it acts on the joint's share of them.
+        contact points it acts on the joint's share of them. Where contact opens it is one on the
+        coefficient of friction: limits follow the normal forces with it.
+    preload : float
+        Factor on all that presses the joints at rest: normal forces, gaps and friction limits.
 
     Returns
     -------
@@ -103,69 +111,69 @@ def at(
         If ``slip`` is given, and no load is found at which a joint slips as a whole.
     """
     check("frequency", frequency, POSITIVE)
+    check("preload", preload, POSITIVE)
     check_some(POSITIVE, slip=slip, level=level)
     if (slip is None) == (level is None):
         raise InputError("at: needs slip or level, and not both")
-    factors = _factors(system, limits or {})
-    serves = system.serves
-    if serves is None:
+    limits = dict(limits or {})
+    check_joints(system, limits, "limits")
+    check_some(POSITIVE, **{f"limits.{name}": value for name, value in limits.items()})
+    point = Point(frequency, level or 1.0, limits, slip, preload)
+    if system.serves is None:  # any system is loaded, but only a model for a range knows shares
         if level is None:
             raise InputError(
                 "at: found slip without a range; give level, or a reduced model for a range, "
                 "sj.reduce(system, range=...)"
             )
-        return placed(system, frequency, level, factors)
-    if serves.point is not None:
+        return placed(system, point)
+    if system.serves.point is not None:
         raise InputError("at: found a point of a range, must be the model of the whole range")
-    check_within(system, frequency, factors)
+    check_within(system, point)
     if slip is not None:
-        _check_slip(serves, slip)
-        level = slip * gross_slip_level(system, frequency, factors)
-    point = Point(frequency, float(level or 0.0), dict(limits or {}), slip)
-    return point_of(system, point, factors)
+        _check_slip(system.serves, slip)
+        point = replace(point, level=slip * gross_slip_level(system, point))
+    return point_of(system, point)
 
 
-def point_of(system: System, point: Point, factors: FloatArray) -> System:
-    """Model of a point, without a check; ``factors`` of all joints."""
-    serves = system.serves
-    assert serves is not None
-    mean = float(np.exp(np.log(factors).mean())) if factors.size else 1.0
-    law = serves.law / mean
+def check_joints(system: System, names: Iterable[str], where: str) -> None:
+    """InputError for names that are no joints of a system; ``where`` they stand."""
+    joints = system.contact.joints
+    refuse(
+        f"{where}: found joint {name!r}, must be one of {first_of(joints)}"
+        for name in names
+        if name not in joints
+    )
+
+
+def point_of(system: System, point: Point) -> System:
+    """Model of a point, without a check, of the model for a range."""
+    serves = Served.by(system)
+    law = serves.law / (point.mean_factor(system.contact.joints) * point.preload)
 
     def there(model: System, law: float) -> System:
-        model = placed(model, point.frequency, point.level, factors, serves.period)
-        return model.no_steeper(law)
+        return placed(model, point).no_steeper(law)
 
     larger = replace(there(serves.larger, SETTINGS.steeper * law), serves=None)
-    return replace(there(system, law), serves=replace(serves, larger=larger, point=point))
+    return replace(
+        there(system, law),
+        made_for="one point of its range",
+        serves=replace(serves, larger=larger, point=point),
+    )
 
 
-def placed(
-    system: System,
-    frequency: float,
-    level: float,
-    factors: FloatArray,
-    period: float | None = None,
-) -> System:
-    """System with its loads at another frequency (Hz) and level, and other friction limits.
-
-    ``factors`` on the limits are of all ``system.contact.joints``; ``period`` is the loads' common
-    one, s.
-    """
-    if period is None:
-        period = common_period(load.amplitude for load in system.loads)
-    if period is None or not all(load.amplitude.harmonics for load in system.loads):
-        raise InputError("range: all loads must be harmonic, with a common period")
-    loaded = loaded_at(system, frequency, level, period)
-    return replace(loaded, contact=loaded.contact.with_factors(factors))
+def placed(system: System, point: Point) -> System:
+    """System with its loads, friction limits and preload at a point."""
+    loaded = loaded_at(system, point.frequency, point.level)
+    contact = loaded.contact.with_factors(point.factors(loaded.contact.joints))
+    return replace(loaded, contact=contact.pressed(point.preload))
 
 
-def loaded_at(system: System, frequency: float, level: float, period: float) -> System:
+def loaded_at(system: System, frequency: float, level: float) -> System:
     """System with its harmonic loads at another frequency (Hz) and level.
 
-    ``period`` is the loads' common one, s.
+    The frequency is that of their common period. InputError as `period_of`.
     """
-    faster, loads = frequency * period, []
+    faster, loads = frequency * period_of(system), []
     for load in system.loads:
         parts = load.amplitude.harmonics
         changed = (Harmonic(level * a.amplitude, faster * a.frequency, a.phase) for a in parts)
@@ -173,14 +181,25 @@ def loaded_at(system: System, frequency: float, level: float, period: float) -> 
     return replace(system, loads=tuple(loads))
 
 
-def check_within(system: System, frequency: float, factors: FloatArray) -> None:
-    """InputError if a frequency or limits are outside the range of a model.
+def period_of(system: System) -> float:
+    """Common period of harmonic loads, s; InputError for others."""
+    period = common_period(load.amplitude for load in system.loads)
+    if period is None or not all(load.amplitude.harmonics for load in system.loads):
+        raise InputError(
+            "loads: must be harmonic, with a common period, to have another frequency; give "
+            "harmonic loads, or run the system under its own"
+        )
+    return period
+
+
+def check_within(system: System, point: Point) -> None:
+    """InputError if the frequency or limits of a point are outside the range of a model.
 
     A factor common to the loads and to all limits only rescales: limits are inside if they are so
-    but for such a factor.
+    but for such a factor. Where contact opens that takes the preload along, which is a factor of
+    its own: limits must be inside as they are.
     """
-    serves = system.serves
-    assert serves is not None
+    serves, joints, frequency = Served.by(system), system.contact.joints, point.frequency
     low, high = serves.range.frequency
     near = SETTINGS.tolerance
     if not low * (1.0 - near) <= frequency <= high * (1.0 + near):
@@ -188,14 +207,17 @@ def check_within(system: System, frequency: float, factors: FloatArray) -> None:
             f"at: found frequency {frequency:g} Hz, outside the range of the reduced model, "
             f"{low:g} to {high:g} Hz; make one for a wider range, or run the full system there"
         )
-    box = [serves.range.limits.get(name, (1.0, 1.0)) for name in system.contact.joints]
+    factors, box = point.factors(joints), serves.range.of_joints(joints)
     least = max((f / pair[1] for f, pair in zip(factors, box, strict=True)), default=1.0)
     most = min((f / pair[0] for f, pair in zip(factors, box, strict=True)), default=1.0)
+    even = "even with a common factor; "
+    if system.contact.opens:
+        least, most, even = max(least, 1.0), min(most, 1.0), ""
     if least > most * (1.0 + near):
-        found = dict(zip(system.contact.joints, (float(f"{f:.6g}") for f in factors), strict=True))
+        found = dict(zip(joints, (float(f"{f:.6g}") for f in factors), strict=True))
         raise InputError(
-            f"at: found limits {found}, outside the range of the reduced model ({serves}), even "
-            "with a common factor; make one for a wider range, or run the full system there"
+            f"at: found limits {found}, outside the range of the reduced model ({serves}), "
+            f"{even}make one for a wider range, or run the full system there"
         )
 
 
@@ -211,17 +233,6 @@ def _check_slip(serves: Served, share: float) -> None:
     )
 
 
-def _factors(system: System, limits: Mapping[str, float]) -> FloatArray:
-    """Factors on the limits of all joints, (joints,)."""
-    refuse(
-        f"limits: found joint {name!r}, must be one of {first_of(system.contact.joints)}"
-        for name in limits
-        if name not in system.contact.joints
-    )
-    check_some(POSITIVE, **{f"limits.{name}": value for name, value in limits.items()})
-    return np.array([float(limits.get(name, 1.0)) for name in system.contact.joints])
-
-
 def sticking(run: Run) -> float:
     """Least share of a joint's friction limit whose points stick throughout a reduced run.
 
@@ -229,55 +240,71 @@ def sticking(run: Run) -> float:
     """
     system = run.system
     slip = run.slider_peak
-    period = common_period(load.amplitude for load in system.loads) or 0.0
+    period = period_of(system)
     still = slip <= np.maximum(SETTINGS.still * slip.max(initial=0.0), period / system.contact.beta)
     return system.contact.least_share(still)
 
 
 def check_short_of_gross_slip(run: Run) -> None:
     """GrossSlipError if a joint slips as a whole in a run of a model for a range."""
-    if run.system.serves is not None and sticking(run) <= 1.0 - WHOLE_SHARE:
+    if sticking(run) <= 1.0 - WHOLE_SHARE:
         raise GrossSlipError(
             "a joint slips as a whole, which the reduced model for the range does not serve; lower "
             "the level, or give the full system"
         )
 
 
-def gross_slip_level(system: System, frequency: float, factors: FloatArray) -> float:
+def gross_slip_level(system: System, point: Point) -> float:
     """Factor on the loads at which the first joint slips as a whole, within four cycles from rest.
 
-    ``system`` is the reduced model of the whole range; ``factors`` are of all its joints.
+    ``system`` is the reduced model of the whole range; the level of the point does not count.
     ConvergenceError if none is found.
     """
-    level = searched_level(system, frequency, factors)[0]
+    level = searched_level(system, replace(point, preload=1.0))[0]
     if level is None:
         raise ConvergenceError(
-            f"range: no load was found at which a joint slips as a whole at {frequency:g} Hz; the "
-            "modes of the reduced model may not let it: give level in place of slip, or make a "
-            "model for a wider range"
+            "range: no load was found at which a joint slips as a whole at "
+            f"{point.frequency:g} Hz; the modes of the reduced model may not let it: give level in "
+            "place of slip, or make a model for a wider range"
         )
-    return level
+    return level * point.preload
 
 
-def searched_level(
-    system: System, frequency: float, factors: FloatArray
-) -> tuple[float | None, float]:
+def searched_level(system: System, point: Point) -> tuple[float | None, float]:
     """That level, or None if none is found, and the guess that the search began with."""
-    serves = system.serves
-    assert serves is not None
-    mean = float(np.exp(np.log(factors).mean())) if factors.size else 1.0
+    serves, joints = Served.by(system), system.contact.joints
+    mean, factors = point.mean_factor(joints), point.factors(joints)
     f, of_joints, levels = serves.known[:, 0], serves.known[:, 1:-1], serves.known[:, -1]
     means = np.exp(np.log(of_joints).mean(axis=1)) if factors.size else np.ones_like(f)
     apart = (np.log(of_joints / means[:, np.newaxis]) - np.log(factors / mean)) ** 2
-    distance = apart.sum(axis=1) + (10.0 * (f - frequency) / serves.range.frequency[1]) ** 2
-    weight = 1.0 / (distance + 1e-3) ** 2
+    far = (10.0 * (f - point.frequency) / serves.range.frequency[1]) ** 2
+    weight = 1.0 / (apart.sum(axis=1) + far + 1e-3) ** 2
     guess = mean * float(np.exp(weight @ np.log(levels / means) / weight.sum()))
     slip = serves.range.slip[1]
 
     def there(level: float) -> System:
-        return point_of(system, Point(frequency, level, {}, slip), factors)
+        return point_of(system, replace(point, level=level, slip=slip))
 
     return found_level(there, guess), guess
+
+
+def from_rest(model: System, cycles: int, steps: int, fields_every: int = 0) -> Run:
+    """Run of some cycles of the loads' common period, in so many steps each, from rest.
+
+    What is doubtful in it is not logged: nobody asked for this run.
+    """
+    period = period_of(model)
+    save = Save(fields=fields_every > 0, fields_every=max(fields_every, 1))
+    plan = Plan(period / steps, cycles * steps, save=save, cycle_steps=steps)
+    return integrate_plan(model, plan).finished()
+
+
+def least_energy(run: Run) -> float:
+    """Friction energy of a cycle, J, that errors are relative to where it is less than this.
+
+    Where hardly anything slips, elastic contact in place of a rigid one moves as much as slips.
+    """
+    return SETTINGS.least_energy * run.in_play if run.system.contact.opens else 0.0
 
 
 def found_level(there: Callable[[float], System], guess: float) -> float | None:
@@ -289,10 +316,9 @@ def found_level(there: Callable[[float], System], guess: float) -> float | None:
     settings, low, high, level = SETTINGS, 0.0, np.inf, guess
     for _ in range(settings.trials):
         model = there(level)
-        period = common_period(load.amplitude for load in model.loads) or 1.0
+        period = period_of(model)
         steps = max(settings.steps, int(np.ceil(period / longest_step(model, period) - 1e-9)))
-        run = integrate(model, cycles=settings.cycles, steps_per_cycle=steps)
-        if sticking(run) <= 1.0 - WHOLE_SHARE:
+        if sticking(from_rest(model, settings.cycles, steps)) <= 1.0 - WHOLE_SHARE:
             high = level
         else:
             low = level
@@ -303,8 +329,3 @@ def found_level(there: Callable[[float], System], guess: float) -> float | None:
         else:
             level *= settings.raised if low > 0.0 else 1.0 / settings.raised
     return None
-
-
-def intervals(system: System, limits: Mapping[str, Interval]) -> list[Interval]:
-    """Interval of the factor of each joint."""
-    return [limits.get(name, (1.0, 1.0)) for name in system.contact.joints]

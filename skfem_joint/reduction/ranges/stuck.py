@@ -9,7 +9,7 @@ import numpy as np
 from skfem_joint.arrays import FloatArray
 from skfem_joint.reduction.interface_modes import RestrictedMotion, motions_without_slip
 from skfem_joint.reduction.pod import orthonormal
-from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.system import System
 from skfem_joint.unknowns import congruent
 
@@ -38,25 +38,24 @@ class StuckVibration:
     rows: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
     @staticmethod
-    def of(system: System, path: QuasiStatic, highest: float, most: int) -> StuckVibration:
+    def of(system: System, highest: float, most: int) -> StuckVibration:
         """Vibration with at most ``most`` modes, of those up to three times a frequency (Hz).
 
-        ``path`` is a quasi-static path of the system, whose factors are used.
+        The normal forces of the system are constant.
         """
         F = motions_without_slip(system, carrying=system.contact.has_springs)
         held = replace(system, K=system.stuck_stiffness)
         restricted = RestrictedMotion.of(held, F)
-        solve = path.stuck(F) or restricted.solver
-        frequency, shapes = restricted.lowest(most, solve, 1e-6)
+        frequency, shapes = restricted.lowest(most, restricted.solver, 1e-6)
         count = max(1, int(np.count_nonzero(frequency <= 3.0 * highest)))
         modes = np.asarray(F @ shapes[:, :count])
-        static = F @ solve(np.asarray(F.T @ system.load_vectors()))
+        static = F @ restricted.solver(np.asarray(F.T @ system.load_vectors()))
         W = orthonormal(np.hstack([modes, np.reshape(static, (system.n, -1))]), system.M)
         M, C, K = (np.asarray(congruent(A, W)) for A in (held.M, held.C, held.K))
-        inner = path.to.system
+        to = arranged(system)
 
         def on_rows(forces: FloatArray) -> FloatArray:
-            return np.asarray(inner.contact.B @ path.to.force(forces))
+            return np.asarray(to.system.contact.B @ to.force(forces))
 
         loads = system.load_vectors()
         rows = on_rows(loads), on_rows(system.M @ W), on_rows(system.C @ W), on_rows(system.K @ W)

@@ -10,13 +10,14 @@ import numpy as np
 from scipy.stats import qmc
 
 from skfem_joint.arrays import FloatArray
-from skfem_joint.linalg.shifts import shifted
-from skfem_joint.reduction.friction_points import merged_points
+from skfem_joint.reduction.basis import SETTINGS as BASIS
+from skfem_joint.reduction.elastic_contact import strain_norm
+from skfem_joint.reduction.friction_points import few_points
 from skfem_joint.reduction.pod import ProperModes, orthonormal, proper_decomposition, thinned
-from skfem_joint.reduction.ranges.points import intervals, placed
+from skfem_joint.reduction.ranges.points import placed
 from skfem_joint.reduction.ranges.stuck import StuckVibration
 from skfem_joint.reduction.static_path import StaticPath, slip_path
-from skfem_joint.served import Range
+from skfem_joint.served import Point, Range
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.quasi_static import QuasiStatic
 from skfem_joint.stepping.resolution import longest_step
@@ -63,6 +64,9 @@ class TrainingSettings:
         Most fixed-interface modes.
     resolved : float
         Share of the largest slip velocity down to which the law resolves velocities.
+    points : int
+        Merged friction points for each vector of a basis with constant limits; with contact that
+        opens they are as many as a model for one load would have.
     """
 
     first: int = 3
@@ -82,39 +86,31 @@ class TrainingSettings:
     times: int = 60
     interface: int = 16
     resolved: float = 2e-7
+    points: int = 3
 
 
 SETTINGS = TrainingSettings()
 
 
-@dataclass(frozen=True)
-class Training:
-    """Where training is done: frequency (Hz), share of slip, factors on the limits (joints,)."""
-
-    frequency: float
-    slip: float
-    factors: FloatArray
-
-
-def spread(system: System, range_: Range, count: int) -> list[Training]:
+def spread(joints: Sequence[str], range_: Range, count: int) -> list[Point]:
     """Points spread over a range by Sobol's sequence, the same ones at each call.
 
     Frequencies are even, shares of slip and factors even in their logarithms: few points slip at
-    low shares, and paths to high shares say little of them.
+    low shares, and paths to high shares say little of them. Their levels are not known yet.
     """
-    pairs = intervals(system, range_.limits)
-    free = [k for k, (low, high) in enumerate(pairs) if high > low]
+    free = [(name, pair) for name, pair in range_.limits.items() if pair[1] > pair[0]]
+    fixed = {name: pair[0] for name, pair in range_.limits.items()}
+    free.sort(key=lambda item: joints.index(item[0]))
     engine = qmc.Sobol(2 + len(free), rng=0)
     numbers = engine.random(1 << max(count - 1, 1).bit_length())[:count]
     places = []
     (low, high), (slow, fast) = range_.slip, range_.frequency
     high = SETTINGS.beyond * high
-    for x in numbers:
-        factors = np.array([pair[0] for pair in pairs])
-        for k, share in zip(free, x[2:], strict=True):
-            factors[k] = pairs[k][0] * (pairs[k][1] / pairs[k][0]) ** share
-        slip = low * (high / low) ** float(x[1])
-        places.append(Training(slow + (fast - slow) * float(x[0]), slip, factors))
+    for x in numbers.tolist():
+        shares = zip(free, x[2:], strict=True)
+        limits = {name: pair[0] * (pair[1] / pair[0]) ** share for (name, pair), share in shares}
+        slip = low * (high / low) ** x[1]
+        places.append(Point(slow + (fast - slow) * x[0], limits=fixed | limits, slip=slip))
     return places
 
 
@@ -125,16 +121,16 @@ class Pool:
     Attributes
     ----------
     system : System
-        The full system.
+        The full system; contact that opens is elastic.
     path : QuasiStatic
         Its quasi-static path, whose factors all points use.
     stuck : StuckVibration
-    energy : sparse array, shape (n, n)
+    energy : matrix, shape (n, n)
         Inner product of the proper orthogonal modes.
     paths : list of StaticPath
     snapshots : list of ndarray, shape (s, n)
         Of each path, compressed: its proper orthogonal modes times their singular values.
-    places : list of Training
+    places : list of Point
     """
 
     system: System
@@ -143,37 +139,31 @@ class Pool:
     energy: Any
     paths: list[StaticPath] = field(default_factory=list)
     snapshots: list[FloatArray] = field(default_factory=list)
-    places: list[Training] = field(default_factory=list)
+    places: list[Point] = field(default_factory=list)
 
     @staticmethod
     def of(system: System, range_: Range) -> Pool:
         """Pool without paths."""
-        path = QuasiStatic(system, 3e-5)
-        stuck = StuckVibration.of(system, path, range_.frequency[1], SETTINGS.interface)
-        return Pool(system, path, stuck, shifted(system.K, system.M))
+        stuck = StuckVibration.of(system.closed(), range_.frequency[1], SETTINGS.interface)
+        return Pool(system, QuasiStatic(system, 3e-5), stuck, strain_norm(system))
 
-    def nominal(self, place: Training) -> float:
+    def nominal(self, place: Point) -> float:
         """Level at which the first joint slips as a whole, about, by the stuck vibration."""
-        return self.stuck.level(placed(self.system, place.frequency, 1.0, place.factors))
+        return self.stuck.level(placed(self.system, place))
 
-    def follow(self, place: Training, level: float) -> StaticPath:
-        """Static slip path of a point at a level of load; it is added to the pool."""
-        there = placed(self.system, place.frequency, level, place.factors)
+    def follow(self, place: Point) -> StaticPath:
+        """Static slip path of a point; it is added to the pool."""
+        there = placed(self.system, place)
         period, cycles = 1.0 / place.frequency, SETTINGS.cycles
         step = min(period / SETTINGS.steps, longest_step(there, cycles * period))
         plan = Plan(step, round(cycles * period / step))
-        limited = self.path.with_limits(self._limits(there))
-        found = slip_path(there, plan, SETTINGS.modes, limited)
+        found = slip_path(there, plan, SETTINGS.modes, self.path.with_limits(there.contact))
         own = proper_decomposition(found.snapshots, self.energy)
         kept = own.modes[:, : SETTINGS.kept] * own.singular_values[: SETTINGS.kept]
         self.snapshots.append(kept.T)
         self.paths.append(replace(found, snapshots=kept.T[:0]))
         self.places.append(place)
         return found
-
-    def _limits(self, there: System) -> FloatArray:
-        """Limits of a point in the unknowns of the path, whose contact points are the same."""
-        return there.contact.w
 
     def proper(self) -> ProperModes:
         """Proper orthogonal modes of all snapshots, in the norm of strain energy."""
@@ -186,34 +176,27 @@ class Pool:
         M = self.system.M
         return orthonormal(orthonormal(np.hstack(W), M), M)
 
-    def velocities(self, V: FloatArray) -> FloatArray:
-        """Velocities (times, j) of all paths' runs on a basis, each over its largest."""
-        MV, rates = self.system.M @ V, []
+    def merged(self, V: FloatArray) -> System:
+        """Reduced system on a basis with merged contact points."""
+        rates, states, MV = [], [], self.system.M @ V
         for path in self.paths:
-            v = thinned(path.run.v, SETTINGS.times) @ (path.V.T @ MV)
+            u, v = (thinned(x, SETTINGS.times) @ (path.V.T @ MV) for x in (path.run.u, path.run.v))
+            states.append(u)
             rates.append(v / max(float(np.abs(v).max()), 1e-300))
-        return np.vstack(rates)
-
-    def merged(self, V: FloatArray, count: int | None) -> System:
-        """Reduced system on a basis; with merged friction points unless ``count`` is None."""
-        unmerged, points = self.system.project(V), np.flatnonzero(self.system.contact.w)
-        if count is None or count >= points.size:
-            return unmerged
-        return merged_points(unmerged, self.velocities(V), points, count)
+        contact = self.system.contact
+        each = BASIS.merged_if_open if contact.opens else (SETTINGS.points,)
+        numbers = [number * V.shape[1] for number in each]
+        points = np.flatnonzero(contact.rubs)
+        known = np.vstack(rates), np.vstack(states)
+        return few_points(self.system.project(V), points, numbers, *known)
 
     def law(self) -> float:
         """Steepness that resolves slip velocities, s/m, with the limits of the system."""
         velocities = []
         for path, place in zip(self.paths, self.places, strict=True):
-            B = np.asarray(path.run.system.contact.B)
-            velocity = float(path.run.system.contact.slip_norm(path.run.v @ B.T).max(initial=0.0))
-            mean = float(np.exp(np.log(place.factors).mean())) if place.factors.size else 1.0
-            velocities.append(velocity / mean)
+            contact = path.run.system.contact
+            slips = path.run.v @ np.asarray(contact.B).T
+            velocity = float(contact.slip_norm(slips).max(initial=0.0))
+            velocities.append(velocity / place.mean_factor(self.system.contact.joints))
         # The median: preliminary models of some paths may slip as a whole.
         return 1.0 / (SETTINGS.resolved * max(float(np.median(velocities)), 1e-12))
-
-
-def scaled(places: Sequence[Training], levels: Sequence[float]) -> FloatArray:
-    """Rows of frequency, factors and level, as `Served.known` has them."""
-    rows = [[p.frequency, *p.factors, level] for p, level in zip(places, levels, strict=True)]
-    return np.array(rows, dtype=float)
