@@ -1,29 +1,21 @@
 """Change of lengths, areas and volumes where curved edges of elements are made straight.
 
 All elements of this package have straight edges. If those of a file are curved, as Gmsh writes them
-around holes, the middle nodes are moved to the middles of the straight edges. Sizes with curved
-edges are those of scikit-fem's meshes of second order.
+around holes, the middle nodes are moved to the middles of the straight edges. An element or facet
+of size ``dx`` has the size ``det F dx`` or ``|cof(F) n| dx`` with curved edges. Here ``F`` is
+``1 + grad d``, and ``d`` leads from the straight to the curved edges. Both sizes are integrated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import skfem
 
 from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.mesh.cells import CONFORMING, Cell, cell_of, split, spot
-
-#: Meshes with curved edges, by the kind of their elements.
-_CURVED = {
-    "triangle": skfem.MeshTri2,
-    "quadrilateral": skfem.MeshQuad2,
-    "tetrahedron": skfem.MeshTet2,
-    "hexahedron": skfem.MeshHex2,
-}
-#: Elements without nodes inside of them and of their sides, by number of nodes.
-_SERENDIPITY = {8: skfem.ElementQuadS2, 20: skfem.ElementHexS2}
+from skfem_joint.mesh.cells import CONFORMING, cell_of, split, spot
 
 
 def straightening(
@@ -43,8 +35,8 @@ def straightening(
 
     There are none if all edges are straight already.
     """
-    straight, every, *_ = split(mesh)
-    nodes = every[: positions.shape[1]]
+    straight, nodes, *_ = split(mesh)
+    nodes = nodes[: positions.shape[1]]
     offset = positions - straight[:, nodes]
     distance = np.linalg.norm(offset, axis=0)
     curved = distance > CONFORMING * np.ptp(mesh.p[:, mesh.t], axis=1).max(axis=0)
@@ -54,18 +46,30 @@ def straightening(
     concerned = curved.any(axis=0)
     _check_order(positions[:, :, concerned], straight[:, nodes[:, concerned]])
     cell, _ = cell_of(mesh)
-    curves = _CURVED[cell.name](_completed(cell, straight, every, positions), mesh.t, sort_t=False)
-    at = {"elem": cell.elements[0](), "intorder": 6}  # exact for the volume of all these elements
-    bent = np.flatnonzero(concerned)
-    lost, gained = (skfem.CellBasis(x, elements=bent, **at).dx.sum() for x in (mesh, curves))
-    whole = float(skfem.CellBasis(mesh, **at).dx.sum())
-    changes = {f"the {cell.measure} of the mesh": whole / (whole - lost + gained) - 1.0}
+    serendipity = {8: skfem.ElementQuadS2, 20: skfem.ElementHexS2}  # by number of nodes
+    element = serendipity.get(len(nodes), cell.elements[1])()
+    dofs = skfem.Dofs(mesh, element)
+    d = np.zeros((len(offset), dofs.N))
+    d[:, dofs.element_dofs] = offset
+
+    intorder = 6  # exact for the volume of all these elements
+    inside = skfem.CellBasis(
+        mesh, element, intorder=intorder, elements=np.flatnonzero(concerned), dofs=dofs
+    )
+    lost = float(((np.linalg.det(_gradients(inside, d)) - 1.0) * inside.dx).sum())
+    whole = float(skfem.CellBasis(mesh, cell.elements[0](), intorder=intorder).dx.sum())
+    changes = {f"the {cell.measure} of the mesh": whole / (whole + lost) - 1.0}
     size_of_sides = ("length", "area")[cell.dim - 2]
     for name, facets in boundaries.items():
-        size, curved_size = (
-            skfem.FacetBasis(x, facets=facets, **at).dx.sum() for x in (mesh, curves)
-        )
-        changes[f"the {size_of_sides} of {name!r}"] = float(size / curved_size - 1.0)
+        straight_side = skfem.FacetBasis(mesh, cell.elements[0](), facets=facets, intorder=intorder)
+        size, more = straight_side.dx.sum(), 0.0
+        bent = facets[concerned[mesh.f2t[0, facets]]]
+        if bent.size:
+            side = skfem.FacetBasis(mesh, element, intorder=intorder, facets=bent, dofs=dofs)
+            normals = np.moveaxis(np.asarray(side.normals), 0, -1)[..., np.newaxis]
+            stretch = np.linalg.norm(_cofactors(_gradients(side, d)) @ normals, axis=(-2, -1))
+            more = ((stretch - 1.0) * side.dx).sum()
+        changes[f"the {size_of_sides} of {name!r}"] = float(size / (size + more) - 1.0)
     by_how_much = [f"{what} by {100.0 * x:.2g} %" for what, x in changes.items() if abs(x) > 1e-9]
     notes = [
         f"{moved} {'node' if moved == 1 else 'nodes'} of curved edges moved to the middles of "
@@ -101,18 +105,20 @@ def _check_order(positions: FloatArray, straight: FloatArray) -> None:
             )
 
 
-def _completed(
-    cell: Cell, straight: FloatArray, nodes: IntArray, positions: FloatArray
-) -> FloatArray:
-    """Positions (dim, N) of all nodes of second order; missing ones follow from the others.
+def _gradients(part: Any, d: FloatArray) -> FloatArray:
+    """``F = 1 + grad d`` at the quadrature points, shape (elements, points, dim, dim)."""
+    grad = np.array([part.interpolate(row).grad for row in d])
+    return np.asarray(np.moveaxis(grad, (0, 1), (2, 3)) + np.eye(len(d)))
 
-    ``straight`` (dim, N) are those with straight edges, ``nodes`` (all, n) the nodes of the
-    elements.
+
+def _cofactors(F: FloatArray) -> FloatArray:
+    """Cofactors of matrices of shape (..., dim, dim), which may be singular.
+
+    The rows of a 3 x 3 cofactor matrix are vector products of rows of F. A 2 x 2 matrix is a block
+    of a 3 x 3 matrix.
     """
-    x, known = straight.copy(), positions.shape[1]
-    x[:, nodes[:known]] = positions
-    if known in _SERENDIPITY:
-        element, places = _SERENDIPITY[known](), cell.elements[1].doflocs[known:].T
-        shapes = np.array([element.lbasis(places, i)[0] for i in range(known)])
-        x[:, nodes[known:]] = np.einsum("dkn,km->dmn", positions, shapes)
-    return x
+    dim = F.shape[-1]
+    whole = np.broadcast_to(np.eye(3), (*F.shape[:-2], 3, 3)).copy()
+    whole[..., :dim, :dim] = F
+    rows = [np.cross(whole[..., i - 2, :], whole[..., i - 1, :]) for i in range(3)]
+    return np.stack(rows, axis=-2)[..., :dim, :dim]

@@ -18,7 +18,7 @@ from skfem_joint.analysis.history import compare
 from skfem_joint.analysis.rows import Rows
 from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.analysis.scene_response import CREPT, scene_response
-from skfem_joint.analysis.study import run_scene, run_scene_in_range
+from skfem_joint.analysis.study import run_scene
 from skfem_joint.analysis.summary import model_summary
 from skfem_joint.errors import ConvergenceError, InputError
 from skfem_joint.mesh import build_plate, write_mesh
@@ -186,7 +186,7 @@ def in_range(amplitude: float, friction: float) -> Scene:
 def test_scenes_of_a_range_share_a_model_that_opens_and_states_its_errors(tmp_path):
     for amplitude, friction in ((80e3, 0.45), (90e3, 0.55)):
         scene = in_range(amplitude, friction)
-        study = run_scene_in_range(scene, tmp_path)
+        study = run_scene(scene, folder=tmp_path)
         run = study.models["reduced"].run
         assert not [text for text in study.warnings if "does not serve" in text]
         assert run.system.serves.point.limits == pytest.approx({"base": friction / 0.24**0.5})

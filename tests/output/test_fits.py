@@ -330,7 +330,7 @@ def test_wrong_free_values_end_with_a_sentence(tmp_path, rows, free, words, caps
         ("# point: tip\n", "found 'tip', must be one of"),
         ("# point: free_end\n# mode: 0\n", "mode: found '0'"),
         ("# point: free_end\n# unit: mile\n", "unit: found 'mile'"),
-        ("# point: free_end\n# fit: 5..9\n", "found no amplitude in the range"),
+        ("# point: free_end\n# lowest: 5\n# highest: 9\n", "found no amplitude in the range"),
     ],
 )
 def test_wrong_data_end_with_a_sentence(tmp_path, rows, head, words, capsys):

@@ -101,7 +101,7 @@ def test_damaged_contact_is_refused_in_files_and_by_the_system(name, change, pro
     changes = {name: value} if of_gain else {"normal": replace(normal, **{name: value})}
     with pytest.raises(InputError, match=problem):
         model.with_contact(**changes)
-    member = "contact gain/data" if of_gain else f"normal {name}"
+    member = "contact/gain/data" if of_gain else f"contact/normal/{name}"
     with np.load(path) as file:
         arrays = dict(file)
     arrays[member] = value.data if name == "gain" else value
