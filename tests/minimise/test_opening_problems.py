@@ -242,7 +242,7 @@ def test_pressure_points_that_no_unknown_moves_by_itself_are_refused(N):
     system = sj.System(one, None, one, sj.Contact(*none, normal=opening))
     with pytest.raises(
         InputError,
-        match="approach by the same displacement, or by none|depend on each other, or no",
+        match=r"approach by the same displacement, or by none|depend on each other, or no",
     ):
         sj.integrate(system, step=0.1, n_steps=1)
 
