@@ -31,7 +31,13 @@ from skfem_joint.linalg.kernels import (
     sum_of_triple_products,
 )
 from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, row_order, slips
-from skfem_joint.minimise.law import forces, slope_of, sprung_force, sprung_slope
+from skfem_joint.minimise.law import (
+    forces,
+    slope_of,
+    sprung_force,
+    sprung_slope,
+    tangent_inside,
+)
 from skfem_joint.minimise.line_search import friction_slope, line_search
 from skfem_joint.minimise.problem import ContactPoints
 
@@ -296,9 +302,9 @@ def _weigh(contact, slip, sigma, space):
         more = w[p] * slopes[p] - across
         moves = square > 0.0
         share = (more if moves else 0.0) / (square if moves else 1.0)
-        weight[p] = across + share * (first[p] * force_1[p])
-        weight_2[p] = across + share * (second[p] * force_2[p])
-        cross[p] = 0.5 * share * (first[p] * force_2[p] + second[p] * force_1[p])
+        weight[p], cross[p], weight_2[p] = tangent_inside(
+            share, across, first[p], second[p], force_1[p], force_2[p]
+        )
     for p in range(pairs, m):
         slope, force = w[p] * slopes[p], w[p] * sigma[p]
         moves = abs(force) > 0.0

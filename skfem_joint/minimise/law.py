@@ -222,18 +222,18 @@ def resolvent(x, k, beta):
 # Tangent of the friction of a slip vector
 
 
-def slip_tangent(along: Any, across: Any, x: Any, y: Any, p: Any, q: Any) -> Any:
+def slip_tangent(more: Any, across: Any, x: Any, y: Any, p: Any, q: Any) -> Any:
     """Entries 11, 12 and 22 of d(force)/d(slip) of a slip vector, of numbers or arrays.
 
     The force depends on the norm of the slip and has its direction e = (x, y). So its derivative is
     the slope of the law along e, and force over norm across it:
 
-        across I + (along - across) (e f^T + f e^T) / 2,
+        across I + more (e f^T + f e^T) / 2,
 
-    with f = (p, q) = e. With the predicted force over that of the law for f it is the tangent of
-    :mod:`skfem_joint.minimise.primal_dual_newton`, which is secure far from the solution.
+    with f = (p, q) = e, and what the slope is ``more`` than across. With the predicted force over
+    that of the law for f it is the tangent of :mod:`skfem_joint.minimise.primal_dual_newton`, which
+    is secure far from the solution. Where e and f have other lengths than 1, ``more`` is over both.
     """
-    more = along - across
     first, mixed = across + more * x * p, more * x * q + 0.5 * more * (y * p - x * q)
     return first, mixed, across + more * y * q
 
@@ -263,7 +263,7 @@ def add_tangent(w, x, y, pair, beta, soft, stiffest, out):
         beside = min(beside, stiffest)
     x /= speed
     y /= speed
-    first, mixed, second = tangent_inside(along, beside, x, y, x, y)
+    first, mixed, second = tangent_inside(along - beside, beside, x, y, x, y)
     out[0] += first
     out[1] += mixed
     out[2] += second

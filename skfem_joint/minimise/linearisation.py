@@ -207,7 +207,7 @@ class Linearisation:
         if pairs.size:
             norm = np.where(size > 0.0, size, 1.0)[:, pairs]
             x, y = slip[:, self.first[pairs]] / norm, slip[:, self.second] / norm
-            entries = slip_tangent(along[:, pairs], across[:, pairs], x, y, x, y)
+            entries = slip_tangent(along[:, pairs] - across[:, pairs], across[:, pairs], x, y, x, y)
             blocks[:, pairs] = np.stack(entries, axis=-1)
         sticks = acts & np.isinf(points.beta) & ~points.has_spring & (size == 0.0)
         by_limit, sticks = (np.repeat(x, points.directions, axis=1) for x in (by_limit, sticks))
