@@ -32,9 +32,9 @@ from pathlib import Path
 import numpy as np
 
 import skfem_joint as sj
-from skfem_joint.analysis.sweep import processes
 from skfem_joint.output import plots
 from skfem_joint.scene.shipped import shipped_scene
+from skfem_joint.study.sweep import processes
 
 FRICTION, FORCE = "joint[0].friction", "load[0].amplitude"
 swept = sj.load_sweep(shipped_scene("lap_joint_sweep"))

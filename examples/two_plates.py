@@ -38,12 +38,12 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint import Joint, Load, Material, Save, Structure, System, integrate, write_vtk
-from skfem_joint.loads import Harmonic, Triangle
+from skfem_joint.ground.loads import Harmonic, Triangle
 from skfem_joint.mesh import build_bar, build_plate, load_meshes, merged
-from skfem_joint.modes import straining_modes
 from skfem_joint.reduction.active_length import THRESHOLD, measured
-from skfem_joint.slips import SlipRows
 from skfem_joint.stepping.recording import Run
+from skfem_joint.system.modes import straining_modes
+from skfem_joint.system.slips import SlipRows
 
 MESHES = Path(sys.argv[0]).resolve().parents[1] / "meshes"
 STEEL = Material(E=200e9, density=8000.0, poisson=0.3)

@@ -3,34 +3,37 @@
 The folders of the package; a module imports only from its own folder and those above it:
 
 ===========  =====================================================================================
-(here)       errors, files, arrays in files, checks of numbers, progress, loads (force over time),
-             compilation
+ground       errors, arrays, files, loads (force over time), progress, compilation
 linalg       compressed rows, factors, Schur complements, shifts, compiled kernels
-(here)       modes, unknowns, contact, slips, and `System`, the type of all models, also in files:
+system       `System`, the type of all models, its contact, modes and files:
              ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
 mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
              checked, built, merged, refined, written
-structure    the elastic body (mass, stiffness, stress), joints, pressure, preload, the contact
-             manifold with its friction limits, and the `Structure` that makes a `System` of
-             them; `MatrixModel` for given matrices
+body         elastic bodies: mass, stiffness, stress
+joint        joints, pressure, preload, and the contact manifold with its friction limits
+structure    `Structure`, which makes a `System` of bodies and joints; `MatrixModel` for matrices
 minimise     the step problem ``1/2 v H v - g v + sum w psi(|B v|)``: the law of friction, the
              protocol, and three methods: front elimination on chains, truncated nonsmooth
              Newton, primal-dual Newton
-stepping     time integration: the plan of a run, schemes, steppers, the compiled time loop,
-             energies, recording, checkpoints, and whether a step is short enough; steady
-             vibration; quasi-static response
+stepping     time steps: the plan of a run, schemes, steppers, the compiled time loop, energies,
+             recording, checkpoints
+slow         quasi-static levels and their derivatives
+steady       steady vibration
+runs         `integrate` and `quasi_static`, and whether a step is short enough
 reduction    proper orthogonal modes, the static slip path, bases, fewer friction points,
              condensation, active lengths; in ``scaled`` the paper's scaled modes
 scene        the text file that describes a run, checked as a whole, and the reference of its keys
-analysis     slips, stress and active regions of a run, natural modes; the models of a scene, run
-             and compared, their estimated errors, error against run time, damping against
-             amplitude, response over frequency, sweeps of many scenes, fits to measured curves
+results      slips, stress and active regions of a run, natural modes
+accuracy     estimated errors
+vibration    damping over amplitude, ring-downs, response over frequency
+fitting      measured curves and fits to them
+study        scenes, run and compared; error against run time; sweeps of many scenes
 output       tables, histories, fields for ParaView, pictures
 ===========  =====================================================================================
 
 How a scene is computed: `scene.load_scene` reads it and `mesh.load_meshes` its mesh.
-`structure.Structure` makes the `System`, `stepping.integrate` the run, and `reduction` the smaller
-system, which is run in the same way. `analysis.study.run_scene` does all of it, pass by pass, and
+`structure.Structure` makes the `System`, `runs.integrate` the run, and `reduction` the smaller
+system, which is run in the same way. `study.study.run_scene` does all of it, pass by pass, and
 `output.folder.write` writes the results. Words and symbols are explained in
 ``docs/reference/glossary.md``.
 

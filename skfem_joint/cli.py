@@ -24,19 +24,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from skfem_joint import __version__
-from skfem_joint.errors import ConvergenceError, InputError, JointError, refuse
-from skfem_joint.files import read_text
-from skfem_joint.processes import SAFE_PATH
-from skfem_joint.progress import Progress, announced, progress_bar
-from skfem_joint.terminal import plain_streams, unfiltered
+from skfem_joint.ground.errors import ConvergenceError, InputError, JointError, refuse
+from skfem_joint.ground.files import read_text
+from skfem_joint.ground.processes import SAFE_PATH
+from skfem_joint.ground.progress import Progress, announced, progress_bar
+from skfem_joint.ground.terminal import plain_streams, unfiltered
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from skfem_joint.analysis.measured import MeasuredCurve
-    from skfem_joint.analysis.models import Study
-    from skfem_joint.analysis.rows import Rows
+    from skfem_joint.fitting.measured import MeasuredCurve
+    from skfem_joint.ground.rows import Rows
     from skfem_joint.scene import Scene
+    from skfem_joint.study.models import Study
 
 _log = logging.getLogger(__name__)
 
@@ -209,9 +209,9 @@ def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Run the models of a scene, estimate their errors, write the results and print a summary."""
     from skfem_joint import output
-    from skfem_joint.analysis.study import run_scene
     from skfem_joint.output import report
     from skfem_joint.stepping.checkpoint import Checkpoints
+    from skfem_joint.study.study import run_scene
 
     scene, out, checkpoints = _scene_of_models(options), options.out, None
     if options.checkpoint_every is not None or options.resume:
@@ -287,8 +287,8 @@ def _check_run_options(options: argparse.Namespace, scene: Scene) -> None:
 
 def _certify(study: Study, progress: Progress, executor: Executor | None) -> Study:
     """Estimate more errors of each model; what ends this early does not cost the results."""
-    from skfem_joint.analysis.certificate import certify
-    from skfem_joint.analysis.models import Failure
+    from skfem_joint.study.certificate import certify
+    from skfem_joint.study.models import Failure
 
     name = ""
     try:
@@ -306,12 +306,12 @@ def _certify(study: Study, progress: Progress, executor: Executor | None) -> Stu
 
 def _check(options: argparse.Namespace) -> int:
     """Validate a scene and its sweep, and print what a run would be."""
-    from skfem_joint.analysis.against_opening import against_opening
-    from skfem_joint.analysis.description import describe
-    from skfem_joint.analysis.scene_plan import plan_of, with_friction
+    from skfem_joint.runs.resolution import check_jumps, check_resolution
     from skfem_joint.scene.reading import load_with_sweep
-    from skfem_joint.stepping.resolution import check_jumps, check_resolution
-    from skfem_joint.structure import doubts
+    from skfem_joint.structure.model import doubts
+    from skfem_joint.study.against_opening import against_opening
+    from skfem_joint.study.description import describe
+    from skfem_joint.study.scene_plan import plan_of, with_friction
 
     # Everything is checked before the scene is called valid.
     with _progress(options) as progress:
@@ -398,8 +398,8 @@ def _keys(options: argparse.Namespace) -> int:
 
 def _backbone(options: argparse.Namespace) -> int:
     """Compute frequency and damping of modes over their amplitude, write and print them."""
-    from skfem_joint.analysis.scene_backbone import scene_backbone
     from skfem_joint.output import damping
+    from skfem_joint.study.scene_backbone import scene_backbone
 
     scene = _vibrating(options)
     with _kept(options) as notes:
@@ -413,14 +413,14 @@ def _backbone(options: argparse.Namespace) -> int:
 
 def _response(options: argparse.Namespace) -> int:
     """Compute steady vibration over frequency, write it and print its peaks."""
-    from skfem_joint.analysis.scene_backbone import given_backbones
-    from skfem_joint.analysis.scene_response import (
+    from skfem_joint.output import damping
+    from skfem_joint.study.scene_backbone import given_backbones
+    from skfem_joint.study.scene_response import (
         RESPONSE_ROWS,
         asked_table,
         response_table,
         scene_response,
     )
-    from skfem_joint.output import damping
 
     def ready(scene: Scene) -> None:
         scene.check_vibrates(options.name)
@@ -443,8 +443,8 @@ def _response(options: argparse.Namespace) -> int:
 
 def _fit(options: argparse.Namespace) -> int:
     """Fit values of a scene to measured curves, write and print them."""
-    from skfem_joint.analysis.fit import FitProblem, solved
-    from skfem_joint.analysis.fit_curves import fine_curves
+    from skfem_joint.fitting.fit import FitProblem, solved
+    from skfem_joint.fitting.fit_curves import fine_curves
     from skfem_joint.output import fits
 
     fits.check_apart(options.out, [options.scene, *options.data])
@@ -494,7 +494,7 @@ def _free(given: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 def _measured(options: argparse.Namespace) -> list[MeasuredCurve]:
     """Curves of the files of ``--data``; InputError with all that is wrong in them."""
-    from skfem_joint.analysis.measured import measured_curve
+    from skfem_joint.fitting.measured import measured_curve
 
     curves, problems = [], []
     for path in options.data:
@@ -512,8 +512,8 @@ def _measured(options: argparse.Namespace) -> list[MeasuredCurve]:
 
 def _error_time(options: argparse.Namespace) -> int:
     """Measure error against run time of many models, write it and print which to take."""
-    from skfem_joint.analysis import error_time as comparison
     from skfem_joint.output import folder
+    from skfem_joint.study import error_time as comparison
 
     scene = _vibrating(options)
     if not comparison.threads_pinned(os.environ):
@@ -535,10 +535,10 @@ def _error_time(options: argparse.Namespace) -> int:
 
 def _sweep(options: argparse.Namespace) -> int:
     """Run the scenes of a sweep that are not finished, write all rows and print the failures."""
-    from skfem_joint.analysis import sweep as analysis
-    from skfem_joint.analysis.rows import Rows
+    from skfem_joint.ground.rows import Rows
     from skfem_joint.output import sweeps
     from skfem_joint.scene import load_sweep
+    from skfem_joint.study import sweep as analysis
 
     with _progress(options) as progress:
         swept = load_sweep(options.scene, progress)
@@ -622,7 +622,7 @@ def _kept(options: argparse.Namespace, drawn: bool = True) -> AbstractContextMan
 @contextmanager
 def _executor(options: argparse.Namespace) -> Iterator[Executor | None]:
     """Processes that the options ask for; None if this one is to do the work alone."""
-    from skfem_joint.analysis.sweep import executors
+    from skfem_joint.study.sweep import executors
 
     with executors(options.workers) as make:
         executor = None if options.workers in (None, 1) else make()
@@ -637,7 +637,7 @@ def _rows(options: argparse.Namespace, kinds: Sequence[type]) -> Iterator[Rows]:
 
     If the block ends early, the number of finished rows is printed: the same command uses them.
     """
-    from skfem_joint.analysis.rows import Rows
+    from skfem_joint.ground.rows import Rows
 
     rows = Rows(options.out / f"{options.name}_rows.jsonl", kinds)
     _announce(rows)

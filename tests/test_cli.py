@@ -14,11 +14,11 @@ import pytest
 from scene_texts import written
 
 from skfem_joint import __version__, cli
-from skfem_joint.analysis import error_time, study
-from skfem_joint.errors import ConvergenceError
-from skfem_joint.files import replacing
+from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.files import replacing
 from skfem_joint.output.record import LIST, writing
 from skfem_joint.scene import load_scene
+from skfem_joint.study import error_time, study
 
 ROOT = Path(__file__).parent.parent
 Capture = pytest.CaptureFixture[str]
@@ -224,7 +224,7 @@ def test_results_outlive_what_ends_their_certificate(error, status, scene, tmp_p
     def fail(*args, **options):
         raise error
 
-    monkeypatch.setattr("skfem_joint.analysis.certificate.certify", fail)
+    monkeypatch.setattr("skfem_joint.study.certificate.certify", fail)
     out = tmp_path / "out"
     path = scene(FULL_ONLY, ONE_CYCLE)
     assert cli.main(["run", str(path), "--certify", "--out", str(out)]) == status

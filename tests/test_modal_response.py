@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skfem_joint.modal_response import modal_response
+from skfem_joint.system.modal_response import modal_response
 
 
 @pytest.mark.parametrize("step", [0.01, 0.3])

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from scene_texts import written
 
-from skfem_joint.analysis.error_time import THREADS
 from skfem_joint.cli import INTERRUPTED
+from skfem_joint.study.error_time import THREADS
 
 MORE = """
 [response]

@@ -23,14 +23,14 @@ from rich.console import Console
 from scene_texts import written
 from stepping_systems import arm
 
-from skfem_joint.analysis.backbone import backbone
-from skfem_joint.analysis.cycles import items_of_work
-from skfem_joint.analysis.gross_slip import TRIALS
-from skfem_joint.analysis.response import response
-from skfem_joint.loads import Harmonic
-from skfem_joint.progress import announced, bar_on, shown_by
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.stepping.steady import SETTINGS as STEADY
+from skfem_joint.ground.loads import Harmonic
+from skfem_joint.ground.progress import announced, bar_on, shown_by
+from skfem_joint.results.gross_slip import TRIALS
+from skfem_joint.runs.integrate import integrate
+from skfem_joint.steady.steady import SETTINGS as STEADY
+from skfem_joint.vibration.backbone import backbone
+from skfem_joint.vibration.cycles import items_of_work
+from skfem_joint.vibration.response import response
 
 BAR = arm(Harmonic(30e3, 2025.0), elements=(20, 20), stiffness_damping=1e-6)
 

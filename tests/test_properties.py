@@ -10,7 +10,7 @@ from stability.checks import law_checks
 from stability.mutated import Tables, drawn
 
 import skfem_joint as sj
-from skfem_joint.key_paths import key_path
+from skfem_joint.ground.key_paths import key_path
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import scene_from
 from skfem_joint.stepping.schemes import generalized_alpha

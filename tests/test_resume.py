@@ -16,10 +16,10 @@ import pytest
 from scene_texts import written
 
 from skfem_joint import cli, output
-from skfem_joint.analysis import study
 from skfem_joint.output.record import LIST
 from skfem_joint.scene import load_scene
 from skfem_joint.stepping.checkpoint import Checkpoints
+from skfem_joint.study import study
 
 ROOT = Path(__file__).parent.parent
 
@@ -211,7 +211,7 @@ def test_a_disk_that_is_full_at_any_moment_leaves_whole_files(scene, tmp_path, m
             left[0] -= 1
             real(source, target)
 
-        monkeypatch.setattr("skfem_joint.files.os.replace", full)
+        monkeypatch.setattr("skfem_joint.ground.files.os.replace", full)
         out = tmp_path / f"out{allowed}"
         status = cli.main(["run", str(path), "--out", str(out), "--checkpoint-every", "100"])
         said = capsys.readouterr().err

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import skfem_joint as sj
-from skfem_joint import values
-from skfem_joint.loads import Harmonic, Rectangle, Table, Triangle
+from skfem_joint.ground import values
+from skfem_joint.ground.loads import Harmonic, Rectangle, Table, Triangle
 from skfem_joint.stepping.schemes import generalized_alpha
 
 NAN, INF = math.nan, math.inf

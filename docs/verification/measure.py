@@ -30,7 +30,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from skfem_joint import __version__
-from skfem_joint.files import replacing
+from skfem_joint.ground.files import replacing
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

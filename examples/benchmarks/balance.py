@@ -20,7 +20,7 @@ os.environ.setdefault("PYHARM_CONTEXT_FILE", str(Path.home() / ".pyHarm" / "cont
 import pyHarm
 from pyHarm.Elements.ABCElement import ABCElement
 
-from skfem_joint.errors import ConvergenceError
+from skfem_joint.ground.errors import ConvergenceError
 
 
 class Arctan(ABCElement):

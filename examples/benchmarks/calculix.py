@@ -35,7 +35,7 @@ from make_meshes import solid_lap_joint
 
 from benchmarks import head, row
 from benchmarks.contact import FULL, WAYS, bolted, loop
-from skfem_joint.structure.clamps import clamp_forces
+from skfem_joint.joint.clamps import clamp_forces
 
 MISSING = "not made: CalculiX is not installed; its program is called ccx (Debian: calculix-ccx)"
 #: Stiffness of the contact across and along its faces, N/mm3, and friction while bolts clamp.

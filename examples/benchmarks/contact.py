@@ -26,9 +26,9 @@ from scipy import sparse
 
 import skfem_joint as sj
 from benchmarks import EXAMPLES, head, row
+from skfem_joint.joint.pressure_space import pressure_space
 from skfem_joint.mesh import merged, named
 from skfem_joint.reduction.elastic_contact import elastic
-from skfem_joint.structure.pressure_space import pressure_space
 
 #: Side of the block, m, and its material.
 SIDE, BLOCK = 0.04, sj.Material(E=1.3e11, density=7800.0, poisson=0.2)

@@ -23,10 +23,10 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 import skfem_joint as sj
 from benchmarks import head, row
 from benchmarks.solids import plates
-from skfem_joint.analysis.description import describe
 from skfem_joint.linalg import schur
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.study.description import describe
 
 #: Elements along the overlap and along the rest of each plate, across, and through its thickness.
 SIZES = ((10, 2, 2, 1), (18, 2, 4, 1), (28, 2, 6, 1), (28, 2, 7, 1), (38, 2, 12, 1), (52, 2, 18, 1))

@@ -30,12 +30,12 @@ import numpy as np
 
 from benchmarks.scenes import CLASSES, Drawn, draw
 from skfem_joint import run_scene
-from skfem_joint.analysis.estimate import verification_run
-from skfem_joint.analysis.history import QUANTITIES, Results, difference, extrapolation, results
-from skfem_joint.analysis.scene_plan import plan_of
-from skfem_joint.errors import JointError
-from skfem_joint.processes import Spawn
+from skfem_joint.accuracy.estimate import verification_run
+from skfem_joint.ground.errors import JointError
+from skfem_joint.ground.processes import Spawn
+from skfem_joint.results.history import QUANTITIES, Results, difference, extrapolation, results
 from skfem_joint.scene import Scene
+from skfem_joint.study.scene_plan import plan_of
 
 MODELS = ("full", "reduced", "condensed")
 #: Largest errors that are asked for with ``--model accuracy``.

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import eigsh
 
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.minimise import law
 from skfem_joint.stepping.recording import Recorder, Save

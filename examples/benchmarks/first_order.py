@@ -18,8 +18,8 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import Harmonic
 from skfem_joint.minimise import law
 
 #: Bands of the Jacobians below and above the diagonal.

@@ -34,10 +34,10 @@ import numpy as np
 import skfem_joint as sj
 from benchmarks import head, row
 from benchmarks.solids import plates as bolted_solids
-from skfem_joint.analysis import backbone as curves
-from skfem_joint.analysis.fit_model import FitModel
+from skfem_joint.fitting.fit_model import FitModel
 from skfem_joint.structure.parameters import value_of, with_values
 from skfem_joint.structure.sensitivities import sensitivities
+from skfem_joint.vibration import backbone as curves
 
 STEEL = sj.Material(E=200e9, density=7850.0, poisson=0.3)
 FRICTION, SPRING = "joint[0].friction", "joint[0].tangential_stiffness"

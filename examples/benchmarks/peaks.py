@@ -13,9 +13,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import EXAMPLES, head, row
 from skfem_joint import build_bar, load_scene, natural_modes
-from skfem_joint.analysis.backbone_peaks import backbone_peaks
-from skfem_joint.analysis.scene_backbone import given_backbones
-from skfem_joint.analysis.scene_response import scene_response
+from skfem_joint.study.backbone_peaks import backbone_peaks
+from skfem_joint.study.scene_backbone import given_backbones
+from skfem_joint.study.scene_response import scene_response
 
 #: Density of the last 20 mm (kg/m³), and frequencies of the response (Hz).
 BARS = {"uniform bar": (8e3, 2300.0, 2550.0), "bar with a tip mass": (320e3, 1050.0, 1200.0)}

@@ -28,9 +28,9 @@ import numpy as np
 
 import skfem_joint as sj
 from benchmarks import head, row
-from skfem_joint.analysis.history import compare
 from skfem_joint.linalg import schur
 from skfem_joint.minimise import contact_newton
+from skfem_joint.results.history import compare
 
 FREQUENCY, STEPS, CYCLES = 500.0, 200, 2
 BOLT_FORCE, PRESSURE, FRICTION = 20e3, 8e6, 0.7

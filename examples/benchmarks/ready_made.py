@@ -23,13 +23,13 @@ from benchmarks import NOT_INSTALLED
 from benchmarks.explicit import runge_kutta, stable_step
 from benchmarks.first_order import FirstOrder, lumped, slip_work
 from benchmarks.integrators import FORMS, QUICK_FORMS, Task, solve
-from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.certificate import PER_CYCLE
-from skfem_joint.analysis.error_time import RMS, TIME_ERROR, Job, Outcome
-from skfem_joint.analysis.history import Results, results
 from skfem_joint.output.folder import kept, write_error_time
+from skfem_joint.results.history import Results, results
 from skfem_joint.scene import load_scene
 from skfem_joint.stepping.recording import Save
+from skfem_joint.study import error_time as et
+from skfem_joint.study.certificate import PER_CYCLE
+from skfem_joint.study.error_time import RMS, TIME_ERROR, Job, Outcome
 
 #: Samples of an interval from which energies of ready-made integrators are summed.
 SAMPLES = 8

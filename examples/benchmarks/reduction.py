@@ -26,11 +26,11 @@ from paper import cases
 import skfem_joint as sj
 from benchmarks import EXAMPLES, head, row
 from benchmarks.plates import CYCLES, FREQUENCY, STEPS, system_of
-from skfem_joint.analysis import rungs
-from skfem_joint.analysis.history import compare
+from skfem_joint.accuracy import rungs
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.sources import static_basis
 from skfem_joint.reduction.static_path import slip_path
+from skfem_joint.results.history import compare
 from skfem_joint.stepping.plan import Plan
 
 

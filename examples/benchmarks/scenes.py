@@ -29,12 +29,12 @@ from benchmarks.shapes import (
     share_of_slip,
     structure_tables,
 )
-from skfem_joint.analysis.scene_plan import plan_of
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.mesh.named import NamedMesh, named
+from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.runs.resolution import check_jumps
 from skfem_joint.scene import Scene, scene_from
-from skfem_joint.stepping.integrate import integrate_plan
-from skfem_joint.stepping.resolution import check_jumps
+from skfem_joint.study.scene_plan import plan_of
 
 Tables = dict[str, Any]
 

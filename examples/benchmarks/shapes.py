@@ -12,9 +12,9 @@ import numpy as np
 import skfem
 
 import skfem_joint as sj
-from skfem_joint.analysis.description import describe
 from skfem_joint.mesh.named import NamedMesh, named
 from skfem_joint.scene import Scene, scene_from
+from skfem_joint.study.description import describe
 
 #: Left, bottom, right and top of a rectangle, m.
 Rectangle = tuple[float, float, float, float]

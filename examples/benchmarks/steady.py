@@ -39,9 +39,9 @@ from benchmarks import NOT_INSTALLED, head, row
 from benchmarks.first_order import FirstOrder, slip_work
 from benchmarks.integrators import Form, Task, solve
 from benchmarks.plates import system_of
-from skfem_joint.analysis import response
-from skfem_joint.analysis.linear_response import linear_response
-from skfem_joint.stepping import shooting, steady
+from skfem_joint.steady import shooting, steady
+from skfem_joint.vibration import response
+from skfem_joint.vibration.linear_response import linear_response
 
 RESONANCE, STEPS = 2500.0, 200  # Hz, per period
 #: Share of the friction limit, frequency (Hz), periods that SUNDIALS marches: at the peaks and

@@ -27,9 +27,9 @@ os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM
 
 import numpy as np
 
-from skfem_joint.analysis.scene_range import range_model, served_scene
-from skfem_joint.analysis.sweep import processes, sweep
 from skfem_joint.scene import load_scene, load_sweep
+from skfem_joint.study.scene_range import range_model, served_scene
+from skfem_joint.study.sweep import processes, sweep
 
 EXAMPLES = Path(__file__).parents[1]
 #: Range of the points of the plates.

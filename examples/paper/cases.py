@@ -9,10 +9,6 @@ from paper import pseudo_static
 from paper.page import printed
 
 import skfem_joint as sj
-from skfem_joint.analysis.contact_history import displacements
-from skfem_joint.analysis.history import compare
-from skfem_joint.analysis.models import Model
-from skfem_joint.analysis.scene_plan import make_reduced, options_of
 from skfem_joint.reduction.active_length import THRESHOLD, measured
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
@@ -20,9 +16,13 @@ from skfem_joint.reduction.scaled.basis import ScaledBasis
 from skfem_joint.reduction.scaled.estimated_length import estimate_active_length
 from skfem_joint.reduction.scaled.zones import active_zones
 from skfem_joint.reduction.sources import own_basis
+from skfem_joint.results.contact_history import displacements
+from skfem_joint.results.history import compare
+from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import scene_from
-from skfem_joint.stepping.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
+from skfem_joint.study.models import Model
+from skfem_joint.study.scene_plan import make_reduced, options_of
 
 #: Young's modulus and density are not printed: Table 3 and the resonances give them.
 E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01

@@ -9,10 +9,10 @@ from paper import pseudo_static
 from paper.cases import CASES, STIFFNESS, friction, loop_area, peak, run
 from paper.page import percent
 
-from skfem_joint.analysis.history import hysteresis_loop
 from skfem_joint.minimise.law import force as friction_force
 from skfem_joint.reduction.pod import proper_decomposition
 from skfem_joint.reduction.scaled import reference as package
+from skfem_joint.results.history import hysteresis_loop
 
 REFERENCE, WEAK = CASES["reference"], CASES["weak"]
 LESSER = replace(REFERENCE, force=0.7 * REFERENCE.force)

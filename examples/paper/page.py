@@ -16,8 +16,8 @@ import numpy as np
 from paper.figures import draw
 
 from skfem_joint import write_vtk
-from skfem_joint.analysis.error_time import markdown_table
-from skfem_joint.files import replacing
+from skfem_joint.ground.files import replacing
+from skfem_joint.study.error_time import markdown_table
 
 HERE = Path(__file__).parent
 #: Cells of a row: our numbers by the full and by the reduced model.

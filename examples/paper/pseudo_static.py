@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray
 
 
 def slip_length(force: float, tau: float) -> float:

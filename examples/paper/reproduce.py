@@ -16,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # this folder is t
 
 from paper import active, harmonic, impulse, joint, page, reduction, structure
 
-from skfem_joint.errors import InputError, JointError
+from skfem_joint.ground.errors import InputError, JointError
 from skfem_joint.output.folder import kept
 from skfem_joint.output.record import writing
 

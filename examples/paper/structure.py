@@ -13,7 +13,7 @@ from scipy.optimize import curve_fit
 from scipy.signal import find_peaks
 
 from skfem_joint import run_scene
-from skfem_joint.modes import eigenmodes
+from skfem_joint.system.modes import eigenmodes
 
 CASE = CASES["structure"]
 TIME = {"cycles": 12, "steps_per_cycle": 200}

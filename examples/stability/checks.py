@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from skfem_joint.analysis.history import steady_state
 from skfem_joint.minimise.law import force
+from skfem_joint.results.history import steady_state
 from skfem_joint.stepping.schemes import generalized_alpha
 
 #: Allowed residual of the energy audit, over the energy in play.

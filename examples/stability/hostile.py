@@ -44,7 +44,7 @@ from scipy import sparse
 from scipy.io import mmwrite, savemat
 
 from skfem_joint import build_bar, cli, load_scene, run_scene
-from skfem_joint.array_files import npz_arrays
+from skfem_joint.ground.array_files import npz_arrays
 from skfem_joint.mesh import write_mesh
 from skfem_joint.stepping.checkpoint import Checkpoints
 from stability.launch import command_line
@@ -406,7 +406,7 @@ def judge(case, folder, context, whole):
 def judged(kinds, count, seed, out):
     """Verdicts on ``count`` damaged files, the kinds in turn."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["skfem_joint.cli", "skfem_joint.analysis.study"])
+    context.set_forkserver_preload(["skfem_joint.cli", "skfem_joint.study.study"])
     drawn, wholes = {}, {}
     for kind in kinds:
         base = out / "whole" / kind.replace(".", "_")

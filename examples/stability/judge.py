@@ -7,8 +7,8 @@ from math import inf
 import numpy as np
 from benchmarks.explicit import stable_step
 
-from skfem_joint.analysis.sweep import processes
-from skfem_joint.errors import JointError
+from skfem_joint.ground.errors import JointError
+from skfem_joint.study.sweep import processes
 from stability import checks
 from stability.cases import Case
 from stability.references import modelled, reference, run

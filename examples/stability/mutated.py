@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 
 from skfem_joint import InputError, build_bar, build_plate, cli, load_scene, run_scene
-from skfem_joint.errors import JointError
+from skfem_joint.ground.errors import JointError
 from skfem_joint.mesh import write_mesh
 from stability.checks import ENERGY, law_checks, passivity_checks
 from stability.launch import command_line

@@ -12,7 +12,7 @@ from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
 from skfem_joint.reduction.scaled.gauss import gauss_points
 from skfem_joint.reduction.sources import own_basis
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.runs.integrate import integrate
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
 from stability.cases import UNITS, E

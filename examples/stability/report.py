@@ -5,9 +5,9 @@ import re
 from collections import Counter
 from math import inf
 
-from skfem_joint.analysis.error_time import markdown_table
-from skfem_joint.files import replacing
+from skfem_joint.ground.files import replacing
 from skfem_joint.output.plots import new_figure, save_figure
+from skfem_joint.study.error_time import markdown_table
 from stability.cases import BETAS, PLATE_RADII, RADII
 from stability.judge import REFUSED, RIGHT, WRONG
 

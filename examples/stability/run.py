@@ -13,10 +13,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from skfem_joint.errors import JointError
+from skfem_joint.ground.errors import JointError
+from skfem_joint.ground.progress import progress_bar
 from skfem_joint.output.folder import kept
 from skfem_joint.output.record import writing
-from skfem_joint.progress import progress_bar
 from stability import judge, report
 from stability.cases import matrix, quick_matrix
 

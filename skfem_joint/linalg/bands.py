@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import (
     reverse_cuthill_mckee,
 )
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.ground.arrays import FloatArray, Matrix
 
 
 class CompressedRows(NamedTuple):

@@ -14,8 +14,8 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import SuperLU, splu
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.bands import Band
 
 _log = logging.getLogger(__name__)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.linalg import bands
 from skfem_joint.linalg.bands import Band, levels
 

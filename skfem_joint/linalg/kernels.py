@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.compiling import (
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.compiling import (
     compiled,
     compiled_as,
     compiled_for,

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.sparse.linalg import SuperLU
 
-from skfem_joint.arrays import FloatArray, IntArray, as_dense
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.linalg import bands
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import Factoriser, complement, factorised, symmetric_lu

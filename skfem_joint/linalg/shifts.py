@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from skfem_joint.arrays import Matrix
+from skfem_joint.ground.arrays import Matrix
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.ground.arrays import FloatArray, IntArray
 
 
 def product(A: Any, x: FloatArray, y: FloatArray) -> None:

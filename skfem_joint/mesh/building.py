@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError, refuse
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.values import COUNT, FINITE, POSITIVE
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, spot
 from skfem_joint.mesh.named import NamedMesh, from_parts, name_problems
-from skfem_joint.values import COUNT, FINITE, POSITIVE
 
 #: Name, length along x (m) and number of elements along x.
 Strip = tuple[str, float, int]

@@ -24,7 +24,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from skfem.element import BOUNDARY_ELEMENT_MAP
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 
 #: Share of the mesh's size below which two positions are the same, and a bar or plane is straight.
 TOLERANCE = 1e-9

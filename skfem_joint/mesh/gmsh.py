@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh.cells import cell_of, same_columns, split
 from skfem_joint.mesh.named import NamedMesh, check_count
 

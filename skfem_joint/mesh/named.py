@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import skfem
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError, refuse
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
 from skfem_joint.mesh.straightening import straightening

@@ -20,15 +20,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError, refuse
-from skfem_joint.files import read_whole
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.files import read_whole
+from skfem_joint.ground.values import POSITIVE
 from skfem_joint.mesh.abaqus import check_inp
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
 from skfem_joint.mesh.gmsh import Groups, check_msh
 from skfem_joint.mesh.named import NamedMesh, check_finite, from_parts, merged, not_a_side
 from skfem_joint.mesh.straightening import straightening
-from skfem_joint.values import POSITIVE
 
 if TYPE_CHECKING:
     import meshio

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import skfem
 
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.mesh.cells import CONFORMING, cell_of, split, spot
 
 

@@ -2,7 +2,7 @@
 
 `problem` states it and the protocol of its solvers; `law` has the law of friction, whose slope and
 potential psi are used by all; `limits` says how friction limits follow normal forces where contact
-opens; `springs` follows springs in series along slips that are known; `choice` chooses the method.
+opens; `choice` chooses the method.
 The methods: `front_elimination` with `minty_newton` (chains), `contact_newton` with
 `condensed_newton` and `contact_loops` (systems whose slips and approaches are unknowns, of which
 `touching` keeps those of points that touch), `primal_dual_newton` with `dense_loop` and

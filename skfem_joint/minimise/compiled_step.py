@@ -2,7 +2,7 @@
 
 `skfem_joint.stepping.time_loop` calls two generic functions of this module, `minimise_step` and
 `slips`. numba replaces each call by the implementation for the named tuple that holds the problem
-(see `skfem_joint.compiling.compiled_for`):
+(see `skfem_joint.ground.compiling.compiled_for`):
 
 - `front_elimination.Chain`, for tridiagonal matrices: `front_elimination` decides between stick and
   slip under Coulomb's law; else its `minty_newton` evaluates the law by `law.graph`;
@@ -24,7 +24,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_joint.arrays import FloatArray, IntArray
+from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.minimise.problem import ContactPoints, StepProblem
 
 

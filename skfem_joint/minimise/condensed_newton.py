@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, as_dense
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
+from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.linearisation import Linearisation
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
 from skfem_joint.minimise.touching import Part
-from skfem_joint.unknowns import selection
+from skfem_joint.system.unknowns import selection
 
 #: Share of the largest part of an approach that is not in others' below which it is none.
 DEPENDENT = 1e-10

@@ -20,7 +20,7 @@ from __future__ import annotations
 from math import hypot, inf
 from typing import Any, NamedTuple
 
-from skfem_joint.compiling import compiled, compiled_for, compiled_inside
+from skfem_joint.ground.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.kernels import subtract_column
 from skfem_joint.minimise.law import add_tangent, sprung_force, sprung_resolvent, sprung_slope
 from skfem_joint.minimise.line_search import friction_slope, line_search

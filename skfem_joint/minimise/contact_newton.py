@@ -61,7 +61,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, check_like
+from skfem_joint.ground.arrays import BoolArray, FloatArray, check_like
 from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.factors import BlockFactors
 from skfem_joint.linalg.kernels import Full, subtract_product, times

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from skfem_joint.arrays import as_dense
-from skfem_joint.compiling import compiled, compiled_for, compiled_inside, inlined
+from skfem_joint.ground.arrays import as_dense
+from skfem_joint.ground.compiling import compiled, compiled_for, compiled_inside, inlined
 from skfem_joint.linalg.kernels import (
     add_row_products,
     add_symmetric_product,

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import as_dense
-from skfem_joint.compiling import compiled, compiled_for, compiled_inside
+from skfem_joint.ground.arrays import as_dense
+from skfem_joint.ground.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.kernels import (
     add_product,
     add_row_products,

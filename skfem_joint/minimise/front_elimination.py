@@ -26,8 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from skfem_joint.arrays import FloatArray, check_like
-from skfem_joint.compiling import compiled, compiled_for, compiled_inside
+from skfem_joint.ground.arrays import FloatArray, check_like
+from skfem_joint.ground.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.kernels import Bands, as_sparse, bands, largest_of
 from skfem_joint.minimise import law
 from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, slips

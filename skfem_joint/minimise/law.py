@@ -49,15 +49,15 @@ the arctangent, and have to be revised too:
 - `System.slipping`: a point creeps by period / beta in a period, the slip at half of its friction
   limit, where z = 1; `skfem_joint.reduction.active_length.gross_slip`, the points of reduced models
   for a range (`skfem_joint.reduction.ranges.points`) and the warnings of
-  `skfem_joint.analysis.summary` use the same creep;
+  `skfem_joint.study.summary` use the same creep;
 - `skfem_joint.reduction.basis.reduced_system` and `static_path`: beta is limited to the inverse of
   the slip velocity that modes resolve, for the law is steep where z < 1;
-- `skfem_joint.analysis.rungs`: the error of a less steep law is proportional to 1 / beta.
+- `skfem_joint.accuracy.rungs`: the error of a less steep law is proportional to 1 / beta.
 
 To add a law beside the arctangent takes more, since a contact point carries no kind of law, only
 its beta, and the value ``inf`` stands for Coulomb's law. A kind, or a further parameter, has to
 pass through all that carries beta: the scene's `JointTable.law`; `Joint`, `contact` and
-`point_friction` (`skfem_joint.structure`); `SlipRows` (`skfem_joint.slips`); `System` with its
+`point_friction` (`skfem_joint.joint`); `SlipRows` (`skfem_joint.system.slips`); `System` with its
 projection and its file; the merging of points (`skfem_joint.reduction.friction_points`);
 `ContactPoints` (`skfem_joint.minimise.problem`); and the named tuples of the compiled loops,
 `Chain` and `DenseRows`, with the arguments of `contact_loops`. The scalar functions then choose by
@@ -75,8 +75,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from skfem_joint.arrays import FloatArray, slip_norms
-from skfem_joint.compiling import compiled, compiled_inside
+from skfem_joint.ground.arrays import FloatArray, slip_norms
+from skfem_joint.ground.compiling import compiled, compiled_inside
 
 #: Kinds of points: regularised law (finite beta), set-valued Coulomb friction, no friction.
 REGULAR, COULOMB, FREE = 0, 1, 2

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import linalg
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray
 
 #: Limits that are kept in mind to find the next ones.
 HISTORY = 8

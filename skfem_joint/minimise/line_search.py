@@ -15,7 +15,7 @@ from __future__ import annotations
 from math import inf
 from typing import NamedTuple
 
-from skfem_joint.compiling import compiled_inside
+from skfem_joint.ground.compiling import compiled_inside
 
 
 class SearchSettings(NamedTuple):

@@ -30,8 +30,8 @@ from typing import Any, NamedTuple, Protocol, cast
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, as_dense, slip_norms
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_dense, slip_norms
+from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.factors import BlockFactors, RowFactors
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed
 from skfem_joint.minimise.law import along_and_across, slip_tangent

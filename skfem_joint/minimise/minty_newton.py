@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skfem_joint.compiling import compiled, compiled_inside
+from skfem_joint.ground.compiling import compiled, compiled_inside
 from skfem_joint.linalg.kernels import largest_of
 from skfem_joint.minimise.law import (
     COULOMB,

@@ -71,8 +71,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, as_dense, check_like, slip_norms
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, as_dense, check_like, slip_norms
+from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.kernels import Full
 from skfem_joint.minimise.compiled_step import StepOutcome

@@ -43,9 +43,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray, Matrix, check_like, slip_norms
+from skfem_joint.ground.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    Matrix,
+    check_like,
+    slip_norms,
+)
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.minimise.limits import Hinges

@@ -29,11 +29,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, check_like
+from skfem_joint.ground.arrays import BoolArray, FloatArray, check_like
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.limits import Hinges
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
-from skfem_joint.unknowns import selection
+from skfem_joint.system.unknowns import selection
 
 
 class TouchingSettings(NamedTuple):

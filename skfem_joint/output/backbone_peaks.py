@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.backbone import Backbone
-from skfem_joint.analysis.backbone_peaks import BackbonePeak, backbone_errors
-from skfem_joint.analysis.response import Curve
-from skfem_joint.analysis.scene_response import SceneResponse
 from skfem_joint.output.plots import new_figure, prefixed_unit
+from skfem_joint.study.backbone_peaks import BackbonePeak, backbone_errors
+from skfem_joint.study.scene_response import SceneResponse
+from skfem_joint.vibration.backbone import Backbone
+from skfem_joint.vibration.response import Curve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,14 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.backbone import Backbone
-from skfem_joint.analysis.backbone_peaks import backbone_peaks
-from skfem_joint.analysis.history import QUANTITIES
-from skfem_joint.analysis.response import HARMONICS, Curve
-from skfem_joint.analysis.scene_backbone import ModelBackbone, SceneBackbone
-from skfem_joint.analysis.scene_response import SceneResponse
-from skfem_joint.arrays import FloatArray
-from skfem_joint.files import safe_names
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.files import safe_names
 from skfem_joint.output.backbone_peaks import (
     COLOURS,
     LINES,
@@ -28,7 +22,13 @@ from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, sav
 from skfem_joint.output.record import writing
 from skfem_joint.output.tables import Table, by_columns, write_table
 from skfem_joint.reduction.active_length import measured_lengths
-from skfem_joint.structure import AnyStructure
+from skfem_joint.results.history import QUANTITIES
+from skfem_joint.structure.model import AnyStructure
+from skfem_joint.study.backbone_peaks import backbone_peaks
+from skfem_joint.study.scene_backbone import ModelBackbone, SceneBackbone
+from skfem_joint.study.scene_response import SceneResponse
+from skfem_joint.vibration.backbone import Backbone
+from skfem_joint.vibration.response import HARMONICS, Curve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.analysis.contact_history import (
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.results.contact_history import (
     check_fields,
     contact_history,
     displacements,
@@ -19,13 +21,12 @@ from skfem_joint.analysis.contact_history import (
     limits_of,
     normal_forces,
 )
-from skfem_joint.analysis.history import States
-from skfem_joint.analysis.stress import von_mises
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.results.history import States
+from skfem_joint.results.stress import von_mises
 from skfem_joint.stepping.recording import Run
-from skfem_joint.structure import AnyStructure, Structure
-from skfem_joint.unknowns import selection
+from skfem_joint.structure.model import AnyStructure
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system.unknowns import selection
 
 #: Arrays of a series and their units, the same for every dimension; vectors and tensors in space.
 POINT_ARRAYS = {

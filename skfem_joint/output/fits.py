@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint import __version__
-from skfem_joint.analysis.fit import LEVEL, QUANTITIES, Fit, Profile
-from skfem_joint.analysis.fit_curves import FineCurve
-from skfem_joint.analysis.measured import MeasuredCurve
-from skfem_joint.analysis.measured_table import AMPLITUDES
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import JointError, refuse
-from skfem_joint.files import replacing
+from skfem_joint.fitting.fit import LEVEL, QUANTITIES, Fit, Profile
+from skfem_joint.fitting.fit_curves import FineCurve
+from skfem_joint.fitting.measured import MeasuredCurve
+from skfem_joint.fitting.measured_table import AMPLITUDES
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import JointError, refuse
+from skfem_joint.ground.files import replacing
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
 from skfem_joint.output.tables import by_columns, text_table, write_json, write_table

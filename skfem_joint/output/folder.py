@@ -15,16 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis.error_time import FILES, Report
-from skfem_joint.analysis.models import Study
-from skfem_joint.files import holding, needed, replacing, safe_name, safe_names
+from skfem_joint.ground.files import holding, needed, replacing, safe_name, safe_names
+from skfem_joint.ground.progress import Progress
 from skfem_joint.output import pictures, plots, report, series
 from skfem_joint.output.fields import frames_of
 from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.record import clear, writing
 from skfem_joint.output.tables import write_csv
-from skfem_joint.progress import Progress
 from skfem_joint.scene import Scene
+from skfem_joint.study.error_time import FILES, Report
+from skfem_joint.study.models import Study
 
 Writer = Callable[[Path], object]
 _log = logging.getLogger(__name__)

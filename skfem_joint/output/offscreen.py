@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
-from skfem_joint.files import needed
-from skfem_joint.processes import SAFE_PATH
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import needed
+from skfem_joint.ground.processes import SAFE_PATH
 
 _VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"  # by which VTK chooses its kind of window
 # VTK loads a GL library when it first draws, and ends the process if there is none.

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.files import needed, replacing
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.files import needed, replacing
 from skfem_joint.output.fields import Field, Frames
 from skfem_joint.output.offscreen import drawn, offscreen, plotter_of
 from skfem_joint.output.plots import DPI, envelope, new_figure, prefixed_unit, save_figure

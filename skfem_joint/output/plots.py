@@ -13,14 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.analysis.error_time import RMS, Measured, front
-from skfem_joint.analysis.history import hysteresis_loop, steady_state
-from skfem_joint.arrays import BoolArray, FloatArray
-from skfem_joint.errors import InputError
-from skfem_joint.files import needed, replacing
+from skfem_joint.body.body import Body
+from skfem_joint.ground.arrays import BoolArray, FloatArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import needed, replacing
+from skfem_joint.joint.patch import Patch
 from skfem_joint.reduction.pod import ProperModes
+from skfem_joint.results.history import hysteresis_loop, steady_state
 from skfem_joint.stepping.recording import Run
-from skfem_joint.structure import Body, Patch
+from skfem_joint.study.error_time import RMS, Measured, front
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.pressure import Bolts
 from skfem_joint.output.plots import prefixed_unit
 from skfem_joint.scene import Scene
-from skfem_joint.structure import Load, Structure
-from skfem_joint.structure.pressure import Bolts
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.structure import Structure
 
 #: Places of no other kind that a label is written for, at most.
 _MOST_PARTS = 12

@@ -18,8 +18,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple, TextIO
 
 from skfem_joint import __version__
-from skfem_joint.errors import InputError
-from skfem_joint.files import recording, replacing
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import recording, replacing
 from skfem_joint.output.tables import write_json
 
 SUMMARY = "summary.json"

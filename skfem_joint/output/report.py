@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.analysis.estimate import NAMES, SOURCES, WITHOUT_MESH
-from skfem_joint.analysis.history import QUANTITIES
-from skfem_joint.analysis.models import Study
-from skfem_joint.analysis.summary import model_summary
-from skfem_joint.files import replacing
+from skfem_joint.accuracy.estimate import NAMES, SOURCES, WITHOUT_MESH
+from skfem_joint.ground.files import replacing
 from skfem_joint.output.tables import text_table
+from skfem_joint.results.history import QUANTITIES
 from skfem_joint.stepping.recording import Run
+from skfem_joint.study.models import Study
+from skfem_joint.study.summary import model_summary
 
 
 def write_history(path: Path, runs: Mapping[str, Run]) -> None:

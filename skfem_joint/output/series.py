@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
-from skfem_joint.files import needed, replacing, safe_names
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import needed, replacing, safe_names
 from skfem_joint.output.fields import (
     CELL_ARRAYS,
     OPENING_ARRAYS,
@@ -31,7 +31,7 @@ from skfem_joint.output.fields import (
 )
 from skfem_joint.output.tables import write_csv
 from skfem_joint.stepping.recording import Run
-from skfem_joint.structure import Structure
+from skfem_joint.structure.structure import Structure
 
 #: Space between bodies that lie on each other, in thicknesses of the lower one.
 GAP = 0.5

@@ -9,14 +9,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from skfem_joint.analysis.sweep import STEADY, Row
-from skfem_joint.files import replacing, safe_names
+from skfem_joint.ground.files import replacing, safe_names
 from skfem_joint.output import plots
 from skfem_joint.output.record import writing
 from skfem_joint.output.tables import write_csv
 from skfem_joint.scene import Scene, Swept
 from skfem_joint.scene.messages import meaning
 from skfem_joint.scene.sweep_table import RangeTable
+from skfem_joint.study.sweep import STEADY, Row
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from skfem_joint.files import replacing
+from skfem_joint.ground.files import replacing
 
 #: Columns of a table by their names.
 Table: TypeAlias = Mapping[str, Sequence[Any]]

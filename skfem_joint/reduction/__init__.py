@@ -9,7 +9,7 @@ reduced run shows that its basis is missing). `condensed` keeps all of the conta
 rest; `active_length` measures where joints slip. The paper's scaled modes are in `scaled`.
 
 From the keys of a scene to modes: `scene.tables.ReductionTable` reads the table ``[reduction]``,
-`analysis.scene_plan.options_of` copies it to `reduction.basis.Options`, and its `basis_of_scene`
+`study.scene_plan.options_of` copies it to `reduction.basis.Options`, and its `basis_of_scene`
 calls `make_reduced`, which chooses by the reference. What becomes of the key ``interface_modes``:
 
 - "static": `sources.make_basis` -> `static_path.slip_path` (finds modes by
@@ -29,8 +29,9 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.errors import InputError
-from skfem_joint.loads import common_period
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import common_period
+from skfem_joint.ground.values import BETA, COUNT, POSITIVE, WHOLE, check, check_some
 from skfem_joint.reduction.basis import SETTINGS, Basis, Origin, reduced_system
 from skfem_joint.reduction.condensed import condense as condense
 from skfem_joint.reduction.elastic_contact import check_reference, elastic
@@ -39,13 +40,12 @@ from skfem_joint.reduction.ranges.model import reduced_for_range
 from skfem_joint.reduction.ranges.points import at as at
 from skfem_joint.reduction.sources import own_basis, static_basis
 from skfem_joint.reduction.static_path import slip_path
-from skfem_joint.served import Range
+from skfem_joint.runs.resolution import longest_step
+from skfem_joint.runs.slow_run import rate_independent
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
-from skfem_joint.stepping.resolution import longest_step
-from skfem_joint.stepping.slow_run import rate_independent
-from skfem_joint.system import System
-from skfem_joint.values import BETA, COUNT, POSITIVE, WHOLE, check, check_some
+from skfem_joint.system.served import Range
+from skfem_joint.system.system import System
 
 
 def reduce(
@@ -86,8 +86,8 @@ def reduce(
     range : mapping, optional
         Range of loads and limits that the model is to serve: ``slip`` and ``frequency``, pairs of
         the lowest and the highest share and frequency (Hz), and ``limits``, pairs of factors on the
-        friction limits of joints by name. See `skfem_joint.served.Range`. It takes harmonic loads,
-        and ``modes`` and ``accuracy`` beside it.
+        friction limits of joints by name. See `skfem_joint.system.served.Range`. It takes harmonic
+        loads, and ``modes`` and ``accuracy`` beside it.
     accuracy : float
         With ``range``: largest error of displacement histories, relative; three times that of
         energies.

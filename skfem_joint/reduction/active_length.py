@@ -14,10 +14,13 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.errors import InputError
-from skfem_joint.structure import AnyStructure, Body, Joint, Patch
-from skfem_joint.system import System
+from skfem_joint.body.body import Body
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.joints import Joint
+from skfem_joint.joint.patch import Patch
+from skfem_joint.structure.model import AnyStructure
+from skfem_joint.system.system import System
 
 #: Displacement or slip, relative to the largest, above which a point counts as active.
 THRESHOLD = 1e-3

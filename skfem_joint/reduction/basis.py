@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.reduction.friction_points import (
@@ -24,7 +24,7 @@ from skfem_joint.reduction.friction_points import (
     shared_points,
 )
 from skfem_joint.reduction.pod import ProperModes, orthonormal, thinned
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 
 @dataclass(frozen=True)

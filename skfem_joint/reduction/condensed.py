@@ -16,8 +16,9 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, as_dense
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.values import WHOLE, check
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.basis import Basis, Origin, SlipHistory
@@ -25,9 +26,8 @@ from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.interface_modes import RestrictedMotion, up_to
 from skfem_joint.reduction.pod import ProperModes, orthonormal
 from skfem_joint.stepping.arrangement import slips_are_unknowns
-from skfem_joint.system import System
-from skfem_joint.unknowns import selection
-from skfem_joint.values import WHOLE, check
+from skfem_joint.system.system import System
+from skfem_joint.system.unknowns import selection
 
 
 def condense(system: System, interface_modes: str | int = "auto") -> System:

@@ -23,11 +23,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, Matrix, as_dense
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, Matrix, as_dense
+from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.shifts import shifted
-from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.system import System
+from skfem_joint.slow.quasi_static import QuasiStatic
+from skfem_joint.system.system import System
 
 #: Increments of half a slow cycle that modes are made of.
 IN_HALF = 8

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Amplitude, common_period
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import Amplitude, common_period
+from skfem_joint.runs.resolution import longest_step
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.resolution import longest_step
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 
 @dataclass(frozen=True)

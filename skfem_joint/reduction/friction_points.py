@@ -35,9 +35,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.reduction.pod import thinned
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 #: Why nothing slips.
 NOWHERE = "every joint has zero pressure or zero friction"

@@ -25,20 +25,20 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import null_space
 
-from skfem_joint.arrays import FloatArray, Matrix
+from skfem_joint.ground.arrays import FloatArray, Matrix
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
-from skfem_joint.modal_response import modal_response
-from skfem_joint.modes import eigenmodes, is_singular, lowest_modes
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
-from skfem_joint.system import System
-from skfem_joint.unknowns import congruent
+from skfem_joint.system.modal_response import modal_response
+from skfem_joint.system.modes import eigenmodes, is_singular, lowest_modes
+from skfem_joint.system.system import System
+from skfem_joint.system.unknowns import congruent
 
 if TYPE_CHECKING:
-    from skfem_joint.stepping.quasi_static import QuasiStatic
+    from skfem_joint.slow.quasi_static import QuasiStatic
 
 
 @dataclass(frozen=True)

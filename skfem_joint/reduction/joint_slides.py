@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, as_dense
+from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.stepping.arrangement import arranged
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 
 def joint_slides(system: System) -> FloatArray:

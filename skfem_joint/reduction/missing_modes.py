@@ -31,14 +31,14 @@ import numpy as np
 from scipy import linalg, sparse
 from scipy.cluster.hierarchy import fclusterdata
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed, condensed
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.minimise import law
-from skfem_joint.minimise.springs import friction_along
 from skfem_joint.reduction.pod import modes_beyond
+from skfem_joint.runs.friction_along import friction_along
 from skfem_joint.stepping.recording import Run
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 
 @dataclass(frozen=True)

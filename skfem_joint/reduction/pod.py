@@ -24,12 +24,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, solve_triangular, svd
 
-from skfem_joint.arrays import FloatArray, Matrix
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.ground.arrays import FloatArray, Matrix
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.values import COUNT, check
 from skfem_joint.linalg import shifts
 from skfem_joint.stepping.recording import Run
-from skfem_joint.system import System
-from skfem_joint.values import COUNT, check
+from skfem_joint.system.system import System
 
 #: What the snapshots of a decomposition can hold.
 SNAPSHOTS = ("both", "displacement", "rates")

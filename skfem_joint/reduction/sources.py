@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction import basis as bases
 from skfem_joint.reduction import static_path
 from skfem_joint.reduction.basis import Basis, Options, basis_of
@@ -23,13 +23,13 @@ from skfem_joint.reduction.interface_modes import SETTINGS, RestrictedMotion, be
 from skfem_joint.reduction.joint_slides import joint_slides
 from skfem_joint.reduction.pod import proper_decomposition, proper_modes, stride_of, thinned
 from skfem_joint.reduction.static_path import StaticPath, slip_path
-from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 if TYPE_CHECKING:
-    from skfem_joint.stepping.quasi_static import QuasiStatic
+    from skfem_joint.slow.quasi_static import QuasiStatic
 
 #: Singular values below this share of the largest are what the tolerance of paths leaves.
 _LEAST_SINGULAR = 1e-7

@@ -1,7 +1,7 @@
 """Static slip path: how the joints slip, without a run of the full model. Joint modes come from it.
 
 Under the loads of the run to come, less inertia and damping, the quasi-static path of the structure
-(:mod:`skfem_joint.stepping.quasi_static`) passes through the states of the run. The forces of
+(:mod:`skfem_joint.slow.quasi_static`) passes through the states of the run. The forces of
 inertia are known well from a coarse reduced model, long before its friction energy is right. So
 
 1. a first path is followed under the loads and the inertia of their static response;
@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skfem_joint.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.reduction import friction_points, interface_modes
 from skfem_joint.reduction.active_length import THRESHOLD
@@ -33,13 +33,13 @@ from skfem_joint.reduction.friction_points import NO_FRICTION, merged_points
 from skfem_joint.reduction.joint_slides import joint_slides
 from skfem_joint.reduction.missing_modes import acceleration
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition
-from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 if TYPE_CHECKING:
-    from skfem_joint.stepping.quasi_static import QuasiStatic
+    from skfem_joint.slow.quasi_static import QuasiStatic
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ def slip_path(
 
 def _path(system: System, path: QuasiStatic | None, tolerance: float) -> QuasiStatic:
     """Path of a system, which uses the factors of a given ``path``."""
-    from skfem_joint.stepping.quasi_static import QuasiStatic  # its compiled loops are slow to load
+    from skfem_joint.slow.quasi_static import QuasiStatic  # its compiled loops are slow to load
 
     return QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
 

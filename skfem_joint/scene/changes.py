@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from skfem_joint.errors import InputError
-from skfem_joint.key_paths import Location, key_parts, key_path
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.key_paths import Location, key_parts, key_path
 
 # Keys that a given key takes the place of, by table.
 _IN_PLACE_OF: dict[str, dict[str, tuple[str, ...]]] = {

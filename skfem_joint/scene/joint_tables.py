@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, Tag, ValidationInfo, field_validator, model_validator
 
-from skfem_joint import structure
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.joints import Joint
+from skfem_joint.joint.pressure import Bolt, Bolts, PressureTable
 from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.values import (
     Coordinates,
@@ -35,7 +36,7 @@ class _PressureTable(SceneTable):
             raise mistake("\n".join(lines)) from error
         return self
 
-    def to_pressure(self) -> structure.PressureTable | structure.Bolts:
+    def to_pressure(self) -> PressureTable | Bolts:
         """Object of `skfem_joint.structure` with the values of this table."""
         raise NotImplementedError
 
@@ -51,9 +52,9 @@ class PressureByPositionTable(_PressureTable):
         "direction of the axis, [x, y] or [x, y, z]; if not given, along a bar or along x", None
     )
 
-    def to_pressure(self) -> structure.PressureTable:
+    def to_pressure(self) -> PressureTable:
         """Object of `skfem_joint.structure` with the values of this table."""
-        return structure.PressureTable(self.positions, self.values, self.axis)
+        return PressureTable(self.positions, self.values, self.axis)
 
 
 class PressureBoltTable(SceneTable):
@@ -76,10 +77,10 @@ class BoltPressureTable(_PressureTable):
     )
     reach: NotNegative = key("depth from the heads to the contact, m", 0.0)
 
-    def to_pressure(self) -> structure.Bolts:
+    def to_pressure(self) -> Bolts:
         """Object of `skfem_joint.structure` with the values of this table."""
-        bolts = tuple(structure.Bolt(**bolt.model_dump()) for bolt in self.bolts)
-        return structure.Bolts(bolts, self.reach)
+        bolts = tuple(Bolt(**bolt.model_dump()) for bolt in self.bolts)
+        return Bolts(bolts, self.reach)
 
 
 class JointTable(SceneTable):
@@ -175,7 +176,7 @@ class JointTable(SceneTable):
             object.__setattr__(self, "law", "arctan")  # the default beside beta; still not given
         return self
 
-    def to_joint(self) -> structure.Joint:
+    def to_joint(self) -> Joint:
         """Joint of `skfem_joint.structure`; what is not given of its law is infinite."""
         values = self.model_dump(exclude={"law"})
         if isinstance(self.pressure, _PressureTable):
@@ -183,7 +184,7 @@ class JointTable(SceneTable):
         for name in ("beta", "tangential_stiffness", "normal_stiffness"):
             if values[name] is None:
                 values[name] = math.inf
-        return structure.Joint(**values)
+        return Joint(**values)
 
 
 class BoltTable(SceneTable):

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from skfem_joint.errors import InputError, closest
+from skfem_joint.ground.errors import InputError, closest
 from skfem_joint.scene.messages import Schema, alternatives, tables_in
 from skfem_joint.scene.scene import Scene
 from skfem_joint.scene.values import LARGEST_COUNT

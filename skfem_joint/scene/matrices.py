@@ -11,16 +11,15 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, Tag
 from scipy import sparse
 
-from skfem_joint.array_files import read_array
-from skfem_joint.arrays import FloatArray, as_dense
-from skfem_joint.errors import InputError, refuse
+from skfem_joint.ground.array_files import read_array
+from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.mesh.named import name_problems
 from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.values import FileName, SceneTable, TomlList, by_form, key
-from skfem_joint.structure import MatrixModel
-from skfem_joint.structure.matrices import COLUMNS
-from skfem_joint.system import vector_of
-from skfem_joint.unknowns import dof_numbers
+from skfem_joint.structure.matrices import COLUMNS, MatrixModel
+from skfem_joint.system.system import vector_of
+from skfem_joint.system.unknowns import dof_numbers
 
 
 def _is_name(name: str) -> str:

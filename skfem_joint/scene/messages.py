@@ -14,8 +14,8 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic_core import ErrorDetails, PydanticCustomError
 
-from skfem_joint.errors import closest, listed
-from skfem_joint.key_paths import Location, key_parts, key_path
+from skfem_joint.ground.errors import closest, listed
+from skfem_joint.ground.key_paths import Location, key_parts, key_path
 
 #: Part of the JSON schema that pydantic makes of the tables.
 Schema = Mapping[str, Any]

@@ -14,12 +14,12 @@ from typing import Annotated, Any, NamedTuple, Self
 
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 
-from skfem_joint.errors import InputError
-from skfem_joint.key_paths import key_parts, key_path
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.key_paths import key_parts, key_path
 from skfem_joint.scene.joint_tables import BoltPressureTable, JointTable
 from skfem_joint.scene.messages import mistake
 from skfem_joint.scene.values import Positive, SceneTable, TomlList, key
-from skfem_joint.served import Interval
+from skfem_joint.system.served import Interval
 
 #: Factors of bolts that differ by no more than this, relative, are one factor.
 _ALIKE = 1e-9

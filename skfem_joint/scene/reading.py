@@ -11,10 +11,10 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from skfem_joint.errors import InputError
-from skfem_joint.files import read_text
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import read_text
+from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.mesh import NamedMesh, load_meshes
-from skfem_joint.progress import Progress, silent
 from skfem_joint.scene.changes import with_changes
 from skfem_joint.scene.messages import sentences, value_text
 from skfem_joint.scene.scene import (

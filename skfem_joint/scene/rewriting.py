@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from skfem_joint.errors import InputError
-from skfem_joint.key_paths import Location, key_parts
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.key_paths import Location, key_parts
 
 #: Keys of a sweep whose values are names of files.
 _FILES_OF_SWEEP = re.compile(r"mesh\.file|load\[\d+\]\.file")

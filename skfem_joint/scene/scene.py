@@ -20,20 +20,24 @@ from pydantic import (
 )
 from pydantic_core import PydanticKnownError
 
-from skfem_joint import structure as parts
-from skfem_joint.errors import InputError, listed, refuse
-from skfem_joint.key_paths import key_parts, key_path
-from skfem_joint.loads import common_period
+from skfem_joint.body.body import Material
+from skfem_joint.ground.errors import InputError, listed, refuse
+from skfem_joint.ground.key_paths import key_parts, key_path
+from skfem_joint.ground.loads import common_period
+from skfem_joint.ground.progress import Progress, silent
+from skfem_joint.joint.clamps import Clamp
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.progress import Progress, silent
+from skfem_joint.runs.resolution import PER_PERIOD
 from skfem_joint.scene import joint_tables, tables
 from skfem_joint.scene.changes import with_changes
 from skfem_joint.scene.matrices import MatricesTable
 from skfem_joint.scene.messages import mistake, sentences
 from skfem_joint.scene.sweep_table import SweepTable
 from skfem_joint.scene.values import LARGEST_COUNT, SceneTable, TomlList, key
-from skfem_joint.stepping.resolution import PER_PERIOD
-from skfem_joint.system import System
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.model import AnyStructure
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system.system import System
 
 _log = logging.getLogger(__name__)
 
@@ -81,7 +85,7 @@ class Scene(SceneTable):
 
     _path: Path | None = PrivateAttr(None)
     _named_mesh: NamedMesh | None = PrivateAttr(None)
-    _structure: parts.AnyStructure | None = PrivateAttr(None)
+    _structure: AnyStructure | None = PrivateAttr(None)
     _system: System | None = PrivateAttr(None)
 
     @field_validator("mesh", "material", "section", "support", "bolt", mode="wrap")
@@ -119,7 +123,7 @@ class Scene(SceneTable):
             )
         return self._named_mesh
 
-    def structure(self, progress: Progress = silent) -> parts.AnyStructure:
+    def structure(self, progress: Progress = silent) -> AnyStructure:
         """Structure that the scene describes, built once; `InputError` if it cannot be built.
 
         ``progress`` is told of a preload, as by `Structure`.
@@ -134,7 +138,7 @@ class Scene(SceneTable):
         """Whether the run leaves inertia out; not if its table is wrong, and so is not there."""
         return bool(getattr(getattr(self, "time", None), "quasi_static", False))
 
-    def _built_structure(self, progress: Progress) -> parts.AnyStructure:
+    def _built_structure(self, progress: Progress) -> AnyStructure:
         common: dict[str, Any] = {
             "joints": [joint.to_joint() for joint in self.joint],
             "stiffness_damping": self.damping.stiffness,
@@ -155,13 +159,13 @@ class Scene(SceneTable):
         for table in (material, self.section):
             for region, override in table.regions.items():
                 regions.setdefault(region, {}).update(override.model_dump(exclude_none=True))
-        made = parts.Structure(
+        made = Structure(
             self.named_mesh,
-            parts.Material(material.E, material.density, material.poisson),
+            Material(material.E, material.density, material.poisson),
             **self.section.model_dump(exclude={"regions"}),
             **self.support.model_dump(),
             **common,
-            bolts=[parts.Clamp(**bolt.model_dump()) for bolt in self.bolt],
+            bolts=[Clamp(**bolt.model_dump()) for bolt in self.bolt],
             mass=material.mass_matrix,
             regions=regions,
             progress=progress,
@@ -199,10 +203,10 @@ class Scene(SceneTable):
                 "vibration, which needs inertia; leave it out for this command"
             )
 
-    def loads(self) -> tuple[parts.Load, ...]:
+    def loads(self) -> tuple[Load, ...]:
         """Loads of the structure."""
         return tuple(
-            parts.Load(load.on, load.to_amplitude(), load.direction, load.base, load.quantity)
+            Load(load.on, load.to_amplitude(), load.direction, load.base, load.quantity)
             for load in self.load
         )
 

@@ -10,8 +10,8 @@ import os
 import re
 from pathlib import Path
 
-from skfem_joint.errors import InputError, closest, listed, refuse
-from skfem_joint.files import holding, read_text, read_whole, replacing
+from skfem_joint.ground.errors import InputError, closest, listed, refuse
+from skfem_joint.ground.files import holding, read_text, read_whole, replacing
 
 #: Question that each scene answers, by its name; also the title of its script
 #: in the gallery, ``examples/NAME.py``.

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 import numpy as np
 from pydantic import AfterValidator, ConfigDict, Field, Tag, model_validator
 
-from skfem_joint.key_paths import key_parts, key_path
+from skfem_joint.ground.key_paths import key_parts, key_path
 from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.values import Number, SceneTable, TomlList, by_form, has_no_repeats, key
 

@@ -13,9 +13,10 @@ from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import AfterValidator, Field, PrivateAttr, Tag, ValidationInfo, model_validator
 
-from skfem_joint import loads
-from skfem_joint.errors import InputError
-from skfem_joint.load_tables import read_table
+from skfem_joint.ground import loads
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.load_tables import read_table
+from skfem_joint.runs.resolution import PER_PERIOD
 from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.range_table import ServedRangeTable
 from skfem_joint.scene.values import (
@@ -36,7 +37,6 @@ from skfem_joint.scene.values import (
     has_no_repeats,
     key,
 )
-from skfem_joint.stepping.resolution import PER_PERIOD
 
 
 class MeshTable(SceneTable):

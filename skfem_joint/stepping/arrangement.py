@@ -14,12 +14,12 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee, structural_rank
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.stepping.steppers import CompiledStepper, PythonStepper, Stepper
-from skfem_joint.system import System
-from skfem_joint.unknowns import ChangeOfUnknowns, selection
+from skfem_joint.system.system import System
+from skfem_joint.system.unknowns import ChangeOfUnknowns, selection
 
 #: Most unknowns of a sparse system with dependent slips: it can only be stepped as a dense one.
 MOST_DENSE = 500

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_joint import __version__
-from skfem_joint.array_files import DAMAGE, fingerprint, npz_arrays
-from skfem_joint.errors import InputError
-from skfem_joint.files import replacing
+from skfem_joint.ground.array_files import DAMAGE, fingerprint, npz_arrays
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import replacing
 
 Arrays = Mapping[str, NDArray[Any]]
 

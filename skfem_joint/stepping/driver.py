@@ -14,8 +14,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import ConvergenceError, InputError
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.stepping.arrangement import arranged, choose
 from skfem_joint.stepping.checkpoint import Arrays, Checkpoint
 from skfem_joint.stepping.load_steps import LoadSteps
@@ -23,7 +23,7 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Ending, Final, Recorder, Run
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.stepping.warp import warped
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 _log = logging.getLogger(__name__)
 

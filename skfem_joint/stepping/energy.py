@@ -18,7 +18,7 @@ rows of all points before the second rows of those that have one, which come fir
 
 from __future__ import annotations
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.linalg.vectors import (
     add_mean_products,
     combine,
@@ -28,7 +28,7 @@ from skfem_joint.linalg.vectors import (
     product,
     weighted_beyond,
 )
-from skfem_joint.slips import SLIPPING_SHARE
+from skfem_joint.system.slips import SLIPPING_SHARE
 
 #: Share of its limit from which on friction counts as having reached it. The regularised law never
 #: reaches it.

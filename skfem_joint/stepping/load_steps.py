@@ -6,8 +6,8 @@ from bisect import bisect_left
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.system import System
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.system.system import System
 
 #: Kinks of a load end steps only if there are at most so many; jumps always do.
 MOST_KINKS = 64

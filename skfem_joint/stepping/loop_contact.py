@@ -1,7 +1,7 @@
 """What contact has in the compiled loop over steps, beside its step problems.
 
 `skfem_joint.stepping.time_loop` calls the generic functions of this module. numba replaces each
-call by the implementation for its first argument (see `skfem_joint.compiling.compiled_for`):
+call by the implementation for its first argument (see `skfem_joint.ground.compiling.compiled_for`):
 `Constant` where friction limits are, and `Opening` where elastic contact opens and limits follow
 its forces. Rigid contact that opens is not stepped in that loop: its forces are impulses, which
 `skfem_joint.stepping.normal_forces` describes.
@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.compiling import compiled_for
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.compiling import compiled_for
 from skfem_joint.linalg.kernels import combine_rows
 from skfem_joint.linalg.vectors import raise_to_norms
 

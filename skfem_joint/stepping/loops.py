@@ -27,8 +27,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, as_dense
-from skfem_joint.system import System
+from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.system.system import System
 
 #: Ways below this share of the largest are round-off.
 ROUND_OFF = 1e-9

@@ -67,7 +67,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, as_dense
+from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.minimise.compiled_step import Places
 from skfem_joint.minimise.limits import Hinges
@@ -82,7 +82,7 @@ from skfem_joint.minimise.touching import Touching
 from skfem_joint.stepping.loop_contact import Opening
 from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import Coefficients, State
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton

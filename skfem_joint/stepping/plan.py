@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_some
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.stepping.warp import warp_factor
-from skfem_joint.values import COUNT, POSITIVE, between, check, check_some
 
 
 def check_until(until: str) -> None:
@@ -46,7 +46,7 @@ class Plan:
         :mod:`skfem_joint.stepping.warp`.
     quasi_static : bool
         Whether inertia and damping are left out: each step is then a level of the loads, see
-        :mod:`skfem_joint.stepping.slow_run`.
+        :mod:`skfem_joint.runs.slow_run`.
     gross_periods : int, optional
         Periods in turn in which a joint slips as a whole after which the search for steady
         vibration is given up; five times as many where it has Newton's method or contact opens. As

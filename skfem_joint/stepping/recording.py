@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, check_like
-from skfem_joint.errors import InputError, first_of
+from skfem_joint.ground.arrays import FloatArray, check_like
+from skfem_joint.ground.errors import InputError, first_of
+from skfem_joint.ground.values import COUNT, check, check_some
 from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.vectors import raise_to, raise_to_norms
 from skfem_joint.minimise.compiled_step import row_order
 from skfem_joint.stepping import energy
 from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.schemes import State
-from skfem_joint.system import System
-from skfem_joint.values import COUNT, check, check_some
+from skfem_joint.system.system import System
 
 # What a recorder holds beside rows: sums and numbers.
 _SUMS = (

@@ -15,8 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.values import between, check
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.values import between, check
 
 #: Largest phase angle, rad, of a jump's vibration in a step that the scheme resolves by itself.
 FOLLOWED = 0.3

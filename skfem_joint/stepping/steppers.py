@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_joint.arrays import FloatArray, as_dense, check_like
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, as_dense, check_like
+from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed, compressed_rows
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
 from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.minimise.compiled_step import CompiledStepProblem

@@ -25,6 +25,6 @@ class Stopwatch:
 def _compilation() -> float:
     """Time that this process has spent in compilation so far, s."""
     # Imported by what needs it: systems without friction do without the compiler.
-    module = sys.modules.get("skfem_joint.compiling")
+    module = sys.modules.get("skfem_joint.ground.compiling")
     clock = getattr(module, "COMPILING", None)
     return float(clock.duration) if clock is not None and clock.done else 0.0

@@ -15,8 +15,8 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.compiling import compiled, compiled_inside
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.compiling import compiled, compiled_inside
 from skfem_joint.linalg.kernels import aligned
 from skfem_joint.linalg.vectors import point_norms, product, raise_to, raise_to_norms, weighted
 from skfem_joint.minimise.compiled_step import minimise_step, slips

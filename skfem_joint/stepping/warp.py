@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 
 def warp_factor(omega: float, h: float) -> float:

@@ -34,12 +34,12 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import refuse
-from skfem_joint.slips import SlipRows
-from skfem_joint.structure.contact import point_friction
-from skfem_joint.unknowns import stacked
-from skfem_joint.values import NOT_NEGATIVE, POSITIVE, Kind, at_least, problems
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import refuse
+from skfem_joint.ground.values import NOT_NEGATIVE, POSITIVE, Kind, at_least, problems
+from skfem_joint.joint.contact import point_friction
+from skfem_joint.system.slips import SlipRows
+from skfem_joint.system.unknowns import stacked
 
 #: Share of the sliders below ``least``, but for a factor that depends on it: with this one the
 #: force errs there by about half of what the energy may err by.

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray, Matrix
-from skfem_joint.loads import as_amplitude
+from skfem_joint.body.body import Body
+from skfem_joint.body.checks import KINDS, one_of, wrong_name
+from skfem_joint.ground.arrays import FloatArray, Matrix
+from skfem_joint.ground.loads import as_amplitude
+from skfem_joint.ground.values import FINITE
+from skfem_joint.joint.patch import Patch, shares_of
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.modes import RayleighFit, rayleigh_fit
-from skfem_joint.structure.body import Body
-from skfem_joint.structure.checks import KINDS, one_of, wrong_name
-from skfem_joint.structure.patch import Patch, shares_of
-from skfem_joint.system import AppliedLoad, System
-from skfem_joint.unknowns import stacked
-from skfem_joint.values import FINITE
+from skfem_joint.system.modes import RayleighFit, rayleigh_fit
+from skfem_joint.system.system import AppliedLoad, System
+from skfem_joint.system.unknowns import stacked
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Load:
     on : str, optional
         Point, boundary or region.
     amplitude : Amplitude or callable
-        Whole force (N) as a function of time (s): a shape of :mod:`skfem_joint.loads`, or a plain
-        function.
+        Whole force (N) as a function of time (s): a shape of :mod:`skfem_joint.ground.loads`, or a
+        plain function.
     direction : tuple of float, optional
         Direction of the force; its length does not count. Bars do not need it.
     base : {"x", "y", "z"}, optional

@@ -10,19 +10,19 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix
-from skfem_joint.errors import InputError, listed, refuse
+from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.ground.errors import InputError, listed, refuse
+from skfem_joint.joint.joints import Joint, joint_value_problems
+from skfem_joint.joint.manifold import SMALL, slip_directions
+from skfem_joint.joint.patch import Patch, point_stiffness
 from skfem_joint.mesh.named import name_problems
-from skfem_joint.modes import rigid_motions
-from skfem_joint.normal import NormalPart
-from skfem_joint.slips import NormalRows, SlipRows, rows_along, unit_vectors
-from skfem_joint.structure.joints import Joint, joint_value_problems
 from skfem_joint.structure.load import Load, under_loads
-from skfem_joint.structure.manifold import SMALL, slip_directions
-from skfem_joint.structure.patch import Patch, point_stiffness
 from skfem_joint.structure.reactions import Reactions, reactions
-from skfem_joint.system import AppliedLoad, System
-from skfem_joint.unknowns import selection
+from skfem_joint.system.modes import rigid_motions
+from skfem_joint.system.normal import NormalPart
+from skfem_joint.system.slips import NormalRows, SlipRows, rows_along, unit_vectors
+from skfem_joint.system.system import AppliedLoad, System
+from skfem_joint.system.unknowns import selection
 
 #: Columns of a contact: degrees of freedom of both nodes of a pair, normal, area, and gap if given.
 COLUMNS = 11

@@ -7,14 +7,14 @@ from typing import TypeAlias
 
 import numpy as np
 
+from skfem_joint.body.body import Body
+from skfem_joint.joint.doubts import coarse_for_waves, oscillating_impacts
+from skfem_joint.joint.patch import Patch
+from skfem_joint.joint.pressure import Bolts
 from skfem_joint.mesh.cells import spot
-from skfem_joint.structure.body import Body
-from skfem_joint.structure.doubts import coarse_for_waves, oscillating_impacts
 from skfem_joint.structure.matrices import MatrixModel
-from skfem_joint.structure.patch import Patch
-from skfem_joint.structure.pressure import Bolts
 from skfem_joint.structure.structure import Structure
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 #: A jointed structure, given by a mesh or by matrices. Functions that need geometry use the
 #: `Structure` that `meshed` returns, or the ``body``, which is None if it is given by matrices.

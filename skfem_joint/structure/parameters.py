@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
-from skfem_joint.errors import MOST_LISTED, InputError, closest, refuse
-from skfem_joint.key_paths import EVERY, Location, key_parts, key_path
-from skfem_joint.structure.joints import Joint
-from skfem_joint.structure.pressure import Bolts
+from skfem_joint.ground.errors import MOST_LISTED, InputError, closest, refuse
+from skfem_joint.ground.key_paths import EVERY, Location, key_parts, key_path
+from skfem_joint.joint.joints import Joint
+from skfem_joint.joint.pressure import Bolts
 from skfem_joint.structure.structure import Structure
 
 #: Damping by the key of a scene.

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, Matrix
-from skfem_joint.slips import SlipRows
-from skfem_joint.unknowns import change_of_unknowns
+from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.system.slips import SlipRows
+from skfem_joint.system.unknowns import change_of_unknowns
 
 
 @dataclass(frozen=True)

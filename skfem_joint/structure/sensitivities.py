@@ -6,7 +6,7 @@ All are exact as long as the same nodes touch:
   of a pressure or of bolts around their holes.
 - Normal forces of clamping bolts are those of the static problem of the preload. With its closed
   gaps kept closed, K u' + N^T F' = f' - K' u and N u' = 0 there: a linear problem with one factor
-  for all parameters, :func:`skfem_joint.structure.preload.preload_rates`.
+  for all parameters, :func:`skfem_joint.joint.preload.preload_rates`.
 - K is linear in each Young's modulus, springs in the stiffness of the surfaces.
 - C = a M + b K. With a damping ratio a and b follow two frequencies, of which those that are
   natural have the derivative phi K' phi / (2 omega) with their mode phi of unit mass.
@@ -21,20 +21,20 @@ from functools import cached_property
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, Matrix
-from skfem_joint.errors import InputError
-from skfem_joint.modes import RayleighFit
-from skfem_joint.sensitivity import OpeningSensitivity, SystemSensitivity
-from skfem_joint.structure.contact import friction_gain
-from skfem_joint.structure.manifold import manifold_of
-from skfem_joint.structure.opening import NodalForces
+from skfem_joint.ground.arrays import FloatArray, Matrix
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.contact import friction_gain
+from skfem_joint.joint.manifold import manifold_of
+from skfem_joint.joint.opening import NodalForces
+from skfem_joint.joint.patch import Patch
+from skfem_joint.joint.preload import preload_rates
+from skfem_joint.joint.pressure import Bolts, nodal_pressure
 from skfem_joint.structure.parameters import Parameter, check_derivable, parameter, value_of
-from skfem_joint.structure.patch import Patch
-from skfem_joint.structure.preload import preload_rates
-from skfem_joint.structure.pressure import Bolts, nodal_pressure
 from skfem_joint.structure.structure import Structure
-from skfem_joint.system import System
-from skfem_joint.unknowns import congruent
+from skfem_joint.system.modes import RayleighFit
+from skfem_joint.system.sensitivity import OpeningSensitivity, SystemSensitivity
+from skfem_joint.system.system import System
+from skfem_joint.system.unknowns import congruent
 
 #: Derivatives of a joint's nodal forces, (N,), and of the gaps of its pressure points, (q,).
 Rates = tuple[FloatArray, FloatArray]

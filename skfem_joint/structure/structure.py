@@ -12,32 +12,32 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import BoolArray, FloatArray
-from skfem_joint.errors import InputError, refuse
-from skfem_joint.loads import Scaled
+from skfem_joint.body.body import Body, Material
+from skfem_joint.body.checks import KINDS, wrong_name
+from skfem_joint.ground.arrays import BoolArray, FloatArray
+from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.loads import Scaled
+from skfem_joint.ground.progress import Progress, silent
+from skfem_joint.ground.values import NOT_NEGATIVE, problems
+from skfem_joint.joint import doubts
+from skfem_joint.joint.clamps import Clamp, clamp_problems, cuts, unit_clamps
+from skfem_joint.joint.contact import contact_rows
+from skfem_joint.joint.joints import Joint, joint_problems
+from skfem_joint.joint.opening import NodalForces
+from skfem_joint.joint.patch import Patch, check_shared, make_patch
+from skfem_joint.joint.preload import Preload, TouchingFaces, preload
+from skfem_joint.joint.pressure_space import PressureSpace, pressure_space
+from skfem_joint.joint.rigid import loose_bodies
 from skfem_joint.mesh import NamedMesh, load_meshes, named
-from skfem_joint.modes import KnownFit, ratio_problems
-from skfem_joint.progress import Progress, silent
-from skfem_joint.slips import SlipRows
-from skfem_joint.structure import doubts
-from skfem_joint.structure.body import Body, Material
-from skfem_joint.structure.checks import KINDS, wrong_name
-from skfem_joint.structure.clamps import Clamp, clamp_problems, cuts, unit_clamps
-from skfem_joint.structure.contact import contact_rows
-from skfem_joint.structure.joints import Joint, joint_problems
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
-from skfem_joint.structure.opening import NodalForces
-from skfem_joint.structure.patch import Patch, check_shared, make_patch
-from skfem_joint.structure.preload import Preload, TouchingFaces, preload
-from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
 from skfem_joint.structure.reactions import Reactions, reactions
-from skfem_joint.structure.rigid import loose_bodies
-from skfem_joint.system import AppliedLoad, System
-from skfem_joint.unknowns import (
+from skfem_joint.system.modes import KnownFit, ratio_problems
+from skfem_joint.system.slips import SlipRows
+from skfem_joint.system.system import AppliedLoad, System
+from skfem_joint.system.unknowns import (
     ChangeOfUnknowns,
     expanded,
 )
-from skfem_joint.values import NOT_NEGATIVE, problems
 
 
 @dataclass(frozen=True)

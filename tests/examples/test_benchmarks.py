@@ -24,11 +24,11 @@ from benchmarks.integrators import FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
 
 import skfem_joint as sj
-from skfem_joint.analysis import error_time as et
-from skfem_joint.analysis.certificate import make_reference
-from skfem_joint.analysis.description import describe
-from skfem_joint.analysis.history import difference, results
 from skfem_joint.linalg import schur
+from skfem_joint.results.history import difference, results
+from skfem_joint.study import error_time as et
+from skfem_joint.study.certificate import make_reference
+from skfem_joint.study.description import describe
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 #: What the example of two plates printed when the pages were made.

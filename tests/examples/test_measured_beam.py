@@ -5,7 +5,7 @@ import pytest
 from gallery import EXAMPLES
 
 import skfem_joint as sj
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 
 FOLDER = EXAMPLES / "measured"
 

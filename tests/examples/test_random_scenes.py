@@ -11,7 +11,7 @@ from benchmarks.estimates import Row, report, table
 from benchmarks.scenes import CLASSES, LOADS, draw
 from benchmarks.shapes import bracket, plate, share_of_slip
 
-from skfem_joint.analysis.history import QUANTITIES
+from skfem_joint.results.history import QUANTITIES
 from skfem_joint.scene import scene_from
 
 ROOT = Path(__file__).parents[2]

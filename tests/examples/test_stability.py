@@ -10,7 +10,7 @@ from stability import references, report, run
 from stability.cases import BAR, ONE, PLATE, TWO, UNITS, matrix, quick_matrix
 from stability.judge import REFUSED, RIGHT, WRONG, Verdict, judge
 
-from skfem_joint.errors import ConvergenceError
+from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.minimise import front_elimination
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.output.record import LIST

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skfem_joint.compiling import compiled
+from skfem_joint.ground.compiling import compiled
 from skfem_joint.linalg import kernels
 
 

@@ -7,8 +7,8 @@ from scipy import sparse
 
 from skfem_joint.linalg.factors import pivots
 from skfem_joint.linalg.shifts import mean_square_frequency, shifted
-from skfem_joint.modes import lowest_modes
 from skfem_joint.reduction.interface_modes import RestrictedMotion
+from skfem_joint.system.modes import lowest_modes
 
 
 def free_chain(n: int) -> tuple[sparse.csr_array, sparse.csr_array]:

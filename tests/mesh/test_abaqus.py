@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mesh_files import assert_same, saved
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, load_meshes
 
 NODES = [f"{i + 1}, {0.05 * i:.12g}, 0., 0." for i in range(13)]

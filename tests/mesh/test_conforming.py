@@ -7,7 +7,7 @@ import pytest
 import skfem
 from mesh_files import MESHES
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import load_meshes, named
 from skfem_joint.mesh.cells import split
 

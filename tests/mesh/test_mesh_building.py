@@ -6,7 +6,7 @@ import skfem
 from mesh_files import FLAT_AND_SOLID, KINDS, SIZES, boundary_sizes, region_sizes, sizes, strip
 from skfem.helpers import dot
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import build_bar, build_box, build_plate
 
 PER_CELL = {"triangle": 2, "tetrahedron": 6}

@@ -11,7 +11,7 @@ import pytest
 from mesh_files import KINDS, Cells, assert_same, msh22, saved, sizes, strip, tip_compliance
 from stability.mutated import damaged
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, build_bar, load_meshes, write_mesh
 
 TOKENS = ("nan", "inf", "-1", "0", "1", "2", "15", "1e400", "1e99", "1e308", "4294967295",

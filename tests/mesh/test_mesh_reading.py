@@ -24,7 +24,7 @@ from mesh_files import (
     tip_compliance,
 )
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, load_meshes, merged, named, write_mesh
 
 # Three lines on x.

@@ -7,7 +7,7 @@ import pytest
 import skfem
 from mesh_files import FLAT_AND_SOLID, KINDS, boundary_sizes, region_sizes, sizes, strip
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, build_bar, merged, named, refined
 
 SECOND = {

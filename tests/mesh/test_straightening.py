@@ -10,7 +10,7 @@ from mesh_files import msh22, saved
 from skfem_joint import Material, Structure
 from skfem_joint.mesh import load_meshes, named
 from skfem_joint.mesh.cells import cell_of
-from skfem_joint.structure import doubts
+from skfem_joint.structure.model import doubts
 
 EDGES, RADIUS, DEPTH = 7, 4.5e-3, 0.01
 MESHES = {

@@ -9,7 +9,7 @@ from scipy import sparse
 from skfem_joint.minimise import contact_newton, law
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.unknowns import selection
+from skfem_joint.system.unknowns import selection
 
 LAWS = [1e3, 1e5, 1e9, np.inf]
 

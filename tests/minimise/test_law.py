@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from skfem_joint.compiling import compiled
+from skfem_joint.ground.compiling import compiled
 from skfem_joint.minimise import law
 from skfem_joint.minimise.law import COULOMB, FREE, REGULAR
 

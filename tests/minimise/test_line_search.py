@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from skfem_joint.compiling import compiled, compiled_for
+from skfem_joint.ground.compiling import compiled, compiled_for
 from skfem_joint.minimise import law
 from skfem_joint.minimise.line_search import SETTINGS, friction_slope, line_search
 

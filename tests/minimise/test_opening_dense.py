@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import linalg, sparse
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.dense_loop import minimise_dense
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints

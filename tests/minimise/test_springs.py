@@ -10,7 +10,7 @@ from scipy.optimize import brentq, minimize
 from skfem_joint.minimise import law
 from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.unknowns import selection
+from skfem_joint.system.unknowns import selection
 
 BETAS = [1.0, 1e2, 1e6, np.inf]
 SPEEDS = np.concatenate([-np.geomspace(1e3, 1e-6, 30), [0.0], np.geomspace(1e-6, 1e3, 30)])

@@ -2,7 +2,7 @@
 
 import pytest
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.output.offscreen import offscreen
 
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from bodies import structure
 
+from skfem_joint.joint.joints import Joint
 from skfem_joint.mesh import build_bar, build_box, build_plate, merged
 from skfem_joint.output.fields import Field, Frames
-from skfem_joint.structure import Joint, Structure
+from skfem_joint.structure.structure import Structure
 
 TIMES = np.array([0.0, 1e-5, 0.1 + 0.2])
 JOINT = Joint("joint", 50e6, 0.7)

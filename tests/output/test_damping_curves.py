@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from skfem_joint.analysis.scene_backbone import scene_backbone
 from skfem_joint.mesh import build_plate
 from skfem_joint.output.damping import backbone_figure, backbone_lines, write_backbone
 from skfem_joint.scene import Scene, scene_from
+from skfem_joint.study.scene_backbone import scene_backbone
 
 
 def cantilever(**backbone: Any) -> Scene:

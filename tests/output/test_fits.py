@@ -11,15 +11,15 @@ from scipy import sparse
 from scipy.io import mmwrite
 
 from skfem_joint import __version__, cli
-from skfem_joint.analysis.backbone import backbone
-from skfem_joint.analysis.fit import fit
-from skfem_joint.analysis.fit_curves import fine_curves
-from skfem_joint.analysis.measured import measured_curve
+from skfem_joint.fitting.fit import fit
+from skfem_joint.fitting.fit_curves import fine_curves
+from skfem_joint.fitting.measured import measured_curve
 from skfem_joint.output.fits import curves_figure, residuals_figure
 from skfem_joint.output.record import LIST
 from skfem_joint.scene import load_scene
 from skfem_joint.scene.rewriting import rewritten
 from skfem_joint.structure.parameters import value_of
+from skfem_joint.vibration.backbone import backbone
 
 FILES = {
     "fit.json", "fit.png", "values.csv", "residuals.csv", "curve.csv", "residuals.png",

@@ -13,15 +13,15 @@ from joint_scenes import bar_scene, harmonic, joint, plate_scene
 from scipy.spatial import cKDTree
 
 import skfem_joint as sj
-from skfem_joint.analysis.history import slip_state
-from skfem_joint.analysis.models import Study
-from skfem_joint.analysis.scene_backbone import scene_backbone
-from skfem_joint.files import safe_name
+from skfem_joint.ground.files import safe_name
 from skfem_joint.output import folder, prepare, report, tables, write
 from skfem_joint.output.damping import write_backbone
 from skfem_joint.output.fields import frames_of
 from skfem_joint.output.record import LIST
+from skfem_joint.results.history import slip_state
 from skfem_joint.scene import Scene
+from skfem_joint.study.models import Study
+from skfem_joint.study.scene_backbone import scene_backbone
 
 JOINTS = ("joint", "second")
 #: Points may have any name; files have safe ones.

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from skfem_joint import __version__
-from skfem_joint.errors import InputError
-from skfem_joint.files import holding, replacing
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import holding, replacing
 from skfem_joint.output.folder import kept
 from skfem_joint.output.record import LIST, clear, writing
 
@@ -257,7 +257,7 @@ def test_what_was_written_before_an_error_is_listed_in_the_summary(error, out):
 KILLED = """
 import os, sys
 from pathlib import Path
-from skfem_joint.files import holding, replacing
+from skfem_joint.ground.files import holding, replacing
 from skfem_joint.output.record import writing
 
 def write(folder, moment, names):

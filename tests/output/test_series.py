@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from pictured import BOXES, PLATES, TIMES, bar, bars, blocks, box, lap, plate, random_frames, side
 from scipy.spatial import cKDTree
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.clamps import Clamp
 from skfem_joint.mesh import named
 from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames
 from skfem_joint.output.series import GAP, blocks_of, write_load, write_series
-from skfem_joint.structure import Clamp, Structure
+from skfem_joint.structure.structure import Structure
 
 Build = Callable[[], Structure]
 DIRECTIONS = [(1, 0, 0), (3, 4, 0), (-1, 2, 2), (0, 0, 1)]
@@ -287,7 +288,7 @@ def test_an_interruption_leaves_an_index_of_the_frames_that_all_models_have(
             raise KeyboardInterrupt
         move(source, target)
 
-    monkeypatch.setattr("skfem_joint.files.os.replace", interrupted)
+    monkeypatch.setattr("skfem_joint.ground.files.os.replace", interrupted)
     with pytest.raises(KeyboardInterrupt):
         write_series(tmp_path / "a.pvd", frames)
     assert not list(tmp_path.rglob(".*"))

@@ -18,11 +18,11 @@ import pytest
 from scene_texts import written
 
 from skfem_joint import cli
-from skfem_joint.analysis import sweep
-from skfem_joint.analysis.rows import Rows
-from skfem_joint.analysis.sweep import Row
+from skfem_joint.ground.rows import Rows
 from skfem_joint.output import folder, plots, sweeps
 from skfem_joint.scene import Swept, load_sweep
+from skfem_joint.study import sweep
+from skfem_joint.study.sweep import Row
 
 PRODUCT = '"joint[0].friction" = [0.3, 0.7]\n"time.cycles" = [1, 2, 3]'
 ONE = '"load[0].amplitude" = {from = 1e3, to = 1e5, points = 3, scale = "log"}'

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from skfem_joint.errors import InputError
-from skfem_joint.files import holding, read_whole, replacing, safe_name, safe_names
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import holding, read_whole, replacing, safe_name, safe_names
 
 Files = dict[str, str]
 
@@ -54,7 +54,7 @@ def test_an_error_at_any_time_leaves_the_folder_as_it_was(
                 fail()
 
     if place != "block":
-        monkeypatch.setattr(f"skfem_joint.files.os.{place}", fail)
+        monkeypatch.setattr(f"skfem_joint.ground.files.os.{place}", fail)
     path = tmp_path / "a.txt"
     with pytest.raises(InputError if isinstance(error, OSError) else type(error)) as caught:
         write()
@@ -121,15 +121,15 @@ def test_a_file_is_on_the_disk_before_it_takes_its_place_and_its_name_after(tmp_
         done.append("moved")
         move(source, target)
 
-    monkeypatch.setattr("skfem_joint.files.os.fsync", flushed)
-    monkeypatch.setattr("skfem_joint.files.os.replace", moved)
+    monkeypatch.setattr("skfem_joint.ground.files.os.fsync", flushed)
+    monkeypatch.setattr("skfem_joint.ground.files.os.replace", moved)
     with replacing(tmp_path / "a.txt") as temporary:
         temporary.write_text("whole")
     assert done == [temporary.name, "moved", tmp_path.name]
 
 
 def in_a_process(code: str, folder: Path) -> subprocess.Popen[str]:
-    lines = "import os, sys\nfrom pathlib import Path\nfrom skfem_joint.files import *\n"
+    lines = "import os, sys\nfrom pathlib import Path\nfrom skfem_joint.ground.files import *\n"
     command = [sys.executable, "-c", f"{lines}folder = Path(sys.argv[1])\n{code}", str(folder)]
     return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
@@ -178,7 +178,7 @@ def test_a_second_run_in_a_folder_is_refused_until_the_first_has_ended_or_died(t
 
 def test_runs_that_take_turns_in_a_folder_are_never_in_it_together(tmp_path):
     code = (
-        "from skfem_joint.errors import InputError\n"
+        "from skfem_joint.ground.errors import InputError\n"
         "been_in = 0\n"
         "while been_in < 50:\n"
         "    try:\n"

@@ -9,7 +9,7 @@ import numpy as np
 from bodies import MU, STEEL, WIDTH, structure
 
 import skfem_joint as sj
-from skfem_joint.loads import Amplitude
+from skfem_joint.ground.loads import Amplitude
 from skfem_joint.reduction.scaled.reference import lap_joint
 from skfem_joint.stepping.recording import Run
 

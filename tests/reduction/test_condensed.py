@@ -9,12 +9,12 @@ from bodies import MU, structure
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.analysis.history import compare
-from skfem_joint.analysis.rungs import of_condensed
+from skfem_joint.accuracy.rungs import of_condensed
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
-from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.results.history import compare
+from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.quasi_static import QuasiStatic
 
 FORCE = 4e3
 TIMES: dict[str, Any] = {"step": 5e-6, "n_steps": 200, "cycle_steps": 200}

@@ -7,7 +7,6 @@ import pytest
 from opening_blocks import block, loads
 
 import skfem_joint as sj
-from skfem_joint.analysis.history import QUANTITIES, difference, results
 from skfem_joint.reduction.elastic_contact import (
     FACTOR,
     elastic,
@@ -15,8 +14,9 @@ from skfem_joint.reduction.elastic_contact import (
 )
 from skfem_joint.reduction.excitation import Excitation
 from skfem_joint.reduction.interface_modes import driven
+from skfem_joint.results.history import QUANTITIES, difference, results
+from skfem_joint.slow.quasi_static import SETTINGS, QuasiStatic
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.quasi_static import SETTINGS, QuasiStatic
 
 TIMING = {"cycles": 1, "steps_per_cycle": 100}
 

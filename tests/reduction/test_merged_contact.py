@@ -9,10 +9,10 @@ from opening_blocks import block, loads
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.analysis.contact_history import normal_forces
-from skfem_joint.analysis.history import difference, results
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.friction_points import merged_points
+from skfem_joint.results.contact_history import normal_forces
+from skfem_joint.results.history import difference, results
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TIMING = {"cycles": 1, "steps_per_cycle": 100}

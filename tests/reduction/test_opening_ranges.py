@@ -7,7 +7,7 @@ import pytest
 from benchmarks.ranges import bent, lapped
 
 import skfem_joint as sj
-from skfem_joint.analysis.history import compare
+from skfem_joint.results.history import compare
 
 ASKED = {"slip": (0.3, 0.9), "frequency": (30.0, 230.0), "limits": {"contact": (0.6, 1.6)}}
 CORNER = {"frequency": 230.0, "slip": 0.9, "limits": {"contact": 1.6}}

@@ -6,12 +6,12 @@ from benchmarks.ranges import bar
 from opening_blocks import opening_system
 
 import skfem_joint as sj
-from skfem_joint.analysis.history import compare
 from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.ranges.points import sticking
 from skfem_joint.reduction.ranges.stuck import StuckVibration
 from skfem_joint.reduction.ranges.training import spread
-from skfem_joint.served import Range
+from skfem_joint.results.history import compare
+from skfem_joint.system.served import Range
 
 ASKED = {"slip": (0.2, 0.9), "frequency": (100.0, 900.0), "limits": {"inner": (0.5, 2.0)}}
 

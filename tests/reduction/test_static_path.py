@@ -12,7 +12,7 @@ from skfem_joint.reduction.basis import Basis, Options, reduced_system
 from skfem_joint.reduction.friction_points import friction_lost, merged_points
 from skfem_joint.reduction.sources import make_basis, static_basis
 from skfem_joint.reduction.static_path import StaticPath, slip_path
-from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

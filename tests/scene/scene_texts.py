@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import Scene, load_scene, scene_from
 

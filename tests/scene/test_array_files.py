@@ -13,10 +13,10 @@ import pytest
 from scipy import sparse
 from scipy.io import mmwrite, savemat
 
-from skfem_joint.array_files import ROWS, UNPACKED, read_array
-from skfem_joint.arrays import as_dense
-from skfem_joint.errors import InputError
-from skfem_joint.files import LARGEST_TABLE
+from skfem_joint.ground.array_files import ROWS, UNPACKED, read_array
+from skfem_joint.ground.arrays import as_dense
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import LARGEST_TABLE
 
 N = 12
 K = sparse.csr_array(2.0 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from stability.mutated import damaged
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.scene import Scene, load_scene
 
 ROOT = Path(__file__).parents[2]

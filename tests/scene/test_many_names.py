@@ -11,7 +11,7 @@ from mesh_files import msh22
 from scene_texts import written
 
 import skfem_joint as sj
-from skfem_joint.structure import MatrixModel
+from skfem_joint.structure.matrices import MatrixModel
 
 MOST_NAMES, LONGEST_NAME = 10_000, 127
 

@@ -15,10 +15,10 @@ from scipy import sparse
 from scipy.io import mmwrite, savemat
 
 import skfem_joint as sj
-from skfem_joint.analysis.description import describe
 from skfem_joint.cli import main
 from skfem_joint.scene import Scene, scene_from
-from skfem_joint.structure import MatrixModel
+from skfem_joint.structure.matrices import MatrixModel
+from skfem_joint.study.description import describe
 
 
 def npz(folder: Path, name: str, A: Any) -> str:

@@ -3,7 +3,7 @@
 import pytest
 from scene_texts import problems_of, scene_of
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 
 RANGE = "range = { %sslip = [0.1, 0.9], frequency = [100.0, 900.0] }"
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scene_texts import GOOD, Change, problems_of_file, scene_of, with_changes
 
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import build_bar, build_plate, merged, refined, write_mesh
 from skfem_joint.scene import load_scene, scene_from
 

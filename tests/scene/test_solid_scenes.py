@@ -14,11 +14,11 @@ import numpy as np
 import pytest
 import pyvista
 
-from skfem_joint.analysis.contact_history import displacements
-from skfem_joint.analysis.study import run_scene
 from skfem_joint.cli import main
 from skfem_joint.output import write
+from skfem_joint.results.contact_history import displacements
 from skfem_joint.scene import load_scene
+from skfem_joint.study.study import run_scene
 
 FILES = Path(__file__).parent / "gmsh"
 KINDS = ("tet4", "tet10", "hex8", "hex20", "hex27")

@@ -5,11 +5,11 @@ from typing import Any, get_args
 import pytest
 from scene_texts import written
 
-from skfem_joint.analysis.study import run_scene
-from skfem_joint.analysis.summary import model_summary
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.scene import load_sweep
 from skfem_joint.scene.sweep_table import SweepTable
+from skfem_joint.study.study import run_scene
+from skfem_joint.study.summary import model_summary
 
 
 @pytest.fixture

@@ -5,11 +5,12 @@ import math
 import pytest
 from scene_texts import problems_of, scene_of
 
-from skfem_joint import loads
-from skfem_joint.errors import InputError
+from skfem_joint.ground import loads
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.pressure import Bolt, Bolts, PressureTable
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene
-from skfem_joint.structure import Bolt, Bolts, PressureTable, doubts
+from skfem_joint.structure.model import doubts
 
 HARMONIC = 'kind = "harmonic"\namplitude = 87.5e3\nfrequency = 500.0\n'
 JOINT = '[[joint]]\non = "joint"\npressure = 50e6\nfriction = 0.7\n'

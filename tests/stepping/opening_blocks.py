@@ -6,8 +6,8 @@ import numpy as np
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.loads import Harmonic
-from skfem_joint.normal import NormalPart
+from skfem_joint.ground.loads import Harmonic
+from skfem_joint.system.normal import NormalPart
 
 STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)
 SIZE = 0.04

@@ -8,7 +8,7 @@ from moreau import Equations
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.slips import NormalRows, SlipRows
+from skfem_joint.system.slips import NormalRows, SlipRows
 
 INF = np.inf
 NORMAL = "gap", "force", "stiffness"

@@ -9,13 +9,15 @@ import numpy as np
 from bodies import MU, STEEL, THICKNESS, WIDTH, pressed, structure
 from scipy import sparse
 
-from skfem_joint.contacts import Contact
-from skfem_joint.loads import Amplitude, Harmonic
+from skfem_joint.ground.loads import Amplitude, Harmonic
+from skfem_joint.joint.joints import Joint
 from skfem_joint.mesh import build_bar, build_plate
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.runs.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.structure import Joint, Load, Structure
-from skfem_joint.system import AppliedLoad, System
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system.contacts import Contact
+from skfem_joint.system.system import AppliedLoad, System
 
 FIELDS = Save(fields=True)
 

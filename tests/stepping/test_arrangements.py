@@ -20,10 +20,10 @@ from stepping_systems import (
 )
 
 import skfem_joint as sj
-from skfem_joint.slips import NormalRows
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.system.slips import NormalRows
 
 
 def assert_same(one: Run, other: Run, rtol: float = 1e-9) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from stepping_systems import CASE_I, LapJoint
 
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.runs.integrate import integrate
 
 
 @pytest.mark.parametrize("beta", [1e5, 1e7, 1e9])

@@ -58,8 +58,8 @@ def test_nothing_is_compiled_or_loaded_while_time_is_taken():
     code = """
         import numpy as np
         from numba.core.dispatcher import Dispatcher
-        from skfem_joint.loads import Amplitude
-        from skfem_joint.stepping.integrate import integrate
+        from skfem_joint.ground.loads import Amplitude
+        from skfem_joint.runs.integrate import integrate
         from stepping_systems import of_stepper
 
         made, begun = [], []
@@ -101,7 +101,7 @@ def test_a_run_without_friction_loads_no_compiler():
     code = """
         import sys
         from stepping_systems import of_stepper
-        from skfem_joint.stepping.integrate import integrate
+        from skfem_joint.runs.integrate import integrate
         run = integrate(of_stepper("linear"), step=1e-5, n_steps=20)
         assert run.counters.friction_evaluations == 0 and run.peak[0] > 0.0
         heavy = {"numba", "meshio", "pyvista", "vtkmodules", "matplotlib"}
@@ -154,7 +154,7 @@ def test_compilation_and_preparation_are_timed_apart(tmp_path):
     """A first run compiles; a run from the cache, or of another system, does not."""
     code = """
         from stepping_systems import of_stepper
-        from skfem_joint.stepping.integrate import integrate
+        from skfem_joint.runs.integrate import integrate
         from skfem_joint.stepping.stopwatch import Stopwatch
         watch = Stopwatch()
         first, second = (integrate(of_stepper("dense"), step=1e-5, n_steps=2) for _ in range(2))

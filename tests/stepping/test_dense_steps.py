@@ -7,16 +7,16 @@ import pytest
 from stepping_systems import LapJoint, dense_system
 
 from skfem_joint import reduce
-from skfem_joint.arrays import slip_norms
-from skfem_joint.contacts import Contact
-from skfem_joint.loads import Harmonic
+from skfem_joint.ground.arrays import slip_norms
+from skfem_joint.ground.loads import Harmonic
 from skfem_joint.minimise import law
 from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.runs.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.system import AppliedLoad, System
+from skfem_joint.system.contacts import Contact
+from skfem_joint.system.system import AppliedLoad, System
 
 STEP = 0.02  # s
 

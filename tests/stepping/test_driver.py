@@ -26,14 +26,14 @@ from stepping_systems import (
 )
 
 import skfem_joint as sj
-from skfem_joint.loads import Amplitude, Scaled
+from skfem_joint.ground.loads import Amplitude, Scaled
+from skfem_joint.runs.resolution import check_jumps, check_resolution, longest_step
 from skfem_joint.stepping import driver
 from skfem_joint.stepping.checkpoint import Checkpoint
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.resolution import check_jumps, check_resolution, longest_step
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.stepping.steppers import CompiledStepper, FailedStep, Stepper
-from skfem_joint.system import AppliedLoad
+from skfem_joint.system.system import AppliedLoad
 
 REFERENCE = LapJoint()
 SMALL = LapJoint(elements=5).system

@@ -8,7 +8,7 @@ from opening_blocks import block, loads, opening_system
 from stepping_systems import differing
 
 import skfem_joint as sj
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.stepping.checkpoint import Checkpoint
 
 TIMING = {

@@ -20,8 +20,8 @@ from opening_blocks import block, loads
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.normal import NormalPart
 from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.system.normal import NormalPart
 
 SCHEME = sj.generalized_alpha(0.5)
 #: Unknowns that are neither slips nor approaches.

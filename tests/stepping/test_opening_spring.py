@@ -5,7 +5,7 @@ import pytest
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.normal import NormalPart
+from skfem_joint.system.normal import NormalPart
 
 MASS, STIFFNESS, GAP, SPEED = 2.0, 8e4, 1e-3, 0.5
 #: Angular frequency in contact, rad/s, and time from the start to the first touch, s.

@@ -11,10 +11,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import skfem_joint as sj
-from skfem_joint.errors import InputError
+from skfem_joint.ground.errors import InputError
+from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping import driver as driving
 from skfem_joint.stepping.arrangement import Arranged, arranged
-from skfem_joint.stepping.quasi_static import QuasiStatic
 
 LIMIT, SPRING, HELD = 30.0, 2e5, 1e12
 

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import skfem
 
+from skfem_joint.body.body import Material
+from skfem_joint.joint.joints import Joint
 from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged, named
-from skfem_joint.structure import Joint, Material, Structure
+from skfem_joint.structure.structure import Structure
 
 E, DENSITY, NU, MU = 200e9, 8000.0, 0.3, 0.7
 WIDTH, THICKNESS = 0.05, 0.01

@@ -6,7 +6,7 @@ from typing import Any
 from bodies import STEEL, two_bars
 
 import skfem_joint as sj
-from skfem_joint.loads import Harmonic, Triangle
+from skfem_joint.ground.loads import Harmonic, Triangle
 from skfem_joint.mesh import NamedMesh, build_box, build_plate, merged
 
 HEIGHT, DEEP = 0.01, 0.03

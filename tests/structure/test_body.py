@@ -25,10 +25,12 @@ from scipy import sparse
 from scipy.linalg import eigh
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from skfem_joint.loads import Harmonic
+from skfem_joint.body.body import Material
+from skfem_joint.body.nodes import Nodes
+from skfem_joint.ground.loads import Harmonic
 from skfem_joint.mesh import NamedMesh, build_bar
-from skfem_joint.structure import Load, Material, Structure
-from skfem_joint.structure.nodes import Nodes
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.structure import Structure
 
 LOAD = Harmonic(1.0, 1.0)
 

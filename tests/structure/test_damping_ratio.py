@@ -6,7 +6,7 @@ from bodies import block, pressed, structure
 from scipy import linalg, sparse
 
 import skfem_joint as sj
-from skfem_joint.loads import Amplitude
+from skfem_joint.ground.loads import Amplitude
 
 RATIO = 0.02
 

@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import quad
 
 import skfem_joint as sj
-from skfem_joint.errors import InputError
-from skfem_joint.stepping.quasi_static import QuasiStatic
+from skfem_joint.ground.errors import InputError
+from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.structure.iwan import sliders_of
 
 F_S, K_T = 4e3, 1.5e7

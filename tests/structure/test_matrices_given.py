@@ -7,7 +7,7 @@ import pytest
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.structure import MatrixModel
+from skfem_joint.structure.matrices import MatrixModel
 
 N = 5
 K = 2.0 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1)

@@ -8,7 +8,7 @@ import pytest
 from bodies import EA, LAP, SIDE, STEEL, THICKNESS, WIDTH, lap, pressed, side, structure, two_bars
 
 import skfem_joint as sj
-from skfem_joint.analysis.history import compare
+from skfem_joint.results.history import compare
 from skfem_joint.stepping.recording import Run
 
 STEPS = 100

@@ -8,11 +8,12 @@ from bodies import DENSITY, ELEMENTS, THICKNESS, WIDTH, E, block, pressed, struc
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint import loads
-from skfem_joint.analysis.history import compare
-from skfem_joint.errors import InputError
+from skfem_joint.body.body import Material
+from skfem_joint.ground import loads
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import build_bar
-from skfem_joint.structure import Load, Material
+from skfem_joint.results.history import compare
+from skfem_joint.structure.load import Load
 
 ACCELERATION = 3.0
 

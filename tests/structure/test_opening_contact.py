@@ -10,9 +10,9 @@ from scipy import sparse
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 import skfem_joint as sj
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
-from skfem_joint.structure import doubts
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import Harmonic
+from skfem_joint.structure.model import doubts
 
 
 def own_system(order=1, fixed=True, **opening):

@@ -8,7 +8,7 @@ from benchmarks.slider import HOLDS, MASS, MU, PRESSED, SPRING, X, followed, loo
 from opening_blocks import block, loads
 
 import skfem_joint as sj
-from skfem_joint.structure import MatrixModel
+from skfem_joint.structure.matrices import MatrixModel
 
 ONE = np.ones(1)
 

@@ -11,10 +11,13 @@ import skfem
 from bodies import DENSITY, NU, PLANE, SOLID, THICKNESS, E, block, mapped, section
 from clamped_plates import bolted
 
-from skfem_joint.analysis.natural_modes import natural_modes
-from skfem_joint.errors import InputError
+from skfem_joint.body.body import Material
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.clamps import Clamp
+from skfem_joint.joint.joints import Joint
 from skfem_joint.mesh import NamedMesh, merged, named
-from skfem_joint.structure import Clamp, Joint, Material, Structure
+from skfem_joint.results.natural_modes import natural_modes
+from skfem_joint.structure.structure import Structure
 
 STEEL, FORCE = Material(E, DENSITY, NU), 1e5
 JOINT, BOLT = Joint("u_base", "preload", 0.3, against="l_top"), Clamp(FORCE, "u_top", "l_base")

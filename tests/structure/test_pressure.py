@@ -8,11 +8,10 @@ from bodies import MU, WIDTH, block, distorted, pressed, structure
 from scipy.integrate import quad
 from skfem import MeshTri
 
-from skfem_joint.errors import InputError
+from skfem_joint.body.nodes import Nodes, interpolation, local_coordinates
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.pressure import Bolt, Bolts, PressureTable, pressure_integrals
 from skfem_joint.mesh import build_bar, build_plate
-from skfem_joint.structure import Bolt, Bolts, PressureTable
-from skfem_joint.structure.nodes import Nodes, interpolation, local_coordinates
-from skfem_joint.structure.pressure import pressure_integrals
 
 LENGTH = 0.1
 AXIAL = PressureTable((0.0, 0.013, 0.04, 0.041, 0.09, 0.2), (0.0, 0.0, 6e6, 1e6, 2e6, 2e6))

@@ -8,9 +8,10 @@ from benchmarks.washer import largest_rise, washer
 from bodies import NU, PLANE, SOLID, THICKNESS, E, block
 from test_preload import BOLT, FORCE, JOINT, at, clamped, cylinder, stacked
 
+from skfem_joint.joint.clamps import Clamp
+from skfem_joint.joint.pressure_space import PressureSpace, pressure_space
 from skfem_joint.mesh import merged, named
-from skfem_joint.structure import Clamp, Structure
-from skfem_joint.structure.pressure_space import PressureSpace, pressure_space
+from skfem_joint.structure.structure import Structure
 
 SECOND = [kind for kind in [*PLANE, *SOLID] if kind[1] == 2]
 

@@ -11,16 +11,17 @@ from scipy import sparse
 from skfem.helpers import dot
 from skfem.models.elasticity import lame_parameters, linear_elasticity
 
-from skfem_joint.analysis.natural_modes import natural_modes
-from skfem_joint.contacts import Contact
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
-from skfem_joint.slips import SlipRows
-from skfem_joint.stepping.integrate import integrate
-from skfem_joint.structure import Bolt, Bolts, PressureTable, contact, point_friction
-from skfem_joint.structure.nodes import Nodes
-from skfem_joint.system import System
-from skfem_joint.unknowns import change_of_unknowns
+from skfem_joint.body.nodes import Nodes
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import Harmonic
+from skfem_joint.joint.contact import contact, point_friction
+from skfem_joint.joint.pressure import Bolt, Bolts, PressureTable
+from skfem_joint.results.natural_modes import natural_modes
+from skfem_joint.runs.integrate import integrate
+from skfem_joint.system.contacts import Contact
+from skfem_joint.system.slips import SlipRows
+from skfem_joint.system.system import System
+from skfem_joint.system.unknowns import change_of_unknowns
 
 
 def basis_of(body: Any) -> Any:

@@ -25,7 +25,7 @@ from bodies import (
 
 import skfem_joint as sj
 from skfem_joint.mesh import NamedMesh, named
-from skfem_joint.structure import doubts
+from skfem_joint.structure.model import doubts
 
 LOAD = sj.Harmonic(1.0, 1.0)
 

@@ -15,14 +15,15 @@ from opening_blocks import block
 from scipy import sparse
 
 import skfem_joint as sj
-import skfem_joint.modes
-from skfem_joint.errors import InputError
+import skfem_joint.system.modes
+from skfem_joint.body import assembly
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint import active_set
 from skfem_joint.mesh import build_bar
-from skfem_joint.sensitivity import SystemSensitivity
-from skfem_joint.structure import active_set, assembly
 from skfem_joint.structure import structure as structure_module
 from skfem_joint.structure.parameters import value_of, with_values
 from skfem_joint.structure.sensitivities import sensitivities
+from skfem_joint.system.sensitivity import SystemSensitivity
 
 
 def parts(found: Any) -> Iterator[tuple[str, Any]]:
@@ -297,9 +298,9 @@ def test_structures_with_other_values_are_those_made_anew(monkeypatch, values, p
 def test_frequencies_of_the_damping_are_found_anew_where_they_change(monkeypatch):
     given = bolted(joint=STIFF, damping_ratio=0.01)
     found: list[int] = []
-    real = skfem_joint.modes.rayleigh_fit
+    real = skfem_joint.system.modes.rayleigh_fit
     monkeypatch.setattr(
-        skfem_joint.modes, "rayleigh_fit", lambda *a: (found.append(1), real(*a))[1]
+        skfem_joint.system.modes, "rayleigh_fit", lambda *a: (found.append(1), real(*a))[1]
     )
     system = given.system(loads("right", 2))
     sensitivities(given, ["material.E", "joint[0].tangential_stiffness"], system)

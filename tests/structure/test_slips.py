@@ -26,7 +26,7 @@ from bodies import (
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.structure.manifold import slip_directions
+from skfem_joint.joint.manifold import slip_directions
 
 LOAD = sj.Harmonic(1.0, 1.0)
 

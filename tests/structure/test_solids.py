@@ -10,12 +10,13 @@ import pytest
 from bodies import ELEMENTS, MU, PLANE, SOLID, STEEL, block, distorted, mapped, pressed, structure
 from scipy.sparse.linalg import eigsh, spsolve
 
-from skfem_joint.analysis.history import compare
-from skfem_joint.loads import Harmonic
+from skfem_joint.ground.loads import Harmonic
 from skfem_joint.mesh import NamedMesh, build_bar, build_box, build_plate, merged
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.results.history import compare
+from skfem_joint.runs.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.structure import Load, Structure
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.structure import Structure
 
 KINDS: Any = ["hexahedron", "tetrahedron"]
 NO_CONTRACTION = replace(STEEL, poisson=0.0)

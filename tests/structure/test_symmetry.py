@@ -7,7 +7,7 @@ import pytest
 from bodies import STEEL
 
 import skfem_joint as sj
-from skfem_joint.structure import Structure
+from skfem_joint.structure.structure import Structure
 
 
 def plates(part: bool, order: int, along: int, contact: str) -> Structure:

@@ -10,8 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.values import COUNT, POSITIVE, check
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.reduction.elastic_contact import elastic
@@ -29,10 +30,9 @@ from skfem_joint.reduction.ranges.points import (
 )
 from skfem_joint.reduction.ranges.training import SETTINGS as TRAINING
 from skfem_joint.reduction.ranges.training import Pool, spread
-from skfem_joint.served import Point, Range, Served
 from skfem_joint.stepping.recording import Run
-from skfem_joint.system import System
-from skfem_joint.values import COUNT, POSITIVE, check
+from skfem_joint.system.served import Point, Range, Served
+from skfem_joint.system.system import System
 
 _log = logging.getLogger(__name__)
 
@@ -105,7 +105,7 @@ def reduced_for_range(
     system : System
         With harmonic loads that have a common period.
     given : Range or mapping
-        See `skfem_joint.served.Range`.
+        See `skfem_joint.system.served.Range`.
     accuracy : float
         Largest error of displacement histories that the number of modes is chosen for; three times
         that of energies.

@@ -15,16 +15,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skfem_joint.errors import ConvergenceError, GrossSlipError, InputError, first_of, refuse
-from skfem_joint.loads import Harmonic, MultiHarmonic, common_period
-from skfem_joint.served import Point, Served
-from skfem_joint.slips import WHOLE_SHARE
-from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.ground.errors import ConvergenceError, GrossSlipError, InputError, first_of, refuse
+from skfem_joint.ground.loads import Harmonic, MultiHarmonic, common_period
+from skfem_joint.ground.values import POSITIVE, check, check_some
+from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.runs.resolution import longest_step
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.resolution import longest_step
-from skfem_joint.system import System
-from skfem_joint.values import POSITIVE, check, check_some
+from skfem_joint.system.served import Point, Served
+from skfem_joint.system.slips import WHOLE_SHARE
+from skfem_joint.system.system import System
 
 
 @dataclass(frozen=True)

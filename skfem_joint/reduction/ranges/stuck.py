@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.reduction.interface_modes import RestrictedMotion, motions_without_slip
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import arranged
-from skfem_joint.system import System
-from skfem_joint.unknowns import congruent
+from skfem_joint.system.system import System
+from skfem_joint.system.unknowns import congruent
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import qmc
 
-from skfem_joint.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.reduction.basis import SETTINGS as BASIS
 from skfem_joint.reduction.elastic_contact import strain_norm
 from skfem_joint.reduction.friction_points import few_points
@@ -17,11 +17,11 @@ from skfem_joint.reduction.pod import ProperModes, orthonormal, proper_decomposi
 from skfem_joint.reduction.ranges.points import placed
 from skfem_joint.reduction.ranges.stuck import StuckVibration
 from skfem_joint.reduction.static_path import StaticPath, slip_path
-from skfem_joint.served import Point, Range
+from skfem_joint.runs.resolution import longest_step
+from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.quasi_static import QuasiStatic
-from skfem_joint.stepping.resolution import longest_step
-from skfem_joint.system import System
+from skfem_joint.system.served import Point, Range
+from skfem_joint.system.system import System
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray, slip_norms
+from skfem_joint.ground.arrays import FloatArray, IntArray, slip_norms
 from skfem_joint.reduction.active_length import THRESHOLD, ContactPart, axis_of
 from skfem_joint.reduction.basis import Basis, Options, basis_of
 from skfem_joint.reduction.interface_modes import (
@@ -32,8 +32,9 @@ from skfem_joint.reduction.scaled.reference import ReferenceModes, paper_referen
 from skfem_joint.reduction.scaled.zones import active_zones, loaded_ends, probed, zone_lengths
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
-from skfem_joint.structure import AnyStructure, Structure
-from skfem_joint.system import System
+from skfem_joint.structure.model import AnyStructure
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system.system import System
 
 #: Gauss points along each line for each of its modes.
 POINTS_PER_MODE = 4

@@ -15,13 +15,13 @@ from math import pi, sqrt
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import IntArray
+from skfem_joint.ground.arrays import IntArray
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
-from skfem_joint.modes import lowest_modes
 from skfem_joint.reduction.active_length import ContactPart
-from skfem_joint.system import System
+from skfem_joint.system.modes import lowest_modes
+from skfem_joint.system.system import System
 
 #: Damping ratio of a joint in micro-slip, independent of its active length, Eq. (20).
 DAMPING_RATIO = 2.0 / sqrt(9.0 * pi**2 - 16.0)

@@ -12,10 +12,10 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh_tridiagonal
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import InputError
 from skfem_joint.reduction.friction_points import shared_points
-from skfem_joint.system import System
+from skfem_joint.system.system import System
 
 
 def gauss_rule(

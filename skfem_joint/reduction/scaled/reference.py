@@ -7,15 +7,18 @@ from functools import cache
 
 import numpy as np
 
-from skfem_joint.arrays import FloatArray
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
+from skfem_joint.body.body import Material
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import Harmonic
+from skfem_joint.joint.joints import Joint
 from skfem_joint.mesh import build_bar
 from skfem_joint.reduction.active_length import measured
 from skfem_joint.reduction.pod import ProperModes, proper_modes
-from skfem_joint.stepping.integrate import integrate
+from skfem_joint.runs.integrate import integrate
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.structure import Joint, Load, Material, Structure
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.structure import Structure
 
 # 250 x 50 x 10 mm plate, 8 MPa, mu = 0.7, 63 kN (90 % of the friction limit) at 1000 Hz. Young's
 # modulus and density are not printed in the paper: its Table 3 and its resonances give them.

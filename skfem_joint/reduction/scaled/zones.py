@@ -12,16 +12,17 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.arrays import FloatArray, IntArray
-from skfem_joint.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.patch import Patch
 from skfem_joint.reduction.active_length import SAME_POSITION, ContactPart, axis_of, contact_parts
 from skfem_joint.reduction.excitation import SHORT_RUNS, steps_of_a_period
 from skfem_joint.reduction.scaled.estimated_length import estimate_active_length, picked
-from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.structure import Patch, Structure
-from skfem_joint.system import System
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system.system import System
 
 
 def active_zones(structure: Structure, system: System) -> list[ContactPart]:

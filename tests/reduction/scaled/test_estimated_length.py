@@ -5,16 +5,17 @@ import pytest
 from bodies import EA
 from reduced_joints import TAU, case, case_i, fig_18
 
-from skfem_joint.errors import InputError
-from skfem_joint.loads import HalfSine, Harmonic, MultiHarmonic
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import HalfSine, Harmonic, MultiHarmonic
 from skfem_joint.reduction.scaled.estimated_length import (
     DAMPING_RATIO,
     ActiveLengthEstimate,
     estimate_active_length,
 )
 from skfem_joint.reduction.scaled.zones import active_zones, zone_lengths
-from skfem_joint.structure import Load, Structure
-from skfem_joint.system import System
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system.system import System
 
 
 def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does():

@@ -21,7 +21,7 @@ from skfem_joint.reduction.scaled.reference import (
     run_lap_joint,
 )
 from skfem_joint.reduction.scaled.zones import active_zones, probed, zone_lengths
-from skfem_joint.stepping.integrate import integrate_plan
+from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
 
 # The reference system

@@ -7,12 +7,14 @@ import pytest
 from bodies import structure
 from reduced_joints import bar, case, fig_18
 
-from skfem_joint.errors import InputError
-from skfem_joint.loads import Harmonic
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import Harmonic
+from skfem_joint.joint.joints import Joint
 from skfem_joint.mesh import build_bar, build_box, merged
 from skfem_joint.reduction.scaled.zones import active_zones, zone_lengths
-from skfem_joint.structure import Joint, Load, Structure
-from skfem_joint.system import System
+from skfem_joint.structure.load import Load
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system.system import System
 
 PULL = Harmonic(1e5, 500.0)
 

@@ -1,0 +1,137 @@
+"""Estimated errors of any model's run: which estimate is whose, and `estimate` for users."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.accuracy import range_modes, rungs
+from skfem_joint.accuracy.against_coulomb import against_coulomb
+from skfem_joint.accuracy.estimate import Estimate
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.reduction.basis import Basis, Origin
+from skfem_joint.results.history import QUANTITIES
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run
+from skfem_joint.system.system import System
+
+_log = logging.getLogger(__name__)
+
+
+def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estimate:
+    """Estimate the errors of a run: of a full model, or one that `reduce` or `condense` made.
+
+    A full model is judged by its time step, a reduced or condensed one by its basis, its law, its
+    friction points and its time step, without a run of the full model; a point of a range by the
+    larger model that it carries. Of a law with a finite beta the distance from Coulomb's law stands
+    apart, as ``parts["coulomb"]``.
+
+    Parameters
+    ----------
+    run : Run
+        From rest, to its end, with the named points stored.
+    progress : callable, optional
+        As `integrate` takes it, called in every run that this takes.
+
+    Returns
+    -------
+    Estimate
+        Relative errors by source and quantity; ``estimate(run).parts["total"]`` has those of all
+        sources together.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of a verification run does not converge.
+    InputError
+        If the run was interrupted, began in motion or stored no named points, or if its system was
+        changed after it was reduced, or loaded from a file, so that the full one is not known.
+    KeyboardInterrupt
+        If a verification run is interrupted.
+    """
+    system, plan = run.system, run.plan
+    if run.interrupted or plan is None:
+        raise InputError("estimate: found an interrupted run, must have reached its end")
+    if run.start is not None:
+        raise InputError(
+            "estimate: the run starts displaced or in motion; verification runs start from rest. "
+            "Compare it with a run of half the step instead: sj.compare"
+        )
+    if not plan.save.points:
+        raise InputError("estimate: the run stored no named points; leave out points=False")
+    if system.serves is not None:  # judged without the full system, which may not be known
+        return range_modes.of_range(run, plan, progress)
+    full, basis = system, None
+    if system.origin is not None:
+        _check_origin(system, system.origin)
+        full, basis = system.origin.system, system.origin.basis
+    elif system.made_for or not (system.T is None or sparse.issparse(system.T)):
+        raise InputError(
+            "estimate: the full system that this model was made from is not known: it was loaded "
+            "from a file or projected by hand. Give a run of a model as reduce or condense return "
+            "it"
+        )
+    errors = of_run(full, basis, run, plan, progress)
+    V = None if errors.missing is None else errors.missing.V
+    try:
+        apart = against_coulomb(full, run, plan, basis, V, progress)
+    except ConvergenceError as error:
+        _log.warning("The distance from Coulomb's law is not known: %s", error)
+        apart = dict.fromkeys(QUANTITIES)
+    return errors if apart is None else replace(errors, parts={**errors.parts, "coulomb": apart})
+
+
+def _check_origin(system: System, origin: Origin) -> None:
+    """Refuse a model whose matrices, loads or limits were changed after it was made."""
+    full, V = origin.system, origin.basis.V
+    probe = np.cos(np.arange(V.shape[1]))
+    same = (
+        V.shape[1] == system.n
+        and len(full.loads) == len(system.loads)
+        and np.isclose(full.contact.w.sum(), system.contact.w.sum(), rtol=1e-9)
+        and all(
+            a.amplitude == b.amplitude and np.allclose(V.T @ a.vector, b.vector)
+            for a, b in zip(full.loads, system.loads, strict=True)
+        )
+        and all(
+            _alike(V.T @ (whole @ (V @ probe)), own @ probe)
+            for whole, own in ((full.M, system.M), (full.C, system.C), (full.K, system.K))
+            if whole is not None and own is not None
+        )
+    )
+    if not same:
+        raise InputError(
+            "estimate: the matrices, the loads or the friction limits of this model are not those "
+            "of the full system that it was made from; change them there, and reduce or condense "
+            "it again"
+        )
+
+
+def _alike(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two vectors differ by round-off of a projection."""
+    return bool(np.linalg.norm(a - b) <= 1e-6 * np.linalg.norm(a))
+
+
+def of_run(
+    system: System,
+    basis: Basis | None,
+    run: Run,
+    plan: Plan,
+    progress: Callable[..., None] | None = None,
+) -> Estimate:
+    """Errors of a model's run: a reduced one's, or without ``basis`` the full one's.
+
+    Those of a model for a range are estimated by what it carries.
+    """
+    if run.system.serves is not None:  # judged without the full system
+        return range_modes.of_range(run, plan, progress)
+    if basis is None:
+        return rungs.of_full(system, run, plan, progress)
+    if sparse.issparse(run.system.contact.B):
+        return rungs.of_condensed(system, basis, run, plan, progress)
+    return rungs.of_reduced(system, basis, run.system, plan, run, progress)

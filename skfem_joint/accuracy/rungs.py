@@ -1,0 +1,398 @@
+"""Which rungs the ladder of a model has, see :mod:`skfem_joint.accuracy.ladder`.
+
+A full model errs by its step alone. A longer step says nothing of what the step itself does not
+follow: friction and kinks of loads excite higher modes, which a coarse run leaves at rest, and one
+with twice the step all the more. (Of 412 quantities of 141 random scenes twice the step stated 86 %
+between a half and three times the truth, a half step 94 %, a half and a quarter 99 %.) So the step
+is halved twice, and a third time where a change is larger than the one before, or where impacts
+take energy, whose times leave errors of first order with any ratio. (A mass that bounces on a
+spring of contact for eight steps at a time: the work of the loads errs by 3.7 %, with half and a
+quarter of the step by 3.6 and 2.9 %, of which the series makes 1.6 %, with an eighth 3.1 %.)
+
+Small full models are run themselves, which takes four to six times as long as the run. Large ones
+have a reduced model beside them that takes the steps: modes of its static slip path, the lowest
+natural modes with the contact held and with it loose, and all contact points (merged ones, where
+they are very many). What this model errs by itself is in all its runs and cancels. If it differs
+from the full one by more than the steps do, it is no model of these errors, and the full one is run
+once more with half the step; so is a large one in a quasi-static run, where no higher modes are
+excited, and one with contact that opens. (Of 479 quantities of 160 plates and solids 99 % were
+stated as above; 6 scenes in 179 took the full model.)
+
+A condensed model has the law and the points of the full one. Its basis is bettered by more
+fixed-interface modes. Its statics are exact: without inertia no mode is missing.
+
+A reduced model is bettered by all contact points, then by a law ten times as steep, but no steeper
+than the full model's. Then a condensed model takes its place, with the full model's points and law
+(:mod:`skfem_joint.accuracy.condensed_reference`), where contact is small enough. On plates with
+several bolts under Coulomb's law errors fall so slowly with modes that nothing else was reliable.
+With contact that opens points and law have no rungs of their own. Where the condensed model would
+be too slow, the residual of the run in the full equation shows which modes the basis misses
+(:mod:`skfem_joint.reduction.missing_modes`), and some of these are added at a time, with the next
+proper modes of the model's own snapshots; very many points are merged, and the first cycles of a
+run with all of them show what that causes.
+
+The step is halved on the best model: on a poor basis the motion is too smooth, and the error of the
+step another one. (Half the step alone changed the results of a bar under a table with kinks by
+0.8 %, where they were 6.5 % off: both missed the same modes.) Ladders of condensed and reduced
+models end with the cycle in which their run has become steady; if it does not they are whole runs.
+No step of the full model is taken, but in quasi-static runs with large contact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from skfem_joint.accuracy.condensed_reference import MODES, CondensedReference
+from skfem_joint.accuracy.estimate import Estimate, MissingModes, Parts, verification_run
+from skfem_joint.accuracy.ladder import (
+    HALVED,
+    STEP,
+    Ladder,
+    Series,
+    apart,
+    cycles_to_settle,
+)
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.reduction.basis import Basis, Options, reduced_system
+from skfem_joint.reduction.condensed import (
+    carrying,
+    condensed_basis,
+    condensed_system,
+    interface_modes_in,
+)
+from skfem_joint.reduction.friction_points import SETTINGS as MERGING
+from skfem_joint.reduction.missing_modes import Residual, stride
+from skfem_joint.reduction.pod import orthonormal
+from skfem_joint.reduction.sources import make_basis
+from skfem_joint.results.history import QUANTITIES, difference, results
+from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run
+from skfem_joint.system.modes import lowest_modes
+from skfem_joint.system.system import System
+
+#: Steps of a run times (unknowns + 150) up to which the full model itself is run with half
+#: and quarter steps, some two seconds of its own run; chains, whose steps cost next to nothing,
+#: always are.
+SMALL = 5e5
+#: Most contact points of the reduced model beside a full one; more are merged. (With 150 in place
+#: of 1,408 that friction energy is 1.8 % off.)
+POINTS = 500
+#: Largest difference between the reduced and the full model, over the error of the step, with
+#: which the estimate is believed. (Of 293 quantities 7 had more than one, 3 of these were stated
+#: wrongly; of the others 1.5 %.)
+TRUSTED = 1.0
+#: Such a difference that does not count.
+NEGLIGIBLE = 1e-2
+#: Relative change of cycles below which they are alike.
+SETTLED = 0.01
+#: Contact points beyond which they are merged where no condensed model is run.
+MANY = MERGING.many
+#: Sets that they are merged into.
+MERGED = MERGING.merged
+#: Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as those
+#: of a slip front that the basis holds (each run frees the next points), and twice and four times
+#: as many where the changes do not fall.
+ADDED = 8
+#: Relative change by added modes below which no more are added.
+ENOUGH = 1e-3
+#: Ratio of a change by added modes to the one before above which more are added.
+SLOWEST = 0.4
+#: Steepness of the better law over that of the model.
+STEEPER = 10.0
+#: The error of a less steep law is proportional to 1 / beta.
+LAW = Series(*[1.0 / STEEPER] * 3)
+#: Added modes.
+MODES_ADDED = Series(0.0, 0.75, SLOWEST)
+#: More fixed-interface modes would change a quarter of what these have changed.
+INTERFACE_MODES = Series(*[0.2] * 3)
+
+
+def of_full(
+    system: System, run: Run, plan: Plan, progress: Callable[..., None] | None = None
+) -> Estimate:
+    """Errors of a full model's run.
+
+    Parameters
+    ----------
+    system : System
+        Any system; one of full models.
+    run : Run
+        By ``plan``, with its named points.
+    plan : Plan
+    progress : callable, optional
+        As `integrate` takes it.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of another run does not converge.
+    KeyboardInterrupt
+        If one is interrupted.
+    """
+    way = Ladder(run, progress)
+    if is_small(system, plan):
+        way.halve(system, plan)
+        # Energy lost by impacts that counts, over the work of the loads.
+        struck = run.impact_work > 1e-3 * np.abs(run.input_work).sum()
+        if struck or _grow(way.changes(STEP)):
+            way.halve(system, plan, (8,))
+    # Levels cost about as much as those of a reduced model; contact that opens has none.
+    elif plan.quasi_static or system.contact.opens or not _halved_beside(way, system, plan):
+        way.halve(system, plan, (2,))
+    return way.estimate()
+
+
+def _grow(changes: list[Parts]) -> bool:
+    """Whether half of a step changes a result by more than the step before it did."""
+    first, second = changes
+    # Change by a quarter of the step that counts, where it is more than that by half of it.
+    return any((second[name] or 0.0) > max(5e-3, first[name] or 0.0) for name in second)
+
+
+def is_small(system: System, plan: Plan) -> bool:
+    """Whether half and quarter steps of the model itself cost little."""
+    # Unknowns that cost as much as what a step costs anyhow.
+    if plan.n_steps * (system.n + 150) <= SMALL or system.is_dense:
+        return True
+    return system.contact.count > 0 and arranged(system).kind == "chain"
+
+
+def _halved_beside(way: Ladder, system: System, plan: Plan) -> bool:
+    """Halve the step on a reduced model; False where there is none, or where it is too poor."""
+    try:
+        small, _ = model_beside(system, plan)
+    except (InputError, ConvergenceError):
+        return False  # without friction, without a load, or no path
+    own = Ladder(way.run(small, plan), way.progress)
+    own.halve(small, plan)
+    errors = own.estimate()
+    for name, distance in apart(way.base, own.base).items():
+        error = errors.of("total", name)
+        if error is None and distance is None:
+            continue  # zero in both
+        if error is None or distance is None:
+            return False
+        if distance > max(NEGLIGIBLE, TRUSTED * error):
+            return False
+    way.rungs += own.rungs
+    return True
+
+
+def model_beside(system: System, plan: Plan, beta: str | float = "auto") -> tuple[System, Basis]:
+    """Reduced model of a system that takes the same steps at little cost, and its first basis.
+
+    ``beta`` is as for `reduced_system`.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        If there is no static slip path.
+    """
+    whole = plan
+    if plan.until == "steady":
+        # Periods for which modes are made where the run goes on until the vibration is steady.
+        whole = replace(plan, n_steps=plan.n_steps * 100, until="end")
+    # Modes of the static slip path in the reduced model. With 12, 20 and 30 the friction energy
+    # of a plate with two bolts is 1.5, 0.4 and 0.2 % off the full model's.
+    basis = make_basis(system, Options(modes=20), whole, enriched=True)
+    V = orthonormal(np.hstack([basis.V, _natural_modes(system)]), system.M)
+    wide = replace(basis, V=orthonormal(V, system.M))
+    periodic = plan.cycle_steps is not None
+    small = reduced_system(system, wide, friction_points="all", beta=beta, periodic=periodic)
+    return basis.merging(system, POINTS, POINTS)(small), basis
+
+
+def _natural_modes(system: System) -> FloatArray:
+    """Lowest natural modes with the contact held, then with it loose, (n, k)."""
+    B = system.contact.B[np.flatnonzero(system.contact.on_rows(system.contact.w))]
+    # Spring at a held contact point, over the mean diagonal of the stiffness.
+    held = system.K + 1e3 * float(system.K.diagonal().mean()) * (B.T @ B)
+    # Its natural modes with the contact held, and as many with it loose.
+    count = min(15, system.n)
+    return np.hstack([lowest_modes(K, system.M, count)[1] for K in (held, system.K)])
+
+
+def _until_settled(
+    run: Run, plan: Plan, progress: Callable[..., None] | None
+) -> tuple[Ladder, Plan]:
+    """Ladder of a run up to the cycle in which it has become steady, and its plan."""
+    way = Ladder(run, progress)
+    if plan.cycle_steps is None or run.system.contact.opens:
+        return way, plan
+    short = plan.first(cycles_to_settle(run, SETTLED, 4))
+    if short.n_steps < plan.n_steps:
+        way = Ladder(way.run(run.system, short), progress)
+    return way, short
+
+
+def of_condensed(
+    system: System,
+    basis: Basis,
+    run: Run,
+    plan: Plan,
+    progress: Callable[..., None] | None = None,
+) -> Estimate:
+    """Errors of a condensed model's run.
+
+    Parameters
+    ----------
+    system : System
+        The full model.
+    basis : Basis
+        Of the condensed one.
+    run : Run
+        By ``plan``, with its named points.
+    plan : Plan
+    progress : callable, optional
+        As `integrate` takes it.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of another run does not converge.
+    KeyboardInterrupt
+        If one is interrupted.
+    """
+    way, plan = _until_settled(run, plan, progress)
+    inner, V = carrying(system), basis.V
+    better = run.system
+    if inner.contact.steepest > better.contact.steepest:
+        better = better.with_contact(beta=inner.contact.beta)
+    way.climb("points", run.system, plan)
+    way.climb("law", better, plan)
+    if not plan.quasi_static:
+        V = condensed_basis(system, max(MODES, 2 * interface_modes_in(system, V))).V
+    if V.shape[1] > basis.V.shape[1]:
+        better = condensed_system(system, V)
+    way.climb("basis", better, plan, INTERFACE_MODES)
+    quarter = not system.contact.opens or is_small(system, plan)
+    way.halve(better, plan, (2, 4) if quarter else (2,))
+    return way.estimate()
+
+
+def of_reduced(
+    system: System,
+    basis: Basis,
+    reduced: System,
+    plan: Plan,
+    run: Run | None = None,
+    progress: Callable[..., None] | None = None,
+    reference: CondensedReference | None = None,
+) -> Estimate:
+    """Errors of a reduced model.
+
+    Parameters
+    ----------
+    system : System
+        The full model.
+    basis : Basis
+    reduced : System
+        The model on it.
+    plan : Plan
+        Of its whole run.
+    run : Run, optional
+        That run; it is made here if it is needed and not given.
+    progress : callable, optional
+        As `integrate` takes it.
+    reference : CondensedReference, optional
+        Condensed model of the system, if it exists already, whose runs are used again.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of another run does not converge.
+    KeyboardInterrupt
+        If one is interrupted.
+    """
+    if run is None or not plan.save.points:
+        run = verification_run(reduced, plan, progress=progress)
+    way, plan = _until_settled(run, plan, progress)
+    opens, beta = system.contact.opens, reduced.contact.steepest
+    steeper = system.contact.steepest > beta
+    if reference is None:
+        reference = CondensedReference.of(system)
+    if reference is None and plan.quasi_static:
+        reference = CondensedReference.whole(system)
+    periods = run.steady.periods if run.steady else 1
+    affords = reference is not None and reference.affords(plan, periods, steeper)
+    if reference is None or not (affords or opens):
+        return _with_added_modes(way, system, basis, plan, beta)
+    if not opens:
+        every = reduced
+        if reduced.contact.w.size < system.contact.w.size:
+            every = system.project(basis.V).no_steeper(beta)
+        way.climb("points", every, plan)
+        if steeper:
+            every = system.project(basis.V).no_steeper(STEEPER * beta)
+        way.climb("law", every, plan)
+    same = way.add("basis", reference.run(plan, way.run))
+    if affords:
+        for factor in (2, 4):
+            way.add(STEP, reference.run(plan.finer(factor), way.run), HALVED)
+    else:
+        way.halve(reduced, plan, before=way.base)
+    if opens:
+        return way.estimate()
+    most = max(2 * ADDED, basis.V.shape[1] // 2)
+    V, velocities = reference.missing_modes(basis.V, same, most)
+    return way.estimate(_missing(system, basis, V, velocities))
+
+
+def _missing(system: System, basis: Basis, V: FloatArray, velocities: FloatArray) -> MissingModes:
+    """Modes that a basis misses, which follow those of the basis in ``V``."""
+    added = V[:, basis.V.shape[1] :]
+    if added.shape[1] == 0:
+        return MissingModes(V, velocities, slips=False)
+    slip = float(np.abs(system.contact.B @ added[:, 0]).max(initial=0.0))
+    return MissingModes(V, velocities, slip > 0.5 * float(np.abs(added[:, 0]).max()))
+
+
+def _with_added_modes(
+    way: Ladder, system: System, basis: Basis, plan: Plan, beta: float
+) -> Estimate:
+    """Errors of a reduced model by modes that it misses, where no condensed model is run.
+
+    All rungs but the first have a steeper law, if the full model has one: with the law of a poor
+    basis, points would still creep although the added modes let them stick.
+    """
+    V, merge = basis.V, basis.merging(system, MANY, MERGED)
+    residual = Residual(system, basis.stiffness)
+    fields = stride(plan.n_steps, plan.cycle_steps)
+    steeper, most = system.contact.steepest > beta, V.shape[1] + 2 * ADDED
+
+    def model() -> System:
+        return merge(system.project(V).no_steeper(beta))
+
+    unseen = _merged(way, system.project(V).no_steeper(beta), model(), plan)
+    first = way.run(model(), plan, fields_every=fields)
+    way.add("points", first, unseen=unseen)
+    for k in range(4):
+        more = ADDED * 2 ** max(0, k - 1)
+        V = np.hstack([V, residual.missing_modes(V, way.top, more, basis.followed)])
+        way.climb("basis", model(), plan, MODES_ADDED, fields_every=fields)
+        if k == 0 and steeper:
+            beta = STEEPER * beta
+            way.climb("law", model(), plan, LAW, fields_every=fields)
+        *_, before, last = {}, *way.changes("basis")
+        if max((e for e in last.values() if e is not None), default=0.0) < ENOUGH:
+            break
+        slow = any((last[n] or 0.0) > max(ENOUGH, SLOWEST * (before[n] or 0.0)) for n in before)
+        if k > 0 and V.shape[1] >= most and not slow:
+            break
+    missing = _missing(system, basis, V, way.top.v)
+    way.halve(way.top.system, plan)
+    return way.estimate(missing)
+
+
+def _merged(way: Ladder, every: System, merged: System, plan: Plan) -> Parts:
+    """Error that merged contact points cause, by the first cycles of a run with all of them."""
+    if merged.contact.w.size == every.contact.w.size:
+        return dict.fromkeys(QUANTITIES, 0.0)
+    # Cycles of a run with all points.
+    some = plan.first(plan.n_steps // 2 if plan.cycle_steps is None else 2)
+    return difference(*(results(way.run(system, some)) for system in (every, merged)))

@@ -1,0 +1,338 @@
+"""Tables of measured curves and signals: columns with units, and comments that say what it is of.
+
+A column is one of `COLUMNS`, alone or with a unit: ``amplitude``, ``amplitude (mm)`` or
+``amplitude [mm]``. A comment ``# key: value`` states a key of `Head`, which are arguments of
+:func:`skfem_joint.measured_curve` too; other comments are remarks. Columns and keys of other names
+are refused.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+import unicodedata
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
+
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_real
+from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.text_tables import Mistakes, number_in, read_rows
+from skfem_joint.scene.messages import mistake, sentences
+from skfem_joint.scene.values import Count, Positive, SceneTable, has_no_repeats, key
+
+#: Units of the amplitude of each quantity and what they are in SI.
+AMPLITUDES: Mapping[str, Mapping[str, float]] = {
+    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6},
+    "acceleration": {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665},
+}
+_ANY_AMPLITUDE = {unit: value for units in AMPLITUDES.values() for unit, value in units.items()}
+_FREQUENCY = {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / np.pi}
+_DAMPING = {"1": 1.0, "%": 1e-2}
+#: Units of each column; the first one is that of a column without a unit, except of amplitudes,
+#: whose unit must be stated.
+COLUMNS: Mapping[str, Mapping[str, float]] = {
+    "amplitude": _ANY_AMPLITUDE,
+    "frequency": _FREQUENCY,
+    "damping": _DAMPING,
+    "frequency_deviation": _FREQUENCY,
+    "damping_deviation": _DAMPING,
+    "time": {"s": 1.0, "ms": 1e-3},
+    "signal": _ANY_AMPLITUDE,
+}
+#: Quantities of which empty cells and nan stand for what was not measured.
+OFFSETS = ("frequency", "damping")
+_MAY_LACK = (*OFFSETS, "frequency_deviation", "damping_deviation")
+#: Sizes of values: squares of what is in between stay within the range of floats.
+_SMALLEST, _LARGEST = 1e-20, 1e20
+_EXAMPLE = "'amplitude (mm), frequency (Hz), damping (%)', or 'time (s), signal (m/s2)' of a decay"
+
+
+class Samples(NamedTuple):
+    """Columns of numbers as they were given, with their places for messages.
+
+    Attributes
+    ----------
+    where : str
+        File, or what arrays are called in messages.
+    columns : dict of str to ndarray, shape (k,)
+        In the units of ``units``; nan where nothing was measured.
+    units : dict of str to str or None
+        Of `COLUMNS`; None where none is stated.
+    kind : str
+        ``"line"`` of a file or ``"sample"`` of arrays.
+    numbers : ndarray of int, shape (k,)
+        Of lines or samples.
+    stated : list of (str, str, str)
+        Places, keys and texts of the comments that state a key.
+    """
+
+    where: str
+    columns: dict[str, FloatArray]
+    units: dict[str, str | None]
+    kind: str
+    numbers: IntArray
+    stated: list[tuple[str, str, str]]
+
+    def place(self, k: np.intp) -> str:
+        """Place of a row for messages."""
+        return f"{self.where}: {self.kind} {self.numbers[k]}"
+
+    def in_si(self, name: str) -> FloatArray:
+        """Values of a column in SI units, (k,); nan if there is no such column."""
+        factor = COLUMNS[name][self.units.get(name) or next(iter(COLUMNS[name]))]
+        return np.asarray(factor * self.columns.get(name, np.full(self.numbers.size, np.nan)))
+
+
+def read_samples(path: Path) -> Samples:
+    """Samples from a text file with named columns (UTF-8).
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has other columns or keys, or cells are no numbers. The message names
+        the file and the lines.
+    """
+    content, rows = read_rows(path)
+    if "\0" in content:
+        raise InputError(f"{path}: holds no text, must be a table of text (CSV) in UTF-8")
+    number, text, names = next(rows, (0, "", list[str]()))
+    if not names:
+        raise InputError(f"{path}: found no columns, must begin with their names, as in {_EXAMPLE}")
+    if any(number_in(cell) is not None for cell in names):
+        raise InputError(
+            f"{path}: line {number}: found {text[:60]!r}, must be the names of the columns, as in "
+            f"{_EXAMPLE}"
+        )
+    units = _units_of(names, f"{path}: line {number}")
+    mistakes, values, numbers = Mistakes(path), array("d"), array("q")
+    for number, _, cells in rows:
+        place = f"{path}: line {number}"
+        if len(cells) != len(units):
+            mistakes.append(f"{place}: found {len(cells)} columns, must be {len(units)}")
+        elif any(cells):  # spreadsheets leave empty rows at the end
+            for name, cell in zip(units, cells, strict=True):
+                value = number_in(cell or "nan")
+                if value is None or (not cell and name not in _MAY_LACK):
+                    hint = "; decimals have a point, as in 0.5" if "," in cell else ""
+                    found = f"{place}: {name}: found {cell[:60]!r}"
+                    mistakes.append(f"{found}, must be a number{hint}")
+                values.append(math.nan if value is None else value)
+            numbers.append(number)
+    mistakes.refuse()
+    columns = dict(zip(units, np.reshape(values, (-1, len(units))).T, strict=True))
+    lines = np.array(numbers, dtype=np.intp)
+    return Samples(str(path), columns, units, "line", lines, [*_stated(path, content)])
+
+
+def given_samples(arrays: Mapping[str, Any], where: str) -> Samples:
+    """Samples from arrays by the names of columns, which may have units as in files.
+
+    Raises
+    ------
+    InputError
+        If names are wrong or lack, or arrays are not real and of one shape (k,).
+    """
+    units = _units_of([str(name) for name in arrays], where)
+    pairs = zip(units, arrays.values(), strict=True)
+    columns = {name: as_real(given, f"{where}: {name}") for name, given in pairs}
+    shapes = {name: own.shape for name, own in columns.items()}
+    if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
+        found = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise InputError(f"{where}: found arrays of shapes {found}; must be one shape (k,)")
+    count = next(iter(columns.values())).size
+    return Samples(where, columns, units, "sample", np.arange(count), [])
+
+
+def _plain(unit: str) -> str:
+    """Unit in the letters of `COLUMNS`: µ is u, powers are plain digits, spaces are left out."""
+    return re.sub(r"\s|\^|\*\*", "", unicodedata.normalize("NFKC", unit).replace("μ", "u"))
+
+
+def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
+    """Units of columns by their names; InputError for others than those of a curve or a signal."""
+    units: dict[str, str | None] = {}
+    problems = []
+    for text in texts:
+        parts = re.fullmatch(r"(.*?)\s*(?:[(\[]([^()\[\]]*)[)\]])?", text.strip())
+        name, unit = (parts[1].casefold(), _plain(parts[2] or "")) if parts else (text, "")
+        if name not in COLUMNS:
+            problems.append(
+                f"{where}: column {text!r}: must be one of {', '.join(COLUMNS)}, with a unit in "
+                "brackets"
+            )
+        elif name in units:
+            problems.append(f"{where}: found column {name!r} again, must be once")
+        elif unit and unit not in COLUMNS[name]:
+            problems.append(
+                f"{where}: column {text!r}: found unit {parts and parts[2]!r}, must be one of "
+                f"{', '.join(COLUMNS[name])}"
+            )
+        else:
+            units[name] = unit or None
+    refuse(problems)
+    for name in OFFSETS:
+        own, of = units.get(f"{name}_deviation"), units.get(name) or next(iter(COLUMNS[name]))
+        if f"{name}_deviation" in units and name not in units:
+            raise InputError(f"{where}: found column '{name}_deviation' and no {name!r}")
+        if own not in (None, of):
+            raise InputError(
+                f"{where}: column '{name}_deviation': found unit {own!r}, must be that of {name}, "
+                f"{of!r}; a share of the values is stated by relative_{name}_deviation"
+            )
+        if f"{name}_deviation" in units:
+            units[f"{name}_deviation"] = of
+    curve = "amplitude" in units and units.keys() & {*OFFSETS}
+    if units.keys() & {"time", "signal"} if curve else units.keys() != {"time", "signal"}:
+        raise InputError(
+            f"{where}: found columns {', '.join(units)}; must be amplitude with frequency, damping "
+            f"or both, or time and signal, as in {_EXAMPLE}"
+        )
+    return units
+
+
+def check_samples(samples: Samples) -> None:
+    """Refuse values that nothing measured can have: all mistakes at once, by their lines.
+
+    Raises
+    ------
+    InputError
+        If amplitudes or frequencies are not positive, dampings negative or not below 1, deviations
+        not positive, values not finite, or a row has neither frequency nor damping.
+    """
+    mistakes = Mistakes(samples.where)
+    for name, values in samples.columns.items():
+        low, high = _SMALLEST, _LARGEST
+        must = f"must be > 0, from {low:g} to {high:g}"
+        if name in ("time", "signal"):
+            low, must = -_LARGEST, f"must be finite, at most {_LARGEST:g} in size"
+        elif name == "damping":
+            below = 100.0 if samples.units[name] == "%" else 1.0
+            low, high = 0.0, float(np.nextafter(below, 0.0))
+            must = f"must be >= 0 and below {below:g}, a {'%' if below > 1.0 else 'ratio'}"
+        lacks = np.isnan(values) & (name in _MAY_LACK)
+        must += ", or empty where it was not measured" if name in _MAY_LACK else ""
+        for k in np.flatnonzero(~lacks & ~((values >= low) & (values <= high))):
+            mistakes.append(f"{samples.place(k)}: {name}: found {values[k]:g}, {must}")
+    either = [samples.columns[name] for name in OFFSETS if name in samples.columns]
+    for k in np.flatnonzero(np.isnan(either).all(axis=0)) if either else ():
+        mistakes.append(
+            f"{samples.place(k)}: found neither a frequency nor a damping; leave the row out"
+        )
+    mistakes.refuse()
+    if (count := samples.numbers.size) < 3:
+        raise InputError(f"{samples.where}: found {count} rows of values, must be at least 3")
+
+
+def _unit(text: str) -> str:
+    if _plain(text) not in _ANY_AMPLITUDE:
+        raise mistake(f"found {text!r}, must be one of {', '.join(_ANY_AMPLITUDE)}")
+    return _plain(text)
+
+
+def _direction(text: str) -> tuple[float, ...]:
+    axes = {"x": "1, 0, 0", "y": "0, 1, 0", "z": "0, 0, 1"}
+    parts = re.split(r"[,\s]+", axes.get(text, text).strip("[]() "))
+    vector = np.array([number_in(part) for part in parts], dtype=float)  # nan of no number
+    size = float(np.abs(vector).max())
+    if not (0.0 < size < math.inf and vector.size <= 3):
+        must = "x, y, z, or up to three finite numbers not all 0, as in 0, 1, 1"
+        raise mistake(f"found {text!r}, must be {must}")
+    return tuple((vector / size / np.linalg.norm(vector / size)).tolist())
+
+
+def _share(text: str) -> Any:
+    number = number_in(text.removesuffix("%"))
+    return text if number is None else number / (100.0 if text.endswith("%") else 1.0)
+
+
+_Text = Annotated[str, Field(min_length=1)]
+_Share = Annotated[float | None, BeforeValidator(_share), Field(gt=0, le=1)]
+_Offsets = Annotated[
+    tuple[Literal["frequency", "damping"], ...],
+    BeforeValidator(lambda text: [word for word in re.split(r"[,\s]+", text) if word != "none"]),
+    AfterValidator(has_no_repeats),
+]
+
+
+class Head(SceneTable):
+    """What a measured curve is of; values are read from texts."""
+
+    model_config = ConfigDict(strict=False)
+
+    name: _Text | None = key("name of the curve", None)
+    point: _Text = key("point that was measured", "")
+    direction: Annotated[tuple[float, ...], BeforeValidator(_direction)] | None = key(
+        "unit vector along which it was measured", None
+    )
+    unit: Annotated[str, AfterValidator(_unit)] | None = key("unit of the amplitude", None)
+    peak_to_peak: bool = key("amplitudes are the whole of peak to peak, not half", False)
+    mode: Count = key("number of the mode", 1)
+    offset: _Offsets = key("what is known up to a constant", ())
+    lowest: float = key("lowest amplitude that is fitted, in the unit of the data", 0.0, ge=0)
+    highest: float = key("highest amplitude that is fitted", math.inf, ge=0)
+    relative_frequency_deviation: _Share | None = key(
+        "share of the values, or percent, as in 5 %", None
+    )
+    relative_damping_deviation: _Share | None = key(
+        "share of the values, or percent, as in 5 %", None
+    )
+    frequency: Positive | None = key("about that of the mode of a decay, Hz", None)
+
+
+def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
+    """Places, keys and texts of the comments that state a key."""
+    for number, line in enumerate(io.StringIO(content, newline=None), start=1):
+        stated = re.fullmatch(r"\s*#+\s*([A-Za-z_][\w -]*?)\s*:\s*([^#]*?)\s*(?:#.*)?\s*", line)
+        if stated is not None:
+            yield f"{path}: line {number}", stated[1].casefold(), stated[2]
+
+
+def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
+    """Head of a curve from the comments of its file and from arguments, which win.
+
+    Raises
+    ------
+    InputError
+        If keys or arguments are unknown or wrong; all of them at once.
+    """
+    problems: list[str] = []
+    places: dict[str, str] = {}
+    values: dict[str, str] = {}
+    for place, name, text in samples.stated:
+        if name in places:
+            problems.append(f"{place}: found {name!r} again, must be once")
+        values[name], places[name] = text, place
+    of_file = {*values}
+    for name, value in given.items():
+        if value is not None:
+            several = isinstance(value, list | tuple | np.ndarray)
+            text = ", ".join(map(str, value)) or "none" if several else str(value).strip()
+            values[name], places[name] = text, "measured_curve"
+    try:
+        head = Head.model_validate(values)
+    except ValidationError as error:
+        problems += [
+            f"{places[str(each['loc'][0])]}: {line}"
+            for each in error.errors()
+            for line in sentences(each, Head)
+        ]
+    problems += [
+        f"{samples.where}: found both column '{name}_deviation' and key "
+        f"'relative_{name}_deviation', must be one of them"
+        for name in OFFSETS
+        if f"{name}_deviation" in samples.columns and f"relative_{name}_deviation" in of_file
+    ]
+    refuse(problems)
+    if head.lowest > head.highest:
+        raise InputError(
+            f"{samples.where}: found a range of amplitudes from {head.lowest:g} to "
+            f"{head.highest:g}, must rise"
+        )
+    return head

@@ -1,0 +1,103 @@
+"""Values of the package as JSON and arrays, for files that are read without running code.
+
+Dataclasses become their fields by name, and are made again from those: only classes that the reader
+lists are made. Tuples, lists, mappings with names, numbers and texts are what they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from skfem_joint.ground.array_files import sparse_array, sparse_parts
+
+#: Called with a name and an array; returns what stands for the array in JSON.
+Keep = Callable[[str, NDArray[Any]], Any]
+#: Key of an object of JSON that stands for an array, a matrix, a tuple or a dataclass begins so.
+_TAG = "!"
+
+
+class PlainForm:
+    """JSON form of values among which may be dataclasses of some classes.
+
+    Parameters
+    ----------
+    classes : iterable of type
+    """
+
+    def __init__(self, classes: Iterable[type]) -> None:
+        self.classes: dict[str, Any] = {one.__name__: one for one in classes}
+
+    @property
+    def names(self) -> dict[str, list[str]]:
+        """Names of the fields that are kept, by class."""
+        return {name: _kept(one) for name, one in self.classes.items()}
+
+    def encoded(self, value: Any, keep: Keep, name: str = "") -> Any:
+        """JSON form of a value; ``keep`` takes arrays by their place below ``name``.
+
+        TypeError for what has no such form, such as a function.
+        """
+
+        def inner(part: Any, place: object) -> Any:
+            return self.encoded(part, keep, f"{name}/{place}" if name else str(place))
+
+        def parts(mapping: Mapping[str, Any]) -> dict[str, Any]:
+            return {place: inner(part, place) for place, part in mapping.items()}
+
+        if isinstance(value, np.ndarray | np.generic):
+            return {"!array": keep(name, np.asarray(value))}
+        if sparse.issparse(value):
+            return {"!sparse": parts(sparse_parts(value))}
+        if isinstance(value, tuple | list):
+            items = [inner(item, k) for k, item in enumerate(value)]
+            return {"!tuple": items} if isinstance(value, tuple) else items
+        kind = type(value)
+        if is_dataclass(kind) and self.classes.get(kind.__name__) is kind:
+            return {_TAG + kind.__name__: parts({x: getattr(value, x) for x in _kept(kind)})}
+        if isinstance(value, Mapping):
+            if all(isinstance(key, str) and not key.startswith(_TAG) for key in value):
+                return parts(value)
+            raise TypeError(f"names of a mapping must be texts without {_TAG!r} in front")
+        if value is None or isinstance(value, bool | int | float | str):
+            return value
+        raise TypeError(f"a {kind.__name__} has no plain form")
+
+    def decoded(self, form: Any, fetch: Callable[[Any], Any], size: int = 0) -> Any:
+        """Value of a JSON form; ``fetch`` gives the array of what ``keep`` returned for it.
+
+        Whatever is wrong raises one of `skfem_joint.ground.array_files.DAMAGE`; of sparse matrices
+        of a file of ``size`` bytes what `sparse_array` refuses.
+        """
+
+        def parts(mapping: Mapping[str, Any]) -> dict[str, Any]:
+            return {name: self.decoded(part, fetch, size) for name, part in mapping.items()}
+
+        if isinstance(form, list):
+            return [self.decoded(item, fetch, size) for item in form]
+        if not isinstance(form, dict):
+            return form
+        tag = next(iter(form), "")
+        match tag:
+            case "!array":
+                return fetch(form[tag])
+            case "!sparse":
+                return sparse_array(parts(form[tag]).__getitem__, size)
+            case "!tuple":
+                return tuple(self.decoded(form[tag], fetch, size))
+        if tag.startswith(_TAG):
+            name = tag.removeprefix(_TAG)
+            if name not in self.classes:
+                raise ValueError(f"it holds {name!r}, which is none of the package")
+            return self.classes[name](**parts(form[tag]))
+        return parts(form)
+
+
+def _kept(kind: Any) -> list[str]:
+    """Fields of a dataclass by which its values are compared."""
+    return [each.name for each in fields(kind) if each.compare]

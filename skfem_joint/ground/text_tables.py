@@ -1,0 +1,97 @@
+"""Lines and cells of tables in text files (CSV), for all readers of such files."""
+
+from __future__ import annotations
+
+import io
+import logging
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
+
+_log = logging.getLogger(__name__)
+
+#: What may stand between cells, by the word of messages.
+SEPARATORS = {",": "','", ";": "';'", "\t": "tab"}
+#: Most lines of a file that an error names.
+MOST_LISTED = 10
+
+
+def rows_of(lines: Iterable[str]) -> Iterator[tuple[int, str, list[str]]]:
+    """Rows of a table: number of the line from 1, its text, and its cells without spaces.
+
+    Empty lines and comments after ``#`` are left out; a line that ends with a separator has an
+    empty last cell.
+
+    The separator of all lines is that of the first line that has one: a comma, a semicolon or a
+    tab.
+
+    Raises
+    ------
+    ValueError
+        If that line has several kinds of them.
+    """
+    separator = None
+    for number, line in enumerate(lines, start=1):
+        text = line.split("#", 1)[0].strip(" \r\n")  # tabs at the ends stand for empty cells
+        if not text.strip():
+            continue
+        if separator is None:
+            found = [mark for mark in SEPARATORS if mark in text]
+            if len(found) > 1:
+                kinds = " and ".join(SEPARATORS[mark] for mark in found)
+                raise ValueError(
+                    f"line {number}: found {kinds} between columns, must be one of them; decimals "
+                    "have a point, as in 0.5"
+                )
+            separator = found[0] if found else None
+        cells = text.split(separator) if separator else [text]
+        yield number, text.strip(), [cell.strip() for cell in cells]
+
+
+def read_rows(path: Path) -> tuple[str, Iterator[tuple[int, str, list[str]]]]:
+    """Text of a file with a table (UTF-8), and its rows as `rows_of` gives them.
+
+    A warning says where the last line does not end. InputError, with the name of the file, if it
+    cannot be read, or has several kinds of separators.
+    """
+    content = read_text(path, LARGEST_TABLE)
+    if content and not content.endswith(("\n", "\r")):
+        _log.warning("%s: %s", path, UNFINISHED_LINE)
+
+    def rows() -> Iterator[tuple[int, str, list[str]]]:
+        try:
+            yield from rows_of(io.StringIO(content, newline=None))
+        except ValueError as error:
+            raise InputError(f"{path}: {error}") from error
+
+    return content, rows()
+
+
+def number_in(cell: str) -> float | None:
+    """Number in a cell, as Python reads it; None if it is no number."""
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+class Mistakes(list[str]):
+    """Sentences about lines of a file.
+
+    Parameters
+    ----------
+    where : object
+        File, for the sentence that counts those that are not shown.
+    """
+
+    def __init__(self, where: object) -> None:
+        super().__init__()
+        self.where = where
+
+    def refuse(self) -> None:
+        """Raise InputError with the sentences, if there are any; of very many with the first."""
+        more = len(self) - MOST_LISTED
+        rest = [f"{self.where}: and {more} more lines like these"] if more > 0 else []
+        refuse([*self[:MOST_LISTED], *rest])

@@ -1,0 +1,419 @@
+"""Implicit time integration of any system.
+
+`integrate` turns its arguments into a plan and checks them. `integrate_plan` passes the plan on to
+the checks of its steps (:mod:`skfem_joint.runs.resolution`) and to the driver
+(:mod:`skfem_joint.stepping.driver`), which lays the steps out so that jumps and kinks of the loads
+fall on their ends, advances in chunks (progress, Ctrl-C), does a step that does not converge in
+halves, and raises :class:`ConvergenceError` when that does not help either.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, Literal
+
+import numpy as np
+
+from skfem_joint.ground.array_files import fingerprint
+from skfem_joint.ground.arrays import FloatArray, as_real
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import common_period
+from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_some
+from skfem_joint.runs.resolution import check_jumps, check_resolution, unfit_times
+from skfem_joint.runs.slow_run import slow_run
+from skfem_joint.steady.correction import Correction
+from skfem_joint.steady.shooting import steady_run
+from skfem_joint.stepping.checkpoint import Checkpoint
+from skfem_joint.stepping.driver import Driver
+from skfem_joint.stepping.plan import Plan, check_until
+from skfem_joint.stepping.recording import Ending, Final, Run, Save
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
+from skfem_joint.system.system import System
+
+_log = logging.getLogger(__name__)
+
+#: Largest force residual of a step, relative to its largest force.
+TOLERANCE = 1e-11
+# A looser tolerance lets loads that do nothing pass as converged.
+_TOLERANCES = between(0.0, 1e-3, ", relative to the largest force of a step")
+
+
+def integrate(
+    system: System,
+    *,
+    step: float | None = None,
+    n_steps: int | None = None,
+    duration: float | None = None,
+    cycles: int | None = None,
+    steps_per_cycle: int | None = None,
+    scheme: Scheme | None = None,
+    save: Save | None = None,
+    cycle_steps: int | None = None,
+    until: Literal["end", "steady"] = "end",
+    initial: Run | tuple[FloatArray, ...] | None = None,
+    tolerance: float = TOLERANCE,
+    progress: Callable[..., None] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> Run:
+    """Integrate a system over equal steps: ``n_steps`` or a ``duration`` of them, or ``cycles``.
+
+    Parameters
+    ----------
+    system : System
+    step, n_steps, duration
+        Time step, s, and how many of them, or s; the last step ends at it or just beyond it.
+    cycles, steps_per_cycle : int
+        Cycles of the loads' common period, and steps in each.
+    scheme : Scheme, optional
+        Average acceleration if not given.
+    save : Save, optional
+        What to store; the named points at every step if not given. Peaks and works are of all.
+    cycle_steps : int, optional
+        Steps of a cycle, for works and peaks by cycle; ``steps_per_cycle`` if that is given.
+    until : {"end", "steady"}
+        ``"steady"`` gives the one period at which vibration under loads that repeat has become
+        steady, see :mod:`skfem_joint.steady.steady` and, with contact that opens,
+        :mod:`skfem_joint.steady.marching`; its amplitudes and offsets are in `Run.steady`.
+    initial : Run or tuple of ndarray, shape (n,), optional
+        A run to go on from, or displacement (m) and velocity (m/s) at the start; at rest if not
+        given. A run goes on with its whole state: where matrices, scheme and loads are those of its
+        end, as if it had not ended; else as after a jump of the loads. Times, and so loads, count
+        from its end. From a displacement and a velocity alone springs in series with friction start
+        without force. A third array, (rows of B,), is the friction over its limit, which these
+        springs then have. With contact that opens a fourth one, (m,), N, are these limits, which
+        follow the normal forces.
+    tolerance : float
+        Largest force residual of a step relative to its largest force, at most 1e-3.
+    progress : callable, optional
+        Called with (steps done, steps in all); until "steady" with (periods done, 0, a note).
+    checkpoint : Checkpoint, optional
+        Where to save the run and to take it up again; neither changes a bit of the result.
+
+    Returns
+    -------
+    Run
+        After an interrupt (Ctrl-C) that of the steps finished, with ``interrupted`` set.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step does not converge, even in 256 parts, or no steady vibration is found.
+    InputError
+        If a number is out of range, the steps are not given in one of the three ways, are too long
+        for a load, or store more than memory holds; if no stepper fits the system, nothing can
+        become steady, or the checkpoint cannot be written or is not one of this run.
+    KeyboardInterrupt
+        After an interrupt of a run until "steady": a search that has not ended has no result.
+    """
+    check_some(POSITIVE, step=step, duration=duration)
+    counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
+    check_some(COUNT, cycle_steps=cycle_steps, **counts)
+    check_until(until)
+    if cycles is not None or steps_per_cycle is not None:
+        others = (step, n_steps, duration, cycle_steps)
+        cycles = 1 if cycles is None and until == "steady" else cycles
+        step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
+        cycle_steps = steps_per_cycle
+    step, n_steps = _steps(step, n_steps, duration)
+    plan = Plan(step, n_steps, scheme or generalized_alpha(), save or Save(), cycle_steps, until)
+    _warn_of_times(system, plan)
+    run = integrate_plan(
+        system,
+        plan,
+        initial=initial,
+        tolerance=tolerance,
+        progress=progress,
+        checkpoint=checkpoint,
+    )
+    for sentence in run.doubts:
+        _log.warning(sentence)
+    return run
+
+
+def integrate_plan(
+    system: System,
+    plan: Plan,
+    *,
+    initial: Run | tuple[FloatArray, ...] | None = None,
+    tolerance: float = TOLERANCE,
+    progress: Callable[..., None] | None = None,
+    checkpoint: Checkpoint | None = None,
+    correction: Correction | None = None,
+) -> Run:
+    """Integrate a system as a plan says; the other arguments, result and errors as `integrate`.
+
+    ``correction`` is a smaller model's, of a run until "steady".
+    """
+    check("tolerance", tolerance, _TOLERANCES)
+    # The loads and the law of a whole range are those of no point of it.
+    if system.serves is not None and system.serves.point is None:
+        raise InputError(
+            f"integrate: found a reduced model for the whole range ({system.serves}), must be a "
+            "point of it: sj.at(model, frequency=..., slip=...) or, in place of slip, level=..."
+        )
+    start, ending = _start(system, plan, initial)
+    if plan.quasi_static:
+        return _quasi_static(system, plan, initial, tolerance, progress, checkpoint)
+    if plan.until == "steady":
+        _check_steady(system, plan, checkpoint)
+    check_resolution(system, plan)
+    check_jumps(system, plan)
+    identity = fingerprint(system, plan, *start, ending, tolerance) if checkpoint else ""
+    saved = checkpoint.load(identity) if checkpoint else None
+    driver = Driver(system, plan, start, float(tolerance), ending)
+    if saved is not None and checkpoint is not None:
+        driver.check(checkpoint, saved[0], saved[1])
+        driver.take_up(*saved)
+    moved = start if any(np.any(x) for x in start[:3]) else None
+    if plan.until == "steady":
+        return replace(steady_run(driver, progress, correction), plan=plan, start=moved)
+    interrupted = driver.run(progress, checkpoint, identity)
+    run = driver.finish(system.stored_energy(*start), interrupted)
+    return replace(run, plan=plan, start=moved)
+
+
+def _quasi_static(
+    system: System,
+    plan: Plan,
+    initial: Run | tuple[FloatArray, ...] | None,
+    tolerance: float,
+    progress: Callable[..., None] | None,
+    checkpoint: Checkpoint | None,
+) -> Run:
+    """Run without inertia and damping; it starts from rest and is not resumed."""
+    if initial is not None:
+        raise InputError("initial: a quasi-static run starts from rest; leave it out")
+    if checkpoint is not None:
+        raise InputError("checkpoint: a quasi-static run has none; leave it out")
+    check_resolution(system, plan)
+    return slow_run(system, plan, tolerance=tolerance, progress=progress)
+
+
+def quasi_static(
+    system: System,
+    *,
+    step: float | None = None,
+    n_steps: int | None = None,
+    duration: float | None = None,
+    cycles: int | None = None,
+    steps_per_cycle: int | None = None,
+    save: Save | None = None,
+    tolerance: float = TOLERANCE,
+    progress: Callable[..., None] | None = None,
+) -> Run:
+    """Follow a system as its loads change slowly: without inertia and damping, level by level.
+
+    Each step is a level of the loads. Friction does not depend on velocity then: its law is
+    Coulomb's, whatever the steepness of the system, which `Run.system` notes. Points that stick
+    rest exactly in full and condensed models.
+
+    Parameters
+    ----------
+    system : System
+        Of any dimension; full, or by `condense` or `reduce`.
+    step, n_steps, duration
+        Time step of the loads, s, and how many of them, or s.
+    cycles, steps_per_cycle : int
+        Cycles of the loads' common period, and levels in each.
+    save : Save, optional
+        What to store; the named points at every level if not given.
+    tolerance : float
+        Largest force residual of a level relative to its largest force, at most 1e-3.
+    progress : callable, optional
+        Called with (levels done, levels in all).
+
+    Returns
+    -------
+    Run
+        Its ``loops`` have force over displacement of each load, and over slip of each joint.
+        Times are those of the loads. After an interrupt (Ctrl-C) it is that of the levels
+        finished, with ``interrupted`` set.
+
+    Raises
+    ------
+    ConvergenceError
+        If the loads are more than friction and supports hold, or a level is not found. Its ``run``
+        has all levels before.
+    InputError
+        If a number is out of range, the steps are not given in one of the three ways, are too long
+        for a load, or store more than memory holds; for reduced models for a range.
+    """
+    check_some(POSITIVE, step=step, duration=duration)
+    counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
+    check_some(COUNT, **counts)
+    if cycles is not None or steps_per_cycle is not None:
+        others = (step, n_steps, duration)
+        step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
+    step, n_steps = _steps(step, n_steps, duration)
+    plan = Plan(step, n_steps, save=save or Save(), cycle_steps=steps_per_cycle, quasi_static=True)
+    _warn_of_times(system, plan)
+    return integrate_plan(system, plan, tolerance=tolerance, progress=progress)
+
+
+def _warn_of_times(system: System, plan: Plan) -> None:
+    """Log sentences about loads whose times do not fit those of the run."""
+    for sentence in unfit_times(system, plan):
+        _log.warning(sentence)
+
+
+def _by_cycles(
+    system: System, cycles: int | None, steps_per_cycle: int | None, others: tuple[Any, ...]
+) -> tuple[float, int]:
+    """Step and number of steps of a run in cycles."""
+    if cycles is None or steps_per_cycle is None or others != (None,) * len(others):
+        raise InputError(
+            "cycles: must come with steps_per_cycle, and without step, n_steps, duration and "
+            "cycle_steps"
+        )
+    period = common_period(load.amplitude for load in system.loads)
+    if period is None:
+        raise InputError(
+            "cycles: the loads have no common period that is known (only harmonics of commensurate "
+            "frequencies have); give step and n_steps, or duration and step"
+        )
+    return period / steps_per_cycle, cycles * steps_per_cycle
+
+
+def _steps(step: float | None, n_steps: int | None, duration: float | None) -> tuple[float, int]:
+    """Step and number of steps."""
+    if step is None or (n_steps is None) == (duration is None):
+        raise InputError(
+            "integrate: needs step and n_steps, or duration and step, or cycles and steps_per_cycle"
+        )
+    if duration is not None:
+        n_steps = max(1, math.ceil(min(duration / step, 1e18) * (1.0 - 1e-9)))
+    return float(step), int(n_steps or 1)
+
+
+def _check_steady(system: System, plan: Plan, checkpoint: Checkpoint | None) -> None:
+    """Refuse what has no steady vibration, or none that is a period long."""
+    period = common_period(load.amplitude for load in system.loads)
+    if period is None or abs(plan.duration / period - 1.0) > 1e-9:
+        raise InputError(
+            "until: 'steady' needs loads that repeat, and a run of one of their common periods: "
+            "give steps_per_cycle"
+        )
+    _check_repeats(system, plan)
+    if checkpoint is not None:
+        raise InputError("until: a search for what is 'steady' has no checkpoints; leave them out")
+    damped = abs(system.C).max() > 0.0 or not plan.scheme.coefficients(1.0)[-1]
+    if not (damped or system.contact.count):
+        raise InputError(
+            "until: nothing is 'steady' with neither friction nor damping; give damping, such as "
+            "[damping] ratio = 0.002 in a scene"
+        )
+
+
+def _check_repeats(system: System, plan: Plan) -> None:
+    """Refuse loads that differ from what they are a period (the plan's duration) later.
+
+    They are compared within each step, and at and between the times where they kink or jump. A
+    pulse without kinks that acts only later is known by its peak.
+    """
+    within = plan.step * (np.arange(plan.n_steps) + 0.5)
+    for load in system.loads:
+        corners = np.array(load.amplitude.corners)
+        times = np.concatenate([within, corners, 0.5 * (corners[1:] + corners[:-1])])
+        first, later = load.amplitude(times), load.amplitude(times + plan.duration)
+        largest, peak = np.abs(first).max(), load.amplitude.peak_value or 0.0
+        acts_later = not load.amplitude.harmonics and largest < 0.5 * peak
+        if acts_later or np.abs(later - first).max() > 1e-6 * largest:
+            raise InputError(
+                f"until: 'steady' needs loads that repeat: that on {load.on!r} does not after "
+                f"{plan.duration:.6g} s, the common period of the harmonic ones; leave it out, or "
+                "give cycles in place of until = 'steady'"
+            )
+
+
+def _start(
+    system: System, plan: Plan, initial: Run | tuple[FloatArray, ...] | None
+) -> tuple[tuple[FloatArray, ...], Ending | None]:
+    """State at the start, and what goes on of the run that it is the end of, if it is one.
+
+    Displacement, velocity and, if given, friction and its limits, checked.
+    """
+    if not isinstance(initial, Run):
+        _check_whole(system, plan, initial)
+        return _given(system, initial), None
+    start = _given(system, initial.end)
+    before = initial.plan
+    alike = before is not None and (before.scheme, before.warp) == (plan.scheme, plan.warp)
+    same = alike and _same_matrices(initial.system, system)
+    return start, initial.ending if same else None
+
+
+def _same_matrices(one: System, other: System) -> bool:
+    """Whether two systems differ in loads, observed points and names at most."""
+    unnamed: dict[str, Any] = {"J": None, "joints": (), "shares": None}
+    pairs = [(getattr(one, name), getattr(other, name)) for name in ("M", "C", "K")]
+    pairs.append((replace(one.contact, **unnamed), replace(other.contact, **unnamed)))
+    return all(a is b or fingerprint(a) == fingerprint(b) for a, b in pairs)
+
+
+def _check_whole(system: System, plan: Plan, initial: Any) -> None:
+    """Refuse displacement and velocity at the end of a run where more belongs to its state.
+
+    A search for steady vibration may start from anything.
+    """
+    opens = system.contact.opens
+    lacking = isinstance(initial, Final) and (opens or system.contact.has_springs)
+    if lacking and plan.until != "steady":
+        of_what = "contact that opens" if opens else "springs in series with friction"
+        raise InputError(
+            "initial: found the displacement and velocity at the end of a run alone, run.final, "
+            f"where forces of {of_what} belong to the state; give the run itself, initial=run"
+        )
+
+
+def _given(system: System, initial: tuple[FloatArray, ...] | None) -> tuple[FloatArray, ...]:
+    """Displacement, velocity and, if given, friction and its limits at the start, checked."""
+    if initial is None:
+        return np.zeros(system.n), np.zeros(system.n)
+    try:
+        displacement, velocity, *friction = initial
+        if len(friction) > 2:
+            raise ValueError
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            "initial: must be a run, or two arrays, the displacement and the velocity at the "
+            "start, or three with the friction over its limit of each slip row, or four with the "
+            "limits where contact opens"
+        ) from error
+    start = tuple(np.array(as_real(x, "initial")) for x in (displacement, velocity, *friction))
+    if not all(np.all(np.isfinite(x)) for x in start):
+        raise InputError("initial: must be finite")
+    if any(x.shape != (system.n,) for x in start[:2]):
+        raise InputError(f"initial: shapes must be ({system.n},)")
+    if friction:
+        found, rows = start[2].shape, system.contact.B.shape[0]
+        if found != (rows,):
+            raise InputError(f"initial: found shape {found} of friction, must be ({rows},)")
+        if np.any(system.contact.slip_norm(start[2]) > 1.0 + 1e-9):
+            raise InputError("initial: friction must not be above its limit, that is above 1")
+    _check_limits(system, start)
+    return start
+
+
+def _check_limits(system: System, start: tuple[FloatArray, ...]) -> None:
+    """Refuse friction at the start whose limits are not those that it is over."""
+    opens = system.contact.opens
+    if len(start) == 3 and opens and system.contact.has_springs:
+        raise InputError(
+            "initial: found friction without its limits, which follow the normal forces where "
+            "contact opens; give them (m,), N, as a fourth array, or the run itself, initial=run"
+        )
+    if len(start) < 4:
+        return
+    if not opens:
+        raise InputError(
+            "initial: found friction limits beside constant contact, whose limits are those of "
+            "the system; leave the fourth array out"
+        )
+    if start[3].shape != system.contact.w.shape or np.any(start[3] < 0.0):
+        raise InputError(
+            f"initial: found friction limits of shape {start[3].shape}, must be "
+            f"{system.contact.w.shape} and not negative"
+        )

@@ -1,0 +1,337 @@
+"""Shooting: a driver goes through periods, or halves of them, until a state ends as it began.
+
+`steady_run` is the run of the period at which vibration has become steady. `Shooting` is the map
+that :func:`skfem_joint.steady.steady.periodic_state` finds the fixed point of.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import lstsq, lu_factor, lu_solve
+
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import GrossSlipError
+from skfem_joint.steady.advanced import Springs, advanced, state_of
+from skfem_joint.steady.correction import Correction
+from skfem_joint.steady.marching import MAY_DEPEND, marched_state, opening_norm
+from skfem_joint.steady.steady import (
+    EnergyNorm,
+    Passage,
+    Place,
+    note_of,
+    periodic_state,
+    turns_over,
+)
+from skfem_joint.steady.transition import Transition, moving_unknowns, transition
+from skfem_joint.stepping.driver import SETTINGS, Driver
+from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
+from skfem_joint.stepping.schemes import State
+
+
+@dataclass(frozen=True)
+class ShootingSettings:
+    """Numbers of Newton's method for the fixed point.
+
+    Attributes
+    ----------
+    unknowns, dense : int
+        Most unknowns, of those that move, for which the derivative is a dense matrix: of a chain,
+        and of other systems (``dense``), whose matrices take as long for fewer.
+    chain : int
+        Periods of mixing before Newton's method is tried on a chain, whose steps are so cheap that
+        a derivative costs as much as many of them.
+    singular : float
+        Relative singular values of the derivative, for loads whose halves of a period are no mirror
+        images, that are round-off.
+    """
+
+    unknowns: int = 1200
+    dense: int = 300
+    chain: int = 40
+    singular: float = 1e-11
+
+
+NEWTON = ShootingSettings()
+#: What is said while a joint slips as a whole.
+GROSS = "a joint slips as a whole"
+#: Factor of `Plan.gross_periods` where the search has Newton's method, or contact opens.
+PATIENT = 5
+
+
+class Start(NamedTuple):
+    """What a passage starts from.
+
+    Attributes
+    ----------
+    state : State
+    beside : ndarray
+        Numbers beside it, see `Stepper.beside`.
+    """
+
+    state: State
+    beside: FloatArray
+
+    def copied(self) -> Start:
+        """Start that later steps, which may work in place, do not change."""
+        return Start(State(*(np.array(part) for part in self.state)), self.beside.copy())
+
+
+class _Derivative:
+    """Derivative of the map of a period, see `steady.Derivative`.
+
+    Unknowns that stick all the time keep their state: over half a period with a change of sign they
+    take the mean of both ends of the passage, or less where steps are held back. (With the mean
+    there too, held steps never came near the state that they start from: a condensed solid stayed
+    at a change of 1e-2 for ever.)
+    """
+
+    def __init__(self, transition: Transition, sign: float) -> None:
+        self.transition, self.sign = transition, sign
+        self.held = np.nan
+        self.solve: Callable[[FloatArray], FloatArray]
+
+    def step(self, change: FloatArray, held: float) -> FloatArray:
+        """Step (2 n,) for a change by the map."""
+        if held != self.held:
+            matrix = -self.sign * self.transition.matrix
+            matrix[np.diag_indices_from(matrix)] += 1.0 + held
+            if self.sign < 0.0 or held > 0.0:
+                factor = lu_factor(matrix, overwrite_a=True, check_finite=False)
+                self.solve = partial(lu_solve, factor, check_finite=False)
+            else:
+                self.solve = partial(_least, matrix)
+            self.held = held
+        part = self.solve(self.transition.restricted(change))
+        return self.transition.extended(change / (2.0 + held), part)
+
+
+class Shooting:
+    """The map of a period, or of half of one with a change of sign, see `steady.PeriodMap`.
+
+    With the trapezoidal rule its states are advanced ones, else all that a step starts from.
+
+    Attributes
+    ----------
+    changes : list of float
+        Change over each passage so far, relative.
+    gross : int
+        Passages in turn, up to the last one, in which a joint slipped as a whole.
+    """
+
+    def __init__(
+        self, driver: Driver, show: Callable[[], None], correction: Correction | None = None
+    ) -> None:
+        self.driver, self.show, self.correction = driver, show, correction
+        loads, plan = driver.system.load_amplitudes, driver.plan
+        turns = turns_over(loads(driver.h * np.arange(driver.n_steps + 1.0)))
+        self.parts, self.sign = (2, -1.0) if turns else (1, 1.0)
+        self.trapezoidal = plan.scheme.coefficients(driver.h).trapezoidal
+        self.springs = Springs.of(driver.system, driver.h)
+        self.opens = driver.system.contact.opens
+        if self.opens:  # on one side alone
+            self.parts, self.sign = 1, 1.0
+            # In few unknowns contact is elastic, else with a state of its own.
+            few = isinstance(driver.system.contact.normal.N, np.ndarray)
+            self.trapezoidal = self.trapezoidal and few
+        equal = not driver.loads.jumps and not any(driver.loads.cuts.values())
+        chain = driver.to.kind == "chain" and not self.springs.rows.size
+        self.most = NEWTON.unknowns if chain else NEWTON.dense
+        few = self.springs.rows.size <= NEWTON.dense
+        small = (few and driver.system.n <= self.most) or (
+            few and driver.to.kind == "contact" and driver.system.n <= NEWTON.unknowns
+        )
+        self.patience: int | None = None
+        if self.trapezoidal and equal and small:
+            self.patience = NEWTON.chain if driver.to.kind == "chain" else 0
+        self.passed = self.gross = 0
+
+    def coordinates(self, state: State) -> FloatArray:
+        """State as a row of numbers."""
+        if not self.trapezoidal:
+            return np.concatenate([*state, self.driver.stepper.beside])
+        sigma = self.driver.stepper.by_row(state.sigma)
+        springs = self.springs.advanced(state.v, sigma)
+        return np.concatenate([advanced(state, self.driver.h), springs])
+
+    @cached_property
+    def norm(self) -> EnergyNorm:
+        """Of the states: of the energy, with that of springs under advanced forces."""
+        system = self.driver.system
+        if self.opens:
+            return opening_norm(system)
+        springs = 1.0 / self.springs.stiffness if self.trapezoidal else np.zeros(0)
+        return EnergyNorm(system.K, system.M, springs)
+
+    def energy(self) -> float:
+        """Of the state now, J: of the norm where contact opens, which has more than springs."""
+        state = self.driver.stepper.state()
+        if self.opens:
+            return 0.5 * self.norm.squared(np.concatenate([state.u, state.v]))
+        return self.driver.system.stored_energy(state.u, state.v, state.sigma)
+
+    def start(self, x: FloatArray) -> Start:
+        """What a passage starts from, of a row of numbers."""
+        if self.trapezoidal:  # of elastic contact forces follow from the displacement
+            return Start(self.state(x), self.driver.stepper.beside)
+        sizes = [part.size for part in self.driver.stepper.now]
+        return Start(self.state(x), np.array(x[sum(sizes) :]))
+
+    def state(self, x: FloatArray) -> State:
+        """State of a row of numbers."""
+        stepper = self.driver.stepper
+        now = stepper.now
+        if self.trapezoidal:
+            two_n = 2 * self.driver.system.n
+            state = state_of(x[:two_n], now.sigma, self.driver.h)
+            if not self.springs.rows.size:
+                return state
+            sigma = self.springs.friction(x[two_n:], state.v, stepper.by_row(now.sigma))
+            return state._replace(sigma=stepper.placed(sigma))
+        ends = np.cumsum([part.size for part in now])
+        return State(*map(np.array, np.split(x, ends)[: len(now)]))
+
+    def __call__(self, x: FloatArray) -> Passage:
+        """Go through it from a state."""
+        newton = self.patience is not None and self.passed >= self.patience
+        save = Save(points=False, fields=newton)
+        energy = self.through(self.start(x), save, self.parts)
+        self.passed += 1
+        recorder = self.driver.recorder
+        work = float(np.abs(recorder.input_work).sum())
+        self._look_for_gross_slip()
+        end = self.sign * self.coordinates(self.driver.stepper.now)
+        return Passage(end, energy, work, float(recorder.friction_work.sum()))
+
+    def _look_for_gross_slip(self) -> None:
+        """Count the passages in turn in which a joint slips as a whole.
+
+        GrossSlipError where there have been as many as the plan allows.
+        """
+        plan, recorder = self.driver.plan, self.driver.recorder
+        system = self.driver.system
+        slip = self.parts * system.contact.slid(recorder.friction_work)
+        self.gross = self.gross + 1 if system.slips_as_a_whole(slip, plan.duration) else 0
+        most = plan.gross_periods
+        if most is None:
+            return
+        patient = 1 if self.patience is None and not self.opens else PATIENT
+        if self.gross >= self.parts * most * patient:
+            raise GrossSlipError(
+                f"{GROSS} for {most * patient} periods in turn, and the vibration is not steady "
+                "yet; lower the level, or follow a single frequency: integrate with "
+                "until = 'steady' goes on searching, with cycles it gives the transient",
+                most * patient,
+            )
+
+    def through(self, start: Start, save: Save, parts: int) -> float:
+        """Go through a period, or one of two ``parts`` of it, from ``start``.
+
+        Returns the largest energy at its quarters, J.
+        """
+        driver, energy = self.driver, 0.0
+        steps = driver.n_steps // parts
+        driver.done = 0
+        driver.stepper.go_on(*start)
+        driver.begin(Recorder(driver.system, save, driver.n_steps, driver.h))
+        for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
+            while driver.done < end:
+                driver.advance(end, SETTINGS.chunk_s)
+                self.show()
+            energy = max(energy, self.energy())
+        return energy
+
+    @property
+    def end(self) -> Start:
+        """State at the end of the last passage, its sign changed if the map does that."""
+        stepper = self.driver.stepper
+        return Start(State(*(self.sign * part for part in stepper.now)), stepper.beside)
+
+    def derivative(self) -> _Derivative | None:
+        """Derivative where it went through last; None if a step was halved, or too much moves."""
+        driver, recorder = self.driver, self.driver.recorder
+        if recorder.halved_steps or not recorder.field_rows:
+            return None
+        v, omega = recorder.stored.v[1 : recorder.field_rows], 2.0 * np.pi / driver.plan.duration
+        if moving_unknowns(driver.system, v).size > self.most:
+            return None
+        stored, starts = recorder.stored, slice(0, recorder.field_rows - 1)
+        u = stored.u[1 : recorder.field_rows] if self.opens else None
+        e = self.springs.advanced(stored.v[starts], stored.sigma[starts])
+        J = transition(driver.system, driver.to.kind, driver.h, v, omega, u, e)
+        return _Derivative(J, self.sign)
+
+    def corrected(self, change: FloatArray) -> FloatArray | None:
+        """Change as a smaller model corrects it, over half a period; None without one."""
+        if self.correction is None or self.parts == 1 or not self.trapezoidal:
+            return None
+        return change + self.correction.added(change, self.driver.to)
+
+
+def _least(matrix: FloatArray, change: FloatArray) -> FloatArray:
+    """Least solution of equations whose matrix may be singular."""
+    return np.asarray(lstsq(matrix, change, cond=NEWTON.singular, lapack_driver="gelsy")[0])
+
+
+def steady_run(
+    driver: Driver,
+    progress: Callable[..., None] | None,
+    correction: Correction | None = None,
+) -> Run:
+    """Run of the period at which vibration has become steady, by a driver at its start."""
+    plan, system, stepper, begin = driver.plan, driver.system, driver.stepper, time.perf_counter()
+    changes: list[float] = []
+
+    def show() -> None:
+        if progress is not None:
+            gone = len(changes) / shooting.parts + driver.done / driver.n_steps
+            whole = f"; {GROSS}" if shooting.gross else ""
+            progress(int(gone), 0, note_of(gone, changes) + whole)
+
+    shooting, first = Shooting(driver, show, correction), stepper.now.u.copy()
+    place, begun = Place.of(system), shooting.coordinates(stepper.now)
+    if system.contact.opens:
+        moved = marched_state(begun, shooting, system.contact.normal, place, changes)
+    else:
+        moved = periodic_state(begun, shooting, place, changes)
+    end, periods = shooting.end, -(-len(changes) // shooting.parts)
+    if shooting.parts == 2:  # half a period, its sign changed: back where it began from there
+        shift, moved = -0.5 * moved, np.zeros_like(moved)
+    else:
+        shift = place.part(first - end.state.u)
+    start = end._replace(state=end.state._replace(u=end.state.u + shift))
+    # One more passage suffices where it stores every row.
+    save = replace(plan.save, points=True) if plan.save.every == 1 else Save()
+    shooting.through(start.copied(), save, 1)
+    drift = system.P @ moved
+    ahead = np.linspace(0.0, 1.0, driver.n_steps + 1)[:, np.newaxis] * drift
+    vibration = driver.recorder.stored.point_u - ahead
+    high, low = vibration.max(axis=0), vibration.min(axis=0)
+    if plan.save != save:
+        shooting.through(start.copied(), plan.save, 1)
+        periods += 1
+    if plan.cycle_steps is not None:
+        driver.recorder.end_cycle()
+    driver.elapsed = time.perf_counter() - begin
+    state = start.state
+    limits = (
+        start.beside[-system.contact.w.size :] if shooting.opens and system.contact.w.size else None
+    )
+    sigma = stepper.by_row(state.sigma)
+    run = driver.finish(system.stored_energy(*state[:2], sigma, limits))
+    counters = replace(run.counters, steps=(periods + 1) * driver.n_steps)
+    vibrates = Steady(
+        periods=periods,
+        change=changes[-1],
+        amplitude=0.5 * (high - low),
+        offset=0.5 * (high + low),
+        drift=drift,
+        unstrained=place.motions.shape[1],
+        notes=() if not system.contact.opens else (MAY_DEPEND,),
+    )
+    return replace(run, steady=vibrates, counters=counters)

@@ -1,0 +1,324 @@
+"""Steps and a reduced model for an accuracy that is asked for.
+
+The reduced model is refined where its estimated error comes from, until the estimate is below what
+is asked for: by the modes that it misses, more friction points, a steeper law, half the time step.
+The full model is run with the step that the reduced one needs, and again with a shorter one if its
+own estimate says so. With contact that opens the modes that a reduced model misses are not known:
+it is made anew with twice as many; full and condensed models find their steps by themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from math import ceil, log2
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.accuracy import rungs
+from skfem_joint.accuracy.condensed_reference import CondensedReference
+from skfem_joint.accuracy.estimate import Estimate
+from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.progress import Progress, silent
+from skfem_joint.reduction.basis import Basis, reduced_system
+from skfem_joint.runs.resolution import longest_step
+from skfem_joint.scene import Scene
+from skfem_joint.scene.tables import AccuracyTable
+from skfem_joint.slow.quasi_static import QuasiStatic
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.stopwatch import Stopwatch
+from skfem_joint.study.scene_plan import basis_of_scene, options_of, plan_of
+from skfem_joint.system.system import System
+
+#: Rounds of refinement, vectors of a basis, and halvings of the step that are tried.
+ROUNDS = 8
+MOST_VECTORS = 200
+MOST_HALVINGS = 6
+#: A source is refined from this share of the error asked for on.
+WORTHWHILE = 0.4
+
+
+@dataclass(frozen=True)
+class AccurateModel:
+    """A reduced model that meets an accuracy.
+
+    Attributes
+    ----------
+    scene : Scene
+        Scene with the steps that it takes.
+    basis : Basis
+    system : System
+        The reduced model.
+    estimate : Estimate
+        Its estimated errors.
+    """
+
+    scene: Scene
+    basis: Basis
+    system: System
+    estimate: Estimate
+
+
+@dataclass(frozen=True)
+class InRange:
+    """A reduced model that serves a range, at the point that a scene is.
+
+    Attributes
+    ----------
+    system : System
+        The reduced model.
+    estimate : Estimate, optional
+        Its estimated errors, where the scene asks for an accuracy.
+    """
+
+    system: System
+    estimate: Estimate | None = None
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What is run of a scene, so that the accuracy that it asks for is met.
+
+    Attributes
+    ----------
+    scene : Scene
+        Scene with the time steps that are taken at first.
+    accurate : AccurateModel, optional
+        Reduced model that meets the accuracy; None where none is asked for.
+    in_range : InRange, optional
+        Point of a model for a range, in place of a reduced model of the scene's own.
+    notes : tuple of str
+        What to beware of.
+    seconds, compilation_s : float
+        Time that the choice took, and time of compilation in it, s.
+    """
+
+    scene: Scene
+    accurate: AccurateModel | None = None
+    in_range: InRange | None = None
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+    compilation_s: float = 0.0
+
+
+def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = silent) -> Choice:
+    """Choose time steps, and a reduced model where one is run, for the accuracy asked for.
+
+    Without a reduced model only steps that are too long for the loads are changed. Where no
+    accuracy is asked for, the scene is taken as it is. ``path`` is a quasi-static path of the
+    system, whose factors are used.
+
+    Raises
+    ------
+    ConvergenceError
+        If the rounds, vectors or halvings at hand do not do.
+    InputError
+        If the reduction does not fit the scene.
+    """
+    if not scene.accuracy.is_given:
+        return Choice(scene)
+    watch = Stopwatch()
+    structure, system = scene.structure(), scene.system()
+    scene = resolved(scene, system)
+    options = options_of(scene)
+
+    def basis_for(modes: int | None = None, enriched: bool = False) -> Basis:
+        chosen = options if modes is None else replace(options, modes=modes)
+        return basis_of_scene(scene, structure, system, chosen, path, enriched=enriched)
+
+    if "reduced" not in scene.models.run:
+        return Choice(scene)
+    basis = basis_for(enriched=True)
+    accurate = accurate_model(
+        scene, basis, partial(progress, "choosing a reduced model"), basis_for
+    )
+    # What a basis misses before it is enriched is of no concern.
+    notes = basis.notes if accurate.basis is basis else ()
+    contact = accurate.system.contact
+    said = (
+        f"For the accuracy asked for the reduced model has {accurate.system.n} vectors, "
+        f"{contact.w.size} friction points, beta = {contact.steepest:.3g} s/m and "
+        f"steps of {accurate.scene.time_step:.4g} s; it errs by an estimated "
+        f"{stated(accurate.estimate)}."
+    )
+    seconds, compiled = watch.read()
+    notes = (*notes, said)
+    return Choice(accurate.scene, accurate, notes=notes, seconds=seconds, compilation_s=compiled)
+
+
+def excess(accuracy: AccuracyTable, errors: Estimate, source: str = "total") -> float:
+    """Largest of the errors from a source over what is asked for."""
+    motion, energy = largest(errors, source)
+    asked = ((motion, accuracy.displacement), (energy, accuracy.energy))
+    return max((error / most for error, most in asked if most is not None), default=0.0)
+
+
+def largest(errors: Estimate, source: str = "total") -> tuple[float, float]:
+    """Largest errors from a source, of motion and of energy."""
+    known = {name: e for name, e in errors.parts.get(source, {}).items() if e is not None}
+    motion = max((e for name, e in known.items() if "energy" not in name), default=0.0)
+    return motion, max((e for name, e in known.items() if "energy" in name), default=0.0)
+
+
+def stated(errors: Estimate) -> str:
+    """Largest estimated errors, in words."""
+    motion, energy = largest(errors)
+    mesh = ", that of the mesh not counted" * errors.lacks_mesh
+    return f"{100 * motion:.2g} % in displacement and {100 * energy:.2g} % in energy{mesh}"
+
+
+def resolved(scene: Scene, system: System) -> Scene:
+    """Scene with a step that is not too long for its loads."""
+    vibrates = not scene.time.quasi_static
+    longest = longest_step(system, scene.n_steps * scene.time_step, vibrates)
+    ratio = scene.time_step / longest
+    return scene.finer(2 ** ceil(log2(ratio) - 1e-9)) if ratio > 1.0 else scene
+
+
+def accurate_model(
+    scene: Scene,
+    basis: Basis,
+    report: Progress,
+    remade: Callable[[int], Basis],
+) -> AccurateModel:
+    """Refine a reduced model until its estimated errors are below what the scene asks for.
+
+    It starts with ``basis``; ``report`` is called with (rounds done, most rounds). ``remade`` makes
+    a basis of some number of joint modes anew, where it is not known which ones are missing.
+
+    Raises
+    ------
+    ConvergenceError
+        If the rounds, vectors or halvings at hand do not do.
+    """
+    system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
+    points, beta, halvings = options.friction_points, options.beta, 0
+    reference = CondensedReference.of(system, shared=True)
+    errors: list[float] = []
+    for done in range(ROUNDS):
+        report(done, ROUNDS)
+        own: dict[str, Any] = {"friction_points": points, "beta": beta}
+        reduced = reduced_system(system, basis, **own, periodic=scene.periodic)
+        step, plan = scene.time_step, plan_of(scene)
+        stands = rungs.of_reduced(system, basis, reduced, plan, reference=reference)
+        errors.append(excess(accuracy, stands))
+        if errors[-1] <= 1.0:
+            return AccurateModel(scene, basis, reduced, stands)
+        sources = {s: excess(accuracy, stands, s) for s in ("basis", "law", "points", "time_step")}
+        # The search ends where two rounds leave more than this share of the error of earlier
+        # ones, unless shorter steps are what is left to try: their errors may rise at first.
+        stalls = min(errors[-2:]) > 0.9 * min(errors[:-2], default=np.inf)
+        if stalls and max(sources.values()) > sources["time_step"]:
+            break
+        least = min(WORTHWHILE, max(sources.values()))
+        refined = {source for source, ratio in sources.items() if ratio >= least}
+        if "basis" in refined and stands.missing is not None:
+            if basis.V.shape[1] >= MOST_VECTORS:
+                break
+            V, velocities = stands.missing.V, stands.missing.velocities
+            most = slice(MOST_VECTORS)  # the most important ones stand first
+            basis = basis.enriched(system, V[:, most], velocities[:, most])
+        elif "basis" in refined:
+            if 2 * basis.modes > MOST_VECTORS:
+                break
+            basis = remade(2 * basis.modes)
+        if "points" in refined:
+            points = (
+                2 * reduced.contact.w.size
+                if 2 * reduced.contact.w.size < system.contact.count
+                else "all"
+            )
+        if "law" in refined:
+            beta = min(rungs.STEEPER * reduced.contact.steepest, system.contact.steepest)
+        if "time_step" in refined:
+            more = min(max(_halvings(sources["time_step"]), 1), 3)
+            halvings, scene = halvings + more, scene.finer(2**more)
+        if halvings > MOST_HALVINGS:
+            break
+    worst = max(sources, key=lambda source: sources[source]).replace("_", " ")
+    raise ConvergenceError(
+        f"accuracy: a reduced model of {reduced.n} vectors and {reduced.contact.w.size} friction "
+        f"points with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of "
+        f"it from its {worst}. Ask for less, or run 'full' alone"
+    )
+
+
+def _halvings(ratio: float) -> int:
+    """Halvings of the step for so much less error: it goes as the power 3/2 with friction."""
+    return ceil(log2(max(1.1 * ratio, 1.0)) / 1.5)
+
+
+def shorter(scene: Scene, errors: Estimate) -> Scene | None:
+    """Scene with steps short enough for the estimated errors of a full model.
+
+    None if its own are short enough.
+
+    Raises
+    ------
+    ConvergenceError
+        If they would have to be so many times shorter that it will not do.
+    """
+    ratio = excess(scene.accuracy, errors)
+    if ratio <= 1.0:
+        return None
+    if excess(scene.accuracy, errors, "basis") > 1.0:
+        raise ConvergenceError(
+            f"accuracy: the model errs by an estimated {stated(errors)}, and what its modes miss "
+            "is more than what is asked for, however short the steps. Run 'full', or ask for less"
+        )
+    halvings = _halvings(ratio)
+    if halvings > MOST_HALVINGS:
+        raise ConvergenceError(
+            f"accuracy: steps of {scene.time_step:.4g} s err by an estimated {stated(errors)}: the "
+            "steps asked for are far too long. Give more steps, or ask for less"
+        )
+    return scene.finer(2**halvings)
+
+
+def shortened_steps(
+    scene: Scene,
+    integrate: Callable[..., Run],
+    estimated: Callable[[Run, Plan], Estimate],
+) -> tuple[Scene, Run, Estimate | None]:
+    """Run a full or condensed model with steps that meet the accuracy asked for.
+
+    Parameters
+    ----------
+    scene : Scene
+        Its steps are tried first; they are taken as they are where no accuracy is asked for.
+    integrate : callable
+        Runs the model by a plan, as `integrate_plan`. What it saved is not taken up again with
+        another step.
+    estimated : callable
+        Estimates the errors of a run by its plan.
+
+    Returns
+    -------
+    tuple
+        Scene with the steps taken, the run, and its estimated errors where an accuracy is asked
+        for and the run was not interrupted.
+
+    Raises
+    ------
+    ConvergenceError
+        If no step that is tried meets the accuracy.
+    """
+    run = integrate(plan_of(scene))
+    if not scene.accuracy.is_given:
+        return scene, run, None
+    for _ in range(ROUNDS):
+        if run.interrupted:
+            return scene, run, None
+        errors = estimated(run, plan_of(scene))
+        finer = shorter(scene, errors)
+        if finer is None:
+            return scene, run, errors
+        scene = finer
+        run = integrate(plan_of(scene), checkpoint=None)
+    raise ConvergenceError(
+        f"accuracy: no step that the model meets it with was found; {scene.time_step:.4g} s does "
+        "not do. Ask for less"
+    )

@@ -1,0 +1,305 @@
+"""Backbone curves of a scene's models, by its table ``[backbone]``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.progress import Progress, silent
+from skfem_joint.reduction.basis import notes_of_reduction, reduced_system
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.reduction.elastic_contact import elastic, states_of_cycles
+from skfem_joint.reduction.pod import orthonormal
+from skfem_joint.reduction.sources import stuck_basis
+from skfem_joint.results.normal_force import NormalChange, normal_change_of_mode
+from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.scene import Scene
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.schemes import generalized_alpha
+from skfem_joint.structure.model import doubts
+from skfem_joint.study.scene_plan import options_of
+from skfem_joint.study.scene_range import of_scene, range_model, served_scene
+from skfem_joint.system.system import System
+from skfem_joint.vibration.backbone import Backbone, backbone
+from skfem_joint.vibration.cycles import spread
+from skfem_joint.vibration.ring_down import RingDown, ring_down
+from skfem_joint.vibration.stuck import Stuck
+
+#: Displacement (m) and velocity (m/s), each of shape (n,), and friction as `integrate` takes it.
+State = tuple[FloatArray, ...]
+#: Relative error of a ring-down's damping from its time step beyond which a note says so.
+DOUBTFUL_STEP = 0.02
+#: Levels of a curve whose cycles modes of contact that opens are made of.
+CYCLES = 3
+
+
+@dataclass(frozen=True)
+class ModelBackbone:
+    """Curves of one model of a scene.
+
+    Attributes
+    ----------
+    name : str
+        "full", "condensed" or "reduced".
+    curves : list of Backbone
+        Of each mode.
+    ring_downs : list of RingDown
+        Free vibration of each mode; empty if it was not asked for.
+    errors : list of dict
+        Of each curve the largest relative distances from the full model's, by name.
+    """
+
+    name: str
+    curves: list[Backbone]
+    ring_downs: list[RingDown]
+    errors: list[dict[str, float]]
+
+
+@dataclass(frozen=True)
+class SceneBackbone:
+    """Curves of the modes that a scene asks for.
+
+    Attributes
+    ----------
+    scene : Scene
+    largest : list of float
+        Of each mode the displacement, for a modal amplitude of 1 m kg^1/2, of the node that it
+        moves most, kg^(-1/2); empty where nodes are not known.
+    models : list of ModelBackbone
+    warnings : tuple of str
+        Of the structure, the full model's curves, and the smaller models.
+    normal : dict of int to NormalChange
+        Change of the normal force at the highest level of each mode; none where no contact is
+        closed.
+    """
+
+    scene: Scene
+    largest: list[float]
+    models: list[ModelBackbone]
+    warnings: tuple[str, ...]
+    normal: dict[int, NormalChange]
+
+
+def scene_backbone(
+    scene: Scene, progress: Progress = silent, folder: Path | None = None
+) -> SceneBackbone:
+    """Frequency and damping over amplitude as a scene's table ``[backbone]`` asks for.
+
+    The curves of the full model come first. A reduced model is made for each mode from the full
+    model's states at the levels of its curve.
+
+    Parameters
+    ----------
+    scene : Scene
+    progress : callable, optional
+        Called with (what is done, how much, of how much).
+    folder : Path, optional
+        Where a reduced model for a range is kept, and taken up again.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        As :func:`backbone` and :func:`ring_down`.
+    """
+    structure, system = scene.structure(), scene.system()
+    full = _curves(scene, system, scene.backbone.modes, partial(progress, "full model"))
+    warnings = [*doubts(structure, system)]
+    warnings += [warning for curve in full for warning in curve.warnings]
+    acts = structure.reactions(scene.loads())
+    normal = {}
+    for c in full:
+        moved = c.shape, c.stuck_frequency, float(c.amplitude[-1])
+        change = normal_change_of_mode(structure, acts, *moved)
+        if change is not None:
+            normal[c.mode] = change
+            warnings += change.doubts(f"Mode {c.mode}: at the highest level ")
+    released = _released(scene, system)
+    models = []
+    for name in scene.models.run:
+        model = ModelBackbone(name, [], [], [])
+        for curve in full:
+            small, own, notes = system, curve, tuple[str, ...]()
+            report = partial(progress, f"{name} model, mode {curve.mode}")
+            if name == "reduced" and scene.reduction.range is not None:
+                small, own, notes = _of_range_model(scene, curve, report, folder)
+            elif name != "full":
+                small, own, notes = _of_small_model(name, scene, curve, report)
+            warnings += notes
+            model.curves.append(own)
+            model.errors.append(_distances(own, curve))
+            if scene.backbone.ring_down:
+                start = released if small is system else _released(scene, small)
+                report = partial(progress, f"{name} model, mode {curve.mode} rings down")
+                rung = _ring_down(scene, small, own, start, report)
+                model.ring_downs.append(rung)
+                model.curves[-1] = rung.beside(own)
+                notes = model.curves[-1].warnings[len(own.warnings) :]
+                mode = f"Mode {curve.mode}"
+                warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
+                warnings += _doubts(model, curve.mode)
+        models.append(model)
+    return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal)
+
+
+def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]:
+    """Full model's curves of a scene with a table ``[backbone]`` and friction; of others, none.
+
+    InputError and ConvergenceError as :func:`backbone`.
+    """
+    if "backbone" not in scene.model_fields_set or not scene.system().contact.count:
+        return []
+    return _curves(scene, scene.system(), scene.backbone.modes, partial(progress, "backbone"))
+
+
+def _curves(
+    scene: Scene,
+    system: System,
+    modes: Sequence[int],
+    report: Progress,
+    slips_at: float | None = None,
+) -> list[Backbone]:
+    """Curves of some modes of a model at the levels of a scene."""
+    table = scene.backbone
+    return backbone(system, modes, table.levels, table.up_to, slips_at, report)
+
+
+def _of_range_model(
+    scene: Scene, curve: Backbone, report: Progress, folder: Path | None
+) -> tuple[System, Backbone, tuple[str, ...]]:
+    """Model for the range of a scene, its curve of a mode of the full model, and a note.
+
+    InputError if the mode or its levels are outside the range.
+    """
+    served = served_scene(scene)
+    if served is None:
+        raise InputError("reduction.range: missing")
+    model = of_scene(scene, range_model(served, folder))
+    (own,) = _curves(scene, model, (curve.mode,), report, curve.slips_at)
+    shown = " and ".join(
+        f"its {name.replace('_', ' ')} by {100.0 * error:.2g} %"
+        for name, error in own.estimated.items()
+    )
+    note = (
+        f"Mode {curve.mode}: the curve of the reduced model for the range errs by an estimated "
+        f"share of its largest value: {shown}."
+    )
+    shares = model.contact.shares
+    slip = own.slip if shares is None else own.slip @ (shares > 0.0)
+    return model, replace(own, slip=slip), (note,)
+
+
+def _of_small_model(
+    name: str, scene: Scene, curve: Backbone, report: Progress
+) -> tuple[System, Backbone, tuple[str, ...]]:
+    """Condensed or reduced model of a mode of the full model, its curve, and notes on it."""
+    system = scene.system()
+    V, small = _small_model(name, scene, curve)
+    (own,) = _curves(scene, small, (curve.mode,), report, curve.slips_at)
+    slip = system.contact.slip_norm((system.contact.B @ (V @ own.states.T)).T)
+    return small, replace(own, slip=slip), notes_of_reduction(system, small)
+
+
+def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, System]:
+    """Basis (n, k) and condensed or reduced system for a mode.
+
+    The reduced one has the modes of the stuck structure up to two beyond the mode, and proper
+    orthogonal modes of the curve's states: 24 unless the scene says otherwise. With contact that
+    opens these are states of cycles of elastic contact, and rigid motions that contact and friction
+    alone hold stand beside them.
+    """
+    system, options, frequency = scene.system(), options_of(scene), curve.stuck_frequency
+    if not curve.share.any():
+        raise InputError(
+            f"backbone: mode {curve.mode}: nothing slips at any level, so that there is nothing to "
+            "reduce; set up_to higher, or run 'full' alone"
+        )
+    if name == "condensed":
+        V = condensed_basis(system, highest=frequency).V
+        return V, condensed_system(system, V)
+    modes = 24 if isinstance(options.modes, str) else options.modes
+    beyond = 2 if isinstance(options.interface_modes, str) else options.interface_modes
+    stuck = Stuck(system.closed()).modes(curve.mode + beyond)[1]
+    states, increments = curve.states, curve.loops
+    if system.contact.opens:
+        stuck, system = system.contact.normal.closed_motions() @ stuck, elastic(system)
+        levels = curve.level[spread(curve.level.size, CYCLES)]
+        states, increments, rigid = states_of_cycles(system, system.M @ curve.shape, levels)
+        stuck = orthonormal(np.hstack([stuck, rigid]), system.M)
+    basis = stuck_basis(system, stuck, states, increments, modes, frequency)
+    return basis.V, reduced_system(system, basis, **options.friction, periodic=False)
+
+
+def _ring_down(
+    scene: Scene, system: System, curve: Backbone, start: State | None, report: Progress
+) -> RingDown:
+    """Free vibration of a mode."""
+    steps, given = scene.time.steps_per_cycle, "rho_infinity" in scene.time.model_fields_set
+    scheme = generalized_alpha(scene.time.rho_infinity) if given else None
+    return ring_down(system, curve, scene.backbone.ring_down, steps, scheme, start, report)
+
+
+def _doubts(model: ModelBackbone, mode: int) -> list[str]:
+    """Sentences about the last ring-down of a model, and where its step is too long."""
+    last = model.ring_downs[-1]
+    notes = [f"Ring-down of the {model.name} model: {note}" for note in last.warnings]
+    error = last.step_error["damping_ratio"]
+    if error <= DOUBTFUL_STEP:
+        return notes
+    return [
+        *notes,
+        f"Mode {mode}: the damping of the {model.name} model's ring-down errs by an estimated "
+        f"{100.0 * error:.2g} % from its time step: give more time.steps_per_cycle, and leave "
+        "out time.rho_infinity or set it below 1.",
+    ]
+
+
+def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:
+    """Largest relative distances of a curve from the full model's.
+
+    Levels at which joints that stick damp nothing, and nothing else does, are left out.
+    """
+    distances = {}
+    for name in ("frequency", "damping_ratio"):
+        values, reference = getattr(curve, name), getattr(full, name)
+        count = min(values.size, reference.size)  # one may end before the other
+        values, reference = values[:count], reference[:count]
+        known = reference > 0.0
+        ratio = values[known] / reference[known]
+        distances[name] = float(np.abs(ratio - 1.0).max(initial=0.0))
+    return distances
+
+
+def _largest(scene: Scene, curves: list[Backbone]) -> list[float]:
+    """Displacement of the node that each mode moves most, as `SceneBackbone` has it."""
+    body, system = scene.structure().body, scene.system()
+    if body is None:
+        return []
+    shapes = (body.unpacked(system.expand(curve.shape)) for curve in curves)
+    return [float(np.linalg.norm(shape, axis=1).max()) for shape in shapes]
+
+
+def _released(scene: Scene, system: System) -> State | None:
+    """State of a model when the last load of a scene has ended, if it rings down from there.
+
+    A model for a range is released in its mode.
+    InputError if a load acts until the end of the run.
+    """
+    table = scene.backbone
+    if not table.ring_down or table.released != "loads" or system.serves is not None:
+        return None
+    step, n_steps = scene.time_step, scene.n_steps
+    acting = system.load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0)
+    steps = np.flatnonzero(acting)
+    if steps.size == 0 or steps[-1] >= n_steps - 1:
+        raise InputError(
+            f"{scene.path}: backbone.released: found 'loads', which must be pulses that end before "
+            "the run does; choose others, a longer duration, or 'mode'"
+        )
+    plan = Plan(step, int(steps[-1]) + 1, generalized_alpha(scene.time.rho_infinity))
+    return integrate_plan(system, plan).finished().end

@@ -1,0 +1,433 @@
+"""Responses of a scene's models over frequency, by its table ``[response]``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from skfem_joint.accuracy import run_estimate
+from skfem_joint.accuracy.estimate import Estimate, Parts
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.progress import Progress, announced, silent
+from skfem_joint.ground.rows import Rows
+from skfem_joint.reduction.basis import Basis, notes_of_reduction, reduced_system
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.reduction.friction_points import NOWHERE
+from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.scene import Scene
+from skfem_joint.scene.tables import ResponseTable
+from skfem_joint.steady.marching import MAY_DEPEND
+from skfem_joint.steady.steady import odd_loads
+from skfem_joint.stepping.stopwatch import Stopwatch
+from skfem_joint.structure.model import doubts
+from skfem_joint.study.scene_plan import (
+    TO_STEADY,
+    make_reduced,
+    options_of,
+    origin_of,
+    with_friction,
+)
+from skfem_joint.study.scene_range import of_scene, range_model, served_scene
+from skfem_joint.system.system import System
+from skfem_joint.vibration.coarse_model import CoarseModel
+from skfem_joint.vibration.linear_response import linear_response
+from skfem_joint.vibration.response import (
+    Curve,
+    State,
+    SteadyPoint,
+    at_frequency,
+    response,
+    steady_plan,
+    suited_steps,
+)
+
+#: What the response of a reduced model says that has contact that opens.
+CREPT = (
+    "The reduced model's response with contact that opens is that at which creep under its law of "
+    "friction has ended. At levels where little slips its friction energy may be far too small: "
+    "see its estimated errors at the peaks, or run 'condensed' in its place."
+)
+#: Dataclasses that rows of finished work of `scene_response` hold.
+RESPONSE_ROWS = (SteadyPoint,)
+#: Frequencies of the linear limits beside those asked for, and entries that the stiffness may have
+#: in all of them together. Their factors take some ten seconds so, of plates and of solids.
+BETWEEN, ENTRIES = 400, 10_000_000
+#: Relative error of an amplitude by its time step that is doubtful.
+DOUBTFUL = 0.05
+
+
+@dataclass(frozen=True)
+class ModelResponse:
+    """Response of one model of a scene.
+
+    Attributes
+    ----------
+    name : str
+        "full", "condensed" or "reduced".
+    curves : list of Curve
+        At the scene's levels, rising.
+    estimates : list of Estimate
+        Errors at the peak of each curve; empty if they were not asked for.
+    offline_s : float
+        Time of modes, projection and friction points, s.
+    wall_s : float
+        Time of the curves, s, with that of rows taken up from an earlier command.
+    compilation_s : float
+        Time of compiling loops, once on a machine and in no other time here, s.
+    notes : tuple of str
+        What to beware of.
+    """
+
+    name: str
+    curves: list[Curve]
+    estimates: list[Estimate]
+    offline_s: float
+    wall_s: float
+    compilation_s: float
+    notes: tuple[str, ...]
+
+    @property
+    def largest(self) -> int:
+        """Number of the named point that moves most, at the highest level."""
+        return self.curves[-1].largest
+
+
+@dataclass(frozen=True)
+class SceneResponse:
+    """Response of a scene's models.
+
+    Attributes
+    ----------
+    scene : Scene
+    frequencies : ndarray, shape (k,)
+        That the scene asks for, Hz.
+    linear_frequencies : ndarray, shape (l,)
+        Of the linear limits, Hz: those and up to 400 more, which their peaks need; fewer where the
+        stiffness has more than 25,000 entries.
+    stuck, loose : ndarray, shape (l, points)
+        Amplitudes of the linear limits at level 1, m.
+    models : list of ModelResponse
+    warnings : tuple of str
+        Of the structure and of all models.
+    """
+
+    scene: Scene
+    frequencies: FloatArray
+    linear_frequencies: FloatArray
+    stuck: FloatArray
+    loose: FloatArray
+    models: list[ModelResponse]
+    warnings: tuple[str, ...]
+
+
+def asked_table(scene: Scene) -> ResponseTable:
+    """Table ``[response]`` of a scene; InputError if there is none."""
+    if scene.response is None:
+        raise InputError(
+            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
+            "in a table [response]"
+        )
+    return scene.response
+
+
+def response_table(scene: Scene) -> ResponseTable:
+    """Table ``[response]`` of a scene.
+
+    InputError if there is none, a load of the scene has no frequency that could be changed, or no
+    joint carries friction and the full model is not asked for.
+    """
+    table = asked_table(scene)
+    at_frequency(scene.system(), table.frequencies.to)
+    with_friction(scene)
+    return table
+
+
+def scene_response(
+    scene: Scene,
+    executor: Executor | None = None,
+    progress: Progress = silent,
+    rows: Rows | None = None,
+    workers: int | None = None,
+) -> SceneResponse:
+    """Response of each model of a scene with a table ``[response]``, at its levels.
+
+    A reduced model is made for the highest level at the frequency at which the stuck structure
+    moves most. Errors of each model are estimated at the peak of each level.
+
+    Parameters
+    ----------
+    scene : Scene
+    executor : concurrent.futures.Executor, optional
+        Where levels are run side by side.
+    progress : callable, optional
+        Called with (what is done, how much, of how much).
+    rows : Rows, optional
+        Made for `RESPONSE_ROWS`; where finished work is kept, and taken up again.
+    workers : int, optional
+        How many the executor has: levels that take longest go first where they are fewer.
+
+    Raises
+    ------
+    InputError
+        As :func:`response_table` and `skfem_joint.response`.
+    ConvergenceError
+        As `skfem_joint.response`.
+    """
+    table = response_table(scene)
+    scene, left_out = with_friction(scene)
+    system, between, levels = scene.system(), table.frequencies, sorted(table.levels)
+    frequencies = np.linspace(between.from_, between.to, between.points)
+    more = min(BETWEEN, ENTRIES // max(system.K.nnz, 1))
+    fine = np.union1d(frequencies, np.linspace(between.from_, between.to, more))
+    limits = []
+    for held, limit in ((True, "stuck"), (False, "loose")):
+        with announced(progress, f"linear response, {limit}"):
+            limits.append(linear_response(system, fine, held))
+    stuck, loose = limits
+    rows = rows or Rows()
+    resonance = float(frequencies[stuck[np.isin(fine, frequencies)].max(axis=1).argmax()])
+    models = []
+    for name in scene.models.run:
+        watch = Stopwatch()
+        with announced(progress, f"making the {name} model"):
+            model = _with_coarse(_prepared(name, scene, resonance, rows), scene, resonance)
+        offline, compilation = watch.read()
+        watch, earlier = Stopwatch(), rows.earlier_s
+        curves = response(
+            model.system,
+            frequencies,
+            [level / model.level for level in levels],
+            steps_per_cycle=scene.time.steps_per_cycle,
+            estimated=scene.accuracy.estimate,
+            executor=executor,
+            workers=workers,
+            coarse=model.coarse,
+            progress=partial(progress, f"{name} model"),
+            rows=rows,
+        )
+        pairs = zip(levels, curves, strict=True)
+        curves = [_with_all_slips(curve, level, model, system) for level, curve in pairs]
+        wall, compiled = watch.read()
+        notes = [*model.notes, *(note for curve in curves for note in _whole_slip(name, curve))]
+        curves = [curve for curve in curves if curve.found]
+        notes += [note for curve in curves for note in _frequencies_without(name, curve)]
+        estimates: list[Estimate] = []
+        if scene.accuracy.estimate:
+            estimates, of_errors = _estimates(model, scene, curves, executor, rows, progress)
+            notes += of_errors
+        times = offline, wall + rows.earlier_s - earlier, compilation + compiled
+        models.append(ModelResponse(name, curves, estimates, *times, tuple(notes)))
+    of_models = [note for model in models for note in model.notes]
+    warnings = (*left_out, *doubts(scene.structure(), system), *of_models)
+    if not system.contact.count and "backbone" in scene.model_fields_set:
+        warnings += (f"backbone: there is no curve beside the response, for {NOWHERE}.",)
+    if scene.opens:
+        warnings += (MAY_DEPEND,)
+    if scene.time.rho_infinity < 1.0:
+        warnings += ("time.rho_infinity has no effect on responses: their steps are trapezoidal.",)
+    return SceneResponse(scene, frequencies, fine, stuck, loose, models, warnings)
+
+
+@dataclass(frozen=True)
+class _Prepared:
+    """A model of a scene before its curves are computed.
+
+    Attributes
+    ----------
+    name : str
+    system : System
+        Of the model, with its loads at ``level``.
+    basis : Basis or None
+        What a reduced or condensed model is made of.
+    level : float
+        Level of the scene that is level 1 of ``system``.
+    notes : tuple of str
+        How it was made, where users should know.
+    coarse : CoarseModel, optional
+        Reduced model beside a larger one.
+    """
+
+    name: str
+    system: System
+    basis: Basis | None = None
+    level: float = 1.0
+    notes: tuple[str, ...] = ()
+    coarse: CoarseModel | None = None
+
+
+def _prepared(name: str, scene: Scene, resonance: float, rows: Rows) -> _Prepared:
+    """Model of a scene; a reduced one serves its range, or the ``resonance`` (Hz) best."""
+    system, table = scene.system(), asked_table(scene)
+    level = max(table.levels)
+    served = served_scene(scene) if name == "reduced" else None
+    if served is not None:
+        folder = None if rows.path is None else rows.path.parent
+        small = of_scene(scene, range_model(served, folder))
+        return _Prepared(name, small, notes=(CREPT,) if scene.opens else ())
+    if name == "full":
+        return _Prepared(name, system)
+    if name == "condensed":
+        loaded = at_frequency(system, table.frequencies.to, level)
+        basis = condensed_basis(loaded)
+        return _Prepared(name, condensed_system(loaded, basis.V), basis, level)
+    loaded, options = at_frequency(system, resonance, level), options_of(scene)
+    plan = steady_plan(loaded, suited_steps(loaded, scene.time.steps_per_cycle))
+    plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
+    basis = make_reduced(scene.structure(), loaded, options, plan)
+    small = reduced_system(loaded, basis, **options.friction)
+    notes = (*basis.notes, *notes_of_reduction(loaded, small))
+    return _Prepared(name, small, basis, level, (*notes, CREPT) if scene.opens else notes)
+
+
+def _with_coarse(model: _Prepared, scene: Scene, resonance: float) -> _Prepared:
+    """A full or condensed model with a reduced one beside it, where that helps."""
+    if model.name == "reduced" or not scene.system().contact.count:
+        return model
+    V = None if model.basis is None else model.basis.V
+    loaded = at_frequency(scene.system(), resonance, model.level)
+    level = max(asked_table(scene).levels) / model.level
+    try:
+        return replace(model, coarse=CoarseModel.of(loaded, resonance, level, V))
+    except (InputError, ConvergenceError) as error:
+        note = f"No reduced model helps the {model.name} model's response, which takes longer then"
+        return replace(model, notes=(*model.notes, f"{note}: {error}"))
+
+
+def _with_all_slips(curve: Curve, level: float, model: _Prepared, full: System) -> Curve:
+    """Curve of a model at a ``level`` of the scene, with the slip of the full model's points."""
+    shares = model.system.contact.shares
+    slips = None if model.basis is None else full.contact.B @ model.basis.V
+
+    def changed(point: SteadyPoint) -> SteadyPoint:
+        if model.basis is None and shares is not None:  # of a range, which is of many bases
+            return replace(point, slip=(shares > 0.0).T @ point.slip, course=None)
+        if slips is None or point.course is None:
+            return point
+        slip = full.contact.slip_norm(point.course @ slips.T).max(axis=0)
+        return replace(point, slip=slip, course=None)
+
+    return Curve(level, tuple(map(changed, curve.points)))
+
+
+def _estimates(
+    model: _Prepared,
+    scene: Scene,
+    curves: Sequence[Curve],
+    executor: Executor | None,
+    rows: Rows,
+    progress: Progress,
+) -> tuple[list[Estimate], list[str]]:
+    """Errors of a model at the peak of each curve, side by side with an executor, and notes."""
+    basis, steps = model.basis, scene.time.steps_per_cycle
+    if basis is not None and executor is not None:
+        basis = replace(basis, stiffness=None)  # whose factors cannot go to another process
+    report = partial(progress, f"errors of the {model.name} model")
+    jobs: list[tuple[str, Callable[[], dict[str, Parts]]]] = []
+    for curve in curves:
+        at = curve.peak[0], curve.level
+        V = None if basis is None else basis.V
+        mark = rows.mark("errors", origin_of(scene), model.system, V, model.level, *at)
+        full = at_frequency(scene.system(), *at)
+        loaded = at_frequency(model.system, at[0], curve.level / model.level)
+        given = full, loaded, basis, steps, curve.start
+        if executor is None or mark in rows:
+            jobs.append((mark, partial(_errors, *given, report)))
+        else:
+            jobs.append((mark, executor.submit(_errors, *given).result))
+    estimates, notes = [], []
+    for curve, (mark, job) in zip(curves, jobs, strict=True):
+        parts: dict[str, Parts] = {}
+        try:
+            parts = rows.row(mark, job)
+        except ConvergenceError as error:  # which does not cost the curve
+            notes.append(
+                f"The errors of the {model.name} model at the peak of level {curve.level:g} are "
+                f"not estimated: {error}"
+            )
+        estimates.append(Estimate(parts))
+        notes += _step_error_notes(model.name, curve, steps)
+    return estimates, notes
+
+
+def _step_error_notes(name: str, curve: Curve, steps_per_cycle: int) -> Iterator[str]:
+    """Sentences about where the time step makes a curve doubtful, and the cure.
+
+    A sentence also says where the error is not estimated. The steps are exact at the driven
+    frequency: what errs are the harmonics of friction, where they meet higher modes.
+
+    Parameters
+    ----------
+    name : str
+        Of the model, for the sentences.
+    curve : Curve
+        With its estimated errors of the step.
+    steps_per_cycle : int
+    """
+    error = curve.column("step_error")
+    failed = np.array([point.failure is not None for point in curve.points])
+    if not (np.isfinite(error) | failed).all():
+        yield (
+            f"The {name} model at level {curve.level:g} has no steady vibration with half the "
+            "step at every frequency: where step_error is empty in response.csv the error of the "
+            "step is not known."
+        )
+    error = np.nan_to_num(error)
+    doubtful = error > DOUBTFUL
+    if doubtful.any():
+        frequency = curve.column("frequency")[doubtful]
+        # Errors fall with the square of the step: so many steps leave one percent, in whole
+        # fifties.
+        enough = 50 * np.ceil(steps_per_cycle * np.sqrt(error.max() / 0.01) / 50)
+        yield (
+            f"The {name} model at level {curve.level:g}: the time step alone errs by up to "
+            f"{100 * error.max():.2g} % of the amplitude, and by more than {100 * DOUBTFUL:g} % at "
+            f"{frequency.size} frequencies from {frequency[0]:.6g} to {frequency[-1]:.6g} Hz, "
+            "where harmonics of friction meet higher modes; see column step_error of "
+            f"response.csv. Set time.steps_per_cycle = {enough:.0f}."
+        )
+
+
+def _whole_slip(name: str, curve: Curve) -> Iterator[str]:
+    """Note of where on a curve a joint slips as a whole, and of what is left out for that."""
+    if curve.gross.size:
+        low, high = curve.gross.min(), curve.gross.max()
+        where = f"{low:.6g} Hz" if low == high else f"{low:.6g} to {high:.6g} Hz"
+        note = f"The {name} model at level {curve.level:g}: a joint slips as a whole at {where}"
+        given_up = [p.failure for p in curve.points if p.failure is not None and p.periods > 0]
+        if given_up:
+            what = "the curve ends there" if curve.found else "the level has no curve"
+            note += f"; {what}: {given_up[0]}"
+        yield f"{note}."
+
+
+def _frequencies_without(name: str, curve: Curve) -> Iterator[str]:
+    """Note of the frequencies of a curve that have no steady vibration."""
+    without = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
+    if without:
+        yield (
+            f"The {name} model at level {curve.level:g} has no steady vibration at "
+            f"{', '.join(without)} Hz: these are no points of its curve."
+        )
+
+
+def _errors(
+    full: System,
+    loaded: System,
+    basis: Basis | None,
+    steps_per_cycle: int,
+    start: State,
+    report: Callable[..., None] | None = None,
+) -> dict[str, Parts]:
+    """Estimated errors of the steady vibration of a model, by source and quantity.
+
+    ``full`` and ``loaded`` are the full system and the model, under the same load.
+    """
+    plan = steady_plan(full, suited_steps(full, steps_per_cycle))
+    initial = start if odd_loads(full) or full.contact.opens else None
+    run = integrate_plan(loaded, plan, initial=initial, progress=report)
+    return dict(run_estimate.of_run(full, basis, run, plan, progress=report).parts)

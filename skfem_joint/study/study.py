@@ -1,0 +1,380 @@
+"""From a scene to its results, by functions that `run_scene` calls one after the other.
+
+Structure and system follow from the scene. `describe` states what they are and how they respond to
+static loads; `choose` finds time steps and a reduced model for an accuracy, if the scene asks for
+one. Then, for each model of the scene, `make_model` runs it, `compare_with_full` compares it with
+the full model, `estimate_errors` estimates its errors, `compare_with_coulomb` says how far an
+arctan law takes it from Coulomb's. Each takes a study, which is frozen, and returns one that says
+more.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from skfem_joint.accuracy import run_estimate, rungs
+from skfem_joint.accuracy.against_coulomb import against_coulomb
+from skfem_joint.accuracy.estimate import Estimate
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import ConvergenceError, JointError
+from skfem_joint.ground.progress import Progress, silent
+from skfem_joint.linalg.schur import condensing_pays
+from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.reduction.active_length import gross_slip
+from skfem_joint.reduction.basis import notes_of_reduction, reduced_system
+from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.results.active_region import region_of
+from skfem_joint.results.history import compare, difference, joint_differences, results
+from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.scene import Scene
+from skfem_joint.slow.quasi_static import QuasiStatic, factors_at_rest
+from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.stepping.checkpoint import Checkpoints
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.stopwatch import Stopwatch
+from skfem_joint.structure.model import doubts
+from skfem_joint.study.accuracy import Choice, InRange, choose, shortened_steps, stated
+from skfem_joint.study.description import describe
+from skfem_joint.study.models import Failure, Model, Study
+from skfem_joint.study.range_choice import choose_in_range
+from skfem_joint.study.scene_plan import (
+    basis_of_scene,
+    options_of,
+    origin_of,
+    plan_of,
+    with_friction,
+)
+from skfem_joint.study.scene_range import served_scene, structure_of
+from skfem_joint.study.summary import violated
+from skfem_joint.system.system import System
+
+_log = logging.getLogger(__name__)
+
+
+def run_scene(
+    scene: Scene,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+    folder: Path | None = None,
+    *,
+    described: bool = True,
+) -> Study:
+    """Run the models that a scene asks for, and nothing else, and compare them.
+
+    Parameters
+    ----------
+    scene : Scene
+    progress : callable, optional
+        Called with (what is done, steps done, steps in all).
+    checkpoints : Checkpoints, optional
+        Where to save the models as they run. A model that was saved whole is not integrated again;
+        the modes of a reduced one are made again.
+    folder : Path, optional
+        Where a model for the range of the scene is loaded from, and saved to if it is not there.
+    described : bool
+        Whether a scene whose only model is a point of that for its range is described. Else nothing
+        of it is assembled: structure and system of the study are those in the middle of the range.
+
+    Returns
+    -------
+    Study
+        Where a model after the first one fails, the study holds the models before it, its
+        `Study.failure` says which one failed and why, and so does the last of its warnings.
+        `Study.finished` raises that error. After an interrupt it holds what was finished, with
+        ``interrupted`` set.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step of the first model does not converge, or no model meets the accuracy asked for.
+    InputError
+        If the scene does not fit its mesh, or the first model the scene, or a checkpoint its run.
+    KeyboardInterrupt
+        If it is interrupted before the first model has run a step.
+    """
+    served = served_scene(scene)
+    in_range = None if served is None else choose_in_range(scene, served, folder, progress)
+    point = in_range if in_range is not None and in_range.in_range is not None else None
+    if not described and served and point and scene.models.run == ("reduced",):
+        middle = structure_of(served)
+        notes = (*middle.doubts, *point.notes)
+        study = Study(point.scene, middle.structure, middle.system, warnings=notes)
+        return _with_models(study, point, None, progress, None, "")
+    scene, left_out = with_friction(scene)
+    origin = "" if checkpoints is None else origin_of(scene)
+    structure, system = scene.structure(), scene.system()
+    path = None if system.contact.opens else factors_at_rest(system)
+    description = describe(scene, path)
+    choice = point or choose(scene, path, progress)
+    if in_range is not None and point is None:
+        choice = replace(choice, notes=(*in_range.notes, *choice.notes))
+    if "reduced" not in scene.models.run or choice.accurate or choice.in_range:
+        path = None  # its factors are large, and no basis needs them
+    suspected = doubts(structure, system, waves=not scene.time.quasi_static)
+    notes = (*scene.left_out, *left_out, *suspected, *description.doubts, *choice.notes)
+    study = Study(choice.scene, structure, system, description, warnings=notes)
+    return _with_models(study, choice, path, progress, checkpoints, origin)
+
+
+def _with_models(
+    study: Study,
+    choice: Choice,
+    path: QuasiStatic | None,
+    progress: Progress,
+    checkpoints: Checkpoints | None,
+    origin: str,
+) -> Study:
+    """Study with the models that its scene asks for, until one fails or is interrupted."""
+    for name in study.scene.models.run:
+        checkpoint = None if checkpoints is None else checkpoints.of(name, origin)
+        labelled = partial(progress, f"{name} model")
+        integrate = partial(integrate_plan, progress=labelled, checkpoint=checkpoint)
+        study = make_model(name, study, choice, path, integrate)
+        study = compare_with_full(study, name)
+        study = estimate_errors(study, name, progress)
+        study = compare_with_coulomb(study, name, progress)
+        if (model := study.whole(name)) is not None:
+            study = study.noting(*violated(study, model))
+        if study.ended:
+            break
+    return study
+
+
+#: `integrate_plan` with progress and checkpoint of a model.
+_Integrate = Callable[..., Run]
+
+
+def make_model(
+    name: str, study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
+) -> Study:
+    """Study with one more model, which is made and run.
+
+    What fails, or is interrupted, after another model of the study was run is a result too; an
+    error of the first one is raised. So is a quasi-static run that ends where friction does not
+    hold the loads, with the levels before.
+    """
+    try:
+        study = _MAKERS[name](study, choice, path, integrate)
+    except JointError as error:
+        if isinstance(error, ConvergenceError) and error.run is not None:
+            return _ended_by(error, name, study)
+        if not study.models:
+            raise
+        note = f"There is no {name} model: {error}"
+        return replace(study.noting(note), failure=Failure(name, error))
+    except KeyboardInterrupt:
+        if not study.models:
+            raise
+        note = f"The run was interrupted while the {name} model was made."
+        return study.noting(note, interrupted=True)
+    if study.whole(name) is not None:
+        return study
+    time = study.models[name].run.counters.steps * study.scene.time_step
+    note = (
+        f"The run was interrupted in the {name} model at t = {time:.6g} s; results are those until "
+        "then."
+    )
+    return study.noting(note, interrupted=True)
+
+
+def _ended_by(error: ConvergenceError, name: str, study: Study) -> Study:
+    """Study with a model whose quasi-static run has no further level, with the levels before."""
+    run: Run = error.run
+    model = Model(name, run, run.preparation_s, {}, compilation_s=run.compilation_s)
+    if name == "full":
+        length, area, points = _active(study, run.slip_peak, run.slider_peak)
+        model = replace(
+            model, active_length=length, active_area_fraction=area, slipping_fraction=points
+        )
+    note = f"The results of the {name} model end with its last level. {error}."
+    return replace(study.holding(model).noting(note), failure=Failure(name, error))
+
+
+def compare_with_full(study: Study, name: str) -> Study:
+    """Give a model its distance from the full one, where that was run before."""
+    model, full = study.whole(name), study.models.get("full")
+    if model is None or full is None or model is full:
+        return study
+    return study.holding(replace(model, errors=compare(full.run, model.run)))
+
+
+def _with_estimate(study: Study, model: Model, what: str, compute: Callable[[], Estimate]) -> Study:
+    """Model with estimated errors; what ends their computation early costs no more than a note."""
+    watch = Stopwatch()
+    try:
+        errors = compute()
+    except JointError as error:
+        return study.noting(f"The {what} of the {model.name} model are not estimated: {error}")
+    except KeyboardInterrupt:
+        note = f"The run was interrupted in the {what} of the {model.name} model."
+        return study.noting(note, interrupted=True)
+    took, compiled = watch.read()
+    _log.info("The %s of the %s model are estimated, in %.3g s.", what, model.name, took)
+    took, compiled = took + model.estimate_s, compiled + model.compilation_s
+    return study.holding(replace(model, estimate=errors, estimate_s=took, compilation_s=compiled))
+
+
+def estimate_errors(study: Study, name: str, progress: Progress) -> Study:
+    """Give a model its estimated errors, if they are not known.
+
+    The distance from the full model, where that was run, counts among them.
+    """
+    model = study.whole(name)
+    if model is not None and model.estimate is None and study.scene.accuracy.estimate:
+        report = partial(progress, f"errors of the {name} model")
+        of_model = study.system, model.basis, model.run, plan_of(study.scene)
+        compute = partial(run_estimate.of_run, *of_model, progress=report)
+        study = _with_estimate(study, model, "errors", compute)
+        model = study.models[name]
+    if model is None or model.estimate is None or model.errors is None:
+        return study
+    runs = results(study.models["full"].run), results(model.run)
+    joints = joint_differences(*runs, study.system.contact.joints)
+    beside = model.estimate.beside(difference(*runs), joints)
+    return study.holding(replace(model, estimate=beside))
+
+
+def compare_with_coulomb(study: Study, name: str, progress: Progress) -> Study:
+    """Give a model with estimated errors its distance from Coulomb's law, unless it has that."""
+    model = study.whole(name)
+    if model is None or model.estimate is None or study.interrupted:
+        return study
+    errors, report = model.estimate, partial(progress, f"{name} model, Coulomb's law")
+    V = None if errors.missing is None else errors.missing.V
+    of_model = study.system, model.run, plan_of(study.scene), model.basis, V
+
+    def compute() -> Estimate:
+        apart = against_coulomb(*of_model, progress=report)
+        parts = {} if apart is None else {"coulomb": apart}
+        return replace(errors, parts={**errors.parts, **parts})
+
+    return _with_estimate(study, model, "distances from Coulomb's law", compute)
+
+
+def _full(study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate) -> Study:
+    scene, run, errors = shortened_steps(
+        study.scene,
+        partial(_named_places, study, integrate, study.system),
+        partial(rungs.of_full, study.system),
+    )
+    study = replace(study, scene=scene).noting(*_of_accuracy("full", scene, errors))
+    active = _active(study, run.slip_peak, run.slider_peak)
+    model = Model("full", run, run.preparation_s, *active, estimate=errors)
+    return study.holding(replace(model, compilation_s=run.compilation_s))
+
+
+def _of_accuracy(name: str, scene: Scene, errors: Estimate | None) -> tuple[str, ...]:
+    """Note of the steps that a model takes for the accuracy asked for, if one was."""
+    if errors is None:
+        return ()
+    return (
+        f"For the accuracy asked for the {name} model has steps of {scene.time_step:.4g} s; it "
+        f"errs by an estimated {stated(errors)}.",
+    )
+
+
+def _named_places(
+    study: Study, integrate: _Integrate, system: System, plan: Plan, **others: None
+) -> Run:
+    """Run of the full model, whose errors say where in the structure they are."""
+    try:
+        return integrate(system, plan, **others)
+    except ConvergenceError as error:
+        if error.unknown is None:
+            raise
+        dof = int(abs(system.T[:, [error.unknown]]).argmax())  # that it moves most
+        message = f"full model: {error} That unknown is of {study.structure.spot(dof)}."
+        raise ConvergenceError(message, error.unknown, error.run) from error
+
+
+_ByJoint = dict[str, float]
+
+
+def _active(
+    study: Study, peak: FloatArray, sliding: FloatArray
+) -> tuple[_ByJoint, _ByJoint, _ByJoint]:
+    """Active lengths (m), shares of area and shares of nodes.
+
+    ``peak`` and ``sliding``, (m,), m, are the largest slips of all points and of their sliders.
+    """
+    region = region_of(study.structure, study.system, (peak, sliding), study.period)
+    return region.length, region.area_fraction, region.point_fraction
+
+
+def _reduced(
+    study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
+) -> Study:
+    watch, scene, accurate = Stopwatch(), study.scene, choice.accurate
+    notes: tuple[str, ...] = ()
+    if choice.in_range is not None:
+        return _served(study, choice, choice.in_range, integrate)
+    if accurate is not None:
+        basis, system = accurate.basis, accurate.system
+    else:
+        options = options_of(scene)
+        basis = basis_of_scene(scene, study.structure, study.system, options, path)
+        friction = options.friction
+        if scene.time.quasi_static:  # whose law does not depend on velocity
+            friction |= {"beta": np.inf}
+        system = reduced_system(study.system, basis, **friction, periodic=scene.periodic)
+        notes = (*basis.notes, *notes_of_reduction(study.system, system))
+    active: tuple[_ByJoint, _ByJoint] = {}, {}
+    if "full" not in study.models:  # beside a full model that one says more
+        sliding = study.system.contact.slider_peak(basis.history.slip_peak)
+        notes = (*notes, *gross_slip(study.structure, sliding, study.period))
+        active = _active(study, basis.history.slip_peak, sliding)[1:]
+    before, compiled = np.add(watch.read(), (choice.seconds, choice.compilation_s)).tolist()
+    vectors, points = basis.V.shape[1], system.contact.count
+    _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
+    run = integrate(system, plan_of(scene))
+    offline, compiled = before + run.preparation_s, compiled + run.compilation_s
+    model = Model("reduced", run, offline, dict(basis.active_length), *active, basis)
+    errors = None if accurate is None else accurate.estimate
+    model = replace(model, estimate=errors, compilation_s=compiled)
+    return study.noting(*notes).holding(model)
+
+
+def _served(study: Study, choice: Choice, in_range: InRange, integrate: _Integrate) -> Study:
+    """Reduced model that is a point of the model for a range."""
+    run = integrate(in_range.system, plan_of(study.scene))
+    offline, compiled = choice.seconds + run.preparation_s, choice.compilation_s
+    model = Model("reduced", run, offline, {}, estimate=in_range.estimate)
+    return study.holding(replace(model, compilation_s=compiled + run.compilation_s))
+
+
+def _condensed(
+    study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
+) -> Study:
+    watch, system = Stopwatch(), study.system
+    notes: tuple[str, ...] = ()
+    basis = condensed_basis(system)
+    small = condensed_system(system, basis.V)
+    kept, to = small.contact.B.shape[0], arranged(system)
+    sparse = to.kind == "contact" and not condensing_pays(
+        to.system.K, ContactPoints.of(to.system).limited
+    )
+    if sparse or to.kind == "chain":
+        notes = (
+            f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
+            "the full one, which has few entries, will hardly cost more; a reduced one costs less.",
+        )
+    before, compiled = watch.read()
+    estimated = partial(run_estimate.of_run, system, basis)
+    scene, run, errors = shortened_steps(study.scene, partial(integrate, small), estimated)
+    notes += _of_accuracy("condensed", scene, errors)
+    peak, sliding = (np.asarray(x @ small.contact.shares) for x in (run.slip_peak, run.slider_peak))
+    basis = replace(basis, history=replace(basis.history, slip_peak=peak))
+    offline = before + run.preparation_s
+    model = Model("condensed", run, offline, *_active(study, peak, sliding), basis)
+    model = replace(model, compilation_s=compiled + run.compilation_s, estimate=errors)
+    return replace(study, scene=scene).noting(*notes).holding(model)
+
+
+_MAKERS = {"full": _full, "condensed": _condensed, "reduced": _reduced}

@@ -1,0 +1,242 @@
+"""Natural modes of given matrices, and Rayleigh damping from a ratio of the critical damping."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.linalg import eigh
+from scipy.sparse.linalg import LinearOperator, eigsh
+
+from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import Amplitude
+from skfem_joint.ground.values import Kind, problems
+from skfem_joint.linalg import shifts
+from skfem_joint.linalg.factors import factorised, pivots
+from skfem_joint.linalg.shifts import mean_square_frequency
+
+#: Lowest modes that are computed where the first three that strain are wanted: a body that floats
+#: has up to six rigid motions.
+SEARCHED = 12
+
+
+def eigenmodes(
+    K: Matrix,
+    M: Matrix,
+    count: int,
+    solve: Callable[[FloatArray], FloatArray] | None = None,
+    tolerance: float = 0.0,
+) -> tuple[FloatArray, FloatArray]:
+    """Lowest natural frequencies (Hz) and mass-orthonormal modes of sparse matrices.
+
+    Parameters
+    ----------
+    K, M : sparse array, shape (n, n)
+        Stiffness and mass, positive definite both.
+    count : int
+        Number of modes; fewer where the matrices are smaller.
+    solve : callable, optional
+        Solver of K x = b, if it exists already.
+    tolerance : float
+        Relative accuracy of the modes; round-off if it is zero.
+
+    Returns
+    -------
+    frequencies : ndarray, shape (k,)
+    modes : ndarray, shape (n, k)
+    """
+    n = K.shape[0]
+    if n < 20 or count >= n - 1:
+        values, modes = eigh(K.toarray(), M.toarray(), subset_by_index=[0, min(count, n) - 1])
+    else:
+        K, M = sparse.csc_array(K), sparse.csc_array(M)
+        inverse = LinearOperator((n, n), matvec=solve or factorised(K), dtype=float)
+        # A start with the same value everywhere would miss modes of equal bodies.
+        start = np.random.default_rng(1).normal(size=n)
+        values, modes = eigsh(K, k=count, M=M, sigma=0.0, v0=start, OPinv=inverse, tol=tolerance)
+    return np.sqrt(np.maximum(values, 0.0)) / (2.0 * np.pi), modes
+
+
+def straining_modes(
+    K: Matrix, M: Matrix, held: IntArray, count: int = SEARCHED
+) -> tuple[FloatArray, FloatArray]:
+    """Frequencies (Hz), (k,), and modes, (n, k), of those of the lowest modes that strain the body.
+
+    The unknowns ``held`` do not move. Rigid motions among the ``count`` lowest modes are left out.
+    If all unknowns are held there are no modes.
+    """
+    free = np.setdiff1d(np.arange(K.shape[0]), held)
+    if not free.size:
+        return np.zeros(0), np.zeros((K.shape[0], 0))
+    K, M = (sparse.csr_array(A)[free][:, free] for A in (K, M))
+    frequency, modes = lowest_modes(K, M, count)
+    strains = frequency > 0.0
+    shapes = np.zeros((held.size + free.size, int(strains.sum())))
+    shapes[free] = modes[:, strains]
+    return frequency[strains], shapes
+
+
+def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
+    """Rigid motions (n, k) of unit mass, no more than ``most`` of them."""
+    frequency, modes = lowest_modes(sparse.csr_array(K), sparse.csr_array(M), most)
+    return modes[:, frequency == 0.0]
+
+
+def is_singular(K: Matrix) -> bool:
+    """Whether a positive semidefinite matrix is singular, by its smallest pivot.
+
+    A matrix without rows, as of a structure of which every node is in contact, is not.
+    """
+    if K.shape[0] == 0:
+        return False
+    try:
+        each = pivots(K)
+    except RuntimeError:  # exactly singular
+        return True
+    # Pivots below this share of the largest are zero.
+    return bool(np.min(each) <= 1e-11 * np.max(each))
+
+
+def lowest_modes(
+    K: Matrix, M: Matrix, count: int, tolerance: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """Lowest natural frequencies (Hz), zero of rigid motions, and mass-orthonormal modes.
+
+    The stiffness may be singular, unlike that of `eigenmodes`: a small multiple of the mass is
+    added to it, and subtracted from the squares of the frequencies again.
+    """
+    shift = shifts.SETTINGS.least * mean_square_frequency(K, M)
+    frequency, modes = eigenmodes(K + shift * M, M, count, tolerance=tolerance)
+    return unshifted(frequency, shift), modes
+
+
+def unshifted(frequency: FloatArray, shift: float) -> FloatArray:
+    """Natural frequencies, Hz, from those of the stiffness K + shift M; zero of rigid motions."""
+    squares = (2.0 * np.pi * frequency) ** 2
+    squares = np.where(squares > 2.0 * shift, squares - shift, 0.0)
+    return np.sqrt(squares) / (2.0 * np.pi)
+
+
+def ratio_problems(ratio: float, others: Mapping[str, object]) -> Iterator[str]:
+    """What is wrong with a damping ratio; ``others`` are other ways to give damping, by name."""
+    allowed = Kind("above 0 and below 1", lambda x: 0.0 < x < 1.0)
+    yield from problems("damping.ratio", ratio, allowed)
+    if given := [name for name, value in others.items() if value]:
+        yield (
+            f"damping.ratio: found beside {' and '.join(given)}, must be given alone: it makes "
+            "the damping matrix by itself"
+        )
+
+
+@dataclass(frozen=True)
+class RayleighFit:
+    """The two frequencies at which Rayleigh damping C = a M + b K has a given ratio.
+
+    Attributes
+    ----------
+    omega : ndarray, shape (2,)
+        rad/s.
+    modes : tuple of (ndarray, shape (n,), or None)
+        Mode of unit mass of each frequency that is natural; None of a load's.
+    joints : {"stuck", "loose"}
+        How the joints were for the natural frequencies.
+    """
+
+    omega: FloatArray
+    modes: tuple[FloatArray | None, FloatArray | None]
+    joints: str
+
+    def factors(self, ratio: float) -> tuple[float, float]:
+        """Factors a of M, 1/s, and b of K, s."""
+        mass, stiffness = 2.0 * ratio * np.array([self.omega.prod(), 1.0]) / self.omega.sum()
+        return float(mass), float(stiffness)
+
+    def note(self, ratio: float) -> str:
+        """Sentence about the frequencies and the damping between and beyond them."""
+        mass, stiffness = self.factors(ratio)
+        which = "the loads' highest" if self.modes[1] is None else "a natural one"
+        first, second = self.omega / (2.0 * np.pi)
+        least, beyond = np.sqrt(self.omega.prod()), 3.0 * self.omega.max()
+        at = {w: 0.5 * (mass / w + stiffness * w) for w in (least, beyond)}
+        return (
+            f"Damping of ratio {ratio:.4g} is C = a M + b K with a = {mass:.4g} 1/s and b = "
+            f"{stiffness:.4g} s: exact at {first:.5g} Hz, the first natural frequency with joints "
+            f"{self.joints}, and at {second:.5g} Hz, {which}; {at[least]:.3g} at "
+            f"{least / (2.0 * np.pi):.5g} Hz between them, where it is least, and "
+            f"{at[beyond]:.3g} at {beyond / (2.0 * np.pi):.5g} Hz."
+        )
+
+    def factor_rates(
+        self, ratio: float, square_rate: Callable[[FloatArray], float]
+    ) -> tuple[float, float]:
+        """Derivatives of `factors` by what changes the stiffness.
+
+        ``square_rate`` gives the derivative of a natural frequency's square, 1/s2, from its mode:
+        the derivative of the stiffness between the mode and itself.
+        """
+        first, second = self.omega
+        rates = [
+            0.0 if mode is None else square_rate(mode) / (2.0 * omega)
+            for mode, omega in zip(self.modes, self.omega, strict=True)
+        ]
+        scale = 2.0 * ratio / self.omega.sum() ** 2
+        mass = scale * (second**2 * rates[0] + first**2 * rates[1])
+        return float(mass), float(-scale * (rates[0] + rates[1]))
+
+
+def rayleigh_fit(K: Matrix, M: Matrix, stuck: IntArray, loads: Iterable[Amplitude]) -> RayleighFit:
+    """Frequencies of Rayleigh damping by its ratio.
+
+    The first is the lowest natural frequency with the unknowns ``stuck`` held (or with none held,
+    if all unknowns are stuck). The second is the highest frequency of the harmonic ``loads``; it is
+    the third natural frequency if no load is harmonic, or if that frequency is about the first.
+
+    Raises
+    ------
+    InputError
+        If nothing vibrates.
+    """
+    joints = "stuck" if stuck.size < K.shape[0] else "loose"
+    own, shapes = straining_modes(K, M, stuck if joints == "stuck" else stuck[:0])
+    if not own.size:
+        raise InputError(
+            "damping.ratio: nothing vibrates by itself, so that a ratio means nothing; give the "
+            "damping's factors of the mass and of the stiffness matrix"
+        )
+    harmonics = [h.frequency for amplitude in loads for h in amplitude.harmonics]
+    first, second, mode = own[0], max(harmonics, default=own[0]), None
+    # Frequencies that differ by less than this share are the same.
+    if abs(second - first) <= 0.1 * first:
+        last = min(3, own.size) - 1
+        second, mode = own[last], shapes[:, last]
+    return RayleighFit(2.0 * np.pi * np.array([first, second]), (shapes[:, 0], mode), joints)
+
+
+class KnownFit:
+    """`rayleigh_fit` that keeps its last result, for systems that differ in friction alone.
+
+    Modes of a solid of 73,000 unknowns take half a minute, to see that nothing changed far less
+    than a second. It keeps the matrices of the last system, which must not be changed in place.
+    """
+
+    def __init__(self) -> None:
+        self._of: list[NDArray[Any]] = []
+        self._fit: RayleighFit | None = None
+
+    def __call__(
+        self, K: Matrix, M: Matrix, stuck: IntArray, loads: Iterable[Amplitude]
+    ) -> RayleighFit:
+        """Frequencies of Rayleigh damping, see `rayleigh_fit`."""
+        loads = [*loads]
+        frequencies = np.array([h.frequency for load in loads for h in load.harmonics])
+        matrices = (sparse.csr_array(A) for A in (K, M))
+        parts = [x for A in matrices for x in (A.data, A.indices, A.indptr)]
+        of, before = [*parts, stuck, frequencies], self._of
+        if self._fit is None or not all(map(np.array_equal, of, before)):
+            self._fit, self._of = rayleigh_fit(K, M, stuck, loads), of
+        return self._fit

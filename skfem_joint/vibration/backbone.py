@@ -1,0 +1,527 @@
+"""Natural frequency and damping ratio of a mode over its amplitude: its backbone curve.
+
+The method is quasi-static modal analysis (H. Festjens, G. Chevallier and J.-L. Dion, Int. J. Mech.
+Sci. 75, 2013; R. M. Lacayo and M. S. Allen, Mech. Syst. Signal Process. 118, 2019). With phi a mode
+of the structure whose contact sticks, phi^T M phi = 1, the structure is loaded slowly by the mode's
+inertia, M phi alpha, at rising levels alpha. The displacement u of each level gives the modal
+amplitude q = phi^T M u, and
+
+    omega = sqrt(alpha / q),        zeta = D / (2 pi alpha q) + phi^T C phi / (2 omega),
+
+where D is the work of friction in a cycle of that amplitude, with exact Coulomb friction.
+
+Cycles are those of :mod:`skfem_joint.vibration.cycles`. Where limits are constant and slip keeps
+its direction D follows from loading alone. With contact that opens a cycle is followed at each
+level, and q is half of peak to peak.
+
+The method takes for granted that the mode keeps its shape and that other modes do not respond.
+Where a higher frequency lies near an odd multiple of the mode's own, friction excites it and the
+true damping is larger: notes say so. A ring-down (:mod:`skfem_joint.vibration.ring_down`), which is
+free of these assumptions, can be compared with the curve.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import sparse
+
+from skfem_joint.accuracy.range_modes import alone, check_modes, distances
+from skfem_joint.ground.arrays import BoolArray, FloatArray, as_real
+from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.progress import Progress, Tally, silent
+from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_some
+from skfem_joint.results.gross_slip import (
+    gross_slip_level,
+    is_gross,
+    sticking_share,
+)
+from skfem_joint.slow.quasi_static import QuasiStatic
+from skfem_joint.stepping.arrangement import Arranged, arranged
+from skfem_joint.system.served import Served
+from skfem_joint.system.system import System
+from skfem_joint.vibration.cycles import CyclePath, ModePath, RisingCycles, items_of_work
+from skfem_joint.vibration.stuck import Stuck, StuckMode
+
+#: Largest force residual of a level, relative to its force.
+TOLERANCE = 1e-6
+#: Slipping points below which the damping is rough, so that a note says so.
+FEWEST = 5
+#: Multiples of the mode's frequency near which friction excites higher modes, those near which
+#: contact that opens excites them too, and the relative distance that is near.
+MULTIPLES, EVEN_MULTIPLES, NEAR = (3, 5, 7), (2, 4, 6), 0.07
+#: Modes beyond the highest one asked for whose frequencies are compared with the multiples.
+HIGHER_MODES = 10
+
+
+@dataclass(frozen=True)
+class Backbone:
+    """Frequency and damping of one mode over its amplitude, at rising levels.
+
+    Attributes
+    ----------
+    mode : int
+        Number of the mode, from 1.
+    shape : ndarray, shape (n,)
+        Mode with the contact stuck, of unit modal mass, kg^(-1/2).
+    stuck_frequency : float
+        Its frequency, Hz.
+    slips_at : float
+        Level at which the first joint slips as a whole, m/s² kg^1/2, with contact that opens as if
+        it stayed closed. Where friction alone holds the structure: at most that at which the forces
+        on a stuck joint add up to its limit.
+    level : ndarray, shape (levels,)
+        Acceleration alpha of the mode whose inertia loads the structure, m/s² kg^1/2.
+    amplitude : ndarray, shape (levels,)
+        Modal amplitude q, m kg^1/2; half of peak to peak.
+    frequency : ndarray, shape (levels,)
+        Hz.
+    friction_damping : ndarray, shape (levels,)
+        Damping ratio by friction, under Coulomb's law.
+    viscous_damping : ndarray, shape (levels,)
+        Damping ratio by C.
+    displacement : ndarray, shape (levels, points)
+        Of the named points, m; half of peak to peak.
+    states : ndarray, shape (levels, n)
+        Displacement u, m; with contact that opens half of that from one turning point of the cycle
+        to the other, see ``middle``.
+    loops : ndarray, shape (increments, n)
+        Increments of displacement along the half cycles that were followed, m; none with contact
+        that opens.
+    slip : ndarray, shape (levels, m)
+        Of each contact point, m; that of springs in series with friction included.
+    share : ndarray, shape (levels,)
+        Share of the friction limits whose points slip, see `System.slipping`.
+    state : tuple of str
+        At each level "stick", "partial", or "gross", where a joint slips as a whole.
+    masing_error : float or None
+        Largest relative error of the work by Masing's rule, before its correction; None where a
+        cycle was followed at each level.
+    warnings : tuple of str
+        What to beware of: of levels beyond slip as a whole, of curves without slip, of impacts, of
+        a law that is not Coulomb's.
+    estimated : dict of str to float
+        Estimated largest relative errors of ``frequency`` and ``damping_ratio``: of a reduced model
+        for a range, or of the increments and of what is left open of the cycles with contact that
+        opens; empty for others.
+    friction : ndarray, shape (levels, rows of B), optional
+        Friction over its limit, where it has springs in series; with contact that opens that of the
+        turning point at the level, ``middle + states``.
+    middle : ndarray, shape (levels, n), optional
+        With contact that opens: displacement in the middle of both turning points of the cycle, m.
+        ``middle + states`` and ``middle - states`` are those at the level and at its opposite.
+    offset : ndarray, shape (levels,), optional
+        The same as a modal displacement, m kg^1/2.
+    opened : ndarray, shape (levels,), optional
+        Share of the pressure points pressed at rest that opened in the cycle.
+    limits : ndarray, shape (levels, m), optional
+        With contact that opens: the friction limits of ``friction``, N.
+    differs : ndarray of bool, shape (levels,), optional
+        Levels at which a ring-down differs by more than both stated errors, from
+        `skfem_joint.vibration.ring_down.RingDown.beside`; None if there is none beside the curve.
+    path : ModePath, optional
+        What the curve was followed along, if it is kept.
+    """
+
+    mode: int
+    shape: FloatArray
+    stuck_frequency: float
+    slips_at: float
+    level: FloatArray
+    amplitude: FloatArray
+    frequency: FloatArray
+    friction_damping: FloatArray
+    viscous_damping: FloatArray
+    displacement: FloatArray
+    states: FloatArray
+    loops: FloatArray
+    slip: FloatArray
+    share: FloatArray
+    state: tuple[str, ...]
+    masing_error: float | None
+    warnings: tuple[str, ...]
+    estimated: Mapping[str, float] = field(default_factory=dict)
+    friction: FloatArray | None = None
+    middle: FloatArray | None = None
+    offset: FloatArray | None = None
+    opened: FloatArray | None = None
+    limits: FloatArray | None = None
+    differs: BoolArray | None = None
+    path: ModePath | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why not to rely on each level; empty where there is no reason.
+
+        "whole slip", where a joint slips as a whole and the mode's shape no longer holds, and
+        "ring-down differs", see ``differs``.
+        """
+        differs = np.zeros(len(self.state), bool) if self.differs is None else self.differs
+        return tuple(
+            ", ".join(["whole slip"] * (state == "gross") + ["ring-down differs"] * bool(apart))
+            for state, apart in zip(self.state, differs, strict=True)
+        )
+
+    @property
+    def damping_ratio(self) -> FloatArray:
+        """Damping ratio of friction, under Coulomb's law, and viscous forces."""
+        return self.friction_damping + self.viscous_damping
+
+    @property
+    def highest(self) -> FloatArray:
+        """Displacement at the highest level, (n,), m, from which a ring-down begins."""
+        end = self.states[-1]
+        return end if self.middle is None else np.asarray(end + self.middle[-1])
+
+    @property
+    def release(self) -> tuple[FloatArray, ...]:
+        """State at rest at the highest level, as `integrate` takes it as ``initial``."""
+        kept = [x[-1] for x in (self.friction, self.limits) if x is not None]
+        return self.highest, np.zeros(self.highest.size), *kept
+
+
+def backbone(
+    system: System,
+    modes: Sequence[int] = (1,),
+    levels: int | ArrayLike = 20,
+    up_to: float = 0.7,
+    slips_at: float | None = None,
+    progress: Progress = silent,
+    keep_path: bool = False,
+    factors: Any = None,
+) -> list[Backbone]:
+    """Natural frequency and damping ratio of some modes over their amplitude.
+
+    Parameters
+    ----------
+    system : System
+        Full or condensed. Its friction acts as Coulomb's, which a note says where its own law is
+        another one; its loads do not act. With contact that opens a cycle is followed at each
+        level, and a curve ends where the structure lifts off, which a note says.
+    modes : sequence of int
+        Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
+        basis has fixed-interface modes.
+    levels : int or array_like
+        Levels of each mode, evenly spaced on a logarithmic axis over a factor of twenty; or the
+        levels themselves, rising, m/s² kg^1/2, without regard to ``up_to``.
+    up_to : float
+        The highest level, as a share of that at which the first joint slips as a whole.
+    slips_at : float, optional
+        Level at which the first joint slips as a whole, m/s² kg^1/2, such as that of the full
+        model's `Backbone`; computed if not given.
+    progress : callable, optional
+        Called with (levels done, levels in all as far as they are known), increments of cycles
+        included; with contact that opens, with cycles.
+    keep_path : bool
+        Whether `Backbone.path` is kept, which `backbone_sensitivity` computes derivatives from. It
+        has factors of the stiffness, and with contact that opens all levels that were computed.
+    factors : Factors, optional
+        Of the stiffness, from earlier curves and for later ones of a system that differs in limits,
+        springs and damping alone.
+
+    Returns
+    -------
+    list of Backbone
+        In the order of ``modes``.
+
+    Raises
+    ------
+    InputError
+        If there is no friction, no such mode, it is a motion as a rigid body, a joint slips as a
+        whole at the first level, friction alone holds the structure and cannot at the last, or the
+        system is a reduced model made for its own loads.
+    ConvergenceError
+        If a level does not converge, or with contact that opens the first one has no state.
+    """
+    system.check_any_load("backbone")
+    if not system.contact.count:
+        why = "frequency and damping do not depend on amplitude"
+        if system.contact.opens:
+            why = "levels are shares of the load at which a joint slips as a whole"
+        raise InputError(f"backbone: needs friction, no contact point carries any: {why}")
+    check_each("backbone: modes", modes, COUNT)
+    asked = _Levels.of(levels, up_to, slips_at)
+    numbers, tally = np.asarray(modes, dtype=int), Tally(progress)
+    to = arranged(system.closed())
+    path = CyclePath(system, to, (factors or Factors()).path_of(to, tally), keep_path)
+    tally.total = len(modes) * items_of_work(asked.shares.size, path.opens)
+    stuck = Stuck(to.system, path.stays)
+    frequencies, shapes = stuck.modes(int(numbers.max()) + HIGHER_MODES)
+    refuse(
+        f"backbone: found mode {k}, there are {frequencies.size} with the contact stuck"
+        for k in numbers.tolist()
+        if k > frequencies.size
+    )
+    larger = None
+    if system.serves is not None:  # its modes end with its range, and it states its errors
+        of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
+        check_modes(system.serves, of_mode, of_mode, up_to)
+        larger = alone(system)
+    curves = []
+    for k in numbers.tolist():
+        curve = _curve(path, StuckMode(k, frequencies, shapes, stuck), asked)
+        curves.append(curve if keep_path else replace(curve, path=None))
+    if larger is None:
+        return curves
+    for k, curve in enumerate(curves):
+        (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
+        curves[k] = replace(curve, estimated=distances(Served.by(system), curve, other))
+    return curves
+
+
+class _Levels(NamedTuple):
+    """Levels of a curve.
+
+    Attributes
+    ----------
+    shares : ndarray, shape (levels,)
+        Over ``slips_at``.
+    slips_at : float or None
+        Level at which the first joint slips as a whole, if it is known.
+    absolute : bool
+        Whether they were given as levels, which are shares of 1.
+    """
+
+    shares: FloatArray
+    slips_at: float | None
+    absolute: bool
+
+    @classmethod
+    def of(cls, levels: int | ArrayLike, up_to: float, slips_at: float | None) -> _Levels:
+        """By the arguments of `backbone`.
+
+        InputError for a number below 1, other values that are not positive, and levels that do not
+        rise from above zero.
+        """
+        check("backbone: up_to", up_to, POSITIVE)
+        check_some(POSITIVE, **{"backbone: slips_at": slips_at})
+        if np.ndim(levels) == 0:
+            check("backbone: levels", levels, COUNT)
+            count = int(np.asarray(levels))
+            lowest = 0.05 if count > 1 else 1.0  # over the highest
+            return cls(up_to * np.geomspace(lowest, 1.0, count), slips_at, False)
+        level = np.asarray(as_real(levels, "backbone: levels"))
+        rises = level.ndim == 1 and level.size and level[0] > 0.0 and np.all(np.diff(level) > 0.0)
+        if not rises:
+            raise InputError(
+                "backbone: levels: must be a number, or levels that rise from above zero"
+            )
+        return cls(level, 1.0, True)
+
+    def text(self, share: float) -> str:
+        """A level in words: as such, or as a share of that at which the first joint slips whole."""
+        return f"{share:.4g} m/s² kg^1/2" if self.absolute else f"{share:.3g} of gross slip"
+
+
+class Factors:
+    """Factors of the stiffness that curves of other limits, springs and damping use again."""
+
+    def __init__(self) -> None:
+        self._path: QuasiStatic | None = None
+
+    def path_of(self, to: Arranged, tally: Tally) -> QuasiStatic:
+        """Quasi-static path of a system at rest, with the factors kept where they are its own."""
+        path, self._path = self._path, None
+        if path is not None and path.whole is not None and _differ_in_law(path.to, to):
+            path = path.limited(Arranged(to.system, to.kind))
+            path.tally = tally
+        else:
+            del path  # two factors at once may be too large
+            path = QuasiStatic(to.system, TOLERANCE, tally)
+        self._path = path
+        return path
+
+
+def _differ_in_law(one: Arranged, other: Arranged) -> bool:
+    """Whether two systems differ in limits, springs and damping alone."""
+    old, new = one.system, other.system
+    law, new_law = old.contact, new.contact
+    pairs = (old.K, new.K), (old.M, new.M), (law.B, new_law.B), (law.beta, new_law.beta)
+    limited = np.array_equal(law.w > 0.0, new_law.w > 0.0)
+    return one.kind == other.kind and limited and all(_same(a, b) for a, b in pairs)
+
+
+def _same(A: Any, B: Any) -> bool:
+    """Whether two arrays or sparse arrays are the same, entry by entry."""
+    if not (sparse.issparse(A) and sparse.issparse(B)):
+        return type(A) is type(B) and np.array_equal(A, B)
+    parts = ((x.indptr, x.indices, x.data) for x in (A, B))
+    return A.format == B.format and all(map(np.array_equal, *parts))
+
+
+def _curve(path: CyclePath, mode: StuckMode, asked: _Levels) -> Backbone:
+    """Backbone of a mode at the levels that are asked for.
+
+    Whether joints slip as a whole is asked of the path of contact that stays closed.
+    """
+    slips_at = _check_levels(path.stays, mode, asked)
+    to, shape = path.to, path.of_closed(mode.shape)
+    system = to.system
+    force = np.asarray(system.M @ shape)
+    found = path.follow(force, asked.shares * slips_at, float(shape @ (system.C @ shape)))
+    level, states = found.level, found.states
+    springs = system.contact.has_springs
+    q = states @ force
+    omega = np.sqrt(level / q)
+    frequency = omega / (2.0 * np.pi)
+    slipping = path.stays.to.system.slipping(found.sliding)
+    state = _stick_or_slip(path.stays, mode, asked, found, slipping)
+    notes = [
+        *found.notes,
+        *_notes_of_levels(asked, state, slipping),
+        *_notes_of_law(system, found),
+        *_excited_modes(mode, frequency, path.opens),
+    ]
+    middle = found.middle
+    return Backbone(
+        mode=mode.number,
+        shape=to.outer(shape),
+        stuck_frequency=mode.frequency,
+        slips_at=np.nan if asked.absolute else slips_at,
+        level=level,
+        amplitude=q,
+        frequency=frequency,
+        friction_damping=found.work / (2.0 * np.pi * level * q),
+        viscous_damping=float(shape @ (system.C @ shape)) / (2.0 * omega),
+        displacement=np.abs((system.P @ states.T).T),
+        states=to.outer(states),
+        loops=to.outer(found.loops),
+        slip=found.slip,
+        share=path.stays.to.system.slipping_share(found.sliding),
+        state=state,
+        masing_error=found.masing_error,
+        warnings=tuple(f"Mode {mode.number}: {note}" for note in notes),
+        estimated=found.errors,
+        friction=found.friction if springs else None,
+        limits=found.limits if springs else None,
+        middle=None if middle is None else to.outer(middle),
+        offset=None if middle is None else middle @ force,
+        opened=found.opened,
+        path=ModePath(path.system, path.closed, mode, shape, path, found),
+    )
+
+
+def _check_levels(path: QuasiStatic, mode: StuckMode, asked: _Levels) -> float:
+    """Level at which the first joint slips as a whole; computed if not given.
+
+    InputError if the mode is a rigid motion or loads no joint, or friction cannot hold the highest
+    of the levels.
+    """
+    slips_at, number, omega = asked.slips_at, mode.number, 2.0 * np.pi * mode.frequency
+    # Share of the mean square frequency below which it is a motion as a rigid body.
+    if omega**2 < 1e-9 * path.to.system.mean_square_frequency:
+        raise InputError(
+            f"backbone: mode {number} moves the structure as a rigid body; support it, or choose "
+            "a higher mode"
+        )
+    limit = path.limit(mode.force)
+    if slips_at is None:
+        slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, limit, False)
+        if np.isinf(slips_at):
+            raise InputError("backbone: the mode loads no joint, so that friction does not damp it")
+    if asked.shares[-1] * slips_at >= limit:
+        raise InputError(
+            f"backbone: found levels up to {asked.text(asked.shares[-1])}, but friction alone "
+            f"holds the structure, and mode {number} makes all of it slip at "
+            f"{asked.text(limit / slips_at)}; ask for less"
+        )
+    return slips_at
+
+
+def _stick_or_slip(
+    path: QuasiStatic,
+    mode: StuckMode,
+    asked: _Levels,
+    found: RisingCycles,
+    slipping: BoolArray,
+) -> tuple[str, ...]:
+    """Whether the contact sticks, slips in part, or a joint slips as a whole, at each level.
+
+    InputError if a joint slips as a whole at the first level.
+    """
+    gross = [
+        is_gross(sticking_share(path, *both))
+        for both in zip(found.slip, found.sliding, strict=True)
+    ]
+    if gross[0]:
+        raise InputError(
+            f"backbone: mode {mode.number}: a joint slips as a whole at the first level already, "
+            f"{asked.text(asked.shares[0])}; "
+            + ("give lower levels" if asked.absolute else "set up_to below 1")
+        )
+    state = np.where(gross, "gross", np.where(slipping.any(axis=1), "partial", "stick"))
+    return tuple(state.tolist())
+
+
+def _notes_of_levels(asked: _Levels, state: Sequence[str], slipping: BoolArray) -> Iterator[str]:
+    """Notes of levels at which a joint slips as a whole, of few points or of none that slip."""
+    if "gross" in state:
+        yield (
+            f"from the level {asked.text(asked.shares[state.index('gross')])} on a "
+            "joint slips as a whole. The method keeps the inertia of the mode with stuck joints "
+            "there, whose shape free vibration leaves: frequency and damping at these levels may "
+            "be wrong by factors. Compare a ring-down, or response."
+        )
+    if set(state) == {"stick"}:
+        how = (
+            "higher levels"
+            if asked.absolute
+            else "an up_to above it; above 1 a joint slips as a whole"
+        )
+        yield (
+            f"nothing slips up to the highest level, {asked.text(asked.shares[-1])}, so that the "
+            "curve has no damping by friction. A joint of a single slider, or of few, slips as a "
+            f"whole or not at all: ask for {how}."
+        )
+    count = slipping.sum(axis=1)
+    count = count[count > 0]
+    if count.size and count[0] < FEWEST:
+        yield (
+            f"at the lowest level at which a point slips only {count[0]} do; below "
+            f"{FEWEST} the damping is rough. Use smaller elements in the joint to resolve "
+            "it."
+        )
+
+
+def _notes_of_law(system: System, found: RisingCycles) -> Iterator[str]:
+    """Notes of what slow cycles under Coulomb's law leave out: the joints' own law, and impacts."""
+    beta = system.contact.beta[system.contact.rubs & np.isfinite(system.contact.beta)]
+    if beta.size:
+        yield (
+            "the curve is of Coulomb's law. The joints' own, with beta = "
+            f"{beta.min():.3g} s/m, lets them creep where they would stick, which damps vibration "
+            f"more whose slip is slower than about {1.0 / beta.min():.2g} m/s. A ring-down and "
+            "response have it."
+        )
+    if found.opened is not None and found.opened.any():
+        yield (
+            f"contact opens from the level number {int(np.argmax(found.opened > 0.0)) + 1} on. The "
+            "cycles are slow: what impacts take as faces meet again is not in the damping. A "
+            "ring-down has it (impact_work)."
+        )
+
+
+def _excited_modes(mode: StuckMode, frequency: FloatArray, opens: bool) -> Iterator[str]:
+    """Note of higher modes near multiples of the frequencies (levels,), Hz, of a mode.
+
+    Friction has odd harmonics; contact that ``opens`` has even ones too.
+    """
+    low = frequency.min() * (1.0 - NEAR)
+    high = mode.frequency * (1.0 + NEAR)
+    multiples = MULTIPLES + (EVEN_MULTIPLES if opens else ())
+    near = [
+        f"mode {k} at {other / mode.frequency:.3g} times"
+        for k, other in enumerate(mode.frequencies[mode.number :], mode.number + 1)
+        if any(m * low < other < m * high for m in multiples)
+    ]
+    if near:
+        kind, what = ("", "contact excites") if opens else ("odd ", "friction excites")
+        yield (
+            f"higher frequencies lie near {kind}multiples of its own "
+            f"({', '.join(near)}), so that {what} them: the true damping may be "
+            f"twice as large or more. {'' if opens else 'See its ring-down, or response.'}"
+        ).rstrip()

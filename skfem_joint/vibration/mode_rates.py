@@ -1,0 +1,130 @@
+"""Derivatives of the natural frequency and shape of a mode by parameters of the stiffness.
+
+With K phi = lambda M phi and phi^T M phi = 1,
+
+    d(lambda) = phi^T dK phi,      (K - lambda M) d(phi) = -(dK - d(lambda) M) phi,
+
+and d(phi) has no part along phi (R. L. Fox and M. P. Kapoor, AIAA J. 6, 1968). Its parts along
+other modes that are known follow at once. What is left obeys the same equation in the space of
+higher modes, where x = K^-1 (r + lambda M x) converges with the ratio of lambda to the next higher
+one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.ground.arrays import FloatArray, Matrix
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.system.sensitivity import SystemSensitivity
+from skfem_joint.system.system import System
+from skfem_joint.vibration.stuck import Stuck, StuckMode
+
+Solver = Callable[[FloatArray], FloatArray]
+
+#: Relative change of the shape at which the iteration ends, and most iterations.
+SETTLED, MOST = 1e-11, 500
+#: Forces below this share of the largest one are none.
+ROUND_OFF = 1e-11
+#: Modes whose square frequencies differ by less than this, relative, are the same.
+SAME = 1e-7
+#: Modes of one frequency are mixed by a parameter that couples them by more than this share of its
+#: largest part; what is less is round-off of the modes.
+MIXED = 1e-6
+
+
+def stuck_stiffness_rates(
+    system: System, parameters: Sequence[SystemSensitivity]
+) -> list[Matrix | None]:
+    """Derivatives of `System.stuck_stiffness`, (n, n), N/m; None where it does not change."""
+    B, rates = sparse.csr_array(system.contact.B), list[Matrix | None]()
+    for parameter in parameters:
+        K = parameter.K
+        if parameter.stiffness is not None and system.contact.has_springs:
+            k = system.contact.on_rows(np.where(system.contact.sprung, parameter.stiffness, 0.0))
+            springs = sparse.csr_array(B.T @ sparse.diags_array(k) @ B)
+            K = springs if K is None else K + springs
+        rates.append(K)
+    return rates
+
+
+def mode_rates(
+    mode: StuckMode, parameters: Sequence[SystemSensitivity]
+) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of a frequency, (k,), Hz, and of its mode, (n, k), with the contact stuck.
+
+    Parameters
+    ----------
+    mode : StuckMode
+    parameters : sequence of SystemSensitivity
+        k of them, in the unknowns of the mode's system.
+
+    Raises
+    ------
+    InputError
+        If another mode has the same frequency and a parameter mixes both, so that there is no
+        derivative.
+    ConvergenceError
+        If the shape's derivative is not found.
+    """
+    system, frequencies, shapes = mode.stuck.system, mode.frequencies, mode.shapes
+    values, phi, M, place = (2.0 * np.pi * frequencies) ** 2, mode.shape, system.M, mode.number - 1
+    rates = stuck_stiffness_rates(system, parameters)
+    of_value = np.zeros(len(rates))
+    of_shape = np.zeros((system.n, len(rates)))
+    changes = [j for j, rate in enumerate(rates) if rate is not None]
+    if not changes:
+        return of_value, of_shape
+    pushed = np.column_stack([rate @ phi for rate in rates if rate is not None])
+    of_value[changes] = phi @ pushed
+    right = np.outer(M @ phi, of_value[changes]) - pushed
+    along = shapes.T @ right
+    apart = values - values[place]
+    same = np.abs(apart) <= SAME * values[place]
+    size = np.abs(shapes.T @ pushed).max(axis=0)
+    mixed = same & (np.abs(along) > MIXED * size).any(axis=1)
+    mixed[place] = False
+    if mixed.any():
+        raise InputError(
+            f"modes {place + 1} and {int(np.flatnonzero(mixed)[0]) + 1} have the same frequency, "
+            f"{frequencies[place]:.6g} Hz, and are not told apart: their derivatives do not exist; "
+            "make the structure less symmetric"
+        )
+    known = np.where(same[:, np.newaxis], 0.0, along / np.where(same, 1.0, apart)[:, np.newaxis])
+    rest = right - (M @ shapes) @ along
+    sized = np.abs(rest).max(axis=0) > ROUND_OFF * np.abs(pushed).max(axis=0)
+    of_shape[:, changes] = shapes @ known + _higher(
+        mode.stuck, values[place], shapes, np.where(sized, rest, 0.0)
+    )
+    omega = 2.0 * np.pi * frequencies[place]
+    return of_value / (2.0 * omega) / (2.0 * np.pi), of_shape
+
+
+def _higher(stuck: Stuck, value: float, shapes: FloatArray, right: FloatArray) -> FloatArray:
+    """Solution x of (K - value M) x = right among modes beyond the ``shapes``, (n, k)."""
+    if not np.any(right):
+        return np.zeros_like(right)
+    solve, shift = stuck.solver
+    Y, right = stuck.F.T @ shapes, stuck.F.T @ right
+    return np.asarray(stuck.F @ _fixed_point(solve, stuck.M, value + shift, Y, right))
+
+
+def _fixed_point(
+    solve: Callable[[FloatArray], Any], M: Matrix, value: float, Y: FloatArray, right: FloatArray
+) -> FloatArray:
+    MY = M @ Y
+    right = right - MY @ (Y.T @ right)
+    x = np.zeros_like(right)
+    for _ in range(MOST):
+        before, x = x, np.asarray(solve(right + value * (M @ x)))
+        x -= Y @ (MY.T @ x)
+        if np.abs(x - before).max() <= SETTLED * np.abs(x).max():
+            return x
+    raise ConvergenceError(
+        f"the derivative of a mode's shape was not found in {MOST} iterations: higher modes lie "
+        "near it in frequency"
+    )

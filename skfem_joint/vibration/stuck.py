@@ -1,0 +1,111 @@
+"""A structure whose contact sticks: its modes, and solutions with its stiffness by one factor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import InputError
+from skfem_joint.linalg import shifts
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.reduction.interface_modes import motions_without_slip
+from skfem_joint.slow.quasi_static import QuasiStatic
+from skfem_joint.system.modes import eigenmodes, unshifted
+from skfem_joint.system.system import System
+from skfem_joint.system.unknowns import congruent
+
+
+class Stuck:
+    """Stiffness and mass of the motions in which no contact point slips.
+
+    Springs in series with friction take part, and their sliders are held.
+
+    Parameters
+    ----------
+    system : System
+    path : QuasiStatic, optional
+        A quasi-static response of it; its factor is used again where it fits.
+
+    Attributes
+    ----------
+    system : System
+    F : sparse array, shape (n, k)
+        The motions.
+    K, M : sparse array, shape (k, k)
+
+    Raises
+    ------
+    InputError
+        If everything is in contact, so that nothing is left to vibrate.
+    """
+
+    def __init__(self, system: System, path: QuasiStatic | None = None) -> None:
+        self.system = system
+        self.F, self.path = motions_without_slip(system, carrying=True), path
+        if self.F.shape[1] == 0:
+            raise InputError(
+                "backbone: every unknown is in contact, so that no mode is left when it sticks; "
+                "leave a part of the structure out of the joints, keep interface_modes in a "
+                "reduced model, or look at response"
+            )
+        K, M = (congruent(A, self.F) for A in (system.stuck_stiffness, system.M))
+        self.K, self.M = sparse.csr_array(K), sparse.csr_array(M)
+
+    @cached_property
+    def solver(self) -> tuple[Callable[[FloatArray], FloatArray], float]:
+        """Solver of (K + shift M) x = f, and the shift, 1/s2: structures may float."""
+        solve = None if self.path is None else self.path.stuck(self.F)
+        if self.path is not None and solve is not None:
+            return solve, self.path.shift
+        shift = shifts.SETTINGS.least * shifts.mean_square_frequency(self.K, self.M)
+        return factorised(self.K + shift * self.M), shift
+
+    def modes(self, count: int) -> tuple[FloatArray, FloatArray]:
+        """Lowest frequencies, Hz, zero of rigid motions, and modes (n, count), of unit mass.
+
+        There are fewer if the motions are fewer.
+        """
+        solve, shift = self.solver
+        A = self.K + shift * self.M
+        frequency, shapes = eigenmodes(A, self.M, min(count, self.F.shape[1]), solve)
+        return unshifted(frequency, shift), np.asarray(self.F @ shapes)
+
+
+@dataclass(frozen=True)
+class StuckMode:
+    """A mode with the contact stuck.
+
+    Attributes
+    ----------
+    number : int
+        From 1.
+    frequencies, shapes : ndarray, shape (modes,) and (n, modes)
+        Of this mode, those below and some of those above: Hz, and of unit modal mass, kg^(-1/2).
+    stuck : Stuck
+        Structure that it is a mode of, in whose unknowns it is.
+    """
+
+    number: int
+    frequencies: FloatArray
+    shapes: FloatArray
+    stuck: Stuck
+
+    @property
+    def shape(self) -> FloatArray:
+        """Of the mode itself, (n,), kg^(-1/2)."""
+        return np.asarray(self.shapes[:, self.number - 1])
+
+    @property
+    def frequency(self) -> float:
+        """Frequency with the contact stuck, Hz."""
+        return float(self.frequencies[self.number - 1])
+
+    @property
+    def force(self) -> FloatArray:
+        """Inertia M phi, the load of level 1, (n,), N."""
+        return np.asarray(self.stuck.system.M @ self.shape)

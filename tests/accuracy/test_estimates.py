@@ -1,0 +1,199 @@
+"""Results know their errors: what is stated is what a run that has hardly any shows."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from benchmarks.estimates import judged
+from joint_scenes import bar_scene, harmonic, joint, lap_joint, plate, plate_scene, steps_taken
+from scipy import linalg
+
+from skfem_joint.accuracy import estimate, rungs
+from skfem_joint.accuracy.estimate import verification_run
+from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.mesh import build_bar
+from skfem_joint.reduction.basis import Basis, reduced_system
+from skfem_joint.reduction.friction_points import merged_points
+from skfem_joint.reduction.missing_modes import Residual, stride
+from skfem_joint.results.history import QUANTITIES, difference, results
+from skfem_joint.scene import Scene, scene_from
+from skfem_joint.study import accuracy
+from skfem_joint.study import study as study_module
+from skfem_joint.study.scene_plan import basis_of_scene, options_of, plan_of
+from skfem_joint.study.study import run_scene
+
+
+def pulse(**changes: Any) -> dict[str, Any]:
+    shape = {"on": "free_end", "kind": "triangle", "peak": 87.5e3, "rise_time": 4e-5}
+    return shape | changes
+
+
+def total(scene: Scene, model: str) -> dict[str, float | None]:
+    found = run_scene(scene).models[model].estimate
+    return {name: found.of("total", name) for name in QUANTITIES}
+
+
+def basis_for(scene: Scene) -> Basis:
+    return basis_of_scene(scene, scene.structure(), scene.system(), options_of(scene))
+
+
+@pytest.fixture
+def without_full_model(monkeypatch):
+    def refuse(*_):
+        raise AssertionError("the full model was run")
+
+    monkeypatch.setitem(study_module._MAKERS, "full", refuse)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"load": [harmonic(frequency=0.1)]},  # the law creeps everywhere
+        {"load": [harmonic(frequency=2500.0)]},  # gross slip
+        {
+            "load": [harmonic(amplitude=2e4), pulse(start=0.012)],  # after the probe's four cycles
+            "time": {"duration": 0.02, "step": 4e-6},
+        },
+        {"reduction": {"reference": "paper", "active_length": 0.03}},
+    ],
+    ids=["harmonic", "creep", "gross slip", "late load", "wrong active length"],
+)
+@pytest.mark.usefixtures("without_full_model")
+def test_errors_of_a_basis_are_stated_without_a_full_run(changes):
+    one = judged(bar_scene("reduced", **changes))
+    for name in ("displacement_rms", "friction_energy"):
+        stated, true = one.stated[name], one.true[name]
+        assert true > 0.01
+        assert 0.5 * true < stated < 2.0 * true
+
+
+def test_residual_of_a_whole_basis_vanishes_and_that_of_a_part_is_orthogonal_to_it():
+    scene = lap_joint(bar="short_lap_joint", beta=1e4, time={"cycles": 1, "steps_per_cycle": 50})
+    system, plan = scene.system(), plan_of(scene)
+    whole = linalg.eigh(system.K.toarray(), system.M.toarray())[1]
+    residual = Residual(system)
+    for V, lacking in ((whole, False), (whole[:, :10], True)):
+        run = verification_run(system.project(V), plan, fields_every=stride(50, 50))
+        left = residual.forces(V, run)
+        scale = np.abs(system.load_vectors() @ system.load_amplitudes(run.field_times)).max()
+        assert np.abs(V.T @ left).max() < 1e-8 * scale * np.abs(V).max()
+        assert (np.abs(left).max() > 1e-3 * scale) == lacking
+        lacks = residual.missing_modes(V, run, 4, V[:, :0])
+        assert lacks.shape == (system.n, 4 * lacking)
+        assert np.abs(V.T @ (system.M @ lacks)).max(initial=0.0) < 1e-9
+
+
+def test_the_error_of_few_unknowns_does_not_depend_on_the_basis():
+    """Of 13 unknowns the basis spans most: what is left of known motions is all but round-off."""
+    mesh = build_bar([("joint", 0.101, 13)], {"fixed": 0.0, "free_end": 0.101})
+    shape = {"kind": "triangle", "peak": 8.8e3, "rise_time": 1.35e-5, "start": 1.3e-4}
+    tables = {
+        "mesh": {"file": "built"},
+        "material": {"E": 200e9, "density": 8000.0},
+        "section": {"width": 0.05, "thickness": 0.01},
+        "support": {"fixed": ["fixed"]},
+        "joint": [{"on": "joint", "pressure": 1.1e7, "friction": 0.7, "law": "coulomb"}],
+        "damping": {"stiffness": 2e-6},
+        "load": [{"on": "free_end"} | shape],
+        "time": {"duration": 2.8e-4, "step": 9.6e-7},
+        "reduction": {"reference": "paper", "modes": 12, "friction_points": "all"},
+        "models": {"run": ["reduced"]},
+    }
+    one = judged(scene_from(tables, mesh))
+    assert not one.refused
+    assert None not in one.stated.values()
+
+
+def test_missing_modes_reduce_the_error_of_a_basis_to_a_fraction():
+    scene = bar_scene("reduced")
+    system, plan, V = scene.system(), plan_of(scene), basis_for(scene).V
+    full, residual = results(verification_run(system, plan)), Residual(system)
+    fields = stride(plan.n_steps, 200)
+    errors = []
+    for _ in range(3):
+        run = verification_run(system.project(V), plan, fields_every=fields)
+        errors.append(difference(full, results(run))["displacement_rms"] or 0.0)
+        V = np.hstack([V, residual.missing_modes(V, run, 8, V[:, :0])])
+    assert errors[1] < 0.4 * errors[0]
+    assert errors[2] < 0.5 * errors[1]
+
+
+@pytest.mark.parametrize("sets", [80, 30])
+def test_the_error_of_merged_points_is_stated(sets, monkeypatch):
+    scene = plate_scene("reduced", mesh=plate(100))
+    system, plan, basis = scene.system(), plan_of(scene), basis_for(scene)
+    small = reduced_system(system, basis, periodic=scene.periodic)
+    every = system.project(basis.V)
+    every = every.with_contact(beta=np.minimum(every.contact.beta, small.contact.beta.max()))
+    few = merged_points(every, basis.history.velocities, np.flatnonzero(every.contact.w), sets)
+    true = difference(*(results(verification_run(one, plan)) for one in (every, few)))
+    monkeypatch.setattr(rungs, "MANY", 0)
+    monkeypatch.setattr(rungs, "MERGED", sets)
+    stated = rungs.of_reduced(system, basis, few, plan).parts["points"]
+    for name in QUANTITIES:
+        one, other = stated[name] or 0.0, true[name] or 0.0
+        assert 0.5 * other - 1e-4 < one < 2.0 * other + 5e-3
+    assert max(stated[name] or 0.0 for name in QUANTITIES) > 1e-4
+
+
+@pytest.mark.parametrize(("frequency", "settles"), [(500.0, True), (2200.0, False)])
+def test_verification_runs_end_where_the_reduced_run_has_settled(monkeypatch, frequency, settles):
+    taken = steps_taken(monkeypatch, estimate)
+    damped = {"damping": {"stiffness": 1e-5 if settles else 1e-7}}
+    time = {"cycles": 12, "steps_per_cycle": 100}
+    exact = {"joint": [joint(law="coulomb")], "load": [harmonic(frequency=frequency)]}
+    run_scene(bar_scene("reduced", time=time, **exact, **damped))
+    cycles = 4 if settles else 12
+    assert taken[-2:] == [200 * cycles, 400 * cycles]  # half and a quarter of the step
+    assert set(taken[:-2]) == {100 * cycles}  # the run itself is not made again
+
+
+def test_an_error_beyond_five_percent_is_reported_with_its_source_and_cure():
+    few = {"reference": "paper", "active_length": 0.03}
+    (told,) = [w for w in run_scene(bar_scene("reduced", reduction=few)).warnings if "errs by" in w]
+    assert "friction energy of the reduced model" in told
+    assert "from its basis (that of the mesh is not counted): it lacks slip of the joint" in told
+
+
+@pytest.mark.parametrize("dimension", [1, 2])
+def test_an_accuracy_that_is_asked_for_is_met(dimension):
+    asked = {"displacement": 0.005, "energy": 0.01}
+    if dimension == 1:
+        scene = bar_scene(accuracy=asked)
+    else:
+        time = {"cycles": 2, "steps_per_cycle": 60}
+        scene = plate_scene(mesh=plate(6), time=time, accuracy=asked, reduction={"modes": 4})
+    study = run_scene(scene)
+    truth = results(verification_run(study.system, plan_of(study.scene).finer(8)))
+    for model in study.models.values():
+        off = difference(truth, results(model.run))
+        for name, error in off.items():
+            assert error <= 1.5 * asked["energy" if "energy" in name else "displacement"]
+    chosen = [w for w in study.warnings if w.startswith("For the accuracy asked for")]
+    assert len(chosen) == 2
+
+
+def test_the_step_of_a_full_model_is_found_by_its_own_estimate(monkeypatch):
+    taken = steps_taken(monkeypatch, study_module)
+    time = {"cycles": 4, "steps_per_cycle": 25}
+    study = run_scene(bar_scene("full", time=time, accuracy={"energy": 0.003}))
+    assert taken[-1] == study.scene.n_steps >= 4 * 100
+    assert np.all(np.diff(taken) > 0)
+
+
+def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for():
+    load = [pulse(rise_time=4e-4)]
+    scene = bar_scene(
+        "full", load=load, time={"duration": 6e-3, "step": 1e-3}, accuracy={"displacement": 0.05}
+    )
+    study = run_scene(scene)
+    assert study.scene.time_step < 2e-4
+    assert (total(scene, "full")["displacement_rms"] or np.inf) <= 0.05
+
+
+def test_an_accuracy_out_of_reach_is_refused(monkeypatch):
+    monkeypatch.setattr(accuracy, "ROUNDS", 1)
+    with pytest.raises(ConvergenceError, match="still errs by an estimated") as caught:
+        run_scene(bar_scene("reduced", accuracy={"energy": 1e-6}))
+    assert caught.value.exit_status == 3

@@ -1,0 +1,433 @@
+"""Scenes with contact = "unilateral": models, estimates, files, commands and refusals."""
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from benchmarks.scenes import draw
+from joint_scenes import plate_scene
+
+import skfem_joint as sj
+from skfem_joint import cli
+from skfem_joint.accuracy.estimate import QUANTITIES
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.rows import Rows
+from skfem_joint.mesh import build_plate, write_mesh
+from skfem_joint.output import report
+from skfem_joint.output.fields import frames_of
+from skfem_joint.results.history import compare
+from skfem_joint.scene import Scene
+from skfem_joint.steady import marching
+from skfem_joint.structure.model import doubts
+from skfem_joint.study import error_time
+from skfem_joint.study.against_opening import against_opening
+from skfem_joint.study.description import describe
+from skfem_joint.study.scene_backbone import scene_backbone
+from skfem_joint.study.scene_response import CREPT, scene_response
+from skfem_joint.study.study import run_scene
+from skfem_joint.study.summary import model_summary
+from skfem_joint.vibration import response
+
+SIZE = 0.04
+BASE: dict[str, Any] = {"on": "base", "friction": 0.5, "pressure": 50e6, "contact": "unilateral"}
+UP = {"on": "top", "direction": [0.0, 1.0], "kind": "harmonic", "frequency": 2000.0}
+ACROSS = UP | {"on": "left", "direction": [1.0, 0.0], "amplitude": 200e3}
+MODELS = ("full", "condensed", "reduced")
+UNESTIMATED = {"accuracy": {"estimate": False}}
+SLOW = {"cycles": 2, "steps_per_cycle": 20, "quasi_static": True}
+
+
+def block(*run: str, up: float = 185e3, contact: dict[str, Any] = BASE, **changes: Any) -> Scene:
+    """Block of 40 mm on a base, pressed by 200 kN and lifted by up to ``up``, N."""
+    sides = {"base": "bottom", "top": "top", "left": "left", "right": "right"}
+    values: dict[str, Any] = {
+        "material": {"E": 200e9, "density": 8e3, "poisson": 0.3, "mass_matrix": "lumped"},
+        "section": {"thickness": 0.1},
+        "support": {"fixed_x": ["right"]},
+        "joint": [contact],
+        "damping": {"stiffness": 2e-7},
+        "load": [UP | {"amplitude": up}, ACROSS],
+        "time": {"cycles": 2, "steps_per_cycle": 100},
+        "output": {"vtk": True, "frames": 20},
+    }
+    mesh = build_plate([("block", SIZE, 3)], SIZE, 3, boundaries=sides)
+    return plate_scene(*(run or ("full",)), mesh=mesh, **values | changes)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return run_scene(block("full", "condensed"))
+
+
+def test_models_agree_within_their_stated_errors(study):
+    assert study.failure is None
+    condensed = study.models["condensed"].estimate
+    for quantity in QUANTITIES:
+        assert condensed.of("full_run", quantity) <= condensed.of("total", quantity)
+        basis, whole = condensed.of("basis", quantity), condensed.of("total", quantity)
+        assert 0.0 < basis < whole
+
+
+def test_stated_errors_of_the_step_are_those_against_a_fine_step(study):
+    fine = run_scene(
+        block(time={"cycles": 2, "steps_per_cycle": 3200}, accuracy={"estimate": False})
+    )
+    stated, run = study.models["full"].estimate, study.runs["full"]
+    true = abs(run.cycles.friction[-1] / fine.runs["full"].cycles.friction[-1] - 1.0)
+    assert 0.5 < stated.of("total", "friction_energy") / true < 3.0
+
+
+def test_summary_has_impacts_normal_forces_and_openings(study):
+    run, content = study.runs["full"], model_summary(study, study.models["full"])
+    assert content["impact_energy_J"] == run.impact_work >= 0.0
+    largest = content["largest_normal_force_N"]
+    assert largest == run.normal_force_peak.max() > 1.9 * run.normal_force[0].max()
+    assert content["opened_fraction"] == 0.5
+    assert content["energy_balance_residual"] < 1e-12
+    shown = report.text(study)
+    for row in ("energy lost by impacts", "largest normal force", "contact opened"):
+        assert row in shown
+    constant = run_scene(block(contact=BASE | {"contact": "constant"}, up=1e3))
+    assert "impact_energy_J" not in model_summary(constant, constant.models["full"])
+    assert "impacts" not in report.text(constant)
+
+
+def test_facts_are_those_of_contact_that_is_closed_at_rest(study):
+    """The same as those of constant contact: both have the same matrices then."""
+    constant = run_scene(
+        block(contact=BASE | {"contact": "constant"}, up=1e3, load=study.scene.load)
+    )
+    ours, theirs = study.description.values, constant.description.values
+    for name in ("frequencies_stuck_Hz", "frequencies_loose_Hz", "load_over_limit"):
+        assert ours[name] == pytest.approx(theirs[name], rel=1e-9)
+    assert "Contact that opens (base)" in "\n".join(study.description.facts)
+
+
+def test_models_take_the_steps_and_modes_for_an_accuracy():
+    """Against the full model with an eighth of the step that it needed itself."""
+    asked = {"displacement": 0.05, "energy": 0.15}
+    rough = {"cycles": 2, "steps_per_cycle": 30}
+    found = {name: run_scene(block(name, accuracy=asked, time=rough)) for name in MODELS}
+    steps = {name: each.scene.time_step for name, each in found.items()}
+    finer = {"cycles": 2, "steps_per_cycle": round(8.0 / UP["frequency"] / steps["full"])}
+    (whole,) = run_scene(block(time=finer, **UNESTIMATED)).runs.values()
+    for name, each in found.items():
+        run = each.runs[name]
+        assert run.peak_of("top") == pytest.approx(whole.peak_of("top"), rel=asked["displacement"])
+        friction = whole.cycles.friction[-1]
+        assert run.cycles.friction[-1] == pytest.approx(friction, rel=asked["energy"])
+        assert f"For the accuracy asked for the {name} model has" in "\n".join(each.warnings)
+    assert max(steps.values()) < block(time=rough).time_step
+
+
+def test_an_accuracy_that_modes_do_not_reach_is_refused():
+    with pytest.raises(
+        ConvergenceError, match="what its modes miss is more than what is asked for"
+    ):
+        run_scene(block("condensed", accuracy={"displacement": 1e-4}))
+
+
+def test_quasi_static_models_are_alike():
+    slow = run_scene(block("full", "condensed", "reduced", time=SLOW))
+    assert slow.failure is None
+    reduced = slow.models["reduced"]
+    assert reduced.estimate.of("basis", QUANTITIES[0]) == pytest.approx(
+        reduced.errors.displacement_rms, rel=0.3
+    )
+    errors = slow.models["condensed"].errors
+    assert errors.displacement_rms < 1e-8
+    assert slow.models["condensed"].estimate.of("basis", QUANTITIES[0]) == 0.0
+    assert slow.runs["full"].friction_work.sum() > 0.0
+
+
+def test_fields_have_the_present_pressure_and_gap(study):
+    for name, run in study.runs.items():
+        frames = frames_of(study.structure, {name: run})
+        field, nodes = frames.fields[0], study.structure.patches[0].opening.nodes
+        pressure, gap = field.contact_pressure[:, nodes], field.gap[:, nodes]
+        assert np.any(gap > 0.0)
+        assert not np.any((gap > 0.0) & (pressure > 0.0))  # p g = 0 at nodes that are corners
+        weight = study.structure.patches[0].opening.area
+        assert pressure @ weight == pytest.approx(run.normal_force.sum(axis=1))
+        moved = study.structure.unpacked(run.system.expand(run.u))[:, nodes, 1]
+        assert gap == pytest.approx(np.where(run.normal_force > 0.0, 0.0, moved), abs=1e-15)
+        free = np.isin(nodes, study.structure.patches[0].nodes)  # a support holds the last one
+        apart = field.slip_state[:, nodes] == -1
+        assert np.array_equal(apart[:, free], (run.normal_force == 0.0)[:, free])
+        traction = np.linalg.norm(field.friction_traction[:, nodes], axis=2)
+        assert np.all(traction[gap > 0.0] == 0.0)
+        arrays = frames.arrays(field, 3)
+        assert arrays["contact_pressure"][nodes] == pytest.approx(pressure[3])
+        assert arrays["gap"].shape == arrays["pressure"].shape
+
+
+def test_constant_joints_have_the_fields_they_had():
+    scene = block(contact=BASE | {"contact": "constant"}, up=1e3)
+    study = run_scene(scene)
+    frames = frames_of(study.structure, study.runs)
+    assert frames.fields[0].gap is None
+    assert not {"gap", "contact_pressure"} & frames.arrays(frames.fields[0], 0).keys()
+
+
+IN_RANGE = {"slip": [0.1, 0.8], "frequency": [1000.0, 2500.0], "joint[0].friction": [0.4, 0.6]}
+
+
+def in_range(amplitude: float, friction: float) -> Scene:
+    """Block pulled to the side, as a point of one model for a range."""
+    return block(
+        "reduced",
+        contact=BASE | {"friction": friction},
+        load=[ACROSS | {"amplitude": amplitude}],
+        reduction={"range": IN_RANGE, "modes": 8},
+        output={"vtk": False},
+    )
+
+
+def test_scenes_of_a_range_share_a_model_that_opens_and_states_its_errors(tmp_path):
+    for amplitude, friction in ((80e3, 0.45), (90e3, 0.55)):
+        scene = in_range(amplitude, friction)
+        study = run_scene(scene, folder=tmp_path)
+        run = study.models["reduced"].run
+        assert not [text for text in study.warnings if "does not serve" in text]
+        assert run.system.serves.point.limits == pytest.approx({"base": friction / 0.24**0.5})
+        full = sj.integrate(scene.system(), cycles=2, steps_per_cycle=100)
+        errors, stated = compare(full, run), study.models["reduced"].estimate.parts["total"]
+        assert errors.displacement_rms < min(0.02, stated["displacement_rms"])
+        assert abs(errors.friction_energy_per_cycle or 0.0) <= stated["friction_energy"]
+    assert len(list(tmp_path.glob("range_*.npz"))) == 1
+
+
+def test_pressure_of_contact_that_opens_is_no_key_of_a_range():
+    with pytest.raises(InputError, match="open at other loads as they are pressed otherwise"):
+        block(reduction={"range": IN_RANGE | {"joint[0].pressure": [40e6, 60e6]}})
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    sides = {"base": "bottom", "top": "top", "left": "left", "right": "right"}
+    write_mesh(build_plate([("block", SIZE, 3)], SIZE, 3, boundaries=sides), tmp_path / "block.msh")
+    (tmp_path / "block.toml").write_text(
+        """
+[mesh]
+file = "block.msh"
+[material]
+E = 200e9
+density = 8000
+poisson = 0.3
+mass_matrix = "lumped"
+[section]
+thickness = 0.1
+[support]
+fixed_x = ["right"]
+[[joint]]
+on = "base"
+friction = 0.5
+pressure = 50e6
+contact = "unilateral"
+[[load]]
+on = "top"
+direction = [0.0, 1.0]
+kind = "harmonic"
+amplitude = 185e3
+frequency = 2000.0
+[time]
+cycles = 1
+steps_per_cycle = 50
+[accuracy]
+estimate = false
+"""
+    )
+    return tmp_path / "block.toml"
+
+
+def test_commands_run_or_refuse_it(scene_file, capsys):
+    assert cli.main(["check", str(scene_file)]) == 0
+    assert "Contact that opens (base)" in capsys.readouterr().out
+    assert cli.main(["preview", str(scene_file), "--out", str(scene_file.with_suffix(".png"))]) == 0
+    out = str(scene_file.parent / "reduced")
+    assert cli.main(["run", str(scene_file), "--models", "reduced", "--out", out]) == 0
+    assert "contact opened" in capsys.readouterr().out
+
+
+def test_a_backbone_and_a_ring_down_are_written(scene_file, capsys):
+    more = (
+        "\n[backbone]\nlevels = 3\nup_to = 0.05\n[models]\nrun = ['full', 'condensed', 'reduced']\n"
+    )
+    scene_file.write_text(scene_file.read_text() + more)
+    folder = scene_file.parent / "o"
+    assert cli.main(["backbone", str(scene_file), "--out", str(folder)]) == 0
+    shown = capsys.readouterr().out
+    assert "% of what is pressed at rest opens; the cycles err by an estimated" in shown
+    assert "set contact = 'unilateral'" not in shown
+    header, *rows = (folder / "backbone.csv").read_text().splitlines()
+    assert {"modal_offset", "opened_share"} <= set(header.split(","))
+    assert len(rows) == 9
+    (mode,) = json.loads((folder / "summary.json").read_text())["models"]["full"]["modes"]
+    assert mode["opened_share"] > 0.0
+    assert set(mode["estimated_error"]) == {"frequency", "damping_ratio"}
+    text = scene_file.read_text().replace("levels = 3", "levels = 3\nring_down = 12")
+    scene_file.write_text(text)
+    assert cli.main(["backbone", str(scene_file), "--out", str(folder)]) == 0
+    header, *rows = (folder / "ring_down.csv").read_text().splitlines()
+    frequency = header.split(",").index("frequency_Hz")
+    found = [[float(row.split(",")[frequency]) for row in rows if row.startswith(name)]
+             for name in MODELS]  # fmt: skip
+    ends = [one[-1] for one in found]
+    assert ends[:2] == pytest.approx([mode["stuck_frequency_Hz"]] * 2, rel=5e-3)
+    # Contact of the reduced model is elastic; its impacts make 1 % of a window out of round-off.
+    assert np.mean(found[2]) == pytest.approx(np.mean(found[0]), rel=0.05)
+
+
+def test_a_response_is_written(scene_file, capsys):
+    """Its second point starts from the first, and has the amplitude of a scene of its own."""
+    table = "\n[response]\nfrequencies = { from = 1900.0, to = 2000.0, points = 2 }\n"
+    text = scene_file.read_text().replace("185e3", "150e3").replace("= 50\n", "= 24\n")
+    text += "[damping]\nstiffness = 2e-7\n"
+    scene_file.write_text(text + table + "levels = [1.0]\n[models]\nrun = ['condensed']\n")
+    folder = scene_file.parent / "o"
+    assert cli.main(["response", str(scene_file), "--out", str(folder)]) == 0
+    assert "With contact that opens a steady vibration need not be" in capsys.readouterr().out
+    header, *rows = (folder / "response.csv").read_text().splitlines()
+    columns = header.split(",")
+    assert len(rows) == 2
+    scene_file.write_text(
+        text.replace("cycles = 1", 'until = "steady"') + "[models]\nrun = ['full']\n"
+    )
+    assert cli.main(["run", str(scene_file), "--out", str(folder)]) == 0
+    assert "With contact that opens a steady vibration need not be" in capsys.readouterr().out
+    model = json.loads((folder / "summary.json").read_text())["models"]["full"]
+    assert model["steady_state_reached"] is True
+    amplitude = float(rows[1].split(",")[columns.index("amplitude_top_m")])
+    assert amplitude == pytest.approx(model["amplitude_m"]["top"], rel=1e-3)
+
+
+def test_a_sweep_runs(scene_file):
+    with scene_file.open("a") as file:
+        file.write('[models]\nrun = ["condensed"]\n[sweep]\n"joint[0].friction" = [0.2, 0.5]\n')
+    out = scene_file.parent / "sweep"
+    assert cli.main(["sweep", str(scene_file), "--out", str(out), "--workers", "1"]) == 0
+    assert json.loads((out / "summary.json").read_text())["scenes"] == 2
+
+
+def test_certified_by_a_finer_mesh():
+    from skfem_joint.study.certificate import certify
+
+    study = run_scene(block(time={"cycles": 1, "steps_per_cycle": 40}))
+    errors = certify(study, "full").estimate
+    assert errors.of("mesh", "displacement_rms") > 0.0
+
+
+def test_check_says_how_far_constant_normal_forces_err():
+    """As quasi-static runs of the full model with both kinds of contact do."""
+    constant = block(contact=BASE | {"contact": "constant"}, up=150e3)
+    change = describe(constant).values["normal_force_change"]
+    told = against_opening(constant, change)
+    steps = {"cycles": 2, "steps_per_cycle": 24}
+    a, b = (sj.quasi_static(scene.system(), **steps) for scene in (constant, block(up=150e3)))
+    for less in (
+        1.0 - a.cycles.friction[-1] / b.cycles.friction[-1],
+        1.0 - a.slip_peak.max() / b.slip_peak.max(),
+    ):
+        assert f"{100 * abs(less):.2g} % {'less' if less > 0 else 'more'}" in told
+    (doubt,) = [d for d in describe(constant).doubts if "normal force" in d]
+    assert "set contact = 'unilateral' in that [[joint]]" in doubt
+
+
+def test_check_says_when_that_is_not_computed(monkeypatch):
+    constant = block(contact=BASE | {"contact": "constant"})
+    assert against_opening(constant, 0.05) is None
+    assert against_opening(constant, None) is None
+    monkeypatch.setattr("skfem_joint.study.against_opening.MOST_CONTACT", 3)
+    told = against_opening(constant, 0.5)
+    assert "was not computed: 7 contact unknowns in 28 are more than 3" in told
+    assert "time.quasi_static = true" in told
+    monkeypatch.undo()
+    lifted = block(contact=BASE | {"contact": "constant"}, up=300e3)
+    assert "was not computed" in against_opening(lifted, 0.5)
+
+
+def test_faces_that_will_hit_each_other_want_a_lumped_mass():
+    apart = BASE | {"gap": 1e-5, "pressure": 0.0}
+    steel = {"E": 200e9, "density": 8e3, "poisson": 0.3}
+    for contact, mass, said in (
+        (apart, "consistent", True),
+        (apart, "lumped", False),
+        (BASE, "consistent", False),
+    ):
+        scene = block(contact=contact, material=steel | {"mass_matrix": mass})
+        notes = doubts(scene.structure(), scene.system())
+        assert any("mass_matrix = 'lumped'" in note for note in notes) is said
+
+
+def test_a_response_of_a_reduced_model_is_that_of_the_condensed_one_within_its_stated_error():
+    """At a level below that of its modes, too; its stated errors are those at the peak."""
+    table = {"frequencies": {"from": 1900.0, "to": 2000.0, "points": 2}, "levels": [0.5, 1.0]}
+    time = {"cycles": 1, "steps_per_cycle": 24}
+    scene = block("reduced", up=120e3, time=time, response=table, reduction={"modes": 6})
+    found = scene_response(scene)
+    assert marching.MAY_DEPEND in found.warnings
+    (model,) = found.models
+    assert CREPT in model.notes
+    condensed = sj.condense(scene.system())
+    for curve, stated in zip(model.curves, model.estimates, strict=True):
+        frequency, amplitude = curve.peak
+        # The first point begins at rest, which may take some hundred periods.
+        assert max(point.periods for point in curve.points[1:]) < 60
+        other = response.steady_point(condensed, frequency, curve.level, 24)
+        true = abs(amplitude / other.amplitude.max() - 1.0)
+        assert true < 2.0 * stated.of("basis", "displacement_rms") < 0.2
+        assert stated.of("total", "friction_energy") > 0.0
+
+
+def test_points_of_a_response_are_taken_up_again(tmp_path, monkeypatch):
+    loads = [UP | {"amplitude": 150e3}, ACROSS]
+    system = sj.condense(block(load=loads).system())
+    options = {"steps_per_cycle": 24, "refined": False, "estimated": False}
+    kept = Rows(tmp_path / "rows.jsonl", (response.SteadyPoint,))
+    (first,) = sj.response(system, [1900.0, 2000.0], rows=kept, **options)
+    assert all(point.failure is None for point in first.points)
+
+    def never(*arguments, **options):
+        raise AssertionError
+
+    monkeypatch.setattr(response, "integrate_plan", never)
+    again = Rows(kept.path, (response.SteadyPoint,))
+    (other,) = sj.response(system, [1900.0, 2000.0], rows=again, **options)
+    assert np.array_equal(first.column("amplitude"), other.column("amplitude"))
+
+
+@pytest.fixture(scope="module")
+def curves(tmp_path_factory):
+    """Damping curves of all models of two lapped plates from the side."""
+    drawn = draw("laps-opening", 2029, 1, tmp_path_factory.mktemp("lap")).scene
+    models, table = {"run": ["full", "condensed", "reduced"]}, {"levels": 4, "up_to": 0.6}
+    lap = drawn.changed(models=models, backbone=table, reduction={"modes": "auto"})
+    return scene_backbone(lap).models
+
+
+def test_a_reduced_model_has_the_damping_curve_of_the_full_one(curves):
+    """Elastic contact and 24 modes of its cycles cost 0.01 % in frequency, 1 % in damping."""
+    full, _, reduced = (model.curves[0] for model in curves)
+    assert full.opened[-1] > 0.1
+    assert reduced.opened[-1] == pytest.approx(full.opened[-1], abs=0.1)
+    errors = curves[2].errors[0]
+    assert errors["frequency"] < 5e-4
+    assert errors["damping_ratio"] < 0.03
+
+
+def test_points_that_creep_under_the_steep_law_of_a_reduced_model_stick(curves):
+    full, _, reduced = (model.curves[0] for model in curves)
+    assert full.friction_damping[0] == 0.0
+    assert reduced.friction_damping[0] < 1e-6 * reduced.friction_damping[-1]
+    assert reduced.state[0] == full.state[0] == "stick"
+
+
+@pytest.mark.slow
+def test_error_against_time_is_measured():
+    """Steps half as long err less, and a reduced model keeps all of its points."""
+    scene = block("full", "reduced", time={"cycles": 1, "steps_per_cycle": 100})
+    points = error_time.error_time(scene, repeats=1, quick=True).points
+    errors = [p.error() for p in points if p.job.family == error_time.COULOMB]
+    assert errors[-1] < 0.2 * errors[0]
+    assert {p.job.family for p in points} == {error_time.COULOMB, error_time.REDUCED}

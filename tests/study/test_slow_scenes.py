@@ -1,0 +1,301 @@
+"""Scenes with ``time.quasi_static``: models, estimated errors, files, commands and refusals."""
+
+import csv
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from joint_scenes import bar_scene, bar_tables, harmonic, joint, plate_scene, two_plates
+from scene_texts import MESHES
+
+from skfem_joint import cli
+from skfem_joint.accuracy.estimate import QUANTITIES
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.mesh import build_bar
+from skfem_joint.output import plots, report
+from skfem_joint.output.folder import curves
+from skfem_joint.scene import load_scene, scene_from
+from skfem_joint.scene.shipped import write_shipped
+from skfem_joint.study.study import run_scene
+from skfem_joint.study.summary import model_summary
+
+SLOW = {"cycles": 2, "steps_per_cycle": 40, "quasi_static": True}
+
+
+def arrays_of(path):
+    with np.load(path) as file:
+        return dict(file)
+
+
+def slow_bar(*run, **changes):
+    values = {"load": [harmonic(amplitude=50e3, frequency=1.0)], "reduction": {}, "time": SLOW}
+    return bar_scene(*(run or ("full",)), bar="coarse", **values | changes)
+
+
+@pytest.fixture(scope="module")
+def plates():
+    return run_scene(two_plates("full", "condensed", "reduced", time=SLOW))
+
+
+def test_models_agree_within_their_stated_errors(plates):
+    assert plates.failure is None
+    full = plates.models["full"]
+    for name in ("condensed", "reduced"):
+        model = plates.models[name]
+        assert model.estimate is not None
+        for quantity in QUANTITIES:
+            assert model.estimate.of("full_run", quantity) <= model.estimate.of("total", quantity)
+        stiffness = model.run.loops.secant_stiffness
+        assert stiffness == pytest.approx(full.run.loops.secant_stiffness, rel=0.02)
+    assert plates.models["condensed"].estimate.of("basis", QUANTITIES[0]) == 0.0
+    assert "coulomb" not in full.estimate.parts
+    assert not [note for note in plates.warnings if "differs from the full" in note]
+
+
+def test_summary_and_history_have_the_loops(plates, tmp_path):
+    report.write_history(tmp_path / "history.npz", plates.runs)
+    stored = arrays_of(tmp_path / "history.npz")
+    run, content = plates.runs["full"], model_summary(plates, plates.models["full"])
+    force, slip = (stored[f"full_upper_joint_{name}"] for name in ("force", "mean_slip"))
+    assert np.array_equal(force, run.loops.force[:, 0])
+    assert np.ptp(slip) > 0.0
+    assert content["joints"]["upper_joint"]["secant_stiffness_N_per_m"] == pytest.approx(
+        np.ptp(force[40:]) / np.ptp(slip[40:])
+    )
+    works = content["loads"]["upper_right"]["loop_energy_J"], content["loop_energy_per_cycle_J"]
+    assert works[0] == pytest.approx(works[1])
+    assert content["friction_energy_per_cycle_J"] == pytest.approx(works[0], rel=1e-3)
+    assert content["viscous_work_J"] == content["scheme_work_J"] == 0.0
+    shown = report.text(plates)
+    assert "secant stiffness of upper_joint, N/m" in shown
+    assert "secant stiffness at upper_right, N/m" in shown
+    heading, *rows = report.loop_rows(plates.runs)
+    assert heading[:3] == ["time_s", "full_upper_right_force_N", "full_upper_right_displacement_m"]
+    assert len(rows) == 81
+    assert [row[heading.index("full_upper_joint_force_N")] for row in rows] == list(force)
+
+
+def test_joints_with_a_stiffness_of_their_own_run_slowly_too():
+    given = joint(law="coulomb", pressure=20e6, tangential_stiffness=1e13)
+    study = run_scene(slow_bar("full", "condensed", "reduced", joint=[given], damping={}))
+    assert study.failure is None
+    full = study.runs["full"]
+    content = model_summary(study, study.models["full"])["joints"]["joint"]
+    total = float(study.system.contact.spring_constants.sum())
+    assert content["tangential_stiffness_N_per_m"] == pytest.approx(total)
+    assert content["friction_energy_J"] == pytest.approx(full.friction_work.sum())
+    assert full.cycles.friction[-1] > 0.1
+    for name, run in study.runs.items():
+        assert run.energy_residual < 1e-8
+        assert run.system.contact.has_springs
+        near = study.models[name].estimate.of("total", "friction_energy")
+        assert run.cycles.friction[-1] == pytest.approx(full.cycles.friction[-1], rel=near + 1e-9)
+
+
+def test_notes_say_what_is_left_out_and_that_points_slip_apart(plates):
+    notes = "\n".join(plates.warnings)
+    assert "beta = 1e+05 s/m counts as infinite" in notes
+    assert "The damping of the scene is left out" in notes
+    assert "slip by different amounts" in notes
+    assert "time.until" not in notes
+    plain = slow_bar(joint=[joint(law="coulomb")], damping={})
+    assert plain.left_out == ()
+
+
+def test_a_cycle_from_rest_is_said_not_to_be_closed():
+    one = run_scene(slow_bar(time=SLOW | {"cycles": 1}, accuracy={"estimate": False}))
+    assert any("is not closed" in note for note in one.warnings)
+    two = run_scene(slow_bar(accuracy={"estimate": False}))
+    assert not any("is not closed" in note for note in two.warnings)
+    assert model_summary(two, two.models["full"])["steady_state_reached"] is True
+
+
+def test_facts_leave_inertia_out():
+    slow, fast = slow_bar(), slow_bar(time={"cycles": 2, "steps_per_cycle": 40})
+    for scene, amplified in ((slow, False), (fast, True)):
+        study = run_scene(scene.changed(accuracy={"estimate": False}))
+        facts = "\n".join(study.description.facts)
+        assert ("amplified" in facts) is amplified
+        assert ("wave travels" in facts) is amplified
+        assert (study.description.values["amplification"] is not None) is amplified
+
+
+def test_errors_meet_the_accuracy_asked_for():
+    study = run_scene(slow_bar("full", accuracy={"energy": 5e-3}))
+    model = study.models["full"]
+    assert model.estimate.of("total", "friction_energy") <= 5e-3
+    fine = run_scene(slow_bar(time=SLOW | {"steps_per_cycle": 1280}, accuracy={"estimate": False}))
+    true = fine.runs["full"].cycles.friction[-1]
+    assert model.run.cycles.friction[-1] == pytest.approx(true, rel=5e-3)
+
+
+def test_own_modes_serve_too():
+    scene = slow_bar("full", "reduced", reduction={"reference": "self", "modes": 2})
+    study = run_scene(scene)
+    assert study.failure is None
+    errors = study.models["reduced"].estimate
+    assert errors.of("full_run", "friction_energy") <= errors.of("total", "friction_energy")
+
+
+def test_a_load_beyond_slip_ends_the_study_with_its_levels():
+    """Of two plates, of which friction alone holds the one that is pulled."""
+    load = harmonic("upper_right", 40e3, 1.0) | {"direction": [1.0, 0.0]}
+    study = run_scene(two_plates("full", "reduced", time=SLOW, load=[load]))
+    assert isinstance(study.failure.error, ConvergenceError)
+    assert study.failure.model == "full"
+    assert not study.interrupted
+    run = study.runs["full"]
+    assert list(study.runs) == ["full"]
+    assert 0 < run.counters.steps < 40
+    assert (
+        abs(run.amplitudes[-1, 0]) < 28e3 < 40e3 * np.sin(2 * np.pi * (run.counters.steps + 1) / 40)
+    )
+    with pytest.raises(ConvergenceError, match="the structure slides"):
+        study.finished()
+
+
+def test_pictures_of_loops_are_written(plates, tmp_path):
+    shown = replace(plates, scene=plates.scene.changed(output={"plots": True}))
+    plan = curves(shown)
+    names = {"history.npz", "joint_loops.csv", "joint_loops.png", "hysteresis_upper_right.png"}
+    assert names <= set(plan)
+    for name in sorted(names):
+        plan[name](tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 1000
+    # A path that closes no cycle is drawn from rest on.
+    time = {"duration": 0.7, "step": 0.02, "quasi_static": True}
+    once = run_scene(slow_bar(time=time, accuracy={"estimate": False}))
+    scene = once.scene.changed(output={"plots": True})
+    assert {"hysteresis_free_end.png", "joint_loops.png"} <= set(curves(replace(once, scene=scene)))
+    figure = plots.hysteresis_figure(once.runs, "free_end", 0, None)
+    assert figure.axes[0].get_title(loc="left") == "from rest on"
+
+
+#: A bar that friction alone holds, with 50 kN, pulled with up to 60 kN.
+SLIDING = f"""
+[mesh]
+file = "{MESHES.as_posix()}/structure.msh"
+[material]
+E = 200e9
+density = 8000.0
+[section]
+width = 0.05
+thickness = 0.01
+[[joint]]
+on = "joint"
+pressure = 20e6
+friction = 0.5
+[[load]]
+on = "free_end"
+kind = "triangle"
+peak = 60e3
+rise_time = 1.0
+[time]
+duration = 2.0
+step = 0.05
+quasi_static = true
+"""
+
+
+def written(folder, text=SLIDING):
+    path = folder / "scene.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_command_beyond_slip_ends_with_status_3_and_writes_its_levels(tmp_path, capsys):
+    path = written(tmp_path, SLIDING)
+    out = tmp_path / "out"
+    assert cli.main(["run", str(path), "--out", str(out), "-q"]) == 3
+    assert "the structure slides" in capsys.readouterr().err
+    summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert summary["models"]["full"]["interrupted"] is True
+    # Friction holds 50 kN, which the load exceeds at 0.833 s.
+    history = arrays_of(out / "history.npz")
+    assert history["time"][-1] == pytest.approx(0.8)
+    assert history["load_0_free_end"][-1] == pytest.approx(48e3)
+    assert history["full_joint_force"][-1] == pytest.approx(48e3, rel=1e-6)
+    with (out / "joint_loops.csv").open(encoding="utf-8") as table:
+        rows = list(csv.DictReader(table))
+    assert len(rows) == 17
+    assert float(rows[-1]["full_joint_force_N"]) == pytest.approx(48e3, rel=1e-6)
+
+
+def test_a_sweep_says_which_loads_are_beyond_slip(tmp_path):
+    path = written(tmp_path, SLIDING + '\n[sweep]\n"load[0].peak" = [30e3, 60e3]\n')
+    out = tmp_path / "out"
+    assert cli.main(["sweep", str(path), "--out", str(out), "--workers", "1"]) == 3
+    with (out / "sweep.csv").open(encoding="utf-8") as table:
+        rows = list(csv.DictReader(table))
+    assert float(rows[0]["full.peak_displacement_m.free_end"]) > 0.0
+    assert rows[0]["failure"] == ""
+    assert rows[1]["full.peak_displacement_m.free_end"] == ""
+    assert "the structure slides" in rows[1]["failure"]
+
+
+@pytest.mark.parametrize("command", ["response", "backbone", "error-time"])
+def test_commands_that_need_vibration_refuse_it(command, tmp_path, capsys):
+    path = written(tmp_path, SLIDING)
+    assert cli.main([command, str(path), "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "time.quasi_static: found true" in error
+    assert f"{command} computes vibration" in error
+
+
+@pytest.mark.parametrize("option", [["--checkpoint-every", "5"], ["--resume"]])
+def test_there_are_no_checkpoints(option, tmp_path, capsys):
+    path = written(tmp_path, SLIDING)
+    assert cli.main(["run", str(path), "--out", str(tmp_path / "out"), *option]) == 2
+    assert "has no checkpoints" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"time": SLOW | {"rho_infinity": 0.9}}, "time.rho_infinity: found 0.9 beside"),
+        (
+            {"time": {"until": "steady", "quasi_static": True}},
+            "time.until: found 'steady' beside quasi_static",
+        ),
+        ({"reduction": {"reference": "paper"}}, "reduction.reference: found 'paper' beside time"),
+        (
+            {"reduction": {"range": {"slip": [0.1, 0.5], "frequency": [10.0, 20.0]}}},
+            "reduction.range: found beside time.quasi_static",
+        ),
+    ],
+)
+def test_what_has_no_meaning_is_refused(changes, words):
+    tables = bar_tables("full", "reduced", **{"time": SLOW, "reduction": {}} | changes)
+    parts = [("joint", 0.1, 4), ("linear", 0.5, 10)]
+    with pytest.raises(InputError, match=words):
+        scene_from(tables, build_bar(parts, {"fixed": 0.0, "free_end": 0.6}))
+
+
+def test_a_scene_changes_to_quasi_static_and_back():
+    fast = plate_scene("full", time={"cycles": 1, "steps_per_cycle": 40})
+    assert np.isfinite(fast.system().contact.beta).all()
+    slow = fast.changed(time={"quasi_static": True})
+    assert np.isinf(slow.system().contact.beta).all()
+    assert not slow.system().C.nnz or not np.any(slow.system().C.data)
+    again = slow.changed(time={"quasi_static": False})
+    assert np.isfinite(again.system().contact.beta).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["plate_bolts", "two_plates", "solid_lap_joint"])
+def test_shipped_meshes_balance_their_works(name, tmp_path):
+    """In two and three dimensions, bodies held by friction alone among them."""
+    path = write_shipped(name, tmp_path)[0]
+    time = {"cycles": 2, "steps_per_cycle": 16, "quasi_static": True}
+    scene = load_scene(path).changed(
+        time=time, models={"run": ("full",)}, accuracy={"estimate": False},
+        output={"plots": False, "vtk": False},
+    )  # fmt: skip
+    study = run_scene(scene)
+    run = study.finished().runs["full"]
+    assert run.energy_residual < 1e-8
+    gap, work = run.loops.opening, run.cycles.input[-1].sum()
+    assert work == pytest.approx(run.cycles.by_joint[-1].sum(), rel=2.0 * gap + 1e-8)
+    peak = np.abs(run.amplitudes[:, 0]).max()
+    assert np.abs(run.loops.force).max() <= peak * (1.0 + 1e-6)

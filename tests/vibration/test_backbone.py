@@ -1,0 +1,348 @@
+"""Damping and frequency against amplitude: exact curves, loops, free vibration; SI units."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bodies import DENSITY, EA, MU, THICKNESS, WIDTH, pressed, structure
+from clamped_plates import bolted, loads
+from joint_scenes import bar_scene, joint
+from scipy import sparse
+from stepping_systems import arm
+
+import skfem_joint as sj
+from skfem_joint.linalg.schur import SchurComplement
+from skfem_joint.minimise import condensed_newton
+from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.sources import stuck_basis
+from skfem_joint.slow.quasi_static import QuasiStatic
+from skfem_joint.structure.parameters import with_values
+from skfem_joint.study.scene_backbone import scene_backbone
+from skfem_joint.vibration.backbone import Backbone, Factors, backbone
+from skfem_joint.vibration.stuck import Stuck
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+LINE = DENSITY * WIDTH * THICKNESS
+JOINT, FREE, TAU = 0.2, 0.5, 1.75e6  # m, m, N/m
+LIMIT = TAU * JOINT
+MOMENTUM = (2.0 / np.pi) * np.sqrt(2.0 * LINE * FREE)  # force at the joint by modal level
+PULSE = 2e-4  # s, of its rise
+
+
+def bar(
+    elements: int = 100, power: float = 0.0, damping: float = 0.0, held: bool = True
+) -> sj.System:
+    """Bar with a free length beyond a joint whose friction rises as a power from its loaded end."""
+    x = np.linspace(0.0, JOINT, 401)
+    pressure = TAU / MU / WIDTH * (power + 1.0) * (1.0 - x / JOINT) ** power
+    joint = sj.Joint("joint", sj.PressureTable(tuple(x), tuple(pressure)), MU)
+    supports = ["fixed"] if held else []
+    return arm(None, joint, (elements, 100), stiffness_damping=damping, fixed=supports)
+
+
+def plate(bolted: bool = False) -> sj.System:
+    """Plate in plan whose first mode bends: its slips turn."""
+    bolts = tuple(sj.Bolt((x, 0.025), 20e3, 0.009, 0.0055) for x in (0.05, 0.15))
+    joint = pressed(pressure=sj.Bolts(bolts, reach=0.01) if bolted else 8e6)
+    mesh = sj.build_plate([("joint", JOINT, 20), ("free", 0.3, 30)], 0.05, 5)
+    return structure(mesh, [joint]).system()
+
+
+def struck(force: float, damping: float = 0.0) -> sj.System:
+    """Bar struck at its end; its frequencies are 2.5, 7.5, 12.5 kHz."""
+    return arm(sj.HalfSine(force, PULSE), stiffness_damping=damping)
+
+
+def exact(found: Backbone, power: float) -> tuple[np.ndarray, np.ndarray]:
+    """Frequency over the stuck one, and damping ratio, of a quarter wave beyond the joint.
+
+    What slips takes u = k F^n, n = (power + 2) / (power + 1), where it is loaded, F being what the
+    inertia of the mode adds up to: then D = 4 (n - 1) / (n + 1) F u, which goes with F^(n + 1).
+    """
+    n = (power + 2.0) / (power + 1.0)
+    force = found.level * MOMENTUM
+    depth = JOINT * (force / LIMIT) ** (1.0 / (power + 1.0))
+    slip = force * depth / EA * (power + 1.0) / (power + 2.0)
+    stiff = found.level / (2.0 * np.pi * found.stuck_frequency) ** 2
+    q = stiff + slip * force / found.level
+    work = 4.0 * (n - 1.0) / (n + 1.0) * force * slip
+    return np.sqrt(stiff / q), work / (2.0 * np.pi * found.level * q)
+
+
+@pytest.mark.parametrize("power", [0.0, 1.0])
+def test_curves_of_a_bar_converge_to_the_exact_ones(power):
+    errors = []
+    for elements in (100, 400):
+        (found,) = backbone(bar(elements, power), levels=8, up_to=0.7)
+        frequency, damping = exact(found, power)
+        assert MOMENTUM * found.slips_at == pytest.approx(LIMIT, rel=0.02)
+        seen = found.level > 0.1 * found.slips_at
+        ratio = found.frequency / found.stuck_frequency / frequency
+        errors.append(np.abs([ratio - 1.0, found.friction_damping / damping - 1.0])[:, seen].max(1))
+        assert found.masing_error < 1e-12
+    assert errors[1][0] < errors[0][0] < 1e-4
+    assert errors[1][1] < 0.6 * errors[0][1] < 6e-3
+
+
+def test_viscous_damping_is_added_and_stuck_joints_have_it_alone():
+    (found,) = backbone(bar(damping=1e-6), levels=3, up_to=1e-4)
+    assert found.state == ("stick",) * 3
+    assert found.frequency == pytest.approx(found.stuck_frequency, rel=1e-9)
+    assert found.damping_ratio == pytest.approx(np.pi * found.frequency * 1e-6, rel=1e-9)
+
+
+def test_a_joint_beyond_its_limit_slips_as_a_whole():
+    (found,) = backbone(bar(), levels=4, up_to=1.3)
+    assert found.state[-1] == "gross"
+    assert found.share[-1] == pytest.approx(1.0)
+    assert found.state[0] == "partial"
+    assert found.doubts == ("", "", "", "whole slip")
+    assert any("from the level 1.3 of gross slip on a joint slips" in w for w in found.warnings)
+    (below,) = backbone(bar(), levels=4, up_to=0.9)
+    assert not any(below.doubts)
+    assert not any("slips as a whole" in text for text in below.warnings)
+    # Displacement of the end and modal amplitude belong together.
+    modal = np.abs(found.amplitude[:1] * found.shape[-1])
+    assert found.displacement[0] == pytest.approx(modal, rel=0.05)
+
+
+def test_a_curve_says_where_a_ring_down_differs_from_it():
+    """Higher modes of a uniform bar take part: its damping is larger; with little friction not."""
+    (found,) = backbone(bar(), levels=8, up_to=0.5)
+    rung = sj.ring_down(bar(), found, 20)
+    marked = rung.beside(found)
+    k = int(marked.differs.argmax())
+    assert found.doubts == ("",) * 8
+    assert marked.doubts[k] == "ring-down differs"
+    (said,) = set(marked.warnings) - set(found.warnings) - {w for w in marked.warnings if "Hz" in w}
+    near = int(np.abs(rung.amplitude - found.amplitude[k]).argmin())
+    assert rung.damping_ratio[near] > 1.2 * found.damping_ratio[k]
+    assert "damping ratio" in said
+    (stuck,) = backbone(bar(damping=1e-6), levels=4, up_to=1e-3)  # viscous damping alone
+    same = sj.ring_down(bar(damping=1e-6), stuck, 20).beside(stuck)
+    assert not same.differs.any()
+    assert same.warnings == stuck.warnings
+
+
+def slider(limit: float = 1.0) -> sj.System:
+    """Two masses of 1 kg on springs of 1 N/m, one of which drags a slider of ``limit`` N."""
+    K = sparse.csr_array([[2.0, -1.0], [-1.0, 1.0]])
+    one = sparse.csr_array([[1.0, 0.0]])
+    contact = sj.Contact(one, [limit], np.inf)
+    return sj.System(sparse.eye_array(2, format="csr"), None, K, contact)
+
+
+def test_a_joint_of_one_slider_says_that_the_default_range_saw_no_slip():
+    (found,) = backbone(slider(), levels=4)
+    assert not found.share.any()
+    assert any("nothing slips up to the highest level, 0.7 of gross slip" in w and "up_to above"
+               in w for w in found.warnings)  # fmt: skip
+    (beyond,) = backbone(slider(), levels=4, up_to=1.5)
+    assert beyond.state == ("stick", "stick", "stick", "gross")
+    assert beyond.friction_damping[-1] > 0.0
+    assert not any("nothing slips" in text for text in beyond.warnings)
+
+
+def test_levels_that_are_given_are_named_as_such():
+    """Not as shares of a level of 1 m/s² kg^1/2."""
+    (found,) = backbone(slider(), levels=[0.1, 0.2])
+    assert any("highest level, 0.2 m/s² kg^1/2" in text for text in found.warnings)
+    with pytest.raises(sj.InputError, match=r"first level already, 1000 m/s² kg\^1/2; give lower"):
+        backbone(slider(), levels=[1e3])
+
+
+@pytest.mark.parametrize("bolted", [False, True])
+def test_loops_of_slips_that_turn_agree_with_masings_within_the_stated_error(bolted):
+    (found,) = backbone(plate(bolted), levels=6, up_to=0.5)
+    assert 1e-6 < found.masing_error < 0.1
+
+
+def test_what_friction_alone_holds_has_the_curve_of_what_is_fixed_where_it_sticks():
+    (fixed,) = backbone(bar(), levels=5, up_to=0.5)
+    (held,) = backbone(bar(held=False), levels=5, up_to=0.5, slips_at=fixed.slips_at)
+    assert held.frequency == pytest.approx(fixed.frequency, rel=1e-7)
+    assert held.friction_damping == pytest.approx(fixed.friction_damping, rel=1e-5)
+
+
+def test_higher_modes_near_odd_multiples_are_reported():
+    (found,) = backbone(bar(), levels=2)
+    assert any("mode 2 at 3 times" in sentence for sentence in found.warnings)
+
+
+@pytest.mark.parametrize("system", [bar(), plate(), plate(True)])
+def test_a_reduced_model_has_the_curve_of_the_full_one(system):
+    (full,) = backbone(system)
+    stuck = Stuck(system).modes(2)[1]
+    basis = stuck_basis(system, stuck, full.states, full.loops, 24, full.stuck_frequency)
+    small = reduced_system(system, basis)
+    (found,) = backbone(small, slips_at=full.slips_at)
+    assert found.states.shape[1] == small.n <= 26
+    assert found.stuck_frequency == pytest.approx(full.stuck_frequency, rel=1e-9)
+    assert found.frequency == pytest.approx(full.frequency, rel=1e-3)
+    assert found.friction_damping == pytest.approx(full.friction_damping, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("system", "how", "says"),
+    [
+        (bar(), {"levels": 2, "up_to": 25.0}, "slips as a whole at the first level"),
+        (bar(held=False), {"up_to": 1.3}, "friction alone holds"),
+        (bar(40).project(np.eye(140)[:, :40]), {}, "keep interface_modes"),
+        (bar(), {"modes": (0,)}, r"modes\[0\]: found 0, must be >= 1"),
+        (bar(), {"modes": (500,)}, "there are"),
+        (bar(), {"levels": 0}, "levels: found 0, must be >= 1"),
+        (bar().with_contact(given=np.zeros(100)), {}, "needs friction"),
+    ],
+)
+def test_modes_that_are_not_there_are_refused(system, how, says):
+    with pytest.raises(sj.InputError, match=says):
+        backbone(system, **how)
+
+
+def test_nothing_is_left_where_all_is_in_contact():
+    system = bar()
+    contact = np.arange(100)
+    part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]
+    every = sj.Contact(sparse.eye_array(100, format="csr"), system.contact.w, np.inf)
+    whole = sj.System(*part, every)
+    with pytest.raises(sj.InputError, match="every unknown is in contact"):
+        backbone(whole)
+
+
+def test_modes_that_ring_together_are_separated():
+    system = struck(1.0, 1e-6)  # a newton: the joint sticks
+    hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final
+    for curve in backbone(system, (1, 2), levels=1):
+        found = sj.ring_down(system, curve, 20, start=hit)
+        assert found.frequency == pytest.approx(curve.stuck_frequency, rel=2e-4)
+        ratio = np.pi * curve.stuck_frequency * 1e-6
+        assert found.damping_ratio == pytest.approx(ratio, rel=0.01)
+
+
+def test_a_pulse_rings_down_along_the_curve_and_loses_its_energy_in_the_joint():
+    system = struck(60e3)
+    hit = sj.integrate(system, duration=2.0 * PULSE, step=1e-6).final
+    (curve,) = backbone(system)
+    halves = np.repeat(np.eye(2), 20, axis=1)
+    parted = system.with_contact(J=halves, joints=("inner", "outer"))
+    found = sj.ring_down(parted, curve, 30, scheme=sj.generalized_alpha(1.0), start=hit)
+    work = found.friction_work.sum(axis=1)
+    assert found.energy[0] - found.energy == pytest.approx(work, abs=1e-9 * found.energy[0])
+    assert np.all(np.diff(found.friction_work, axis=0) >= -1e-12 * work[-1])
+    assert found.friction_work[-1, 1] > found.friction_work[-1, 0]  # it is pulled from there
+    frequency = np.interp(found.amplitude, curve.amplitude, curve.frequency)
+    seen = found.amplitude > curve.amplitude[0]
+    assert seen.sum() > 5
+    assert found.frequency[seen] == pytest.approx(frequency[seen], rel=0.02)
+
+
+def test_a_ring_down_does_not_depend_on_its_step_and_states_where_it_does():
+    """The trapezoidal rule keeps stiff motions of the joint ringing from step to step."""
+    system = plate(bolted=True)
+    system = replace(system, C=2e-6 * system.K)
+    (full,) = backbone(system, levels=8)
+    stuck = Stuck(system).modes(2)[1]
+    basis = stuck_basis(system, stuck, full.states, full.loops, 24, full.stuck_frequency)
+    small = reduced_system(system, basis, periodic=False)
+    (curve,) = backbone(small, levels=8, slips_at=full.slips_at)
+    settled = sj.ring_down(small, curve, 10, 400)
+    default = sj.ring_down(small, curve, 10, 50)
+    assert default.damping_ratio == pytest.approx(settled.damping_ratio, rel=5e-3)
+    ringing = sj.ring_down(small, curve, 10, 50, sj.generalized_alpha(1.0))
+    for found in (default, ringing):
+        apart = found.damping_ratio - settled.damping_ratio
+        true = np.abs(apart).max() / settled.damping_ratio.max()
+        assert 0.5 * true < found.step_error["damping_ratio"] < 2.0 * true
+    assert ringing.step_error["damping_ratio"] > 0.1
+
+
+def test_a_scene_s_pulse_rings_down_alike_in_both_models():
+    scene = sj.load_scene(EXAMPLES / "structure_impulse.toml")
+    asked = {"levels": 12, "ring_down": 12, "released": "loads"}
+    found = scene_backbone(scene.changed(backbone=asked, models={"run": ["full", "reduced"]}))
+    (full,), (reduced,) = (model.ring_downs for model in found.models)
+    high = full.amplitude > found.models[0].curves[0].amplitude[0]
+    assert high.sum() >= 3
+    for name, near in {"amplitude": 0.05, "frequency": 5e-3, "damping_ratio": 0.02}.items():
+        assert getattr(reduced, name)[high] == pytest.approx(getattr(full, name)[high], rel=near)
+
+
+def test_models_are_compared_where_the_full_one_has_damping():
+    scene = bar_scene(
+        "reduced",
+        joint=[joint(law="coulomb")],
+        damping={"stiffness": 0.0},
+        backbone={"modes": [1], "levels": 3, "up_to": 0.03},
+        reduction={"reference": "static"},
+    )
+    (model,) = scene_backbone(scene).models
+    assert model.errors[0]["damping_ratio"] < 0.01
+
+
+def test_too_few_cycles_are_refused():
+    system = struck(1.0)
+    (curve,) = backbone(system, levels=1)
+    with pytest.raises(sj.InputError, match="cycles: found 1, must be >= 4"):
+        sj.ring_down(system, curve, 1)
+
+
+def creeping(beta: float) -> sj.System:
+    """Bar with a mass at its end, so that friction excites no higher mode; 0.2 m in contact."""
+    system = arm(joint=sj.Joint("joint", 50e6, MU, beta=beta))
+    mass = system.M.copy()
+    mass[-1, -1] += 3.0
+    return replace(system, M=mass)
+
+
+def test_a_curve_is_that_of_coulombs_law_and_says_so_where_the_joints_have_another():
+    """With beta = 100 s/m its damping is from 0.2 to 3 %, that of the ring-down from 1 to 3 %."""
+    (coulomb,), (curve,) = (backbone(creeping(beta), levels=8) for beta in (np.inf, 100.0))
+    for name in ("amplitude", "frequency", "damping_ratio"):
+        assert getattr(curve, name) == pytest.approx(getattr(coulomb, name), rel=1e-9)
+    assert not [text for text in coulomb.warnings if "Coulomb's law" in text]
+    (said,) = [text for text in curve.warnings if "the curve is of Coulomb's law" in text]
+    assert "beta = 100 s/m" in said
+    assert "slower than about 0.01 m/s" in said
+    marked = sj.ring_down(creeping(100.0), curve, 60).beside(curve)
+    assert marked.differs[0]
+    assert "takes for granted Coulomb's law" in marked.warnings[-1]
+
+
+@pytest.mark.parametrize(("held", "mode"), [({}, 1), ({"fixed": [], "free": True}, 4)])
+def test_a_shift_that_holds_loose_bodies_is_not_seen(held, mode):
+    """The stiffness of plates that friction alone holds together is singular: masses are added."""
+    system = bolted(order=2, **held).system(loads("right", 2))
+    (curve,) = backbone(system, [mode], levels=4, up_to=1e-3)  # nothing slips
+    true = sj.natural_modes(system, mode, joints="stuck").frequencies[-1]
+    shift = QuasiStatic(system).shift / (2.0 * np.pi * true) ** 2
+    assert 0.5 * shift > 5e-9
+    assert curve.stuck_frequency == pytest.approx(true, rel=1e-9)
+    np.testing.assert_allclose(curve.frequency, true, rtol=1e-9)
+
+
+@pytest.mark.parametrize("held", [{}, {"fixed": [], "free": True}])
+def test_curves_of_other_limits_and_damping_use_factors_again(held, monkeypatch):
+    made = []
+
+    class Counted(SchurComplement):
+        def __init__(self, *given):
+            made.append(given)
+            super().__init__(*given)
+
+    monkeypatch.setattr(condensed_newton, "SchurComplement", Counted)
+    kept, modes, levels = Factors(), [4 if held else 1], [30.0, 120.0, 500.0]
+    for friction, damping in ((0.3, 0.01), (0.4, 0.02)):
+        given = bolted(joint={"friction": friction}, damping_ratio=damping, **held)
+        system = given.system(loads("right", 2))
+        (again,) = backbone(system, modes, levels, factors=kept)
+        assert len(made) == 1
+    (alone,) = backbone(system, modes, levels)
+    assert len(made) == 2
+    for name in ("frequency", "damping_ratio", "amplitude"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(alone, name))
+    given = with_values(given, {"material.E": 190e9})
+    stiffer = given.system(loads("right", 2))
+    (again,) = backbone(stiffer, modes, levels, factors=kept)
+    (alone,) = backbone(stiffer, modes, levels)
+    np.testing.assert_array_equal(again.frequency, alone.frequency)

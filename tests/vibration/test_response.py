@@ -1,0 +1,344 @@
+"""Response over frequency: linear limits, peaks, refusals, scenes; SI units."""
+
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from bodies import structure
+from joint_scenes import bar_scene, harmonic, joint
+from scipy import sparse
+from scipy.sparse.linalg import splu
+from stepping_systems import arm
+
+import skfem_joint as sj
+from skfem_joint.ground.rows import Rows
+from skfem_joint.mesh import build_bar
+from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.study.scene_response import scene_response
+from skfem_joint.vibration import response as module
+from skfem_joint.vibration.linear_response import linear_response
+from skfem_joint.vibration.response import at_frequency, steady_plan
+
+
+def bar(tip: float = 0.0) -> sj.System:
+    """Bar with a joint of 350 kN and 0.2 % damping at 2.5 kHz."""
+    system = arm(sj.Harmonic(1.0, 1000.0), stiffness_damping=4e-3 / 2500.0 / 2.0 / np.pi)
+    mass = system.M.copy()
+    mass[-1, -1] += tip
+    return replace(system, M=mass)
+
+
+def test_small_and_large_loads_go_to_the_linear_limits():
+    system = bar()
+    limit = float(system.contact.w.sum())
+    f = np.array([1500.0, 1700.0])
+    (small, large) = sj.response(system, f, (1e-6 * limit, 3e3 * limit), refined=False)
+    for curve, stuck in ((small, True), (large, False)):
+        linear = linear_response(system, f, stuck)
+        assert curve.column("amplitude") / curve.level == pytest.approx(linear, rel=2e-3)
+
+
+def test_a_linear_response_is_the_amplitude_of_complex_numbers():
+    system, f = bar(), np.linspace(1500.0, 2800.0, 60)
+    found = linear_response(system, f, stuck=False)
+    exact = []
+    for omega in 2.0 * np.pi * f:
+        H = system.K + 1j * omega * system.C - omega**2 * system.M
+        exact.append(np.abs(system.P @ splu(H.tocsc()).solve(system.loads[0].vector + 0j)))
+    np.testing.assert_allclose(found, exact, rtol=1e-4)  # of 256 times in a period
+
+
+def test_a_linear_response_adds_the_harmonics_of_all_loads_through_sharp_resonances():
+    system = arm(sj.Harmonic(1.0, 1000.0), damping_ratio=1e-4)
+    two = sj.MultiHarmonic((sj.Harmonic(2.0, 1000.0, 0.3), sj.Harmonic(0.7, 3000.0, -1.0)))
+    (tip,) = system.loads
+    middle = replace(tip, vector=np.eye(system.n)[system.n // 2], amplitude=two)
+    system = replace(system, loads=(tip, middle))
+    K, C, M = (A.toarray() for A in (system.K, system.C, system.M))
+    # Around the first resonance of the third harmonic, and up to beyond the third of the first.
+    f = np.concatenate([np.linspace(400.0, 900.0, 150), np.linspace(1000.0, 9000.0, 250)])
+    turn = 2.0 * np.pi * np.arange(256) / 256
+    exact = []
+    for frequency in f:
+        motion = np.zeros((len(system.points), turn.size))
+        for load in system.loads:
+            for part in load.amplitude.harmonics:
+                multiple = part.frequency / 1000.0
+                omega = 2.0 * np.pi * multiple * frequency
+                u = np.linalg.solve(K + 1j * omega * C - omega**2 * M, load.vector)
+                wave = part.amplitude * np.sin(multiple * turn + part.phase)
+                turned = part.amplitude * np.cos(multiple * turn + part.phase)
+                motion += np.outer(system.P @ u.real, wave) + np.outer(system.P @ u.imag, turned)
+        exact.append(0.5 * np.ptp(motion, axis=1))
+    np.testing.assert_allclose(linear_response(system, f, stuck=False), exact, rtol=1e-6)
+
+
+def test_a_linear_response_at_a_natural_frequency_that_nothing_damps_is_refused():
+    square = (2.0 * np.pi) ** 2
+    K = sparse.csr_array(np.diag([square, 4.0 * square]))
+    load = sj.AppliedLoad(np.array([1.0, 0.0]), sj.Harmonic(1.0, 1.0))
+    one = sparse.csr_array([[0.0, 1.0]])
+    eye = sparse.eye_array(2, format="csr")
+    contact = sj.Contact(one, [1.0], np.inf)
+    system = sj.System(eye, None, K, contact, loads=(load,), P=eye, points=("a", "b"))
+    near = linear_response(system, np.array([1.25]), stuck=False)[0]
+    assert near == pytest.approx([1.0 / square / (1.25**2 - 1.0), 0.0], rel=1e-4)
+    with pytest.raises(sj.InputError, match=r"found 1 Hz, .* nothing damps: give damping"):
+        linear_response(system, np.array([1.0]), stuck=False)
+
+
+def test_peaks_are_found_and_fall_with_the_level():
+    system = bar()
+    levels = np.array([0.03, 0.1, 0.3]) * system.contact.w.sum()
+    asked = np.linspace(1600.0, 2600.0, 11)
+    with ThreadPoolExecutor(1) as executor:
+        curves = sj.response(system, asked, levels.tolist(), executor=executor)
+    peaks = np.array([curve.peak for curve in curves])
+    assert np.all(np.diff(peaks[:, 0]) < 0.0)
+    fine = np.linspace(0.995, 1.005, 5) * peaks[1, 0]
+    (near,) = sj.response(system, fine, levels[1:2].tolist(), refined=False)
+    assert peaks[1, 1] == pytest.approx(near.column("amplitude").max(), rel=3e-3)
+    middle = curves[1]
+    # The force leads the motion, ever more through the resonance.
+    phase = middle.column("phase")[:, 0]
+    assert np.all(np.diff(phase) < 0.0)
+    assert phase[0] > -0.5
+    assert phase[-1] < -1.6
+
+
+def test_the_peak_lies_on_the_backbone_where_no_harmonic_meets_a_mode():
+    system = bar(tip=3.0)  # frequencies 1 : 4.3 : 8.3
+    (curve,) = sj.backbone(system, levels=15, up_to=0.4)
+    down = sj.ring_down(system, curve, 30)
+    seen = (down.amplitude > curve.amplitude[0]) & (down.amplitude < 0.8 * curve.amplitude[-1])
+    frequency = np.interp(down.amplitude[seen], curve.amplitude, curve.frequency)
+    damping = np.interp(down.amplitude[seen], curve.amplitude, curve.damping_ratio)
+    assert down.frequency[seen] == pytest.approx(frequency, rel=5e-3)
+    assert down.damping_ratio[seen] == pytest.approx(damping, rel=0.3)
+    level = 0.02 * float(system.contact.w.sum())
+    between = np.linspace(0.8, 1.05, 9) * curve.stuck_frequency
+    (swept,) = sj.response(system, between, (level,))
+    peak, amplitude = swept.peak
+    modal = amplitude / abs(curve.shape[-1])
+    assert peak == pytest.approx(np.interp(modal, curve.amplitude, curve.frequency), rel=0.01)
+
+
+def test_a_frequency_without_steady_vibration_is_no_point(monkeypatch):
+    def fails(*_, **__):
+        raise sj.ConvergenceError("no steady vibration was found")
+
+    monkeypatch.setattr(module, "integrate_plan", fails)
+    point = module.steady_point(bar(), 2000.0)
+    assert point.failure is not None
+    assert np.isnan(point.amplitude).all()
+    with pytest.raises(sj.ConvergenceError, match="at every frequency"):
+        sj.response(bar(), np.array([2000.0, 2100.0]))
+
+
+def test_a_search_is_given_up_where_a_joint_slips_as_a_whole_for_so_many_periods(caplog):
+    """At resonance with 0.2 % damping: 1.5 times the joint's limit moves all of it."""
+    system = at_frequency(bar(), 1900.0, 1.5 * float(bar().contact.w.sum()))
+    plan = steady_plan(system, 100)
+    assert plan.gross_periods is not None
+    run = integrate_plan(system, plan)  # its Newton's method needs fewer periods
+    assert run.vibration.periods > 5
+    assert system.slips_as_a_whole(system.contact.slid(run.friction_work), plan.duration)
+    notes = []
+    with pytest.raises(sj.ConvergenceError, match="slips as a whole for 5 periods in turn"):
+        integrate_plan(
+            system,
+            replace(plan, gross_periods=1),
+            progress=lambda *what: notes.append(what[-1]),
+        )
+    assert "a joint slips as a whole" in notes[-1]
+    levels = 0.1 * float(system.contact.w.sum()), 1.5 * float(system.contact.w.sum())
+    low, high = sj.response(bar(), np.array([1900.0]), levels, refined=False, estimated=False)
+    assert low.gross.size == 0
+    assert high.gross == pytest.approx([1900.0])
+    assert "a joint slips as a whole at 1900 Hz" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("frequencies", "levels", "says"),
+    [
+        ([0.0, 1.0], (1.0,), r"frequencies\[0\]: found 0.0, must be > 0"),
+        ([2.0, 1.0], (1.0,), "rise"),
+        ([1.0], (), "levels"),
+    ],
+)
+def test_bad_frequencies_and_levels_are_refused(frequencies, levels, says):
+    with pytest.raises(sj.InputError, match=says):
+        sj.response(bar(), np.array(frequencies), levels)
+
+
+def test_a_response_to_no_load_is_refused():
+    still = at_frequency(bar(), 1.0, 0.0)
+    with pytest.raises(sj.InputError, match="no load acts"):
+        sj.response(still, np.array([1.0]))
+
+
+def test_loads_at_another_frequency_keep_their_shape_and_pulses_have_none():
+    system = bar()
+    moved = at_frequency(system, 500.0, 3.0).loads[0].amplitude
+    times = np.linspace(0.0, 2e-3, 9)
+    assert moved(times) == pytest.approx(3.0 * np.sin(2.0 * np.pi * 500.0 * times))
+    pulse = replace(system.loads[0], amplitude=sj.HalfSine(1.0, 1e-3))
+    with pytest.raises(sj.InputError, match="harmonic"):
+        at_frequency(replace(system, loads=(*system.loads, pulse)), 500.0)
+
+
+def test_each_point_knows_the_error_of_its_step():
+    """Near a resonance whose third harmonic meets another."""
+    system, f = bar(), np.array([1750.0, 1780.0, 1790.0, 1800.0])
+    levels = (0.3 * system.contact.w.sum(),)
+    (rough,), (fine,) = (
+        sj.response(system, f, levels, steps_per_cycle=steps, refined=False) for steps in (200, 800)
+    )
+    true = np.abs(rough.column("amplitude") / fine.column("amplitude") - 1.0)[:, 0]
+    assert true.min() > 0.005
+    assert rough.column("step_error") == pytest.approx(true, rel=0.5)
+
+
+def test_a_bar_in_contact_throughout_has_a_stuck_limit_of_zero():
+    mesh = build_bar([("joint", 0.2, 10)], {"tip": 0.2})
+    pressed = [sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)]
+    bar = structure(mesh, pressed, (), stiffness_damping=1e-6)
+    system = bar.system([sj.Load("tip", sj.Harmonic(1e4, 1000.0))])
+    f = np.array([500.0, 1000.0])
+    assert not linear_response(system, f, stuck=True).any()
+    assert linear_response(system, f, stuck=False).all()
+
+
+def test_a_load_on_contact_alone_moves_nothing_while_it_sticks():
+    mesh = build_bar([("free", 0.2, 10), ("joint", 0.1, 10)], {"end": 0.3, "middle": 0.1})
+    pressed = [sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)]
+    bar = structure(mesh, pressed, (), stiffness_damping=1e-6)
+    system = bar.system([sj.Load("end", sj.Harmonic(1e4, 1000.0))])
+    system = replace(system, loads=(replace(system.loads[0], vector=np.eye(system.n)[-1]),))
+    assert system.contact.B.toarray()[-1, -1] == 1.0
+    assert not linear_response(system, np.array([500.0]), stuck=True).any()
+
+
+def test_a_reduced_model_is_refused_where_loads_differ_from_its_own():
+    """Made at 500 Hz and 20 kN it has 13 % of the damping at the highest level of the curve."""
+    system = arm(sj.Harmonic(2e4, 500.0), stiffness_damping=2.5e-7)
+    small, condensed = sj.reduce(system, modes=4), sj.condense(system)
+    (curve,) = sj.backbone(condensed, levels=2)
+    calls = {
+        "response": lambda one: sj.response(one, [200.0], refined=False, estimated=False),
+        "backbone": lambda one: sj.backbone(one, levels=2),
+        "ring_down": lambda one: sj.ring_down(one, curve, 8),
+    }
+    for what, call in calls.items():
+        for same in (small, replace(small, notes=())):
+            with pytest.raises(sj.InputError, match=f"{what}: .* \\(500 Hz\\).*sj.condense"):
+                call(same)
+        assert call(condensed)
+    assert sj.integrate(small, cycles=1, steps_per_cycle=50).friction_energy["joint"] > 0.0
+
+
+@pytest.mark.parametrize("steps", [8, 9, 10, 12])
+def test_harmonics_that_so_few_steps_do_not_determine_are_nan(steps):
+    point = module.steady_point(bar(), 500.0, steps_per_cycle=steps)
+    known = np.arange(1, 6) < steps / 2
+    np.testing.assert_array_equal(np.isfinite(point.harmonics), known[np.newaxis])
+
+
+def test_what_finished_beside_a_worker_that_fails_is_kept(tmp_path, monkeypatch):
+    class Workers(Executor):
+        """Two workers that end at the same moment; the first one fails."""
+
+        given = 0
+
+        def submit(self, function, /, *arguments, **keywords):
+            self.given, future = self.given + 1, Future()
+            if self.given == 1:
+                future.set_exception(sj.InputError("the first cannot"))
+            else:
+                future.set_result(function(*arguments, **keywords))
+            return future
+
+    monkeypatch.setattr(module, "wait", lambda running, **_: SimpleNamespace(done=[*running]))
+    kept = Rows(tmp_path / "rows.jsonl", (module.SteadyPoint,))
+    with pytest.raises(sj.InputError, match="the first cannot"):
+        sj.response(bar(), [500.0], (1.0, 2.0), executor=Workers(), rows=kept, refined=False)
+    assert Rows(kept.path, (module.SteadyPoint,)).known == 1
+
+
+def test_a_scene_in_which_everything_sticks_has_a_response_of_zero():
+    """Every node is in contact."""
+    scene = bar_scene(
+        "full",
+        bar="short_lap_joint",
+        joint=[joint(law="coulomb")],
+        load=[harmonic(amplitude=100.0)],
+        time={"cycles": 1, "steps_per_cycle": 50},
+        response={"frequencies": {"from": 500.0, "to": 900.0, "points": 3}, "levels": [1.0]},
+    )
+    (model,) = scene_response(scene).models
+    assert not model.curves[0].column("amplitude").any()
+
+
+def test_a_linear_response_is_exact_at_few_steps_whatever_the_damping():
+    """The trapezoidal rule is warped: unwarped it loses 71 % of the peak at a ratio of 1e-4."""
+    for ratio in (1e-4, 1e-5):
+        loose = sj.Joint("joint", pressure=50e6, friction=0.0)
+        system = arm(sj.Harmonic(1.0, 1000.0), loose, (10, 10), damping_ratio=ratio)
+        K, C, M = (A.toarray() for A in (system.K, system.C, system.M))
+        omega = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min())
+        for near in (1.0 - ratio, 1.0, 1.01):
+            frequency = near * omega / (2.0 * np.pi)
+            w = 2.0 * np.pi * frequency
+            u = system.P @ np.linalg.solve(K + 1j * w * C - w**2 * M, system.loads[0].vector)
+            point = module.steady_point(system, frequency, 1.0, 100)
+            assert point.harmonics[:, 0] == pytest.approx(u / 1j, rel=2e-5)
+            # Of a hundred samples in a period the highest may miss the crest by half a step.
+            assert point.amplitude == pytest.approx(np.abs(u), rel=6e-4)
+            # Works are of forces that are linear within a step: their sine is sin(x) / x of itself.
+            work = np.pi * np.abs(u.imag[0]) * np.sinc(2.0 / 100)
+            assert point.input_energy == pytest.approx(work, rel=1e-4)
+
+
+@pytest.mark.parametrize("share", [1e-9, 1e-6, 1e-4])
+def test_light_damping_has_a_steady_vibration_below_and_above_the_first_slip(share):
+    joint = sj.Joint("joint", pressure=50e6, friction=0.7, beta=np.inf)
+    system = arm(sj.Harmonic(1.0, 1000.0), joint, (10, 10), damping_ratio=1e-5)
+    still = np.setdiff1d(np.arange(system.n), system.contact.B.indices)
+    K, M = (A.toarray()[np.ix_(still, still)] for A in (system.K, system.M))
+    frequency = np.sqrt(np.linalg.eigvals(np.linalg.solve(M, K)).real.min()) / (2.0 * np.pi)
+    level = share * float(system.contact.w.sum())
+    point = module.steady_point(system, frequency, level, 100)
+    assert point.failure is None
+    exact = linear_response(system, np.array([frequency]), stuck=True)[0] * level
+    if share == 1e-9:
+        assert point.friction_energy == 0.0
+        assert point.amplitude == pytest.approx(exact, rel=5e-3)
+    else:
+        assert 0.0 < point.friction_energy < point.input_energy
+        assert (point.amplitude < exact).all()
+
+
+def test_errors_of_the_step_are_those_of_friction_alone():
+    """A stuck bar with light damping has none; friction's harmonics that meet a mode have."""
+    mesh = build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
+    pressed = joint(law="coulomb", normal_force="consistent")
+
+    def said(level: float, low: float, high: float, steps: int, **changes: Any) -> str:
+        scene = bar_scene(
+            "full",
+            bar=mesh,
+            joint=[pressed],
+            load=[harmonic(amplitude=350e3)],
+            time={"cycles": 1, "steps_per_cycle": steps},
+            response={"frequencies": {"from": low, "to": high, "points": 2}, "levels": [level]},
+            **changes,
+        )
+        return "\n".join(scene_response(scene).warnings)
+
+    light = said(1e-7, 2495.0, 2498.0, 100, damping={"ratio": 1.2e-3})
+    assert "step alone" not in light
+    strong = said(0.3, 1785.0, 1795.0, 60, damping={"stiffness": 4e-3 / 2500.0 / 2.0 / np.pi})
+    assert "harmonics of friction" in strong
