@@ -3,34 +3,43 @@
 from html import escape
 from pathlib import Path
 
-WIDTH, HEIGHT = 1000, 725
+WIDTH, HEIGHT = 1000, 955
 INK, PALE = "#22303c", "#5b6873"
 FILL = {"pass": "#e8eef5", "system": "#fdf0d5", "map": "#ffffff", "folder": "#eef2ea"}
 
-#: Passes of a scene: name, what it returns, module.
+#: Passes of a scene: name, what it returns, folder.
 PASSES = (
     ("read", "Scene", "scene"),
     ("structure", "Structure", "structure"),
     ("system", "System", "structure"),
-    ("describe", "Description", "analysis"),
-    ("choose", "Choice", "analysis"),
-    ("models", "Run", "stepping"),
-    ("estimate", "Estimate", "analysis"),
+    ("describe", "Description", "study"),
+    ("choose", "Choice", "study"),
+    ("models", "Run", "runs"),
+    ("estimate", "Estimate", "accuracy"),
     ("summarise", "summary", "output"),
     ("write", "files", "output"),
 )
 #: Folders in the order in which they may be imported, with what is in them.
 FOLDERS = (
-    ("(ground modules)", "errors, files, arrays, loads, progress"),
+    ("ground", "errors, files, arrays, loads, progress"),
     ("linalg", "factors, Schur complements, bands"),
-    ("(package modules)", "system, slips, unknowns, modes"),
+    ("system", "System, Contact, slips, modes"),
     ("mesh", "named meshes: read, check, build"),
-    ("structure", "body, joints, pressure, preload"),
+    ("body", "mass, stiffness, stress"),
+    ("joint", "pressure, preload, slip rows, limits"),
+    ("structure", "Structure, MatrixModel, loads"),
     ("minimise", "law of friction, step problem"),
-    ("stepping", "schemes, time loop, energy, steady"),
+    ("stepping", "schemes, time loop, energy"),
+    ("slow", "quasi-static levels, their derivatives"),
+    ("steady", "the state that a period brings back"),
+    ("runs", "integrate, quasi_static"),
     ("reduction", "POD, static path, condensation"),
     ("scene", "tables of a scene, messages"),
-    ("analysis", "study, estimates, backbone, response"),
+    ("results", "slip, stress, active region, modes"),
+    ("accuracy", "estimated errors: a ladder of models"),
+    ("vibration", "backbone, ring-down, response"),
+    ("fitting", "measured curves, fit"),
+    ("study", "models of a scene, sweeps"),
     ("output", "tables, VTK, pictures, preview"),
     ("cli", "commands"),
 )
@@ -128,16 +137,16 @@ def folders() -> list[str]:
     wide, tall, columns = 224, 62, 4
     for number, (name, words) in enumerate(FOLDERS):
         row, column = divmod(number, columns)
-        x, y = 20 + column * (wide + 21.5), 450 + row * 96
+        x, y = 20 + column * (wide + 21.5), 450 + row * 84
         parts += [box(x, y, wide, tall, "folder")]
         parts += [text(x + wide / 2, y + 26, name, 15, font_weight="bold")]
         parts += [text(x + wide / 2, y + 47, words, 11.5, PALE)]
         if column:
             parts.append(arrow(f"M{x - 21.5} {y + tall / 2} H{x - 3}"))
         elif row:
-            turn = y - 17
+            turn = y - 11
             end = 20 + 3 * (wide + 21.5) + wide / 2
-            parts.append(arrow(f"M{end} {y - 34} V{turn} H{x + wide / 2} V{y - 3}"))
+            parts.append(arrow(f"M{end} {y - 22} V{turn} H{x + wide / 2} V{y - 3}"))
     return parts
 
 
