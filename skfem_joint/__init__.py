@@ -31,11 +31,10 @@ study        scenes, run and compared; error against run time; sweeps of many sc
 output       tables, histories, fields for ParaView, pictures
 ===========  =====================================================================================
 
-How a scene is computed: `scene.load_scene` reads it and `mesh.load_meshes` its mesh.
-`structure.Structure` makes the `System`, `runs.integrate` the run, and `reduction` the smaller
-system, which is run in the same way. `study.study.run_scene` does all of it, pass by pass, and
-`output.folder.write` writes the results. Words and symbols are explained in
-``docs/reference/glossary.md``.
+How a scene is computed: `scene.load_scene` reads it and `mesh.load_meshes` its mesh. `Structure`
+makes the `System`, `runs.integrate` the run, and `reduction` the smaller system, which is run in
+the same way. `study.study.run_scene` does all of it, pass by pass, and `output.folder.write` writes
+the results. Words and symbols are explained in ``docs/reference/glossary.md``.
 
 The names below are loaded when they are first used.
 """

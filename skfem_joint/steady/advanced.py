@@ -45,8 +45,8 @@ class Springs:
     system : System
     rows : ndarray of int, shape (s,)
         Slip rows that have them.
-    stiffness, limit : ndarray, shape (s,)
-        Stiffness, N/m, and friction limit, N, of each.
+    stiffness : ndarray, shape (s,)
+        Of each, N/m.
     half : float
         Half a step, s.
     """
@@ -54,7 +54,6 @@ class Springs:
     system: System
     rows: IntArray
     stiffness: FloatArray
-    limit: FloatArray
     half: float
 
     @property
@@ -66,26 +65,18 @@ class Springs:
     def of(system: System, h: float) -> Springs:
         """Springs of a system for steps of ``h`` seconds."""
         rows = np.flatnonzero(system.contact.on_rows(system.contact.sprung))
-        values = (
-            system.contact.on_rows(system.contact.stiffness)[rows],
-            system.contact.on_rows(system.contact.w)[rows],
-        )
-        return Springs(system, rows, *values, 0.5 * h)
+        stiffness = system.contact.on_rows(system.contact.stiffness)[rows]
+        return Springs(system, rows, stiffness, 0.5 * h)
 
-    def advanced(self, v: FloatArray, sigma: FloatArray) -> FloatArray:
-        """Advanced forces (..., s), N, at velocities (..., n) and friction over its limit.
-
-        ``sigma`` has the shape (..., rows).
-        """
+    def advanced(self, v: FloatArray, friction: FloatArray) -> FloatArray:
+        """Advanced forces (..., s), N, at velocities (..., n) and friction (..., rows), N."""
         if not self.rows.size:
             return np.zeros((*v.shape[:-1], 0))
-        return np.asarray(self.limit * sigma[..., self.rows] + self._taken(v))
+        return np.asarray(friction[..., self.rows] + self._taken(v))
 
-    def friction(self, e: FloatArray, v: FloatArray, sigma: FloatArray) -> FloatArray:
-        """Friction over its limit (rows,) with that of springs under advanced forces ``e``."""
-        sigma = sigma.copy()
-        sigma[self.rows] = (e - self._taken(v)) / self.limit
-        return sigma
+    def friction(self, e: FloatArray, v: FloatArray) -> FloatArray:
+        """Friction (s,), N, at a velocity (n,) under advanced forces ``e``."""
+        return np.asarray(e - self._taken(v))
 
     def _taken(self, v: FloatArray) -> FloatArray:
         """What springs take up in half a step, (..., s), N, if all sliders stick."""

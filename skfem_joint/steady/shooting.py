@@ -155,9 +155,15 @@ class Shooting:
         """State as a row of numbers."""
         if not self.trapezoidal:
             return np.concatenate([*state, self.driver.stepper.beside])
-        sigma = self.driver.stepper.by_row(state.sigma)
-        springs = self.springs.advanced(state.v, sigma)
+        friction = self._limits * self.driver.stepper.by_row(state.sigma)
+        springs = self.springs.advanced(state.v, friction)
         return np.concatenate([advanced(state, self.driver.h), springs])
+
+    @property
+    def _limits(self) -> FloatArray:
+        """Friction limits of all slip rows now, N, over which the state has its friction."""
+        contact, now = self.driver.system.contact, self.driver.stepper.limits_now
+        return np.asarray(contact.on_rows(contact.w if now is None else now))
 
     @cached_property
     def norm(self) -> EnergyNorm:
@@ -191,7 +197,9 @@ class Shooting:
             state = state_of(x[:two_n], now.sigma, self.driver.h)
             if not self.springs.rows.size:
                 return state
-            sigma = self.springs.friction(x[two_n:], state.v, stepper.by_row(now.sigma))
+            sigma, rows = stepper.by_row(now.sigma).copy(), self.springs.rows
+            force, limits = self.springs.friction(x[two_n:], state.v), self._limits[rows]
+            sigma[rows] = np.divide(force, limits, out=0.0 * force, where=limits > 0.0)
             return state._replace(sigma=stepper.placed(sigma))
         ends = np.cumsum([part.size for part in now])
         return State(*map(np.array, np.split(x, ends)[: len(now)]))
@@ -262,7 +270,10 @@ class Shooting:
             return None
         stored, starts = recorder.stored, slice(0, recorder.field_rows - 1)
         u = stored.u[1 : recorder.field_rows] if self.opens else None
-        e = self.springs.advanced(stored.v[starts], stored.sigma[starts])
+        limits = recorder.limits[starts] if self.opens else driver.system.contact.w
+        friction = np.repeat(limits, driver.system.contact.directions, axis=-1)
+        friction = friction * stored.sigma[starts]
+        e = self.springs.advanced(stored.v[starts], friction)
         J = transition(driver.system, driver.to.kind, driver.h, v, omega, u, e)
         return _Derivative(J, self.sign)
 

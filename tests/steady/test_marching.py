@@ -168,13 +168,17 @@ def test_a_body_on_its_base_alone_has_no_rigid_motion_that_lifts_it():
     assert sj.integrate(system, until="steady", steps_per_cycle=40).steady.unstrained == 0
 
 
-def _small(up):
-    return sj.reduce(block(elements=4).system(loads(up=up)), modes=6)
+def _small(up, springs=np.inf):
+    return sj.reduce(block(elements=4, tangential_stiffness=springs).system(loads(up=up)), modes=6)
 
 
-def test_a_period_of_a_reduced_model_has_the_derivative_of_its_differences():
-    """With contact that opens and closes, and friction limits that follow its forces."""
-    system = _small(220e3)
+@pytest.mark.parametrize("springs", [np.inf, 5e12])
+def test_a_period_of_a_reduced_model_has_the_derivative_of_its_differences(springs):
+    """With contact that opens and closes, and friction limits that follow its forces.
+
+    The forces of springs in series are then shares of limits that are not those at rest.
+    """
+    system = _small(220e3, springs)
     rest = np.zeros(system.n)
     through = Shooting(Driver(system, steady_plan(system, 60), (rest, rest), 1e-13), lambda: None)
     x = through.coordinates(through.driver.stepper.now)
@@ -187,7 +191,9 @@ def test_a_period_of_a_reduced_model_has_the_derivative_of_its_differences():
     assert transition.moving.size == system.n
     rng, size = np.random.default_rng(0), 1e-6 * np.abs(x[: system.n]).max()
     for _ in range(3):
-        small = transition.extended(x, size * rng.normal(size=2 * system.n))
+        small = transition.extended(
+            x, size * rng.normal(size=2 * system.n + transition.springs.size)
+        )
         ends = through(x + small).end, through(x - small).end
         differences = transition.restricted(ends[0] - ends[1]) / 2.0
         linear = transition.matrix @ transition.restricted(small)

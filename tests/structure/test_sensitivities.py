@@ -221,9 +221,9 @@ def test_one_value_of_all_bolts_changes_with_each_of_them():
 def under_rings(forces: tuple[float, float] = (4e3, 3e3)) -> sj.Structure:
     """Bar on a base, pressed under the heads of two bolts, with a second joint beside the first."""
     mesh = build_bar([("joint", 0.2, 20), ("rest", 0.1, 10), ("free", 0.1, 5)], {"end": 0.4})
-    bolts = [sj.structure.Bolt((x, 0.0), force, 0.02, 0.004)
+    bolts = [sj.Bolt((x, 0.0), force, 0.02, 0.004)
              for x, force in zip((0.06, 0.14), forces, strict=True)]  # fmt: skip
-    pressure = sj.structure.Bolts(tuple(bolts), 0.01)
+    pressure = sj.Bolts(tuple(bolts), 0.01)
     joints = [sj.Joint("joint", pressure, 0.4), sj.Joint("rest", 1e6, 0.2)]
     return structure(mesh, joints, ())
 
@@ -348,7 +348,7 @@ def test_what_cannot_be_varied_is_refused(key, words):
 
 
 def test_values_from_which_nothing_can_be_derived_are_refused():
-    table = sj.structure.PressureTable((0.0, 0.3), (1e6, 2e6))
+    table = sj.PressureTable((0.0, 0.3), (1e6, 2e6))
     mesh = build_bar([("joint", 0.3, 3)], {"end": 0.3})
     given = structure(mesh, [sj.Joint("joint", table, 0.3)], (), damping_ratio=0.1)
     for key, words in (
