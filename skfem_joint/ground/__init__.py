@@ -1,4 +1,4 @@
-"""What all rooms stand on, and what knows nothing of mechanics but the loads.
+"""What all folders stand on, and what knows nothing of mechanics but the loads.
 
 `errors` are those that users see, `values` and `arrays` check numbers and types of arrays, `loads`
 are forces over time. Files: `files` writes them whole or not at all, `array_files` reads and writes

@@ -1,4 +1,9 @@
-"""Meshes with named parts, in every dimension: built, read, checked, merged, refined, written."""
+"""Meshes with named parts, in every dimension: built, read, checked, merged, refined, written.
+
+`named` is the type of all meshes, `cells` the kinds of their elements. `building` makes bars,
+plates and boxes; `reading` reads files by meshio, after the checks of `gmsh` (which also writes)
+and `abaqus`; `straightening` says what straight edges in place of curved ones change.
+"""
 
 from skfem_joint.mesh.building import build_bar as build_bar
 from skfem_joint.mesh.building import build_box as build_box

@@ -7,6 +7,6 @@ The methods: `front_elimination` with `minty_newton` (chains), `contact_newton` 
 `condensed_newton` and `contact_loops` (systems whose slips and approaches are unknowns, of which
 `touching` keeps those of points that touch), `primal_dual_newton` with `dense_loop` and
 `dense_pressures` (few unknowns). `line_search` is in common; `compiled_step` is the protocol of
-those that the compiled time loop calls. `linearisation` says how solutions change with what they
-are of.
+those that the compiled time loop calls. `linearisation` gives the change of a solution with
+forces, offsets, limits and bounds.
 """

@@ -12,7 +12,8 @@
 
 Other systems are not stepped in that loop but by `steppers.PythonStepper`, one minimisation at a
 time: by `contact_newton` or `condensed_newton`, whose `contact_loops` evaluate the law by
-`law.sigma`, `law.resolvent`, `law.add_tangent` and the same with springs.
+`law.sprung_force`, `law.sprung_resolvent` and `law.add_tangent`, which serve points without springs
+too.
 """
 
 # mypy: allow-untyped-defs

@@ -6,7 +6,8 @@ without a run of the full model), `elastic_contact` (the same with contact that 
 `joint_slides` (joints that slip as a whole), `sources` (a basis of these), `basis` (the basis, and
 the reduced system on it), `friction_points` (fewer contact points), `missing_modes` (what a
 reduced run shows that its basis is missing). `condensed` keeps all of the contact and reduces the
-rest; `active_length` measures where joints slip. The paper's scaled modes are in `scaled`.
+rest; `active_length` measures where joints slip. Models for a range are in `ranges`, the paper's
+scaled modes in `scaled`.
 
 From the keys of a scene to modes: `scene.tables.ReductionTable` reads the table ``[reduction]``,
 `study.scene_plan.options_of` copies it to `reduction.basis.Options`, and its `basis_of_scene`

@@ -42,7 +42,7 @@ class Correction:
     up : ndarray, shape (n, k)
         The larger model's displacement of a reduced one's.
     matrix : ndarray, shape (2 k, 2 k)
-        (1 - J)^-1 - 1 in advanced states p and r / omega, see `skfem_joint.steady.transition`.
+        (1 - J)^-1 - 1 in advanced states p and r / omega, see `skfem_joint.steady.advanced`.
     omega : float
         Frequency, rad/s.
     """

@@ -3,7 +3,7 @@
 With constant normal forces friction is monotone: two runs under the same loads never move apart in
 the norm of energy, so that the map from the state at the start of a period to that at its end is
 non-expansive, and with damping the periodic velocity is unique. For steps of the trapezoidal rule
-this holds exactly for the advanced state (:mod:`skfem_joint.steady.transition`), in which the
+this holds exactly for the advanced state (:mod:`skfem_joint.steady.advanced`), in which the
 search works. For other schemes it works with all that a step starts from: displacement, velocity
 and the scheme's accelerations. Forces of springs in series with friction are part of the state.
 

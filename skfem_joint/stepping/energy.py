@@ -8,7 +8,9 @@ round-off for any one-step scheme:
     scheme = (du - h vm) M am + vm M (h am - dv),
 
 with vm and am the mean velocity and acceleration: what the scheme's own kinematics dissipates,
-zero for the trapezoidal rule.
+zero for the trapezoidal rule. Where contact opens, what its points store and what impacts take is
+added (`skfem_joint.stepping.normal_forces`, in the compiled loop
+`skfem_joint.stepping.loop_contact`), and stored energy has that of springs in series.
 
 Each function runs as it is, on NumPy arrays, for steps that are done in Python, and is compiled
 into the loop over steps (:mod:`skfem_joint.stepping.time_loop`). Arrays of slip rows have the first

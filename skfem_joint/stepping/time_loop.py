@@ -1,10 +1,10 @@
 """The compiled loop over steps: predictor, step problem, bookkeeping and stored rows.
 
 The law of friction is evaluated in `minimise_step`: for chains by `front_elimination` and its
-`minty_newton` (`law.graph`), for dense systems by `primal_dual_newton` (`law.forces`). What differs
-where contact opens is in `loop_contact`. Other systems have no part in this loop:
-`steppers.PythonStepper` steps them with `contact_newton` or `condensed_newton`, whose
-`contact_loops` call `law.sigma` (forces), `law.slope` (tangents) and `law.resolvent` (relaxation).
+`minty_newton` (`law.graph`), for dense systems by `dense_loop` and `dense_pressures`
+(`law.forces`). What differs where contact opens is in `loop_contact`. Other systems have no part in
+this loop: `steppers.PythonStepper` steps them with `contact_newton` or `condensed_newton`, whose
+`contact_loops` take forces, tangents and relaxation of single points from `law`.
 `minimise.choice` chooses the method.
 """
 
