@@ -28,6 +28,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.accuracy.estimate import (
+    SOURCES,
     Estimate,
     MissingModes,
     Parts,
@@ -139,7 +140,8 @@ def errors_of(base: Results, rungs: Sequence[Rung]) -> dict[str, Parts]:
     if len(parts) > 1:
         others = [rung for rung in rungs if rung.source != STEP]
         total = at_least(total, _climbed(base, others), base, *parts.values())
-    return {**parts, "total": total}
+    parts["total"] = total
+    return {source: parts[source] for source in SOURCES if source in parts}
 
 
 def of(rungs: Iterable[Rung], source: str) -> list[Rung]:

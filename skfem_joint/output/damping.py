@@ -138,8 +138,9 @@ def _active_lengths(structure: AnyStructure, slip: FloatArray) -> dict[str, floa
 
     By the slip of all points (m); nan where that is not known.
     """
-    lengths = measured_lengths(structure, slip)
-    if np.isnan(slip).any():
+    unknown = np.isnan(slip).any()
+    lengths = measured_lengths(structure, np.zeros_like(slip) if unknown else slip)
+    if unknown:
         lengths = dict.fromkeys(lengths, np.nan)
     return _named("active_length_{}_m", safe_names(lengths), lengths.values())
 

@@ -1,5 +1,7 @@
 """Peaks of a response lie on the backbone where vibration is that of one mode, and only there."""
 
+import csv
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -106,6 +108,19 @@ def test_an_end_of_the_frequencies_is_no_peak(tmp_path):
     assert len(lines) == 2
     write_response(tmp_path, response, curves)
     assert (tmp_path / "backbone_response.png").stat().st_size > 10_000
+
+
+def test_a_frequency_without_steady_vibration_has_a_row_of_what_is_not_known(tmp_path):
+    response = scene_response(bar(True, 900.0, 1000.0))
+    (model,) = response.models
+    (curve,) = model.curves
+    lost = replace(curve.points[0], slip=np.full_like(curve.points[0].slip, np.nan))
+    curve = replace(curve, points=(lost, *curve.points[1:]))
+    write_response(tmp_path, replace(response, models=(replace(model, curves=(curve,)),)))
+    with (tmp_path / "response.csv").open(newline="") as file:
+        lost, *others = (row["active_length_joint_m"] for row in csv.DictReader(file))
+    assert lost == ""
+    assert all(0.0 <= float(length) < 0.1 for length in others)
 
 
 def test_the_error_of_an_amplitude_that_was_not_estimated_is_not_known():
