@@ -140,8 +140,9 @@ def errors_of(base: Results, rungs: Sequence[Rung]) -> dict[str, Parts]:
     if len(parts) > 1:
         others = [rung for rung in rungs if rung.source != STEP]
         total = at_least(total, _climbed(base, others), base, *parts.values())
-    parts["total"] = total
-    return {source: parts[source] for source in SOURCES if source in parts}
+    order = {source: place for place, source in enumerate(SOURCES)}
+    named = sorted(parts, key=lambda source: order.get(source, 0))
+    return {source: parts[source] for source in named} | {"total": total}
 
 
 def of(rungs: Iterable[Rung], source: str) -> list[Rung]:
