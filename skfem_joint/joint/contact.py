@@ -275,22 +275,29 @@ def point_friction(
         For rows of another shape, rows that are zero or not finite, a negative limit, and a beta
         or stiffness that is not positive.
     """
-    rows = np.atleast_2d(as_real(row, "point_friction: row"))
+    return _point_rows("point_friction", "row", row, limit, beta, stiffness, name)
+
+
+def _point_rows(
+    where: str, argument: str, row: Any, limit: float, beta: float, stiffness: float, name: str
+) -> SlipRows:
+    """Rows of `point_friction`, whose messages begin with a function and its argument."""
+    rows = np.atleast_2d(as_real(row, f"{where}: {argument}"))
     if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():
         raise InputError(
-            f"point_friction: found rows of shape {np.shape(row)}, must be (N,) or (2, N), finite "
+            f"{where}: found rows of shape {np.shape(row)}, must be (N,) or (2, N), finite "
             "and not zero"
         )
-    check("point_friction: limit", limit, NOT_NEGATIVE)
-    check("point_friction: beta", beta, BETA)
-    check("point_friction: stiffness", stiffness, STIFFNESS)
+    check(f"{where}: limit", limit, NOT_NEGATIVE)
+    check(f"{where}: beta", beta, BETA)
+    check(f"{where}: stiffness", stiffness, STIFFNESS)
     return SlipRows(
         sparse.csr_array(rows),
         np.array([float(limit)]),
         np.array([float(beta)]),
         np.array([len(rows)], dtype=np.int64),
         sparse.csr_array((0, rows.shape[1])),
-        names=(_joint_name("point_friction", name),),
+        names=(_joint_name(where, name),),
         stiffness=np.array([float(stiffness)]),
     )
 
@@ -367,7 +374,7 @@ def point_contact(
         )
     rows = SlipRows.none(row.size)
     if slip is not None:
-        rows = point_friction(slip, friction * force, beta, stiffness=stiffness, name=name)
+        rows = _point_rows(where, "slip", slip, friction * force, beta, stiffness, name)
     values = (np.array([float(x)]) for x in (gap, force, normal_stiffness, 1.0))
     part = NormalPart(sparse.csr_array([[1.0]]), *values)
     gain = sparse.csr_array(np.full((rows.w.size, 1), float(friction)))
