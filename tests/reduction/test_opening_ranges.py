@@ -142,3 +142,12 @@ def test_twenty_points_drawn_at_random_err_less_than_they_state(solid, fine, mod
         held.append(errors[-1] <= np.array([stated["displacement_rms"], stated["friction_energy"]]))
     assert np.max(errors, axis=0)[0] < 0.01
     assert np.all(np.mean(held, axis=0) >= 0.9)
+
+
+def test_slip_that_remains_is_no_gross_slip_of_a_steady_period():
+    """Points of faces that opened once rest elsewhere; in the period hardly any of them slips."""
+    model = sj.reduce(lapped(fine=2).system(bent()), 16, range=ASKED)
+    level = sj.at(model, frequency=90.0, slip=0.3).serves.point.level
+    (curve,) = sj.response(model, [90.0], [level], refined=False, estimated=False)
+    assert curve.points[0].failure is None
+    assert curve.points[0].share == 0.0
