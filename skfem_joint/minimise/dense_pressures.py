@@ -4,8 +4,9 @@ The method is that of :mod:`skfem_joint.minimise.primal_dual_newton`, its loop t
 :mod:`skfem_joint.minimise.dense_loop`. In `Following` problems friction limits follow the normal
 forces in each evaluation, in `Kept` ones they are kept, so that the problem is convex.
 
-To change the normal law, change `_press`, its potential's slope in `_slope_beside_pressures`, its
-size in `_magnitude_of_pressures`, and the stiffness in `_differences`.
+Of the normal law this module has `_press`, its potential's slope in `_slope_beside_pressures`, its
+size in `_magnitude_of_pressures`, and the stiffness in `_differences`; the other places are in
+``docs/contributing/extend.md``.
 """
 
 # numba infers the types of compiled functions:

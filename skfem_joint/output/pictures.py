@@ -26,8 +26,6 @@ from skfem_joint.output.series import Block, blocks_of, faces_of
 
 #: Colours of -1 no contact, 0 stick, 1 slip; they differ in grey too.
 STATES = {"no contact": "#d5d8dc", "stick": "#2f6db3", "slip": "#f08a24"}
-
-
 #: Width of the picture, and height that the panels of all models share at most, inches.
 _WIDTH, _TALLEST = 9.4, 5.0
 

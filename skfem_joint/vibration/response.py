@@ -286,8 +286,7 @@ def response(
     ----------
     system : System
         Full, condensed, or reduced for a range with ``reduce(system, range=...)``; its loads are
-        harmonic. Full and condensed ones may have contact that opens; reduced ones with it are
-        made by the command for a scene. A model that `skfem_joint.reduce` made without a range
+        harmonic, and contact may open. A model that `skfem_joint.reduce` made without a range
         serves its own loads only and is refused. One for a range has no points in gross slip, which
         say so.
     frequencies : ndarray, shape (k,)
