@@ -1,6 +1,5 @@
 """Steps of sparse systems in contact: laws, symmetries, balances, condensation."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,11 @@ from scipy import sparse
 from stepping_systems import reference_plate
 
 import skfem_joint as sj
-from skfem_joint.linalg import schur
-from skfem_joint.minimise import choice, law
+from skfem_joint.minimise import law
+from skfem_joint.minimise.choice import step_problem
+from skfem_joint.minimise.condensed_newton import CondensedNewton
+from skfem_joint.minimise.contact_newton import ContactNewton
+from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.stepping.recording import Run
 
 LAWS = [1e3, 1e5, 1e9, np.inf]
@@ -41,23 +43,26 @@ def test_a_solid_on_its_base_is_stepped_as_a_plate_is(beta):
 
 @pytest.mark.parametrize("elements", [4, 44])
 @pytest.mark.parametrize("beta", LAWS)
-def test_condensing_changes_nothing(beta, elements, monkeypatch):
+def test_condensing_changes_nothing(beta, elements):
     """To few unknowns, which are made dense, and to many, which stay sparse."""
     mesh = sj.build_plate([("linear", 0.2, 16), ("joint", 0.05, elements)], WIDTH, 6)
     made = structure(mesh, [pressed(beta=beta)], fixed=("right",))
     system = made.system([sj.Load("left", sj.Harmonic(12e3, 1000.0), (1.0, 0.1))])
-    condensed = run(system)
-    monkeypatch.setattr(choice, "condensing_pays", lambda A, kept: False)
-    on_all = run(system)
-    assert condensed.friction_work.sum() > 0.0
-    np.testing.assert_allclose(condensed.u, on_all.u, atol=1e-9 * np.abs(on_all.u).max())
-    np.testing.assert_allclose(
-        condensed.friction_work, on_all.friction_work, rtol=1e-6, atol=1e-9 * on_all.input_work[0]
-    )
+    H, points = sparse.csr_array(1e5 * system.M + 1e-5 * system.K), ContactPoints.of(system)
+    condensed, on_all = (step_problem(H, points, "contact", how) for how in (True, False))
+    assert isinstance(condensed, CondensedNewton)
+    assert isinstance(on_all, ContactNewton)
+    rng = np.random.default_rng(0)
+    for share in (0.3, 1.0, -2.0):
+        g = 12e3 * share * system.loads[0].vector + 300.0 * rng.normal(size=system.n)
+        found, known = (problem.minimise(g, tolerance=1e-12) for problem in (condensed, on_all))
+        assert found.converged
+        assert np.any(system.contact.B @ known.v)
+        np.testing.assert_allclose(found.v, known.v, atol=1e-9 * np.abs(known.v).max())
+        np.testing.assert_allclose(found.sigma, known.sigma, atol=1e-6)
 
 
-def test_few_factorizations_serve_many_iterations(monkeypatch):
-    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0))
+def test_few_factorizations_serve_many_iterations():
     system = reference_plate(1e5, elements=(30, 6))
     counters = run(system, steps=200).counters
     assert counters.newton_iterations < 5 * counters.steps
