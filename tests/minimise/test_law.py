@@ -1,6 +1,7 @@
 """The law of friction: force, slope, potential, slip vectors, resolvent, graph and its inverse."""
 
 import math
+from itertools import pairwise
 from math import inf, pi, sqrt
 from typing import Any
 
@@ -34,21 +35,18 @@ def test_arctan_law_is_equation_2():
 
 
 @pytest.mark.parametrize("beta", BETAS)
+@pytest.mark.parametrize("soft", [0.0, 2.0])
 @pytest.mark.parametrize(("a", "b"), [(0.0, 1.0), (-3.0, 5.0), (0.1, 40.0), (-200.0, 1.0)])
-def test_slope_is_the_derivative_of_the_force(beta, a, b):
-    integral, _ = quad(
-        lambda z: float(law.force_slope(z / beta, beta)), a, b, epsrel=1e-13, limit=200
-    )
-    difference = law.force(b / beta, beta) - law.force(a / beta, beta)
-    assert difference == pytest.approx(integral / beta, rel=1e-11)
-
-
-@pytest.mark.parametrize("beta", BETAS)
-@pytest.mark.parametrize(("a", "b"), [(0.0, 1.0), (-3.0, 5.0), (0.1, 40.0), (-200.0, 1.0)])
-def test_force_is_the_derivative_of_the_potential(beta, a, b):
-    integral, _ = quad(lambda z: float(law.force(z / beta, beta)), a, b, epsrel=1e-13, limit=200)
-    difference = law.potential(b / beta, beta) - law.potential(a / beta, beta)
-    assert difference == pytest.approx(integral / beta, rel=1e-11)
+def test_force_and_slope_are_derivatives_of_the_potential_and_of_the_force(a, b, soft, beta):
+    """Alone and with a spring in series."""
+    laws = law.potential, law.force, law.force_slope
+    for function, derivative in pairwise(laws):
+        integral, _ = quad(
+            lambda z, law=derivative: float(law(z / beta, beta, soft / beta)),
+            a, b, epsrel=1e-13, limit=200,
+        )  # fmt: skip
+        difference = function(b / beta, beta, soft / beta) - function(a / beta, beta, soft / beta)
+        assert difference == pytest.approx(integral / beta, rel=1e-11)
 
 
 @pytest.mark.parametrize("beta", [*BETAS, inf])

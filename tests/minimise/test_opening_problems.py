@@ -7,14 +7,11 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
 from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.contact_loops import coupled_tangent, tangent_blocks
 from skfem_joint.minimise.contact_newton import ContactNewton, _Forces
 from skfem_joint.minimise.limits import Hinges
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
-from skfem_joint.system.normal import NormalPart
 
 #: Largest entry of the loads; errors are relative to it.
 LOAD = 30.0
@@ -229,22 +226,6 @@ def test_loads_that_are_not_finite_do_not_converge():
     g = c.g.copy()
     g[3] = np.nan
     assert not c._replace(g=g).minimum().converged
-
-
-@pytest.mark.parametrize("N", [[[1.0, 0.0], [1.0, 0.0]], [[0.0, 0.0]], [[1.0, 2.0], [2.0, 4.0]]])
-def test_pressure_points_that_no_unknown_moves_by_itself_are_refused(N):
-    q = len(N)
-    opening = NormalPart(
-        sparse.csr_array(np.array(N)), np.zeros(q), np.ones(q), np.full(q, np.inf), np.ones(q)
-    )  # fmt: skip
-    one = sparse.csr_array(np.eye(2))
-    none = sparse.csr_array((0, 2)), np.zeros(0), np.zeros(0)
-    system = sj.System(one, None, one, sj.Contact(*none, normal=opening))
-    with pytest.raises(
-        InputError,
-        match=r"approach by the same displacement, or by none|depend on each other, or no",
-    ):
-        sj.integrate(system, step=0.1, n_steps=1)
 
 
 def _with_sliders_as_unknowns(c, flexible, offset):

@@ -91,6 +91,7 @@ def test_steady_vibration_is_where_long_time_integration_leads(system):
     integrated = sj.integrate(system, cycles=cycles, steps_per_cycle=200)
     assert amplitude(run) == pytest.approx(amplitude(integrated), rel=5e-4)
     assert run.cycles.friction[-1] == pytest.approx(integrated.cycles.friction[-1], rel=5e-4)
+    assert run.steady.periods < 60
     # All of the work of the loads is lost in the period.
     lost = run.friction_work.sum() + run.viscous_work + run.scheme_work
     assert run.input_work.sum() == pytest.approx(lost, rel=3e-4)
@@ -259,15 +260,6 @@ def test_held_steps_shrink_to_the_change_over_what_holds_them():
     np.testing.assert_allclose(
         held * derivative.step(change, held), change, atol=1e-4 * np.abs(change).max()
     )
-
-
-def test_newtons_method_finds_what_mixing_finds_in_few_periods(monkeypatch):
-    system = dense(bar(2025.0, 0.1, beta=1e4))
-    found = sj.integrate(system, until="steady", steps_per_cycle=200)
-    monkeypatch.setattr(shooting, "NEWTON", shooting.ShootingSettings(dense=0))
-    mixed = sj.integrate(system, until="steady", steps_per_cycle=200)
-    assert 2 * found.steady.periods < mixed.steady.periods
-    assert amplitude(found) == pytest.approx(amplitude(mixed), rel=1e-4)
 
 
 def test_a_correction_by_the_system_itself_is_newtons_step():
