@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import LAP, WIDTH, lap, pressed, structure
+from bodies import LAP, WIDTH, lap, structure
 from clamped_plates import bolted, loads
 from stepping_systems import LapJoint, arm
 
@@ -161,13 +161,6 @@ def test_stiffer_and_stiffer_springs_tend_to_none():
     assert np.divide(apart[:-1], apart[1:]) == pytest.approx(10.0, rel=0.05)
 
 
-def test_balance_of_sliders_that_all_stick_is_closed_too():
-    load = sj.Harmonic(30.0, 1.0)
-    run = sj.quasi_static(foot(load, stiffness=2e5), cycles=2, steps_per_cycle=40)
-    assert run.friction_work.sum() == pytest.approx(0.0, abs=1e-15)
-    assert run.energy_residual < 1e-12
-
-
 @pytest.mark.parametrize("springs", [False, True])
 @pytest.mark.parametrize("model", ["full", "condensed"])
 def test_a_body_that_friction_holds_goes_round_closed_loops(model, springs):
@@ -196,24 +189,6 @@ def test_no_level_is_a_little_beyond_slip(elements, model):
     assert caught.value.run.peak.max() < 1e-2
 
 
-@pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
-def test_plates_on_springs_balance_in_two_directions(model):
-    mesh = sj.build_plate([("joint", 0.1, 5), ("free", 0.1, 5)], 0.05, 2)
-    face = pressed(pressure=5e6, friction=0.5, tangential_stiffness=2e12)
-    made = structure(mesh, [face], ("right",))
-    loads = [
-        sj.Load("left", sj.Harmonic(9e3, 1.0), (-1.0, 0.0)),
-        sj.Load("left", sj.Harmonic(5e3, 2.0, 0.5), (0.0, 1.0)),
-    ]
-    system = made.system(loads, [])
-    run = sj.quasi_static(smaller(system, model), cycles=2, steps_per_cycle=64)
-    assert run.energy_residual < 1e-8
-    assert run.friction_work.min() > -1e-9 * run.friction_work.sum()
-    assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=2e-2)
-    stored = run.system.contact.spring_energy(run.final_sigma)
-    assert 0.0 < stored < run.stored_energy[1]
-
-
 def test_beta_counts_as_infinite_and_a_note_says_so():
     loads = sj.Triangle(100.0, 1.0)
     runs = [sj.quasi_static(foot(loads, beta), duration=2.0, step=0.1) for beta in (np.inf, 1e3)]
@@ -231,15 +206,6 @@ def test_frequency_and_damping_do_not_matter():
     slow, fast = (sj.quasi_static(s, cycles=1, steps_per_cycle=40) for s in systems)
     assert fast.point_u == pytest.approx(slow.point_u, abs=1e-12 * PEAK)
     assert fast.times[-1] == pytest.approx(1e-4)
-
-
-def test_slow_vibration_tends_to_the_quasi_static_run():
-    system = lap_joint(20, frequency=1.0)
-    slow = sj.quasi_static(system, cycles=2, steps_per_cycle=100)
-    damped = sj.generalized_alpha(0.0)  # the steps follow none of the bar's own vibration
-    run = sj.integrate(system, cycles=2, steps_per_cycle=100, scheme=damped)
-    assert run.point_u == pytest.approx(slow.point_u, abs=4e-3 * PEAK)
-    assert run.cycles.friction[-1] == pytest.approx(slow.cycles.friction[-1], rel=4e-3)
 
 
 @pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
@@ -304,16 +270,21 @@ def test_without_any_hold_there_is_no_level():
     assert caught.value.run.counters.steps == 0
 
 
+@pytest.mark.parametrize("stiffness", [np.inf, 2e12])
 @pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
-def test_works_of_plates_balance_and_their_loops_close(model):
+def test_works_of_plates_balance_and_their_loops_close(model, stiffness):
     """Two plates, one of them held by friction alone, pulled at an angle."""
-    made = structure(lap(), [LAP], ("lower_left",), stiffness_damping=0.0)
+    joint = replace(LAP, tangential_stiffness=stiffness)
+    made = structure(lap(), [joint], ("lower_left",), stiffness_damping=0.0)
     pull = sj.Harmonic(0.4 * 28e3, 1.0)  # of what friction holds
     system = made.system([sj.Load("upper_right", pull, (1.0, 0.2))], [])
     full = run = sj.quasi_static(system, cycles=2, steps_per_cycle=40)
     if model != "full":
         run = sj.quasi_static(smaller(system, model), cycles=2, steps_per_cycle=40)
     assert run.energy_residual < 1e-8
+    assert run.friction_work.min() > -1e-9 * run.friction_work.sum()
+    stored = run.system.contact.spring_energy(run.final_sigma)
+    assert 0.0 < stored < run.stored_energy[1] if stiffness < np.inf else stored == 0.0
     # What goes in comes out in the joints, as far as the last cycle is closed.
     gap, work = run.loops.opening, run.cycles.input[-1].sum()
     assert gap < 1e-3

@@ -86,41 +86,27 @@ def test_a_line_mesh_refined_by_scikit_fem_is_a_chain_as_good_as_one_in_a_row(be
 
 
 @pytest.mark.parametrize("beta", [1e3, inf])
-def test_relative_slips_are_those_of_the_same_system_in_slips(beta):
-    """More than 500 unknowns, where no dense steps are left to fall back on."""
-    system = relative_slips(270, beta)
-    assert system.n == 540
-    inner, new = system.with_slips_as_unknowns()
-    run, expected = run_of(system, 40), run_of(inner, 40)
-    assert arranged(system).kind == arranged(inner).kind == "contact"
-    assert run.system is system
-    assert run.u.shape == (41, 540)
-    scale = np.abs(run.u).max()
-    np.testing.assert_allclose(run.u, (new.forward @ expected.u.T).T, atol=1e-12 * scale)
-    np.testing.assert_allclose(run.point_u, (system.P @ run.u.T).T, atol=1e-12 * scale)
-    np.testing.assert_array_equal(run.sigma, expected.sigma)
-    np.testing.assert_array_equal(run.friction_work, expected.friction_work)
-    assert run.friction_work.sum() > 0.0
-    assert run.energy_residual < 1e-10
-    slip = (system.contact.B @ run.v.T).T
-    if np.isinf(beta):
-        assert np.abs(slip[np.abs(run.sigma) < 1.0]).max() < 1e-12 * np.abs(slip).max()
-    else:
-        np.testing.assert_allclose(run.sigma, 2 / np.pi * np.arctan(beta * slip), atol=1e-9)
+def test_equal_and_opposite_loads_on_equal_bars_slip_twice_as_far(beta):
+    """By symmetry each bar is one on a rigid base under the law of twice its velocity.
 
-
-def test_equal_and_opposite_loads_on_equal_bars_slip_twice_as_far():
-    """By symmetry each bar is one on a rigid base under the law of twice its velocity."""
-    n, beta = 20, 1e3
+    With more than 500 unknowns, where no dense steps are left to fall back on.
+    """
+    n = 270
     pair = relative_slips(n, beta)
     (load,) = pair.loads
     both = np.zeros(2 * n)
     both[n - 1], both[2 * n - 1] = 1.0, -1.0
-    run = run_of(replace(pair, loads=(replace(load, vector=both),)))
-    single = run_of(LapJoint(elements=n, beta=2 * beta).system)
+    pair = replace(pair, loads=(replace(load, vector=both),))
+    assert arranged(pair).kind == "contact"
+    run, single = run_of(pair), run_of(LapJoint(elements=n, beta=2 * beta).system)
+    np.testing.assert_allclose(run.u[:, :n], single.u, atol=1e-9 * single.peak[0])
     np.testing.assert_allclose(run.u[:, :n], -run.u[:, n:], atol=1e-10 * single.peak[0])
     np.testing.assert_allclose(run.point("one"), single.point_u[:, 0], atol=1e-9 * single.peak[0])
-    np.testing.assert_allclose(run.friction_work, 2 * single.friction_work, rtol=1e-7)
+    np.testing.assert_allclose(run.sigma, single.sigma, atol=1e-7)
+    works = 2 * single.friction_work
+    np.testing.assert_allclose(run.friction_work, works, rtol=1e-7, atol=1e-12 * works.sum())
+    assert works.sum() > 0.0
+    assert run.energy_residual < 1e-10
 
 
 def test_a_load_on_a_region_works_on_its_mean_displacement():

@@ -5,9 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.slider import (
-    HOLDS,
     LIFTS,
-    MASS,
     MU,
     PRESSED,
     SPRING,
@@ -94,20 +92,6 @@ def test_sparse_matrices_whose_slip_and_approach_share_unknowns_are_stepped_as_d
         runs = [solve(s, cycles=2, steps_per_cycle=60) for s in (whole, small)]
         assert runs[1].friction_work == pytest.approx(runs[0].friction_work, rel=1e-7)
         assert runs[1].slider_peak == pytest.approx(runs[0].slider_peak, rel=1e-7)
-
-
-def test_a_constant_normal_force_gives_the_slider_of_constant_contact():
-    opens = slider(0.0, 0.0)
-    B, one = sparse.csr_array([[1.0]]), sparse.csr_array([[1.0]])
-    load = sj.AppliedLoad(np.ones(1), sj.Harmonic(HOLDS * X, 1.0), "along")
-    rubs = sj.Contact(B, opens.contact.w, np.inf, stiffness=opens.contact.stiffness)
-    matrices = MASS * one, 1e-3 * MASS * one, HOLDS * one
-    constant = sj.System(*matrices, rubs, loads=[load], P=one, points=("along",))
-    for solve in (sj.integrate, sj.quasi_static):
-        run, other = (solve(s, cycles=2, steps_per_cycle=100) for s in (opens, constant))
-        assert run.cycles.friction == pytest.approx(other.cycles.friction, rel=1e-9)
-        assert run.stored_energy[1] == pytest.approx(other.stored_energy[1], rel=1e-9)
-        assert run.final_sigma == pytest.approx(other.final_sigma, abs=1e-9)
 
 
 @pytest.mark.parametrize("varies", [0.0, 150.0, 350.0])
