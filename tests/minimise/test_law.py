@@ -50,13 +50,17 @@ def test_force_and_slope_are_derivatives_of_the_potential_and_of_the_force(a, b,
 
 
 @pytest.mark.parametrize("beta", [*BETAS, inf])
-def test_potential_is_even_and_convex_and_force_odd_monotone_and_bounded(beta):
+def test_potential_is_even_and_convex_and_no_larger_than_coulombs(beta):
     v = np.linspace(-10.0, 10.0, 401)
     psi = law.potential(v, beta)
     np.testing.assert_array_equal(psi, law.potential(-v, beta))
     assert np.all(np.diff(psi, 2) >= -8 * EPS * psi.max())
     assert law.potential(0.0, beta) == 0.0
     assert np.all(psi <= np.abs(v))
+
+
+@pytest.mark.parametrize("beta", [*BETAS, inf])
+def test_force_is_odd_monotone_and_bounded(beta):
     v = np.concatenate([-np.geomspace(10, 1e-15, 400), [0.0], np.geomspace(1e-15, 10, 400)])
     force = law.force(v, beta)
     np.testing.assert_array_equal(force, -law.force(-v, beta))
