@@ -25,37 +25,6 @@ def bar(elements: int = 100, held: bool = True) -> sj.System:
     return arm(sj.Harmonic(1.0, 1.0), joint, (elements, 100), stiffness_damping=1e-5, **supports)
 
 
-@pytest.mark.parametrize("multiple", [0.5, 3.0, 1e3])
-def test_a_body_that_friction_holds_slips_at_its_limit(multiple):
-    system = bar(held=False)
-    path = QuasiStatic(system)
-    force, limit = multiple * system.loads[0].vector, float(system.contact.w.sum())
-    assert path.limit(force) == pytest.approx(limit / multiple, rel=1e-9)
-    # Loads beyond what friction holds are scaled back: the body stays where it is.
-    held, beyond = path.follow(np.array([0.98, 1.5])[:, np.newaxis] * limit / multiple * force)
-    assert np.abs(beyond - held).max() < 1e-6 * np.abs(held).max()
-
-
-@pytest.mark.filterwarnings("ignore:invalid value")
-def test_a_level_that_does_not_converge_is_an_error():
-    system = sj.condense(bar(20, held=False))
-    wrong = np.nan * system.loads[0].vector
-    with pytest.raises(sj.ConvergenceError, match="was not found: a force residual of nan N"):
-        QuasiStatic(system).follow(wrong[np.newaxis])
-
-
-def test_a_friction_limit_that_is_not_found_is_an_error(monkeypatch):
-    few = replace(quasi_static.SETTINGS, limit_iterations=1, least_squares=0)  # else at once
-    monkeypatch.setattr(quasi_static, "SETTINGS", few)
-    system = bar(held=False)
-    with pytest.raises(sj.ConvergenceError, match="what friction can hold was not found"):
-        QuasiStatic(system).limit(2.0 * float(system.contact.w.sum()) * system.loads[0].vector)
-
-
-def test_an_elastic_support_has_no_friction_limit():
-    assert QuasiStatic(bar()).limit(bar().loads[0].vector) == np.inf
-
-
 def assert_levels(system: sj.System, path: QuasiStatic, forces: np.ndarray) -> np.ndarray:
     """Slips at levels that balance: friction is admissible, and opposes each slip at its limit."""
     u, w = path.follow(forces), system.contact.w
@@ -89,6 +58,49 @@ def plate(
     return made.system([sj.Load("right", sj.Harmonic(1.0, 1.0), pull)], [])
 
 
+@pytest.mark.parametrize("multiple", [0.5, 3.0, 1e3])
+def test_a_body_that_friction_holds_slips_at_its_limit(multiple):
+    system = bar(held=False)
+    path = QuasiStatic(system)
+    force, limit = multiple * system.loads[0].vector, float(system.contact.w.sum())
+    assert path.limit(force) == pytest.approx(limit / multiple, rel=1e-9)
+    # Loads beyond what friction holds are scaled back: the body stays where it is.
+    held, beyond = path.follow(np.array([0.98, 1.5])[:, np.newaxis] * limit / multiple * force)
+    assert np.abs(beyond - held).max() < 1e-6 * np.abs(held).max()
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+def test_a_level_that_does_not_converge_is_an_error():
+    system = sj.condense(bar(20, held=False))
+    wrong = np.nan * system.loads[0].vector
+    with pytest.raises(sj.ConvergenceError, match="was not found: a force residual of nan N"):
+        QuasiStatic(system).follow(wrong[np.newaxis])
+
+
+def test_a_friction_limit_is_found_by_iteration_too_and_an_error_where_it_is_not(monkeypatch):
+    """Where least squares of rigid motions do not lead to it."""
+    system = bar(held=False)
+    force = 2.0 * float(system.contact.w.sum()) * system.loads[0].vector
+    few = replace(quasi_static.SETTINGS, least_squares=0)
+    monkeypatch.setattr(quasi_static, "SETTINGS", few)
+    assert QuasiStatic(system).limit(force) == pytest.approx(0.5, rel=1e-5)
+    monkeypatch.setattr(quasi_static, "SETTINGS", replace(few, limit_iterations=1))
+    with pytest.raises(sj.ConvergenceError, match="what friction can hold was not found"):
+        QuasiStatic(system).limit(force)
+
+
+def balanced(system: sj.System) -> np.ndarray:
+    """Loads that sum up to the limit of friction, without what would move bodies rigidly."""
+    pull = float(system.contact.w.sum()) * system.load_vectors().sum(axis=1)
+    return system.K @ QuasiStatic(system).follow(pull[np.newaxis], limit_share=np.inf)[0]
+
+
+def test_forces_that_a_support_or_each_other_hold_have_no_friction_limit():
+    assert QuasiStatic(bar()).limit(bar().loads[0].vector) == np.inf
+    free = bar(20, held=False)
+    assert QuasiStatic(free).limit(free.K @ np.linspace(0.0, 1e-3, free.n)) == np.inf
+
+
 @pytest.mark.parametrize(
     ("system", "alone"),
     [
@@ -102,14 +114,8 @@ def plate(
 )
 def test_levels_are_those_of_coulombs_friction(system, alone):
     """The contact is stepped alone, unless nothing else holds a body and its matrix is sparse."""
-    pull = system.load_vectors().sum(axis=1)
-    if len(system.loads) > 1:  # without what would turn the plates together
-        limit = float(system.contact.w.sum())
-        pull = (
-            system.K @ QuasiStatic(system).follow(limit * pull[np.newaxis], limit_share=np.inf)[0]
-        )
-    else:
-        pull *= 12e3 if system.contact.w.size < 200 else 9e3
+    size = 12e3 if system.contact.w.size < 200 else 9e3
+    pull = balanced(system) if len(system.loads) > 1 else size * system.loads[0].vector
     forces = np.array([0.3, 0.6, 0.2, -0.5])[:, np.newaxis] * pull
     path = QuasiStatic(system, 1e-10)
     assert (path.condensed is not None) == alone

@@ -151,8 +151,8 @@ def test_sliders_along_a_chain_do_not_depend_on_their_order(between, stiffness):
             Q @ M @ Q.T, Q @ K @ Q.T, stiffness_damping=1e-4, contact=contact,
             loads={"end": (end, sj.Harmonic(40.0, 11.0)), "jump": (end, sj.Rectangle(5.0, 0.1))},
         )  # fmt: skip
-        run = sj.integrate(system, cycles=2, steps_per_cycle=50)
-        assert run.energy_residual < 1e-11
+        run = sj.integrate(system, cycles=2, steps_per_cycle=50, tolerance=1e-13)
+        assert run.energy_residual < 1e-10
         own = dict(zip(system.contact.joints, system.contact.J @ run.friction_work, strict=True))
         return [*(own[str(joint)] for joint in range(3)), run.peak_of("end")]
 
