@@ -7,6 +7,7 @@ import pytest
 from scipy import linalg, sparse
 
 from skfem_joint.ground.errors import InputError
+from skfem_joint.minimise import law
 from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.dense_loop import minimise_dense
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
@@ -92,7 +93,7 @@ def test_limits_are_renewed_where_those_that_follow_do_not_lead_on():
             continue
         p = k * np.maximum(N @ found.v, 0.0)
         slip = points.B @ found.v
-        force = np.maximum(given + gain @ p, 0.0) * 2.0 / np.pi * np.arctan(1e4 * slip)
+        force = np.maximum(given + gain @ p, 0.0) * law.force(slip, 1e4)
         left = g - H @ found.v - points.B.T @ force - N.T @ p
         np.testing.assert_allclose(left, 0.0, atol=1e-8 * np.abs(g).max())
         renewed += found.counts.get("renewed_limits", 0)
@@ -133,7 +134,7 @@ def test_forces_balance_with_more_points_than_unknowns(beta):
         w = np.maximum(given + gain @ p, 0.0)
         slip = (dense.points.B @ found.v).reshape(Q, 2)
         speed = np.linalg.norm(slip, axis=1, keepdims=True)
-        friction = w[:, None] * 2.0 / np.pi * np.arctan(beta * speed) * slip / speed
+        friction = w[:, None] * law.force(speed, beta) * slip / speed
         left = T.T @ g - dense.H @ found.v - dense.points.B.T @ friction.ravel() - T.T @ (N.T @ p)
         np.testing.assert_allclose(left, 0.0, atol=1e-8 * np.abs(g).max())
         for _ in range(2):

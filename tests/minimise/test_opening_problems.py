@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from skfem_joint.minimise import law
 from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.contact_loops import coupled_tangent, tangent_blocks
 from skfem_joint.minimise.contact_newton import ContactNewton, _Forces
@@ -97,9 +98,7 @@ def _errors(c, found):
     limits = np.maximum(c.given + c.gain @ found.p, 0.0)
     speed = np.linalg.norm(slip, axis=1)
     moves = speed > 1e-10
-    share, beta = np.ones(speed.size), c.points.beta
-    if np.isfinite(beta).all():
-        share = np.arctan(beta * speed) * 2.0 / np.pi
+    share = law.force(speed, c.points.beta)
     along = slip[moves] / speed[moves, np.newaxis] * (limits * share)[moves, np.newaxis]
     return {
         "balance of forces": np.abs(balance).max() / LOAD,
