@@ -10,7 +10,6 @@ from scipy import sparse
 import skfem_joint as sj
 from skfem_joint.body.body import Material
 from skfem_joint.ground import loads
-from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import build_bar
 from skfem_joint.results.history import compare
 from skfem_joint.structure.load import Load
@@ -106,19 +105,3 @@ def test_a_reduced_model_follows_a_moving_base():
     assert errors.displacement_rms < 2e-4
     assert abs(errors.friction_energy_per_cycle or 1.0) < 1e-3
     assert small.notes == system.notes
-
-
-@pytest.mark.parametrize(
-    ("load", "message"),
-    [
-        (Load(amplitude=np.sin), "must be one of the two"),
-        (Load("corner", np.sin, (1.0, 0.0), base="x"), "must be one of the two"),
-        (Load(base="z", amplitude=np.sin), "must be one of x, y"),
-        (Load(base="x", amplitude=np.sin, direction=(1.0, 0.0)), "beside base"),
-        (Load(base="y", amplitude=np.sin), "a force there does nothing"),
-    ],
-)
-def test_a_load_is_a_force_or_a_moving_base(load, message):
-    some = structure(block("quad"), fixed=["left"], fixed_y=["joint", "rest"])
-    with pytest.raises(InputError, match=message):
-        some.system([load])
