@@ -99,6 +99,7 @@ def test_elements_of_three_nodes_have_the_middle_one_between_the_others(tmp_path
         ((NODE, ["*ELEMENT, TYPE=B31", *B32]), "line 16: .ELEMENT: found 4 numbers"),
         ((NODE, ["*ELEMENT, TYPE=B31", "1, 13, 14"]), "line 16: .ELEMENT: node 14 does"),
         ((NODE, ["*ELEMENT, TYPE=B33", *B32]), "line 15: .ELEMENT: type B33: .*only bars"),
+        ((NODE, ["*ELEMENT, TYPE=S3", "1, 1, 2, 3"]), "line 15: .ELEMENT: type S3: from"),
         ((NODE, ALL, ["*NSET, NSET=NONE"], FIXED), "line 29: .NSET: .*no members"),
     ],
 )  # fmt: skip
