@@ -1,17 +1,14 @@
 """Supports that are accelerated together: the motion relative to them, in every dimension."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from bodies import DENSITY, ELEMENTS, THICKNESS, WIDTH, E, block, pressed, structure, two_bars
+from bodies import DENSITY, ELEMENTS, THICKNESS, WIDTH, E, block, pressed, structure
 from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.body.body import Material
 from skfem_joint.ground import loads
 from skfem_joint.mesh import build_bar
-from skfem_joint.results.history import compare
 from skfem_joint.structure.load import Load
 
 ACCELERATION = 3.0
@@ -94,14 +91,3 @@ def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind):
     moved = two.point("end") - two.point("base")
     assert one.slip_peak.max() > 1e-7
     np.testing.assert_allclose(moved, one.point("end"), atol=2e-5 * np.abs(moved).max())
-
-
-def test_a_reduced_model_follows_a_moving_base():
-    some = replace(two_bars(beta=1e4), stiffness_damping=0.0, damping_ratio=0.01)
-    system = some.system([Load(base="x", amplitude=loads.Harmonic(1.5e4, 400.0))], ["upper_end"])
-    small = sj.reduce(system, modes=10)
-    full, reduced = (sj.integrate(each, cycles=3, steps_per_cycle=100) for each in (system, small))
-    errors = compare(full, reduced)
-    assert errors.displacement_rms < 2e-4
-    assert abs(errors.friction_energy_per_cycle or 1.0) < 1e-3
-    assert small.notes == system.notes
