@@ -149,7 +149,7 @@ EDITS = {
     "no names": (lambda a: described(a, {"points": {"!tuple": []}}), "P: found shape"),
     "more": (lambda _: {"more": np.zeros(3)}, ""),
     "another limit": (scaled(GIVEN, 2.0), ""),
-    "another row": (lambda a: {ROWS: a[ROWS][::-1]}, ""),
+    "another shape": (lambda a: {GIVEN: a[GIVEN][np.newaxis]}, ""),
     "small floats": (lambda a: {SPRINGS: a[SPRINGS].astype(np.float32)}, ""),
     "nan": (scaled(GIVEN, np.nan), "must be finite and not negative"),
     "springs of nan": (scaled(SPRINGS, np.nan), "stiffness: must be positive"),

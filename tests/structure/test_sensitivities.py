@@ -179,7 +179,7 @@ def under_rings() -> sj.Structure:
 def side_by_side() -> sj.Structure:
     """Bar on a base by two joints that share a point."""
     mesh = sj.build_bar([("a", 0.1, 4), ("b", 0.1, 4)], {"end": 0.2})
-    return structure(mesh, [sj.Joint(on, 2e6, 0.3) for on in "ab"], ())
+    return structure(mesh, [sj.Joint(on, 2e6, 0.3, **STIFF) for on in "ab"], ())
 
 
 @pytest.mark.parametrize(
@@ -190,6 +190,7 @@ def side_by_side() -> sj.Structure:
         (side_by_side, "joint[1].friction"),
         (side_by_side, "joint[*].friction"),
         (side_by_side, "joint[*].pressure"),
+        (side_by_side, "joint[*].tangential_stiffness"),
     ],
 )
 def test_values_of_several_bolts_and_joints_add_up_where_they_share_points(make, key):
