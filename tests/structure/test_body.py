@@ -61,16 +61,6 @@ def at_rest_inside(some: sj.Structure, u: np.ndarray) -> np.ndarray:
     return found
 
 
-@pytest.mark.parametrize(("shape", "order"), ELEMENTS)
-def test_nodes_are_those_of_the_basis_and_sub_cells_lie_in_their_elements(shape, order):
-    some = structure(any_body(shape, order))
-    np.testing.assert_allclose(some.nodes, some.body.basis.doflocs.T, atol=1e-15)
-    for cell, element in zip(some.body.cells, some.body.cell_element, strict=True):
-        assert set(cell) <= set(some.body.of_element[:, element])
-    parts = np.bincount(some.body.cell_element)
-    np.testing.assert_array_equal(parts, parts[0])
-
-
 @pytest.mark.parametrize("plane", ["stress", "strain"])
 @pytest.mark.parametrize(("shape", "order"), ELEMENTS)
 def test_patch_test_constant_strain_is_reproduced_and_the_mass_is_that_of_the_body(
@@ -148,15 +138,6 @@ def test_bar_frequencies_converge_at_second_order_to_the_closed_form(mass):
     # A consistent mass bounds the frequencies from above (Rayleigh), a lumped one here from below.
     assert np.all(np.array(errors) < 0.0 if mass == "lumped" else np.array(errors) > 0.0)
     np.testing.assert_allclose(np.log2(errors[1] / errors[2]), 2.0, atol=0.03)
-
-
-@pytest.mark.parametrize(("shape", "order"), [kind for kind in ELEMENTS if kind[1] == 1])
-def test_lumped_mass_is_diagonal_and_keeps_the_total(shape, order):
-    some = structure(any_body(shape, order))
-    consistent, lumped = some.matrices()[0], replace(some, mass="lumped").matrices()[0]
-    assert lumped.sum() == pytest.approx(consistent.sum(), rel=1e-12)
-    assert abs(lumped - sparse.diags_array(lumped.diagonal())).max() == 0.0
-    assert lumped.diagonal().min() > 0.0
 
 
 @pytest.mark.parametrize(("shape", "order"), PLANE + SOLID)

@@ -102,12 +102,6 @@ def test_damping_that_takes_energy_is_taken_though_round_off_makes_it_negative(s
         assert np.linalg.eigvalsh(C).max() >= 0.0
 
 
-def test_gyroscopic_damping_is_refused_with_what_would_be_left_out():
-    skew = np.eye(N, k=1) - np.eye(N, k=-1)
-    with pytest.raises(sj.InputError, match=r"^C: is not symmetric.*gyroscopic"):
-        system_of(C=0.1 * K + skew)
-
-
 @pytest.mark.parametrize("name", ["M", "K", "C"])
 def test_matrices_that_say_they_are_huge_take_no_memory(name):
     huge = sparse.coo_array(([1.0], ([0], [0])), shape=(10**12, 10**12))
