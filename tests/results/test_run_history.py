@@ -20,13 +20,12 @@ from skfem_joint.results.history import (
     slip_state,
     steady_state,
 )
-from skfem_joint.stepping.recording import Run
 from skfem_joint.vibration.response import steady_point
 
 STEPS = 200
 
 
-def harmonic_run(system: sj.System | None = None, cycles: int = 3, **options: Any) -> Run:
+def harmonic_run(system: sj.System | None = None, cycles: int = 3, **options: Any) -> sj.Run:
     return sj.integrate(
         system or lap_joint().system(),
         step=1e-3 / STEPS,
@@ -41,7 +40,7 @@ def run():
     return harmonic_run()
 
 
-def scaled(run: Run, u: float, **cycles: float) -> Run:
+def scaled(run: sj.Run, u: float, **cycles: float) -> sj.Run:
     """Run with other displacements, and other values of its cycles."""
     values = {name: factor * getattr(run.cycles, name) for name, factor in cycles.items()}
     work = cycles["friction"] * run.friction_work

@@ -7,7 +7,6 @@ import pytest
 from opening_blocks import block
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
 
 FREQUENCY, STEPS = 2000.0, 100
 STEP = 1.0 / FREQUENCY / STEPS
@@ -103,12 +102,12 @@ def test_a_run_of_elastic_contact_in_few_unknowns_keeps_its_energy_after_a_jump(
 def test_a_state_that_lacks_forces_is_refused(kind):
     system = system_of(KINDS[kind])
     run = sj.integrate(system, step=STEP, n_steps=3)
-    with pytest.raises(InputError, match=r"run\.final.*give the run itself, initial=run"):
+    with pytest.raises(sj.InputError, match=r"run\.final.*give the run itself, initial=run"):
         sj.integrate(system, step=STEP, n_steps=1, initial=run.final)
     plain = sj.integrate(system, step=STEP, n_steps=1, initial=(0.0 * run.final[0], run.final[1]))
     assert plain.start is not None  # displacement and velocity, with springs without force
     other = system_of(KINDS[kind], model="condensed")
-    with pytest.raises(InputError, match="initial: shapes must be"):
+    with pytest.raises(sj.InputError, match="initial: shapes must be"):
         sj.integrate(other, step=STEP, n_steps=1, initial=run)
 
 

@@ -25,12 +25,11 @@ from scipy.linalg import eigh
 
 import skfem_joint as sj
 from skfem_joint.body.nodes import Nodes
-from skfem_joint.mesh import NamedMesh
 
 DENSITY, NU = STEEL.density, STEEL.poisson
 
 
-def any_body(shape: str, order: int) -> NamedMesh:
+def any_body(shape: str, order: int) -> sj.NamedMesh:
     """A body of no particular shape."""
     body = distorted(block(shape, order, 2, (0.4, 0.3, 0.2)))
     if body.mesh.dim() == 1:
@@ -45,7 +44,7 @@ def any_body(shape: str, order: int) -> NamedMesh:
     return mapped(body, bent)
 
 
-def measure(body: NamedMesh) -> float:
+def measure(body: sj.NamedMesh) -> float:
     basis = skfem.Basis(body.mesh, Nodes(body).element, intorder=5)
     return float(skfem.Functional(lambda p: 1.0 + 0.0 * p.x[0]).assemble(basis))
 

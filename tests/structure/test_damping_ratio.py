@@ -6,7 +6,6 @@ from bodies import block, pressed, structure
 from scipy import linalg, sparse
 
 import skfem_joint as sj
-from skfem_joint.ground.loads import Amplitude
 
 RATIO = 0.02
 
@@ -16,7 +15,7 @@ def some(shape: str, **changes: object) -> sj.Structure:
     return structure(body, [pressed("joint" if shape == "line" else "pressed")], **changes)
 
 
-def loaded(structure: sj.Structure, amplitude: Amplitude) -> sj.System:
+def loaded(structure: sj.Structure, amplitude: sj.Amplitude) -> sj.System:
     direction = (1.0, *[0.0] * (structure.dim - 1))
     return structure.system([sj.Load("right", amplitude, direction)])
 

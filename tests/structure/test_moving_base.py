@@ -6,10 +6,7 @@ from bodies import DENSITY, ELEMENTS, THICKNESS, WIDTH, E, block, pressed, struc
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.body.body import Material
 from skfem_joint.ground import loads
-from skfem_joint.mesh import build_bar
-from skfem_joint.structure.load import Load
 
 ACCELERATION = 3.0
 
@@ -20,8 +17,8 @@ def test_a_body_under_constant_acceleration_hangs_like_under_its_weight(shape, o
     """Without Poisson effect a column of length L strains by rho a (L - x) / E."""
     body = block(shape, order, size=(2.0, 1.0, 0.5))
     axis, fixed = (0, "left") if along == "first" or body.dim == 1 else (body.dim - 1, "base")
-    some = structure(body, fixed=[fixed], material=Material(E, DENSITY, 0.0))
-    system = some.system([Load(base="xyz"[axis], amplitude=lambda t: ACCELERATION + 0.0 * t)])
+    some = structure(body, fixed=[fixed], material=sj.Material(E, DENSITY, 0.0))
+    system = some.system([sj.Load(base="xyz"[axis], amplitude=lambda t: ACCELERATION + 0.0 * t)])
     force = system.loads[0].vector * system.loads[0].amplitude(0.0)
     u = some.expand(sparse.linalg.spsolve(system.K.tocsc(), force))
     x = some.nodes[:, axis]
@@ -36,8 +33,10 @@ def test_a_body_under_constant_acceleration_hangs_like_under_its_weight(shape, o
 def test_a_single_mass_answers_a_harmonic_acceleration_in_closed_form():
     """The mass that the support shares with its neighbour pushes too: rho A L / 2 in all."""
     whole, length, shake = DENSITY * WIDTH * THICKNESS, 1.0, 2.0 * np.pi * 300.0
-    some = structure(build_bar([("bar", length, 1)], {"fixed": 0.0, "end": length}), (), ["fixed"])
-    system = some.system([Load(base="x", amplitude=loads.Harmonic(ACCELERATION, 300.0))])
+    some = structure(
+        sj.build_bar([("bar", length, 1)], {"fixed": 0.0, "end": length}), (), ["fixed"]
+    )
+    system = some.system([sj.Load(base="x", amplitude=loads.Harmonic(ACCELERATION, 300.0))])
     omega = np.sqrt(3.0 * E / DENSITY) / length
     run = sj.integrate(system, step=2e-7, n_steps=20000, save=sj.Save(every=20))
     exact = np.sin(shake * run.times) - shake / omega * np.sin(omega * run.times)
@@ -66,9 +65,9 @@ def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind):
         "Table": loads.Table(np.array([0.0, 3e-4, 1e-3]), np.array([0.0, a, -a])),
         "Late": Late(),
     }[kind]
-    body = build_bar([("joint", 0.2, 4), ("free", 0.2, 2)], {"fixed": 0.0, "end": 0.4})
+    body = sj.build_bar([("joint", 0.2, 4), ("free", 0.2, 2)], {"fixed": 0.0, "end": 0.4})
     some = structure(body, [pressed(beta=1e3)], ["fixed"], stiffness_damping=1e-5)
-    relative = some.system([Load(base="x", amplitude=amplitude)])
+    relative = some.system([sj.Load(base="x", amplitude=amplitude)])
     shaken = relative.loads[0].amplitude
     for name in ("corners", "jumps", "period", "highest_frequency"):
         assert getattr(shaken, name) == getattr(amplitude, name)

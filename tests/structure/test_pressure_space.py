@@ -8,15 +8,15 @@ from benchmarks.washer import largest_rise, washer
 from bodies import PLANE, SOLID, block
 from test_preload import at, clamped, stacked
 
+import skfem_joint as sj
 from skfem_joint.joint.pressure_space import pressure_space
-from skfem_joint.mesh import NamedMesh, merged
 
 
-def overhanging(shape: str, order: int) -> NamedMesh:
+def overhanging(shape: str, order: int) -> sj.NamedMesh:
     """The upper of two blocks is shifted sideways by a part of an element: it hangs over."""
     upper, lower = block(shape, order, 2), block(shape, order, 3)
     origin = [0.0] * upper.mesh.dim()
-    return merged([at(upper, "u_", 0.4, *origin[2:], 1.0), at(lower, "l_", *origin)])
+    return sj.merged([at(upper, "u_", 0.4, *origin[2:], 1.0), at(lower, "l_", *origin)])
 
 
 @pytest.mark.parametrize("make", [stacked, overhanging])

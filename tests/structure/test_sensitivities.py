@@ -17,7 +17,6 @@ from scipy import sparse
 import skfem_joint as sj
 from skfem_joint.joint.preload import preload_rates
 from skfem_joint.structure.parameters import value_of, with_values
-from skfem_joint.system.sensitivity import SystemSensitivity
 
 
 def parts(found: Any) -> Iterator[tuple[str, Any]]:
@@ -25,7 +24,7 @@ def parts(found: Any) -> Iterator[tuple[str, Any]]:
     contact, normal = found, found
     if isinstance(found, sj.System):
         contact, normal = found.contact, found.contact.normal if found.contact.opens else None
-    elif isinstance(found, SystemSensitivity):
+    elif isinstance(found, sj.SystemSensitivity):
         normal = found.opening
     for owner, names in ((found, "KC"), (contact, ("w", "stiffness"))):
         for name in names:
@@ -41,7 +40,7 @@ def dense(values: Any) -> Any:
 
 def agrees(
     given: sj.Structure, on: list[sj.Load], key: str, step: float = 1e-4, share: float = 1e-6
-) -> SystemSensitivity:
+) -> sj.SystemSensitivity:
     """Derivatives by a key, which central differences of the system must give too."""
     system = given.system(on)
     (found,) = sj.sensitivities(given, [key], system)

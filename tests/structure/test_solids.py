@@ -11,13 +11,12 @@ from bodies import ELEMENTS, MU, PLANE, SOLID, STEEL, block, distorted, mapped, 
 from scipy.sparse.linalg import eigsh
 
 import skfem_joint as sj
-from skfem_joint.mesh import NamedMesh, build_box, build_plate
 
 KINDS: Any = ["hexahedron", "tetrahedron"]
 NO_CONTRACTION = replace(STEEL, poisson=0.0)
 
 
-def slanted(body: NamedMesh, lean: float = 0.3) -> NamedMesh:
+def slanted(body: sj.NamedMesh, lean: float = 0.3) -> sj.NamedMesh:
     """The same body distorted inside and within its flat sides, which lean over."""
 
     def moved(p: np.ndarray) -> np.ndarray:
@@ -74,10 +73,10 @@ def test_an_even_pressure_goes_through_closed_contact_evenly(shape, order):
 def test_slender_cantilevers_have_the_frequencies_of_beam_theory(kind, elements):
     """Euler and Bernoulli's, of second order, distorted, one element across: within 0.5 %."""
     if kind in KINDS:
-        body = build_box([("beam", 1.0, elements)], (0.02, 0.03), (1, 1), kind=kind, order=2)
+        body = sj.build_box([("beam", 1.0, elements)], (0.02, 0.03), (1, 1), kind=kind, order=2)
         depths = np.array([0.02, 0.03])
     else:
-        body = build_plate([("beam", 1.0, elements)], 0.02, 1, kind=kind, order=2)
+        body = sj.build_plate([("beam", 1.0, elements)], 0.02, 1, kind=kind, order=2)
         depths = np.array([0.02])
     body = mapped(
         body,
@@ -113,8 +112,8 @@ def same_period(plate: sj.Structure, solid: sj.Structure, *directions: tuple[flo
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_thin_solid_on_its_face_is_the_plate_in_plan(kind):
     """Plane stress; pulled askew, it slips in two directions."""
-    plate = build_plate([("joint", LENGTH, 12)], WIDE, 2, kind=FLAT[kind], order=2)
-    box = build_box([("all", LENGTH, 12)], (WIDE, THIN), (2, 1), kind=kind, order=2)
+    plate = sj.build_plate([("joint", LENGTH, 12)], WIDE, 2, kind=FLAT[kind], order=2)
+    box = sj.build_box([("all", LENGTH, 12)], (WIDE, THIN), (2, 1), kind=kind, order=2)
     in_plan = structure(plate, [pressed(pressure=PRESSURE)], thickness=THIN)
     solid = structure(box, [pressed("front", pressure=PRESSURE)])
     same_period(in_plan, solid, (1.0, 0.1), (1.0, 0.1, 0.0))
@@ -123,8 +122,8 @@ def test_a_thin_solid_on_its_face_is_the_plate_in_plan(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_solid_held_across_its_width_is_the_plate_from_the_side(kind):
     """Plane strain, ten times as thick, on its edge."""
-    plate = build_plate([("all", LENGTH, 20)], 10 * THIN, 2, kind=FLAT[kind], order=2)
-    box = build_box([("all", LENGTH, 20)], (WIDE, 10 * THIN), (1, 2), kind=kind, order=2)
+    plate = sj.build_plate([("all", LENGTH, 20)], 10 * THIN, 2, kind=FLAT[kind], order=2)
+    box = sj.build_box([("all", LENGTH, 20)], (WIDE, 10 * THIN), (1, 2), kind=kind, order=2)
     on_edge = [pressed("bottom", pressure=PRESSURE)]
     from_the_side = structure(plate, on_edge, thickness=WIDE, plane="strain")
     solid = structure(box, [pressed("front", pressure=PRESSURE)], fixed_y=["bottom", "top"])
