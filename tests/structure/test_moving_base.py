@@ -44,33 +44,33 @@ def test_a_single_mass_answers_a_harmonic_acceleration_in_closed_form():
     np.testing.assert_allclose(run.point("end"), exact, atol=1e-5 * np.abs(exact).max())
 
 
-class Late(loads.Amplitude):
-    """A shape of one's own."""
+TIMES = np.array([0.0, 3e-4, 1e-3])
+SHAPES = [
+    sj.Harmonic(2e4, 800.0, 0.3),
+    sj.MultiHarmonic((sj.Harmonic(2e4, 800.0), sj.Harmonic(2e4, 1600.0))),
+    sj.Triangle(2e4, 4e-4),
+    sj.Table(TIMES, np.array([0.0, 2e4, -2e4])),
+]
 
-    corners = (3e-4,)
 
-    def _force(self, t):
-        return np.where(t < 3e-4, 0.0, 2e4)
-
-
-@pytest.mark.parametrize("kind", ["Harmonic", "Triangle", "Table", "MultiHarmonic", "Late"])
-def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind):
-    """Bar, base and friction between them as masses of their own in absolute motion."""
-    a = 2e4
-    harmonic = loads.Harmonic(a, 800.0, 0.3)
-    amplitude = {
-        "Harmonic": harmonic,
-        "MultiHarmonic": loads.MultiHarmonic((harmonic, loads.Harmonic(a, 1600.0))),
-        "Triangle": loads.Triangle(a, 4e-4),
-        "Table": loads.Table(np.array([0.0, 3e-4, 1e-3]), np.array([0.0, a, -a])),
-        "Late": Late(),
-    }[kind]
+def shaken(amplitude: loads.Amplitude) -> tuple[sj.Structure, sj.System]:
+    """Bar that is pressed on a base and held by it, and its motion relative to the base."""
     body = sj.build_bar([("joint", 0.2, 4), ("free", 0.2, 2)], {"fixed": 0.0, "end": 0.4})
     some = structure(body, [pressed(beta=1e3)], ["fixed"], stiffness_damping=1e-5)
-    relative = some.system([sj.Load(base="x", amplitude=amplitude)])
-    shaken = relative.loads[0].amplitude
+    return some, some.system([sj.Load(base="x", amplitude=amplitude)])
+
+
+@pytest.mark.parametrize("amplitude", SHAPES)
+def test_a_load_by_a_moving_base_has_the_corners_and_frequencies_of_its_motion(amplitude):
+    load = shaken(amplitude)[1].loads[0].amplitude
     for name in ("corners", "jumps", "period", "highest_frequency"):
-        assert getattr(shaken, name) == getattr(amplitude, name)
+        assert getattr(load, name) == getattr(amplitude, name)
+
+
+def test_a_moving_base_is_a_heavy_body_that_is_pushed():
+    """Bar, base and friction between them as masses of their own in absolute motion."""
+    amplitude = SHAPES[-1]
+    some, relative = shaken(amplitude)
     M, K = some.matrices()
     heavy = 1e6 * M.sum()
     base = np.eye(M.shape[0])[int(np.flatnonzero(some.held.ravel())[0])]
@@ -83,7 +83,7 @@ def test_a_moving_base_is_a_heavy_body_that_is_pushed(kind):
         K,
         contact=sum(slip[1:], slip[0]),
         loads={"base": (base, loads.Scaled(amplitude, heavy))},
-        points={"end": body.points["end"]},
+        points={"end": some.mesh.points["end"]},
         stiffness_damping=1e-5,
     )
     one, two = (sj.integrate(system, step=1e-6, n_steps=1000) for system in (relative, absolute))
