@@ -194,3 +194,20 @@ def test_points_are_found_where_scikit_fem_maps_them(shape):
     values, gap = interpolation(grid, on, grid.nodes[vertices] * (1 + 1e-16))
     np.testing.assert_array_equal(gap, 0.0)
     np.testing.assert_array_equal(values.toarray(), np.eye(grid.n_nodes)[vertices])
+
+
+@pytest.mark.parametrize(("shape", "on"), [("tri", "rest"), ("quad", "rest"), ("quad", "right"),
+                                           ("tet", "right"), ("hex", "right")])  # fmt: skip
+def test_points_outside_know_their_distance(shape, on):
+    grid = Nodes(block(shape, 1, 4))
+    beside = [0.4] * (grid.dim - 1)
+    points = np.array([[1.003, *beside], [3.0, *beside], [1.1, *beside]])
+    values, gap = interpolation(grid, on, points)
+    assert gap[0] == 0.0  # in contact, by extrapolation
+    np.testing.assert_allclose(values[[0]] @ grid.nodes, points[:1], rtol=1e-12)
+    assert gap[1:] == pytest.approx([2.0, 0.1], rel=0.01)
+    assert values[[1, 2]].nnz == 0
+    if shape in ("quad", "hex"):
+        # An element has no reference coordinates for a point beyond its horizon.
+        far = np.full((1, grid.dim), 40.0)
+        assert np.isnan(local_coordinates(grid, np.array([0]), far)).all()
