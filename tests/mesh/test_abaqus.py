@@ -27,7 +27,8 @@ def read(folder: Path, *parts: list[str]) -> NamedMesh:
     "parts",
     [
         (NODE, BLOCKS, FIXED, TIP),
-        (["** made by hand", "*HEADING", "a bar"], NODE, BLOCKS, FIXED, TIP),
+        (["** made by hand", "*HEADING", "a bar"], NODE,
+         [line.replace("B31", "T3D2") for line in BLOCKS], FIXED, TIP),
         (NODE[:4], ["** half of them"], NODE[4:], BLOCKS[:3], ["**"], BLOCKS[3:], FIXED, TIP),
         (["*Node, NSET=Nall"], NODES, [line.lower().replace("joint", "JOINT").replace("arm", "ARM")
                                       for line in BLOCKS], FIXED, TIP),

@@ -262,10 +262,11 @@ PRESSURE = {"quantity": "pressure"}
 @pytest.mark.parametrize(
     ("load", "message"),
     [
-        (sj.Load("nose", LOAD, (1, 0)), "load on 'nose': found 'nose', no such name in the mesh"),
+        (sj.Load("nose", LOAD, (1, 0)),
+         "load on 'nose': found 'nose', no such name in the mesh; a region or boundary or point"),
         (sj.Load(4, LOAD, (1, 0)), "load on 4: found 4, must be a name"),
         (sj.Load("right", LOAD, (0, 0)), r"direction: found \[0, 0\], must be 2 finite numbers"),
-        (sj.Load("top", LOAD), "direction: missing, must be given as 2 numbers, e.g."),
+        (sj.Load("top", LOAD), r"direction: missing, must be given as 2 numbers, e.g. \[1.0, 0.0\]"),
         (sj.Load("top", LOAD, (1, 0, 0)), r"found \[1, 0, 0\]"),
         (sj.Load("left", LOAD, (1, 0)), "load on 'left': a support holds it"),
         (sj.Load("joint", LOAD, **PRESSURE), "'joint', which is a region; a boundary is"),
@@ -281,7 +282,7 @@ PRESSURE = {"quantity": "pressure"}
         (sj.Load(base="x", amplitude=LOAD, direction=(1.0, 0.0)), "beside base"),
         (sj.Load(base="y", amplitude=LOAD), "a force there does nothing"),
     ],
-)
+)  # fmt: skip
 def test_loads_that_cannot_act_are_refused_with_points_that_do_not_move(load, message):
     with pytest.raises(sj.InputError, match=message):
         HELD.system([load])
