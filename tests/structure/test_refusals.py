@@ -266,7 +266,7 @@ PRESSURE = {"quantity": "pressure"}
          "load on 'nose': found 'nose', no such name in the mesh; a region or boundary or point"),
         (sj.Load(4, LOAD, (1, 0)), "load on 4: found 4, must be a name"),
         (sj.Load("right", LOAD, (0, 0)), r"direction: found \[0, 0\], must be 2 finite numbers"),
-        (sj.Load("top", LOAD), r"direction: missing, must be given as 2 numbers, e.g. \[1.0, 0.0\]"),
+        (sj.Load("top", LOAD), r"direction: missing, .* as 2 numbers, e\.g\. \[1\.0, 0\.0\]"),
         (sj.Load("top", LOAD, (1, 0, 0)), r"found \[1, 0, 0\]"),
         (sj.Load("left", LOAD, (1, 0)), "load on 'left': a support holds it"),
         (sj.Load("joint", LOAD, **PRESSURE), "'joint', which is a region; a boundary is"),
