@@ -1,11 +1,15 @@
 """Pictures of a structure before it is run: what they contain, their files, and refusals."""
 
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import two_bars
 from drawing import draws
+from pictured import matrices_scene
 
 from skfem_joint import cli
 from skfem_joint.output.preview import Preview, joint_marks, preview_of
@@ -173,15 +177,14 @@ def test_loads_on_solids(quantity, tmp_path):
     assert len(preview_figure(preview).axes) == 2  # solids, the colours
 
 
-@pytest.mark.parametrize("name", SCENES)
-def test_the_command_writes_a_picture_beside_nothing_else(name, tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["preview", str(EXAMPLES / f"{name}.toml")]) == 0
-    assert [file.name for file in tmp_path.iterdir()] == [f"{name}.png"]
-    assert (tmp_path / f"{name}.png").read_bytes().startswith(PNG)
-    said = capsys.readouterr().out
-    assert f"Written to {name}.png" in said
-    assert "joint: " in said
+def test_the_command_writes_a_picture_beside_nothing_else(tmp_path):
+    """By default in the folder where it is called."""
+    command = [sys.executable, "-m", "skfem_joint", "preview", EXAMPLES / "structure_harmonic.toml"]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert [file.name for file in tmp_path.iterdir()] == ["structure_harmonic.png"]
+    assert (tmp_path / "structure_harmonic.png").read_bytes().startswith(PNG)
+    assert "Written to structure_harmonic.png" in ended.stdout
+    assert "joint: " in ended.stdout
 
 
 def test_an_existing_file_is_replaced_only_on_request(tmp_path, capsys):
@@ -202,26 +205,14 @@ def test_names_that_no_picture_can_have(out, tmp_path, capsys):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_scene_of_matrices_has_nothing_to_draw(tmp_path, capsys, monkeypatch):
-    from scipy import io, sparse
-
-    monkeypatch.chdir(tmp_path)
-    for name in "MK":
-        io.mmwrite(tmp_path / f"{name}.mtx", sparse.eye_array(2))
-    (tmp_path / "scene.toml").write_text(
-        '[matrices]\nM = "M.mtx"\nK = "K.mtx"\npoints = {a = 0, b = 1}\n'
-        '[[load]]\non = "a"\nkind = "harmonic"\namplitude = 1.0\nfrequency = 0.1\n'
-        '[time]\ncycles = 1\n[models]\nrun = ["full"]\n',
-        encoding="utf-8",
-    )
-    assert cli.main(["preview", "scene.toml"]) == 2
+def test_a_scene_of_matrices_has_nothing_to_draw(tmp_path, capsys):
+    scene, out = matrices_scene(tmp_path), tmp_path / "scene.png"
+    assert cli.main(["preview", str(scene), "--out", str(out)]) == 2
     assert "nothing to draw" in capsys.readouterr().err
-    assert not (tmp_path / "scene.png").exists()
+    assert not out.exists()
 
 
 def test_names_are_no_formulas(tmp_path, previews):
-    from dataclasses import replace
-
     preview = replace(previews("structure_harmonic"), title="costs $5 and $6_")
     path = write_preview(tmp_path / "own.png", preview)
     assert path.read_bytes().startswith(PNG)
