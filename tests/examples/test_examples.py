@@ -198,25 +198,6 @@ def test_the_brake_reuss_beam_has_the_published_frequencies(run):
     assert 0.01 < curve.damping_ratio[-1] < 0.1
 
 
-def test_a_joint_s_loop_is_as_high_as_what_the_joint_carries(run):
-    names = run("joint_loop")
-    by_joint, system = names["run"].cycles.by_joint[-1], names["system"]
-    limits = system.contact.limits_by_joint.sum(axis=1)
-    assert limits == pytest.approx([0.7 * 20e6 * 0.05 * 0.05] * 2, rel=1e-12)
-    assert names["force"].max() == pytest.approx(limits[1], rel=1e-9)  # the second slips whole
-    assert 0.0 < by_joint[0] < 0.05 * by_joint[1]
-    assert names["loops"] == pytest.approx(by_joint[1], rel=1e-12)  # of its points
-    assert np.trapezoid(names["force"], names["edge"]) > 1.1 * by_joint[1]  # of the edge
-
-
-def test_slow_cycles_lose_the_energy_of_the_closed_form(run):
-    names = run("slow_cycle")
-    for share, one in names["runs"].items():
-        assert one.cycles.friction[-1] == pytest.approx(names["exact"][share], rel=2e-3)
-        assert one.energy_residual < 1e-12
-        assert one.loops.force.max() == pytest.approx(share * names["limit"], rel=1e-12)
-
-
 def test_a_lifted_block_is_in_equilibrium_and_its_faces_only_push(run):
     names = run("contact_opens")
     opened, pressed = names["run"], names["pressed"]
@@ -228,23 +209,6 @@ def test_a_lifted_block_is_in_equilibrium_and_its_faces_only_push(run):
     assert gap.min() > -1e-15  # m
     assert np.abs(force * gap).max() < 1e-12 * pressed * names["length"]
     assert opened.energy_residual < 1e-9  # what rigid contact is solved to
-
-
-def test_a_bar_has_the_frequencies_of_its_closed_form_loose_and_stuck(run):
-    limits = run("stuck_and_loose")["limits"]
-    for joints, length in (("loose", 0.6), ("stuck", 0.5)):
-        closed = np.array([1, 3, 5]) * 5000.0 / (4.0 * length)
-        np.testing.assert_allclose(limits[joints].frequencies, closed, rtol=1e-3)
-
-
-def test_a_chain_of_another_program_loses_energy_in_its_contact_alone_where_it_has_friction(run):
-    runs = {mu: study.runs["full"] for mu, study in run("own_matrices")["studies"].items()}
-    assert runs[0.3].system.contact.w == pytest.approx([0.3 * 2e6 * 1e-3], rel=1e-12)
-    assert runs[0.0].cycles.friction[-1] == 0.0
-    peak = runs[0.3].cycles.peak[-1, 0]
-    # The contact's own loop is a rectangle, as high as the limit and as wide as the motion.
-    assert runs[0.3].cycles.friction[-1] == pytest.approx(4.0 * 600.0 * peak, rel=1e-3)
-    assert peak < runs[0.0].cycles.peak[-1, 0]
 
 
 def test_bolts_press_as_much_as_they_are_tightened(run):
