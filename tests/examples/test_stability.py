@@ -23,32 +23,13 @@ def values(cases, name):
     return {getattr(case, name) for case in cases}
 
 
-def test_matrix_has_enough_cases_of_every_axis_and_each_once():
-    bars = [case for case in matrix() if not case.is_plate]
-    plates = [case for case in matrix() if case.is_plate]
-    assert len(bars) > 1000
-    assert len(plates) > 300
+def test_the_matrix_has_the_cases_of_the_page_each_once():
     # Three laws of two models with five modes stand on the axis of the model and on that of modes.
+    assert len(matrix()) == 1387
     assert len({replace(case, axis="", value="") for case in matrix()}) == len(matrix()) - 6
-    for cases, name, wanted in (
-        (bars, "beta", {1e2, 1e5, 1e12, inf}),
-        (bars, "frequency", {0.1, 5e4}),
-        (bars, "share", {0.01, 0.999, 1.0, 1.2}),
-        (bars, "elements", {(1,), (20_000,)}),
-        (bars, "grading", {1.0, 1e4}),
-        (bars, "rho", {0.0, 0.5, 0.8, 1.0}),
-        (plates, "beta", {1e3, 1e5, 1e9, inf}),
-        (plates, "share", {1e-6, 1.0, 2.0}),
-        (plates, "pressure", {1.0, 1e12}),
-        (plates, "bodies", {*ONE, *TWO}),
-        (plates, "aspect", {0.01, 100.0}),
-        (plates, "stiffness_ratio", {1e-6, 1e6}),
-        (plates, "model", {"full", "reduced", "hyper-reduced"}),
-        (plates, "poisson", {0.0, 0.499}),
-    ):
-        assert values(cases, name) >= wanted
-    kinds = {(kind, order) for kind in ("triangle", "quadrilateral") for order in (1, 2)}
-    assert {(case.kind, case.order) for case in plates} == kinds
+    assert values(matrix(), "bodies") == {"bar", *ONE, *TWO}
+    kinds = {(case.kind, case.order) for case in matrix() if case.is_plate}
+    assert kinds == {(kind, n) for kind in ("triangle", "quadrilateral") for n in (1, 2)}
 
 
 def test_a_quick_matrix_leaves_no_axis_out():

@@ -258,18 +258,26 @@ def test_facets_that_touch_show_as_the_row_of_cells_behind_them(made, rows):
         assert np.count_nonzero(found == -1) == found.size - count
 
 
-def test_names_of_any_letters_are_shown_and_make_files_of_safe_names(tmp_path):
-    frames = random_frames(bars(), ("full", 'reduced: "5" <modes> & µ/2'))
+def test_models_and_bodies_of_any_name_have_blocks_and_files_of_their_own(tmp_path):
+    """Alike but for signs, for capitals, and beyond what file systems take of a name."""
+    models = ("full", 'reduced: "5" <modes> & µ/2', "plate A", "plate/A", "Plate_a")
+    models += ("上" * 200, "上" * 201)
+    frames = random_frames(bars(), models)
     files = write_series(tmp_path / "a.pvd", frames)
-    models = [field.name for field in frames.fields]
-    names = [f"{model}: {body}" for model in models for body in ("body 1", "Stoß")]
-    blocks = pyvista.PVDReader(tmp_path / "a.pvd").read()[0]
-    assert blocks.keys() == names
-    assert [block["body"][0] for block in blocks] == [0, 1, 0, 1]
-    assert "Stoß" in list(blocks[0].field_data["region_names"])
     assert files[0] == tmp_path / "a.pvd"
+    assert len({file.name.casefold() for file in files}) == len(files)
+    assert len(files) == 1 + TIMES.size * (1 + 2 * len(models))
     assert {p for p in tmp_path.rglob("*") if p.is_file()} == set(files)
     assert not any(set(file.name) & set(':"<>&/ ') for file in files)
+    reader = pyvista.PVDReader(tmp_path / "a.pvd")
+    reader.set_active_time_value(TIMES[1])
+    shown = reader.read()[0]
+    assert shown.keys() == [f"{model}: {body}" for model in models for body in ("body 1", "Stoß")]
+    assert "Stoß" in list(shown[0].field_data["region_names"])
+    for k, block in enumerate(shown):
+        assert block["body"][0] == k % 2
+        expected = frames.fields[k // 2].displacement[1, node_of(block, frames.structure), 0]
+        np.testing.assert_allclose(block["displacement"][:, 0], expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("done", [0, 2, 6, 8])
@@ -290,23 +298,6 @@ def test_a_file_that_cannot_be_written_leaves_an_index_of_the_frames_that_all_mo
     reader = pyvista.PVDReader(tmp_path / "a.pvd")
     assert reader.time_values == TIMES[: done // 3].tolist()
     assert all(block.n_points > 0 for block in reader.read()[0])
-
-
-def test_models_whose_names_make_one_file_name_have_files_of_their_own(tmp_path):
-    """Alike but for signs, for capitals, and beyond what file systems take of a name."""
-    models = ("plate A", "plate/A", "Plate_a", "上" * 200, "上" * 201)
-    frames = random_frames(bar(), models)
-    files = write_series(tmp_path / "a.pvd", frames)
-    assert len({file.name.casefold() for file in files}) == len(files) == 1 + TIMES.size * 6
-    assert all(file.exists() for file in files)
-    reader = pyvista.PVDReader(tmp_path / "a.pvd")
-    reader.set_active_time_value(TIMES[1])
-    shown = reader.read()[0]
-    assert shown.keys() == [*models]
-    for block, source in zip(shown, frames.fields, strict=True):
-        found = block["displacement"][:, 0]
-        expected = (source.displacement[1, node_of(block, frames.structure)])[:, 0]
-        np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 def test_the_load_beside_the_series_reads_back(tmp_path):
