@@ -169,15 +169,16 @@ def test_offsets_are_drawn(tmp_path, rows):
     scene = written(tmp_path, text=SCENE)
     higher = np.add(rows, [0.0, 3.0, 0.0])
     head = "# point: free_end\n# offset: frequency\n"
-    files = [data(tmp_path, rows, head), data(tmp_path, higher, head, name="other.csv")]
+    (tmp_path / "other").mkdir()  # files of the same name are told apart by their folders
+    files = [data(tmp_path, rows, head), data(tmp_path / "other", higher, head)]
     out = tmp_path / "out"
     assert cli.main(arguments(scene, files, out, "-q")) == 0
     found = fitted_in(out)
-    first, second = (f"offset of {path.name}: frequency" for path in files)
+    first, second = (f"offset of {path}: frequency" for path in files)
     assert found["offsets"] == pytest.approx({first: 0.0, second: 3.0}, abs=0.2)
     assert found["undetermined"] == []
     curve = table(out / "curve.csv")
-    starts = [float(row["frequency_Hz"]) for row in curve if row["data"] == files[1].name]
+    starts = [float(row["frequency_Hz"]) for row in curve if row["data"] == str(files[1])]
     assert starts[0] == pytest.approx(higher[0, 1], abs=0.2)
 
 
@@ -311,12 +312,17 @@ def test_wrong_free_values_end_with_a_sentence(tmp_path, rows, free, words, caps
 
 def test_data_and_scenes_that_no_fit_can_have_end_with_a_sentence(tmp_path, rows, capsys):
     scene, file = written(tmp_path, text=SCENE), data(tmp_path, rows)
-    astray = data(tmp_path, rows, "# point: tip\n", name="astray.csv")
+    heads = "# point: tip\n", "# point: free_end\n# unit: mile\n", "# mode: 0\n"
+    astray, mile, zero = (
+        data(tmp_path, rows, head, name=f"{k}.csv") for k, head in enumerate(heads)
+    )
     for folder in ("slow", "matrices"):
         (tmp_path / folder).mkdir()
     slow = written(tmp_path / "slow", ("cycles = 3", "cycles = 3\nquasi_static = true"), text=SCENE)
     for given, files, words in (
         (scene, [astray], "found 'tip', must be one of"),
+        (scene, [mile, zero], "unit: found 'mile'"),
+        (scene, [mile, zero], "mode: found '0'"),  # all that is wrong is said at once
         (scene, [file, file], f"--data: found {file} twice, must be once"),
         (slow, [file], "fit computes vibration"),
         (matrices_scene(tmp_path / "matrices"), [file], "must be one with a mesh"),
