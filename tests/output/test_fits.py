@@ -7,7 +7,7 @@ import tomllib
 import numpy as np
 import pytest
 from pictured import matrices_scene
-from scene_texts import written
+from scene_texts import GOOD, with_changes, written
 
 from skfem_joint import __version__, cli
 from skfem_joint.fitting.fit import fit
@@ -24,34 +24,12 @@ FILES = {
     "fit.json", "fit.png", "values.csv", "residuals.csv", "curve.csv", "residuals.png",
     "fitted.toml", "summary.json",
 }  # fmt: skip
-SCENE = """\
-# a bar on a base
-[mesh]
-file = "bar.msh"  # of the paper
-[material]
-E = 200e9
-density = 8000
-[section]
-width = 0.05
-thickness = 0.01
-[support]
-fixed = ["fixed"]
-[[joint]]
-on = "joint"
-pressure = 50e6
-friction = 0.5 # a guess
-[damping]
-ratio = 0.002
-[[load]]
-on = "free_end"
-kind = "harmonic"
-amplitude = 87.5e3
-frequency = 500.0
-[time]
-cycles = 3
-[models]
-run = ["full"]
-"""
+SCENE = with_changes(
+    GOOD,
+    ("friction = 0.7", "friction = 0.5 # a guess"),
+    ("[time]", "[damping]\nratio = 0.002\n[time]"),
+    ('["full", "reduced"]', '["full"]'),
+)
 FREE = ("joint[0].friction=0.1..1.0", "damping.ratio = 1e-4 .. 1e-2")
 HEAD = "# relative_frequency_deviation: 1e-4\n# relative_damping_deviation: 3 %\n"
 
