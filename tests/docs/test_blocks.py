@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from page_blocks import alike, blocks_of, compare, run_page
+from page_blocks import alike, compare, run_page
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -38,45 +38,6 @@ def page_of(folder, text):
     page = folder / "page.md"
     page.write_text(text, encoding="utf-8")
     return page
-
-
-ORDERED = """
-```{code-block} python
-:caption: made.py
-
-print(6 * 7)
-```
-
-Then
-
-```bash
-python made.py  # a comment
-```
-```text
-42
-```
-```python
-a = 2
-a + 1
-```
-```text
-3
-```
-<!-- test: edit made.py: 6 -> 7 -->
-```
-python made.py
-```
-```text
-49
-```
-"""
-
-
-def test_blocks_are_run_in_order(tmp_path):
-    page = page_of(tmp_path, ORDERED)
-    languages = [block.language for block in blocks_of(page)]
-    assert languages == ["python", "bash", "text", "python", "text", "edit", "", "text"]
-    run_page(page, tmp_path)
 
 
 def test_a_block_that_needs_a_module_is_run_only_where_it_is(tmp_path):

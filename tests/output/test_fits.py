@@ -270,20 +270,28 @@ def test_one_value_of_several_bolts_goes_into_each(tmp_path):
     assert "# held" in text
 
 
+KEY = "joint[0].friction"
+
+
 @pytest.mark.parametrize(
     ("free", "words"),
     [
-        (["joint[0].friction"], "--free: found 'joint[0].friction', must be KEY=LOW..HIGH"),
-        (["joint[0].friction=0.1"], "must be KEY=LOW..HIGH"),
-        (["joint[0].friction=a..b"], "must be KEY=LOW..HIGH"),
-        (["=1..2"], "must be KEY=LOW..HIGH"),
-        (["damping.ratio=0..1"] * 2, "--free: found 'damping.ratio' twice"),
-        (["joint[0].friction=0.1..1", "joint[*].friction=0.1..1"], "varies the same number"),
+        *(
+            ([text], "must be KEY=LOW..HIGH")
+            for text in (KEY, f"{KEY}=0.1", f"{KEY}=a..b", "=1..2")
+        ),
+        ([f"{KEY}=0..1"] * 2, f"--free: found '{KEY}' twice"),
+        ([f"{KEY}=0.1..1", "joint[*].friction=0.1..1"], "varies the same number"),
     ],
 )
 def test_wrong_free_values_end_with_a_sentence(tmp_path, rows, free, words, capsys):
-    scene, out = written(tmp_path, text=SCENE), tmp_path / "out"
-    assert cli.main(arguments(scene, [data(tmp_path, rows)], out, free=free)) == 2
+    scene, file = written(tmp_path, text=SCENE), data(tmp_path, rows)
+    assert_refused(scene, [file], words, capsys, free=free)
+
+
+def assert_refused(scene, files, words, capsys, **free):
+    out = scene.parent / "out"
+    assert cli.main(arguments(scene, files, out, **free)) == 2
     assert words in capsys.readouterr().err
     assert not out.exists()
 
@@ -294,20 +302,13 @@ def test_data_and_scenes_that_no_fit_can_have_end_with_a_sentence(tmp_path, rows
     astray, mile, zero = (
         data(tmp_path, rows, head, name=f"{k}.csv") for k, head in enumerate(heads)
     )
-    for folder in ("slow", "matrices"):
-        (tmp_path / folder).mkdir()
-    slow = written(tmp_path / "slow", ("cycles = 3", "cycles = 3\nquasi_static = true"), text=SCENE)
-    for given, files, words in (
-        (scene, [astray], "found 'tip', must be one of"),
-        (scene, [mile, zero], "unit: found 'mile'"),
-        (scene, [mile, zero], "mode: found '0'"),  # all that is wrong is said at once
-        (scene, [file, file], f"--data: found {file} twice, must be once"),
-        (slow, [file], "fit computes vibration"),
-        (matrices_scene(tmp_path / "matrices"), [file], "must be one with a mesh"),
-    ):
-        assert cli.main(arguments(given, files, tmp_path / "out")) == 2
-        assert words in capsys.readouterr().err
-        assert not (tmp_path / "out").exists()
+    assert_refused(scene, [astray], "found 'tip', must be one of", capsys)
+    for words in ("unit: found 'mile'", "mode: found '0'"):  # all that is wrong is said at once
+        assert_refused(scene, [mile, zero], words, capsys)
+    assert_refused(scene, [file, file], f"--data: found {file} twice, must be once", capsys)
+    slow = written(tmp_path, ("cycles = 3", "cycles = 3\nquasi_static = true"), text=SCENE)
+    assert_refused(slow, [file], "fit computes vibration", capsys)
+    assert_refused(matrices_scene(tmp_path), [file], "must be one with a mesh", capsys)
 
 
 def test_what_is_read_is_not_replaced(tmp_path, rows, capsys):
