@@ -195,15 +195,10 @@ class Reader:
     def _python(self, block: Block) -> str:
         """Run a block; the value of an expression at its end is printed as at a prompt."""
         tree = ast.parse("\n" * (block.line - 1) + block.text)
-        last = None
-        if tree.body and isinstance(tree.body[-1], ast.Expr):
-            last = ast.Expression(tree.body.pop().value)
+        last = [tree.body.pop()] if tree.body and isinstance(tree.body[-1], ast.Expr) else []
         with contextlib.redirect_stdout(io.StringIO()) as output:
             exec(compile(tree, "page", "exec"), self.names)
-            if last is not None:
-                value = eval(compile(last, "page", "eval"), self.names)  # noqa: S307
-                if value is not None:
-                    print(repr(value))
+            exec(compile(ast.Interactive(last), "page", "single"), self.names)
         return output.getvalue()
 
     def _commands(self, block: Block) -> str:

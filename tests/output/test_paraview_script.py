@@ -106,6 +106,22 @@ def test_paraview_reads_blocks_times_and_arrays(series, tmp_path):
     assert ("thickness" in found["cells"]) == (frames.structure.dim < 3)
 
 
+@pytest.mark.slow
+@paraview
+@pytest.mark.parametrize("series", ["bars"], indirect=True)
+def test_without_a_display_the_script_draws_or_says_what_is_missing(series, tmp_path):
+    environment = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    picture = tmp_path / "a.png"
+    ended = pvpython(SCRIPT, series[2], picture, env=environment)
+    if ended.returncode == 0:  # built for EGL or OSMesa
+        assert matplotlib.image.imread(picture).std() > 0.05
+    else:
+        assert ended.returncode == 1
+        assert "xvfb-run" in ended.stderr
+        assert "Traceback" not in ended.stderr
+        assert not picture.exists()
+
+
 @pytest.fixture(scope="module")
 def display():
     """Environment with a display: the one that is there, or a server that says when it listens."""
