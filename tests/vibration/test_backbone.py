@@ -1,28 +1,25 @@
 """Damping and frequency against amplitude: exact curves, loops, free vibration; SI units."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import DENSITY, EA, MU, THICKNESS, WIDTH, pressed, structure
 from clamped_plates import bolted, loads
-from joint_scenes import bar_scene, joint
+from joint_scenes import bar_scene, joint, plate_scene
 from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.linalg.schur import SchurComplement
-from skfem_joint.minimise import condensed_newton
 from skfem_joint.reduction.basis import reduced_system
 from skfem_joint.reduction.sources import stuck_basis
+from skfem_joint.scene import Scene
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.structure.parameters import with_values
 from skfem_joint.study.scene_backbone import scene_backbone
 from skfem_joint.vibration.backbone import Backbone, Factors, backbone
 from skfem_joint.vibration.stuck import Stuck
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 LINE = DENSITY * WIDTH * THICKNESS
 JOINT, FREE, TAU = 0.2, 0.5, 1.75e6  # m, m, N/m
 LIMIT = TAU * JOINT
@@ -148,14 +145,6 @@ def test_levels_that_are_given_are_named_as_such():
     """Not as shares of a level of 1 m/s² kg^1/2."""
     (found,) = backbone(slider(), levels=[0.1, 0.2])
     assert any("highest level, 0.2 m/s² kg^1/2" in text for text in found.warnings)
-    with pytest.raises(sj.InputError, match=r"first level already, 1000 m/s² kg\^1/2; give lower"):
-        backbone(slider(), levels=[1e3])
-
-
-@pytest.mark.parametrize("bolted", [False, True])
-def test_loops_of_slips_that_turn_agree_with_masings_within_the_stated_error(bolted):
-    (found,) = backbone(plate(bolted), levels=6, up_to=0.5)
-    assert 1e-6 < found.masing_error < 0.1
 
 
 def test_what_friction_alone_holds_has_the_curve_of_what_is_fixed_where_it_sticks():
@@ -170,17 +159,35 @@ def test_higher_modes_near_odd_multiples_are_reported():
     assert any("mode 2 at 3 times" in sentence for sentence in found.warnings)
 
 
-@pytest.mark.parametrize("system", [bar(), plate(), plate(True)])
-def test_a_reduced_model_has_the_curve_of_the_full_one(system):
-    (full,) = backbone(system)
-    stuck = Stuck(system).modes(2)[1]
-    basis = stuck_basis(system, stuck, full.states, full.loops, 24, full.stuck_frequency)
-    small = reduced_system(system, basis)
-    (found,) = backbone(small, slips_at=full.slips_at)
-    assert found.states.shape[1] == small.n <= 26
-    assert found.stuck_frequency == pytest.approx(full.stuck_frequency, rel=1e-9)
-    assert found.frequency == pytest.approx(full.frequency, rel=1e-3)
-    assert found.friction_damping == pytest.approx(full.friction_damping, rel=0.02)
+def scene(name: str) -> Scene:
+    """Scene of the bar or the plate, whose curve a reduced model is to have."""
+    asked = {
+        "backbone": {"modes": [1], "levels": 20},
+        "reduction": {"reference": "static", "modes": 24},
+    }
+    if name == "bar":
+        return bar_scene("full", "reduced", joint=[joint(law="coulomb")], **asked)
+    press = {"on": "joint", "pressure": 8e6, "friction": MU, "law": "coulomb"}
+    mesh = sj.build_plate([("joint", JOINT, 20), ("free", 0.3, 30)], 0.05, 5)
+    return plate_scene("full", "reduced", mesh=mesh, joint=[press], **asked)
+
+
+@pytest.mark.parametrize("name", ["bar", "plate"])
+def test_a_reduced_model_has_the_curve_of_the_full_one(name):
+    full, reduced = scene_backbone(scene(name)).models
+    (curve,), (found,) = full.curves, reduced.curves
+    assert found.states.shape[1] <= 27
+    assert found.stuck_frequency == pytest.approx(curve.stuck_frequency, rel=1e-9)
+    assert found.frequency == pytest.approx(curve.frequency, rel=1e-3)
+    assert found.friction_damping == pytest.approx(curve.friction_damping, rel=0.02)
+
+
+def all_in_contact() -> sj.System:
+    """The part of the bar that is in contact, by itself."""
+    system, contact = bar(), np.arange(100)
+    part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]
+    slips = sparse.eye_array(100, format="csr")
+    return sj.System(*part, sj.Contact(slips, system.contact.w, np.inf))
 
 
 @pytest.mark.parametrize(
@@ -193,21 +200,16 @@ def test_a_reduced_model_has_the_curve_of_the_full_one(system):
         (bar(), {"modes": (500,)}, "there are"),
         (bar(), {"levels": 0}, "levels: found 0, must be >= 1"),
         (bar().with_contact(given=np.zeros(100)), {}, "needs friction"),
+        (all_in_contact(), {}, "every unknown is in contact"),
+        (slider(), {"levels": [1e3]}, r"first level already, 1000 m/s² kg\^1/2; give lower"),
+        (bar(), {"levels": []}, "levels that rise from above zero"),
+        (bar(), {"levels": [0.0, 1.0]}, "levels that rise from above zero"),
+        (bar(), {"levels": [1.0, 1.0]}, "levels that rise from above zero"),
     ],
 )
 def test_modes_that_are_not_there_are_refused(system, how, says):
     with pytest.raises(sj.InputError, match=says):
         backbone(system, **how)
-
-
-def test_nothing_is_left_where_all_is_in_contact():
-    system = bar()
-    contact = np.arange(100)
-    part = [sparse.csr_array(A)[contact][:, contact] for A in (system.M, system.C, system.K)]
-    every = sj.Contact(sparse.eye_array(100, format="csr"), system.contact.w, np.inf)
-    whole = sj.System(*part, every)
-    with pytest.raises(sj.InputError, match="every unknown is in contact"):
-        backbone(whole)
 
 
 def test_modes_that_ring_together_are_separated():
@@ -257,34 +259,10 @@ def test_a_ring_down_does_not_depend_on_its_step_and_states_where_it_does():
     assert ringing.step_error["damping_ratio"] > 0.1
 
 
-def test_a_scene_s_pulse_rings_down_alike_in_both_models():
-    scene = sj.load_scene(EXAMPLES / "structure_impulse.toml")
-    asked = {"levels": 12, "ring_down": 12, "released": "loads"}
-    found = scene_backbone(scene.changed(backbone=asked, models={"run": ["full", "reduced"]}))
-    (full,), (reduced,) = (model.ring_downs for model in found.models)
-    high = full.amplitude > found.models[0].curves[0].amplitude[0]
-    assert high.sum() >= 3
-    for name, near in {"amplitude": 0.05, "frequency": 5e-3, "damping_ratio": 0.02}.items():
-        assert getattr(reduced, name)[high] == pytest.approx(getattr(full, name)[high], rel=near)
-
-
-def test_models_are_compared_where_the_full_one_has_damping():
-    scene = bar_scene(
-        "reduced",
-        joint=[joint(law="coulomb")],
-        damping={"stiffness": 0.0},
-        backbone={"modes": [1], "levels": 3, "up_to": 0.03},
-        reduction={"reference": "static"},
-    )
-    (model,) = scene_backbone(scene).models
-    assert model.errors[0]["damping_ratio"] < 0.01
-
-
 def test_too_few_cycles_are_refused():
-    system = struck(1.0)
-    (curve,) = backbone(system, levels=1)
+    (curve,) = backbone(slider(), levels=1)
     with pytest.raises(sj.InputError, match="cycles: found 1, must be >= 4"):
-        sj.ring_down(system, curve, 1)
+        sj.ring_down(slider(), curve, 1)
 
 
 def creeping(beta: float) -> sj.System:
@@ -322,27 +300,19 @@ def test_a_shift_that_holds_loose_bodies_is_not_seen(held, mode):
 
 
 @pytest.mark.parametrize("held", [{}, {"fixed": [], "free": True}])
-def test_curves_of_other_limits_and_damping_use_factors_again(held, monkeypatch):
-    made = []
-
-    class Counted(SchurComplement):
-        def __init__(self, *given):
-            made.append(given)
-            super().__init__(*given)
-
-    monkeypatch.setattr(condensed_newton, "SchurComplement", Counted)
-    kept, modes, levels = Factors(), [4 if held else 1], [30.0, 120.0, 500.0]
+def test_curves_of_other_limits_and_damping_use_factors_again(held):
+    kept, modes, levels, factors = Factors(), [4 if held else 1], [30.0, 120.0, 500.0], []
     for friction, damping in ((0.3, 0.01), (0.4, 0.02)):
         given = bolted(joint={"friction": friction}, damping_ratio=damping, **held)
         system = given.system(loads("right", 2))
-        (again,) = backbone(system, modes, levels, factors=kept)
-        assert len(made) == 1
+        (again,) = backbone(system, modes, levels, keep_path=True, factors=kept)
+        factors.append(again.path.cycles.levels.whole.schur)
+    assert factors[0] is factors[1]
     (alone,) = backbone(system, modes, levels)
-    assert len(made) == 2
     for name in ("frequency", "damping_ratio", "amplitude"):
         np.testing.assert_array_equal(getattr(again, name), getattr(alone, name))
-    given = with_values(given, {"material.E": 190e9})
-    stiffer = given.system(loads("right", 2))
-    (again,) = backbone(stiffer, modes, levels, factors=kept)
-    (alone,) = backbone(stiffer, modes, levels)
+    stiffer = with_values(given, {"material.E": 190e9}).system(loads("right", 2))
+    (again,), (alone,) = (
+        backbone(stiffer, modes, levels, factors=others) for others in (kept, None)
+    )
     np.testing.assert_array_equal(again.frequency, alone.frequency)

@@ -10,7 +10,6 @@ from scipy.optimize import brentq
 from test_backbone import bar
 
 import skfem_joint as sj
-from skfem_joint.vibration import cycles
 
 K0, K1, K2 = 3e6, 2e6, 1e6  # N/m
 PRESSED, MU = 500.0, 0.3  # N
@@ -77,21 +76,15 @@ def loop_of_the_slider(F: float) -> tuple[float, float]:
     return 0.5 * (high - low), force * (t_high - t_low)
 
 
-def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_form(monkeypatch):
+def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_form():
     slips = MU * PRESSED * (K0 + K1 + K2) / K1
-    errors, stated = [], []
-    for increments in (8, 16, 32):
-        monkeypatch.setattr(cycles, "INCREMENTS", increments)
-        (curve,) = sj.backbone(slider(), slips_at=slips, levels=3, up_to=3.0)
-        assert curve.state == ("stick", "stick", "gross")
-        q, work = loop_of_the_slider(curve.level[-1])
-        exact = work / (2.0 * np.pi * curve.level[-1] * q)
-        assert curve.amplitude[-1] == pytest.approx(q, rel=1e-9)
-        errors.append(abs(curve.friction_damping[-1] / exact - 1.0))
-        stated.append(curve.estimated["damping_ratio"])
-    assert errors[0] < 0.03
-    assert errors[2] < 0.25 * errors[0]
-    assert all(true < 3.0 * said for true, said in zip(errors, stated, strict=True))
+    (curve,) = sj.backbone(slider(), slips_at=slips, levels=3, up_to=3.0)
+    assert curve.state == ("stick", "stick", "gross")
+    q, work = loop_of_the_slider(curve.level[-1])
+    exact = work / (2.0 * np.pi * curve.level[-1] * q)
+    assert curve.amplitude[-1] == pytest.approx(q, rel=1e-9)
+    error = abs(curve.friction_damping[-1] / exact - 1.0)
+    assert error < min(0.03, 3.0 * curve.estimated["damping_ratio"])
 
 
 def test_normal_forces_that_cannot_vary_have_the_curve_of_constant_ones():
@@ -166,18 +159,6 @@ def test_what_lifts_off_ends_the_curve():
         sj.backbone(system, levels=1, up_to=0.7)
 
 
-def test_turning_points_are_the_middle_and_half_of_the_way():
-    """Both obey the equation of a level, and a static state of them closes the path."""
-    system = oscillator([[K0, 0.0], [0.0, K2]], [1.0, 0.0], [0.0, 1.0], K1)
-    (curve,) = sj.backbone(system, slips_at=PRESSED, levels=3, up_to=4.0)
-    load = curve.level[:, np.newaxis] * (system.M @ curve.shape)
-    for sign in (1.0, -1.0):
-        u = curve.middle + sign * curve.states
-        normal = np.array([system.contact.normal.elastic_forces(x) for x in u])
-        left = u @ system.K.toarray() + (normal - PRESSED) @ system.contact.normal.N - sign * load
-        assert np.abs(left).max() < 1e-5 * np.abs(load).max()
-
-
 def frequency_of_two_stiffnesses(amplitude: float) -> float:
     """Hz, of free vibration of the mass on K0 and the preloaded K1, which has half cycles of each.
 
@@ -216,17 +197,3 @@ def test_a_ring_down_has_the_frequency_of_two_stiffnesses_at_each_amplitude():
     assert errors[1] < 5e-4
     assert errors[1] < 0.35 * errors[0]
     assert rung.damping_ratio[2:] == pytest.approx(ratio, rel=0.15)
-
-
-@pytest.mark.parametrize("model", [lambda s: s, sj.condense], ids=["full", "condensed"])
-def test_a_ring_down_ends_in_the_stuck_mode_and_loses_what_it_had(model):
-    system = model(block().system(loads(up=1e3, across=1e3)))
-    (curve,) = sj.backbone(system, levels=2, up_to=0.05)
-    assert curve.opened[-1] > 0.0
-    rung = sj.ring_down(system, curve, 12, 100)
-    assert rung.frequency[-1] == pytest.approx(curve.stuck_frequency, rel=5e-4)
-    assert rung.damping_ratio[-1] == pytest.approx(curve.viscous_damping[0], rel=2e-3)
-    assert rung.damping_ratio[0] > 1.1 * rung.damping_ratio[-1]
-    assert np.all(np.diff(rung.energy) < 0.0)
-    lost = rung.energy[0] - rung.energy[-1]
-    assert 0.0 < rung.friction_work[-1].sum() + rung.impact_work < lost
