@@ -158,6 +158,8 @@ def test_a_local_minimum_that_misses_the_data_is_left_for_a_better_one():
         nested, _ = problem.minimise(problem.start, held=held)
         assert nested[held] == pytest.approx(problem.start[held], rel=1e-12)
         assert found.sum_of_squares <= problem.squares(nested)
+    alone = sj.FitProblem(start, data, {RATIO: FREE[RATIO]}, LOADS)
+    assert alone.minimise(alone.start, held=0)[1] == 0
 
 
 def test_a_value_that_fits_up_to_its_bound_only_is_told_so():
