@@ -9,12 +9,8 @@ from bodies import MU, structure
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.accuracy.rungs import of_condensed
-from skfem_joint.reduction.condensed import condensed_basis, condensed_system
 from skfem_joint.results.history import compare
-from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.slow.quasi_static import QuasiStatic
-from skfem_joint.stepping.plan import Plan
 
 FORCE = 4e3
 TIMES: dict[str, Any] = {"step": 5e-6, "n_steps": 200, "cycle_steps": 200}
@@ -126,11 +122,8 @@ def test_coulomb_points_that_stick_have_no_velocity_at_all():
 
 def test_estimate_tells_what_missing_modes_cost():
     system = system_of("plates", 1e5)
-    basis = condensed_basis(system, 0)
-    small = condensed_system(system, basis.V)
-    plan = Plan(**TIMES, save=sj.Save(fields=True))
-    full, run = (integrate_plan(model, plan) for model in (system, small))
-    found, true = of_condensed(system, basis, run, plan), compare(full, run)
+    full, run = (sj.integrate(one, **TIMES) for one in (system, sj.condense(system, 0)))
+    found, true = sj.estimate(run), compare(full, run)
     stated = found.of("basis", "displacement_rms")
     assert 0.5 * true.displacement_rms < stated < 2.0 * true.displacement_rms
     for source in ("law", "points"):  # those of the full model

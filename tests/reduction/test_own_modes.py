@@ -8,74 +8,50 @@ from reduced_joints import STEPS, case, errors, fig_18, full, three_periods
 from scipy.linalg import subspace_angles
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Basis, Options, reduced_system
+from skfem_joint.reduction.basis import Options
 from skfem_joint.reduction.sources import make_basis, own_basis
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Run
-
-
-def reduced(system: sj.System, basis: Basis, step: float, points: str | int) -> Run:
-    few = reduced_system(system, basis, friction_points=points)
-    return three_periods(few, step)
-
-
-@pytest.mark.parametrize("snapshots", ["both", "displacement"])
-@pytest.mark.parametrize("inner_product", ["energy", "mass", "euclidean"])
-def test_own_modes_are_the_best_of_their_number(inner_product, snapshots):
-    _, system, _ = case("lap")
-    run = full("lap")
-    basis = own_basis(system, run, 8, snapshots=snapshots, inner_product=inner_product)
-    np.testing.assert_allclose(basis.V.T @ (system.M @ basis.V), np.eye(8), atol=1e-10)
-    np.testing.assert_allclose(basis.history.velocities, run.v @ (system.M @ basis.V), rtol=1e-12)
-    modes, values = basis.proper.modes, basis.proper.singular_values
-    assert np.all(np.diff(values) <= 0.0)
-    if inner_product == "energy":
-        return
-    G = system.M.toarray() if inner_product == "mass" else np.eye(system.n)
-    some = modes[:, :30]
-    np.testing.assert_allclose(some.T @ G @ some, np.eye(30), atol=1e-9)
-    parts = [run.u[::2]] if snapshots == "displacement" else [run.u[::2], run.v[::2]]
-    X = np.vstack([x / np.sqrt(np.sum(x @ G * x)) for x in parts])
-    values = values / np.sqrt(np.sum(values**2)) * np.sqrt(len(parts))
-    left = X - X @ G @ modes[:, :8] @ modes[:, :8].T  # what eight modes leave out
-    assert np.sum(left @ G * left) == pytest.approx(np.sum(values[8:] ** 2), rel=1e-6)
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3])
 def test_own_modes_reproduce_the_reference_plate(poisson):
     _, system, step = case("lap", poisson)
-    basis = own_basis(system, full("lap", poisson), 12)
-    every = reduced(system, basis, step, "all")
-    history, energy = errors(every, full("lap", poisson))
+    run = full("lap", poisson)
+    small, few = (sj.reduce(system, 12, run=run, friction_points=k) for k in ("all", 36))
+    V, M = small.origin.basis.V, system.M
+    np.testing.assert_allclose(V.T @ (M @ V), np.eye(12), atol=1e-10)
+    velocities = small.origin.basis.history.velocities
+    np.testing.assert_allclose(velocities, run.v @ (M @ V), rtol=1e-12)
+    every = three_periods(small, step)
+    history, energy = errors(every, run)
     assert history < 0.01
     assert abs(energy) < 0.02
-    history, energy = errors(reduced(system, basis, step, 36), every)
+    history, energy = errors(three_periods(few, step), every)
     assert history < 0.003
     assert abs(energy) < 0.005
 
 
 def test_fixed_interface_modes_do_not_slip():
     _, system, _ = case("strip")
-    plain = own_basis(system, full("strip"), 6)
-    more = own_basis(system, full("strip"), 6, interface_modes=2)
-    assert more.V.shape[1] == 8
-    assert np.sin(subspace_angles(more.V, plain.V)).max() < 1e-12  # holds the others
-    assert np.linalg.matrix_rank(system.contact.B @ more.V, tol=1e-9 * np.abs(more.V).max()) == 6
+    plain, more = (
+        sj.reduce(system, 6, run=full("strip"), interface_modes=count).origin.basis.V
+        for count in (0, 2)
+    )
+    assert more.shape[1] == 8
+    assert np.sin(subspace_angles(more, plain)).max() < 1e-12  # holds the others
+    assert np.linalg.matrix_rank(system.contact.B @ more, tol=1e-9 * np.abs(more).max()) == 6
 
 
 def test_modes_need_a_run_that_moves_and_holds_enough_snapshots():
     _, system, step = case("strip")
     save = sj.Save(fields=True)
     still = sj.integrate(replace(system, loads=()), step=step, n_steps=10, save=save)
-    with pytest.raises(sj.InputError, match="nothing moves"):
-        own_basis(system, still, 4)
-    with pytest.raises(sj.InputError, match=r"reduction\.modes: found 0, must be from 1"):
-        own_basis(system, full("strip"), 0)
-    with pytest.raises(sj.InputError, match=r"reduction\.modes: found 999"):
-        own_basis(system, full("strip"), 999)
-    for option, wrong in {"inner_product": "power", "snapshots": "velocity"}.items():
-        with pytest.raises(sj.InputError, match=f"{option}: found '{wrong}'"):
-            own_basis(system, full("strip"), 4, **{option: wrong})
+    for run, modes, words in (
+        (still, 4, "nothing moves"),
+        (full("strip"), 999, r"reduction\.modes: found 999, must be from 1"),
+    ):
+        with pytest.raises(sj.InputError, match=words):
+            sj.reduce(system, modes, run=run)
 
 
 def test_own_modes_of_a_structure_come_from_its_first_three_cycles():
@@ -107,16 +83,9 @@ def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted():
     assert basis.notes[-1].startswith("The 1 vectors of the reduced model cannot follow")
 
 
-def test_a_run_of_ones_own_gives_the_modes():
+def test_loads_that_do_not_repeat_need_a_duration():
     structure, _ = fig_18()
     system = structure.system([sj.Load("end", sj.HalfSine(5e4, 5e-4))])
     with pytest.raises(sj.InputError, match="no common period"):
         sj.reduce(system)
     assert sj.reduce(system, 8, duration=2e-3).n >= 8 + 1
-    run = sj.integrate(system, step=5e-6, n_steps=400, save=sj.Save(fields=True))
-    small = sj.reduce(system, 20, run=run, friction_points="all", beta=1e5)
-    again = sj.integrate(small, step=5e-6, n_steps=400)
-    at = system.points.index("end")
-    difference = np.abs(again.point_u[:, at] - run.point_u[:, at]).max() / run.peak[at]
-    assert small.contact.w.size == system.contact.w.size
-    assert difference < 2e-4
