@@ -1,16 +1,16 @@
 """Modes of a structure's own run."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from joint_scenes import harmonic, plate_scene
 from reduced_joints import STEPS, case, errors, fig_18, full, three_periods
 from scipy.linalg import subspace_angles
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Options
-from skfem_joint.reduction.sources import make_basis, own_basis
-from skfem_joint.stepping.plan import Plan
+from skfem_joint.scene import Scene
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3])
@@ -54,33 +54,40 @@ def test_modes_need_a_run_that_moves_and_holds_enough_snapshots():
             sj.reduce(system, modes, run=run)
 
 
+def strip(modes: int, cycles: int, *direction: float, **reduction: Any) -> Scene:
+    """Scene of the plate whose reduced model has modes of its own run."""
+    pull = harmonic("right", 87.5e3 if direction == (1.0, 0.0) else 2e3)
+    return plate_scene(
+        "reduced",
+        mesh=sj.build_plate([("joint", 0.1, 16), ("arm", 0.5, 16)], 0.05, 2),
+        material={"E": 200e9, "density": 8000.0, "poisson": 0.3},
+        joint=[{"on": "joint", "pressure": 50e6, "friction": 0.7, "beta": 1e5}],
+        load=[pull | {"direction": [*direction]}],
+        time={"cycles": cycles, "steps_per_cycle": STEPS},
+        reduction={"reference": "self", "modes": modes, **reduction},
+        accuracy={"estimate": False},
+    )
+
+
 def test_own_modes_of_a_structure_come_from_its_first_three_cycles():
-    _, system, step = case("strip")
-    options = Options(reference="self", modes=6, interface_modes=2, active_length=0.05)
-    plan = Plan(step, 5 * STEPS, cycle_steps=STEPS)
-    basis = make_basis(system, options, plan)
-    expected = own_basis(system, full("strip"), 6, interface_modes=2)
-    assert np.sin(subspace_angles(basis.V, expected.V)).max() < 1e-12
-    assert (basis.modes, basis.active_length, basis.modes_of_unit_length) == (6, {}, None)
+    scene = strip(6, 5, 1.0, 0.0, interface_modes=2, active_length=0.05)
+    study = sj.run_scene(scene)
+    system, five = scene.system(), {"cycles": 5, "steps_per_cycle": STEPS}
+    three = five | {"cycles": 3, "save": sj.Save(fields=True)}
+    small = sj.reduce(system, 6, run=sj.integrate(system, **three), interface_modes=2)
+    found, expected = study.models["reduced"].run, sj.integrate(small, **five)
+    assert found.system.n == 8
+    atol = 1e-9 * np.abs(expected.point_u).max()
+    np.testing.assert_allclose(found.point_u, expected.point_u, atol=atol)
     note = "reduction.active_length has no effect but beside reference = 'paper'."
-    assert basis.notes == (note,)
-    with pytest.raises(sj.InputError, match="must be 'static', 'self' or 'paper'"):
-        make_basis(system, Options(reference="other"), plan)
+    assert note in study.warnings
 
 
 def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted():
-    structure, _, step = case("strip")
-    plan = Plan(step, 3 * STEPS, cycle_steps=STEPS)
-    bent = structure.system([sj.Load("right", sj.Harmonic(2e3, 500.0), (0.0, 1.0))], [])
-    two, one = (Options(reference="self", modes=count) for count in (2, 1))
-    basis = make_basis(bent, two, plan)
-    assert 0.1 < basis.history.missed < 0.5
-    assert "cannot follow" in basis.notes[0]
+    study = sj.run_scene(strip(2, 3, 0.0, 1.0))
+    assert any("cannot follow" in warning for warning in study.warnings)
     with pytest.raises(sj.InputError, match="cannot follow"):
-        make_basis(bent, one, plan)
-    basis = make_basis(bent, one, plan, enriched=True)
-    assert basis.history.missed > 0.5
-    assert basis.notes[-1].startswith("The 1 vectors of the reduced model cannot follow")
+        sj.run_scene(strip(1, 3, 0.0, 1.0))
 
 
 def test_loads_that_do_not_repeat_need_a_duration():
