@@ -62,17 +62,6 @@ def test_forces_beyond_what_is_held_are_followed_as_far_as_they_are():
     assert path.scaled_back == 1
 
 
-def test_a_basis_of_all_unknowns_gives_the_run_of_the_full_model():
-    full = elastic(_system(elements=3)).with_beta(1e4)
-    rng = np.random.default_rng(2)
-    V = np.linalg.qr(rng.normal(size=(full.n, full.n)))[0]
-    runs = [sj.integrate(system, **TIMING) for system in (full, full.project(V))]
-    np.testing.assert_allclose(runs[1].point_u, runs[0].point_u, atol=1e-9 * runs[0].peak.max())
-    np.testing.assert_allclose(runs[1].normal_force_peak, runs[0].normal_force_peak, rtol=1e-6)
-    assert runs[1].friction_work.sum() == pytest.approx(runs[0].friction_work.sum(), rel=1e-6)
-    assert runs[1].opened.tolist() == runs[0].opened.tolist()
-
-
 def test_errors_fall_with_modes_and_are_stated():
     system = _system(elements=8)
     whole = sj.integrate(elastic(system), **TIMING)

@@ -1,6 +1,5 @@
 """Modes of the static slip path: what they leave of the full model, what they take; SI units."""
 
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -26,21 +25,34 @@ def error(system: sj.System, few: sj.System) -> tuple[float, float, float]:
     return peak, history, abs(found.cycles.friction[-1] / exact.cycles.friction[-1] - 1.0)
 
 
-@cache
-def of_fig_18() -> tuple[sj.System, sj.System]:
-    system = fig_18()[1]
-    return system, sj.reduce(system, 12)
+def harmonics() -> tuple[sj.Structure, sj.System]:
+    """Structure of Fig. 18 under two harmonics, which make minor loops."""
+    parts = (sj.Harmonic(0.3 * LIMIT, 300.0), sj.Harmonic(0.2 * LIMIT, 1500.0, 0.7))
+    regions = [("joint", 0.1, 100), ("linear", 0.5, 100)]
+    return bar(regions, ["joint"], [("end", sj.MultiHarmonic(parts))])
 
 
-def test_the_paper_s_structure_with_fifteen_unknowns():
-    system, small = of_fig_18()
+@pytest.mark.parametrize(
+    ("make", "modes", "unknowns", "allowed"),
+    [
+        (fig_18, 12, 15, (0.003, 0.001, 0.007)),
+        (lambda: case_i(1000.0), 12, 15, (0.003, np.inf, 0.01)),
+        (lambda: case_i(2000.0), 12, 15, (0.003, np.inf, 0.01)),  # near resonance
+        (harmonics, 16, 20, (np.inf, np.inf, 0.015)),
+    ],
+)
+def test_bars_are_followed_with_few_unknowns(make, modes, unknowns, allowed):
+    system = make()[1]
+    small = sj.reduce(system, modes)
     V = small.origin.basis.V
-    assert V.shape == (system.n, 15)
-    np.testing.assert_allclose(V.T @ (system.M @ V), np.eye(15), atol=1e-9)
-    peak, history, friction = error(system, small)
-    assert peak < 0.003
-    assert history < 0.001
-    assert friction < 0.007
+    assert small.n <= unknowns
+    np.testing.assert_allclose(V.T @ (system.M @ V), np.eye(small.n), atol=1e-9)
+    assert np.all(np.array(error(system, small)) < allowed)
+
+
+def test_a_law_that_creeps_everywhere_is_followed():
+    _, system = fig_18(frequency=1.0)
+    assert max(error(system, sj.reduce(system, 12, friction_points="all"))) < 0.002
 
 
 def test_no_step_of_the_full_model_is_taken():
@@ -51,23 +63,6 @@ def test_no_step_of_the_full_model_is_taken():
     assert offline["factorizations"] <= 2.5 * offline["quasi-static states"]
     assert offline["preliminary steps"] == 400
     assert path.run.system.n < 30
-
-
-@pytest.mark.parametrize("frequency", [1000.0, 2000.0])
-def test_a_lap_joint_is_followed_near_resonance_too(frequency):
-    _, system = case_i(frequency)
-    peak, _, friction = error(system, sj.reduce(system, 12))
-    assert peak < 0.003
-    assert friction < 0.01
-
-
-def test_minor_loops_of_several_harmonics():
-    parts = (sj.Harmonic(0.3 * LIMIT, 300.0), sj.Harmonic(0.2 * LIMIT, 1500.0, 0.7))
-    regions = [("joint", 0.1, 100), ("linear", 0.5, 100)]
-    _, system = bar(regions, ["joint"], [("end", sj.MultiHarmonic(parts))])
-    small = sj.reduce(system, 16)
-    assert small.n <= 20
-    assert error(system, small)[2] < 0.015
 
 
 def test_a_pulse_with_sixteen_unknowns():
@@ -89,17 +84,9 @@ def test_plates_that_bend_or_lie_on_each_other(name):
     assert abs(friction) < 5e-3
 
 
-def test_a_law_that_creeps_everywhere_is_followed():
-    _, system = fig_18(frequency=1.0)
-    small = sj.reduce(system, 12, friction_points="all")
-    peak, history, friction = error(system, small)
-    assert max(peak, history) < 0.002
-    assert friction < 0.002
-
-
 def test_few_points_lose_little_friction_power_and_never_gain():
-    system, small = of_fig_18()
-    basis = small.origin.basis
+    system = fig_18()[1]
+    basis = sj.reduce(system, 12).origin.basis
     every = system.project(basis.V)
     lost = []
     for count in (10, 20, 40, 80):

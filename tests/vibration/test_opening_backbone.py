@@ -129,11 +129,6 @@ def with_gaps(order: int) -> sj.System:
 def test_small_vibration_has_the_stuck_frequency(order):
     """Also where a mean over a hat has nodes of pressed points and of others."""
     system = with_gaps(order)
-    pressed = np.flatnonzero(system.contact.normal.force > 0.0)
-    motions = system.contact.normal.closed_motions()
-    held = sparse.csr_array(system.contact.normal.N)[pressed]
-    assert np.abs((held @ motions).toarray()).max() < 1e-12
-    assert motions.shape[1] == system.n - pressed.size
     (curve,) = sj.backbone(system, levels=2, up_to=1e-3)
     assert curve.state == ("stick", "stick")
     assert curve.frequency == pytest.approx(curve.stuck_frequency, rel=1e-6)
