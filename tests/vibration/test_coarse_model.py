@@ -58,3 +58,12 @@ def test_chains_small_systems_and_loads_that_are_not_odd_need_none():
     bar = arm(sj.Harmonic(1e4, 1000.0), elements=(200, 200))
     for none in (uneven, bar, plate(free=6)):
         assert CoarseModel.of(none, FIRST, 1.0, None) is None
+
+
+def test_in_a_basis_of_all_unknowns_it_is_that_of_the_full_model():
+    system = plate()
+    basis = np.random.default_rng(0).normal(size=(system.n, system.n))
+    one, other = (CoarseModel.of(system, FIRST, 1.0, V) for V in (None, basis))
+    np.testing.assert_allclose(basis @ other.up, one.up, atol=1e-8 * np.abs(one.up).max())
+    down = one.down @ basis
+    np.testing.assert_allclose(other.down, down, atol=1e-8 * np.abs(down).max())
