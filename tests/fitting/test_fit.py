@@ -181,16 +181,14 @@ LAPPED = {"contact": "unilateral", "normal_stiffness": 2e12, "tangential_stiffne
 BENT = [sj.Load("end", Harmonic(150.0, 400.0), (0.0, 1.0, 0.0))]
 
 
-@pytest.mark.parametrize("start", [0.5, 0.9])
-def test_contact_that_opens_and_does_not_slip_says_nothing_of_friction(start):
-    """From whatever start, with a direction as the page describes it."""
+def test_contact_that_opens_and_does_not_slip_says_nothing_of_friction():
+    """From far away, with a direction as the page describes it."""
     given = lapped(**LAPPED)
     (curve,) = sj.backbone(given.system(BENT), levels=8, up_to=0.15)
     data = samples(
         curve.frequency, curve.damping_ratio, curve.displacement[:, 0], point="end", direction="y"
     )
-    begin = with_values(given, {FRICTION: start})
-    found = sj.fit(begin, data, {FRICTION: (0.3, 1.0)}, BENT)
+    found = sj.fit(with_values(given, {FRICTION: 0.9}), data, {FRICTION: (0.3, 1.0)}, BENT)
     (sentence,) = found.undetermined
     assert sentence.startswith(f"The data do not determine {FRICTION}: any value within its bounds")
     assert found.interval(FRICTION) == (0.3, 1.0)

@@ -73,24 +73,6 @@ def test_stiffer_springs_tend_to_the_ring_down_of_rigid_surfaces(model):
     assert near.damping_ratio == pytest.approx(rigid.damping_ratio, rel=0.02)
 
 
-def test_contact_far_from_opening_has_the_ring_down_of_constant_normal_forces():
-    """Little friction under a strong pressure: what makes all of it slip hardly changes that."""
-    joint = {"friction": 0.005, "tangential_stiffness": 2e13}
-    constant, opens = (
-        block(**joint, elements=4, contact=kind).system(loads(**LIGHT))
-        for kind in ("constant", "unilateral")
-    )
-    (one,) = sj.backbone(constant, levels=4)
-    (other,) = sj.backbone(opens, levels=4, slips_at=one.slips_at)
-    assert other.share[-1] == one.share[-1] > 0.5
-    assert other.opened[-1] == 0.0
-    a, b = (sj.ring_down(s, c, 12, 100) for s, c in ((constant, one), (opens, other)))
-    assert a.damping_ratio.max() > 1.2 * one.viscous_damping[0]
-    for name in ("amplitude", "frequency", "damping_ratio"):
-        assert getattr(b, name) == pytest.approx(getattr(a, name), rel=2e-3)
-    assert b.energy[0] == pytest.approx(a.energy[0], rel=2e-3)
-
-
 def test_damping_is_that_of_a_slider_under_a_normal_force_in_phase():
     """Unit mass on a strong spring, so that a cycle is nearly a sine of its amplitude."""
     K, presses = 1e8, 1.5e5  # N/m
