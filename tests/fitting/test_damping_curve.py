@@ -53,7 +53,7 @@ def test_laws_are_found_in_noise_of_one_percent(law, proportional):
     t, amplitude, phase = decaying(law, seconds)
     signal = amplitude * np.cos(phase) + others(t, amplitude, phase)
     scores, all_sure = [], []
-    for seed in range(6):
+    for seed in range(3):
         noise = 0.01 * np.random.default_rng([seed, 7]).normal(size=t.size)
         curve = sj.damping_curve(t, signal + noise * (amplitude if proportional else 1.0))
         a = np.interp(curve.time, t, amplitude)
@@ -88,6 +88,7 @@ def scores(law, seed, noise, ratio=None, size=1.0, damping=0.004):
     return np.array([of_curve, (curve.frequency - of_frequency(a)) / curve.frequency_error])
 
 
+@pytest.mark.slow
 def test_intervals_hold_at_the_ends_of_a_record_too():
     """With a mode a factor of two away; 95 % intervals, by either quantity and end."""
     modes = (None,), (2.0, 1.0, 0.005), (0.5, 0.5, 0.004), (0.55, 1.0, 0.003)
