@@ -13,7 +13,6 @@ BLAS threads are pinned. What is compiled is compiled before.
 import os
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -54,7 +53,7 @@ def report(elements):
     step, before = run(system)
     other = ""
     if pays and system.contact.count <= SPARSE:
-        with patch.object(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0)):
+        with patch.object(schur, "MEMORY_SHARE", 0.0):
             other = f"{1e3 * run(system)[0]:.0f}"
     row(
         *(system.n, system.contact.count, kept.size, "yes" if pays else "no"),

@@ -15,7 +15,7 @@ from skfem_joint.ground.errors import InputError, first_of
 from skfem_joint.ground.values import COUNT, check, check_some
 from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.vectors import raise_to, raise_to_norms
-from skfem_joint.minimise.compiled_step import row_order
+from skfem_joint.minimise.problem import row_order
 from skfem_joint.stepping import energy
 from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.schemes import State

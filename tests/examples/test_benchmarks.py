@@ -208,7 +208,7 @@ def test_solids_are_stepped_alike_condensed_or_not(monkeypatch):
     system = solids.plates((6, 1, 2, 1), 1, 40, reach=0.025).system()
     how = {"step": 1.0 / 200.0 / 40, "n_steps": 40, "save": sj.Save(fields=True)}
     condensed = sj.integrate(system, **how)
-    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0))
+    monkeypatch.setattr(schur, "MEMORY_SHARE", 0.0)
     on_all = sj.integrate(system, **how)
     assert condensed.friction_work.sum() > 0.0
     assert condensed.counters.newton_iterations < on_all.counters.newton_iterations

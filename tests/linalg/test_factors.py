@@ -16,9 +16,7 @@ from skfem_joint.linalg.factors import BlockFactors, factorised
 def test_a_factor_solves_matrices_of_narrow_and_wide_bands_in_any_order(shape):
     """The last is wider than a band."""
     A = grid(shape)
-    assert (min(shape) ** (len(shape) - 1) > bands.SETTINGS.widest) == (
-        len(shape) == 3 and shape[0] == 14
-    )
+    assert (min(shape) ** (len(shape) - 1) > bands.WIDEST) == (len(shape) == 3 and shape[0] == 14)
     X = np.random.default_rng(6).normal(size=(A.shape[0], 3))
     solve = factorised(A)
     np.testing.assert_allclose(solve(A @ X), X, atol=1e-11)

@@ -76,7 +76,7 @@ def test_contact_of_a_plate_is_condensed_where_it_is_small(kept, pays):
 def test_what_does_not_fit_into_memory_is_not_condensed(monkeypatch):
     A, kept = blocks((12, 12, 4)), np.arange(0, 300)
     assert condensing_pays(A, kept)
-    least = schur.dense_bytes(kept.size) / schur.SETTINGS.memory_share
+    least = schur.dense_bytes(kept.size) / schur.MEMORY_SHARE
     monkeypatch.setattr(schur, "physical_memory", lambda: 1.001 * least)
     assert condensing_pays(A, kept)
     monkeypatch.setattr(schur, "physical_memory", lambda: 0.999 * least)

@@ -8,9 +8,9 @@ import pytest
 from scipy import sparse
 
 from skfem_joint.ground.errors import InputError
-from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.linearisation import Changes
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
+from skfem_joint.stepping.arrangement import step_problem
 from skfem_joint.system.unknowns import selection
 
 N, STEP = 12, 1e-6

@@ -7,9 +7,9 @@ import pytest
 from scipy import linalg, sparse
 
 from skfem_joint.ground.errors import InputError
-from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.dense_loop import minimise_dense
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
+from skfem_joint.stepping.arrangement import step_problem
 
 Q = 8
 

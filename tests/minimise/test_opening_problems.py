@@ -9,11 +9,11 @@ from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.ground.errors import InputError
-from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.contact_loops import coupled_tangent, tangent_blocks
 from skfem_joint.minimise.contact_newton import ContactNewton, _Forces
 from skfem_joint.minimise.limits import Hinges
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
+from skfem_joint.stepping.arrangement import step_problem
 from skfem_joint.system.normal import NormalPart
 
 #: Largest entry of the loads; errors are relative to it.

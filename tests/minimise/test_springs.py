@@ -8,8 +8,8 @@ from scipy import sparse
 from scipy.optimize import brentq, minimize
 
 from skfem_joint.minimise import law
-from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.stepping.arrangement import step_problem
 from skfem_joint.system.unknowns import selection
 
 BETAS = [1.0, 1e2, 1e6, np.inf]

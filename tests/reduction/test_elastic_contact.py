@@ -15,7 +15,7 @@ from skfem_joint.reduction.elastic_contact import (
 from skfem_joint.reduction.excitation import Excitation
 from skfem_joint.reduction.interface_modes import driven
 from skfem_joint.results.history import QUANTITIES, difference, results
-from skfem_joint.slow.quasi_static import SETTINGS, QuasiStatic
+from skfem_joint.slow.quasi_static import HELD, QuasiStatic
 from skfem_joint.stepping.plan import Plan
 
 TIMING = {"cycles": 1, "steps_per_cycle": 100}
@@ -58,7 +58,7 @@ def test_forces_beyond_what_is_held_are_followed_as_far_as_they_are():
     states = path.follow(np.array([[0.5], [2.0], [0.5]]) * up * pressed)
     left = np.array([contact.elastic_forces(u).sum() for u in states]) / pressed
     np.testing.assert_allclose(left[[0, 2]], 0.5, atol=1e-3)
-    assert 0.0 < left[1] <= 2.0 / 2**SETTINGS.held
+    assert 0.0 < left[1] <= 2.0 / 2**HELD
     assert path.scaled_back == 1
 
 

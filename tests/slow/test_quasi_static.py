@@ -1,6 +1,5 @@
 """Quasi-static slip: Masing's rule, friction limits, slip vectors; SI units."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -11,10 +10,11 @@ from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.linalg import schur
-from skfem_joint.minimise import choice, contact_newton
+from skfem_joint.minimise import contact_newton
 from skfem_joint.slow import quasi_static
 from skfem_joint.slow.levels import NoLevelError
 from skfem_joint.slow.quasi_static import QuasiStatic
+from skfem_joint.stepping import arrangement
 
 TAU, JOINT = 1.75e6, 0.2  # N/m, m
 
@@ -50,8 +50,7 @@ def test_a_body_that_friction_holds_slips_at_its_limit(multiple):
 
 
 def test_a_level_held_back_that_does_not_converge_is_an_error(monkeypatch):
-    few = contact_newton.SETTINGS._replace(iterations=3)
-    monkeypatch.setattr(contact_newton, "SETTINGS", few)
+    monkeypatch.setattr(contact_newton, "ITERATIONS", 3)
     system = sj.condense(bar(20, held=False))
     beyond = 3.0 * float(system.contact.w.sum()) * system.loads[0].vector
     with pytest.raises(sj.ConvergenceError, match="was not found: a force residual"):
@@ -59,8 +58,8 @@ def test_a_level_held_back_that_does_not_converge_is_an_error(monkeypatch):
 
 
 def test_a_friction_limit_that_is_not_found_is_an_error(monkeypatch):
-    few = replace(quasi_static.SETTINGS, limit_iterations=1, least_squares=0)  # else at once
-    monkeypatch.setattr(quasi_static, "SETTINGS", few)
+    monkeypatch.setattr(quasi_static, "LIMIT_ITERATIONS", 1)
+    monkeypatch.setattr(quasi_static, "LEAST_SQUARES", 0)  # else at once
     system = bar(held=False)
     with pytest.raises(sj.ConvergenceError, match="what friction can hold was not found"):
         QuasiStatic(system).limit(2.0 * float(system.contact.w.sum()) * system.loads[0].vector)
@@ -83,7 +82,7 @@ def test_the_contact_alone_is_stepped_as_the_whole_is(fixed, monkeypatch):
     forces = np.array([0.3, 0.6, 0.2, -0.5])[:, np.newaxis] * pull
     alone = QuasiStatic(system, 1e-10)
     assert (alone.condensed is not None) == bool(fixed)
-    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0))
+    monkeypatch.setattr(schur, "MEMORY_SHARE", 0.0)
     together = QuasiStatic(system, 1e-10)
     assert together.whole is None
     u, v = (np.asarray((system.contact.B @ path.follow(forces).T).T) for path in (alone, together))
@@ -106,7 +105,7 @@ def test_many_in_contact_are_stepped_as_the_whole_is(fixed, monkeypatch):
     alone = QuasiStatic(system, 1e-10)
     assert alone.whole is not None
     assert (alone.condensed is not None) == bool(fixed)
-    monkeypatch.setattr(choice, "condensing_pays", lambda A, kept: False)
+    monkeypatch.setattr(arrangement, "condensing_pays", lambda A, kept: False)
     together = QuasiStatic(system, 1e-10)
     assert together.whole is None
     u, v = (path.follow(forces) for path in (alone, together))
@@ -173,8 +172,7 @@ def test_the_limit_of_rigid_motions_is_that_of_the_iteration(pull, monkeypatch):
     force, path = 1e3 * system.loads[0].vector, QuasiStatic(system, 1e-10)
     limit = path.limit(force)
     assert path.solves == 0
-    no_least_squares = replace(quasi_static.SETTINGS, least_squares=0)
-    monkeypatch.setattr(quasi_static, "SETTINGS", no_least_squares)
+    monkeypatch.setattr(quasi_static, "LEAST_SQUARES", 0)
     other = QuasiStatic(system, 1e-10)
     assert limit == pytest.approx(other.limit(force), rel=1e-5)
     assert other.solves > 0

@@ -206,7 +206,7 @@ def test_what_has_no_steady_vibration_is_refused(tmp_path):
 
 
 def test_vibration_that_friction_does_not_reach_is_no_fixed_point(monkeypatch):
-    monkeypatch.setattr(steady, "SETTINGS", steady.SteadySettings(periods=10))
+    monkeypatch.setattr(steady, "PERIODS", 10)
     stuck = replace(bar(2000.0, 1e-9), C=None)
     with pytest.raises(sj.ConvergenceError, match=r"no steady vibration.* give more of it"):
         sj.integrate(stuck, until="steady", steps_per_cycle=100)

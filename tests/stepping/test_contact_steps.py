@@ -1,6 +1,5 @@
 """Steps of sparse systems in contact: laws, symmetries, balances, condensation."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,8 @@ from stepping_systems import reference_plate
 
 import skfem_joint as sj
 from skfem_joint.linalg import schur
-from skfem_joint.minimise import choice, law
+from skfem_joint.minimise import law
+from skfem_joint.stepping import arrangement
 from skfem_joint.stepping.recording import Run
 
 LAWS = [1e3, 1e5, 1e9, np.inf]
@@ -47,7 +47,7 @@ def test_condensing_changes_nothing(beta, elements, monkeypatch):
     made = structure(mesh, [pressed(beta=beta)], fixed=("right",))
     system = made.system([sj.Load("left", sj.Harmonic(12e3, 1000.0), (1.0, 0.1))])
     condensed = run(system)
-    monkeypatch.setattr(choice, "condensing_pays", lambda A, kept: False)
+    monkeypatch.setattr(arrangement, "condensing_pays", lambda A, kept: False)
     on_all = run(system)
     assert condensed.friction_work.sum() > 0.0
     np.testing.assert_allclose(condensed.u, on_all.u, atol=1e-9 * np.abs(on_all.u).max())
@@ -57,7 +57,7 @@ def test_condensing_changes_nothing(beta, elements, monkeypatch):
 
 
 def test_few_factorizations_serve_many_iterations(monkeypatch):
-    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0))
+    monkeypatch.setattr(schur, "MEMORY_SHARE", 0.0)
     system = reference_plate(1e5, elements=(30, 6))
     counters = run(system, steps=200).counters
     assert counters.newton_iterations < 5 * counters.steps

@@ -140,7 +140,7 @@ def test_where_chunks_end_changes_no_bit(kind, jumps, monkeypatch):
                                "scheme": generalized_alpha(0.8), "cycle_steps": 24}  # fmt: skip
     whole = sj.integrate(system, **options)
     for most in (1, 7):
-        monkeypatch.setattr(driver, "SETTINGS", replace(driver.SETTINGS, chunk_s=1e-9))
+        monkeypatch.setattr(driver, "CHUNK_S", 1e-9)
         monkeypatch.setattr(CompiledStepper, "most_at_once", most)
         assert differing(whole, sj.integrate(system, **options)) == []
 
@@ -169,7 +169,7 @@ def test_slow_steps_are_shown_and_saved_as_they_are_done(kind, rest, monkeypatch
     )  # fmt: skip
     assert run.wall_s == pytest.approx(rest * 0.001 + (400 - rest) * slow)
     assert longest == slow  # between two checks for Ctrl-C
-    assert np.diff([0.0, *(t for t, _ in seen)]).max() <= driver.SETTINGS.chunk_s + slow
+    assert np.diff([0.0, *(t for t, _ in seen)]).max() <= driver.CHUNK_S + slow
     assert [done for _, done in seen][-90:] == list(range(311, 401))
     late = [done for done in saved if done > rest]
     assert set(np.diff(late[:-1])) == {10}
@@ -265,7 +265,7 @@ def test_a_step_that_never_converges_is_an_error_that_says_where(monkeypatch):
     for part in ("step 7 ", "7e-05 s", "12.5 N", "unknown 3"):
         assert part in message
     assert caught.value.exit_status == 3
-    assert min(sizes) == pytest.approx(1e-5 / 2**driver.SETTINGS.halvings, rel=1e-6)
+    assert min(sizes) == pytest.approx(1e-5 / 2**driver.HALVINGS, rel=1e-6)
 
 
 class Broken(Amplitude):

@@ -195,7 +195,8 @@ def test_a_run_taken_up_is_the_same_to_the_last_bit(monkeypatch, kind, tmp_path:
     system, plan = bar(1e12, n=12), {"step": 1e-5, "n_steps": 150}
     whole = sj.integrate(system, **plan)
     checkpoint = sj.Checkpoint(tmp_path / "run.npz", "origin", every=1)
-    monkeypatch.setattr(driving, "SETTINGS", replace(driving.SETTINGS, chunk_s=1e-9, call_s=1e-9))
+    monkeypatch.setattr(driving, "CHUNK_S", 1e-9)
+    monkeypatch.setattr(driving, "CALL_S", 1e-9)
     seen = []
 
     def stop(done: int, *_: Any) -> None:

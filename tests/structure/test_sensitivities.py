@@ -185,7 +185,7 @@ def test_derivatives_of_the_preload_use_its_own_factor(monkeypatch):
     keys, found = ["bolt[0].force", "material.regions.ub.E"], []
     for kept in (None, 0):
         if kept is not None:
-            monkeypatch.setattr(active_set, "SETTINGS", replace(active_set.SETTINGS, kept=kept))
+            monkeypatch.setattr(active_set, "KEPT", kept)
         given = bolted(joint={"contact": "unilateral"}, regions={"ub": {"E": 100e9}})
         system = given.system(loads("right", 2))
         assert (given.preload.contact is None) == (kept == 0)
