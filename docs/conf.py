@@ -72,7 +72,7 @@ numpydoc_xref_aliases = {
     "Basis": "skfem_joint.reduction.basis.Basis",
     "Description": "skfem_joint.study.description.Description",
     "Estimate": "skfem_joint.accuracy.estimate.Estimate",
-    "Failure": "skfem_joint.study.models.Failure",
+    "Failure": "skfem_joint.study.results.Failure",
     "JointError": "skfem_joint.ground.errors.JointError",
     "MatrixModel": "skfem_joint.structure.matrices.MatrixModel",
     "SlipHistory": "skfem_joint.reduction.basis.SlipHistory",

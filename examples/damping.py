@@ -40,7 +40,7 @@ system = scene.system()
 (curve,) = sj.backbone(system, modes=[1], levels=30, up_to=0.5)
 down = sj.ring_down(system, curve, cycles=60)
 print(f"stuck frequency {curve.stuck_frequency:.1f} Hz")
-print(curve.warnings[-1])
+print(curve.notes[-1])
 print(f"ring-down lost {down.friction_work[-1].sum():.1f} of {down.energy[0]:.1f} J in the joint")
 
 # %%

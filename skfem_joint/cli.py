@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from skfem_joint.fitting.measured import MeasuredCurve
     from skfem_joint.ground.rows import Rows
     from skfem_joint.scene import Scene
-    from skfem_joint.study.models import Study
+    from skfem_joint.study.results import Study
 
 _log = logging.getLogger(__name__)
 
@@ -229,7 +229,7 @@ def _run(options: argparse.Namespace) -> int:
         if checkpoints is not None and not study.ended:
             checkpoints.remove(study.models)
     print(report.text(study), end="\n\n")
-    _print_notes(study.warnings, out, files)
+    _print_notes(study.notes, out, files)
     if study.failure is not None:
         raise study.failure.error
     if study.interrupted:
@@ -288,7 +288,7 @@ def _check_run_options(options: argparse.Namespace, scene: Scene) -> None:
 def _certify(study: Study, progress: Progress, executor: Executor | None) -> Study:
     """Estimate more errors of each model; what ends this early does not cost the results."""
     from skfem_joint.study.certificate import certify
-    from skfem_joint.study.models import Failure
+    from skfem_joint.study.results import Failure
 
     name = ""
     try:
@@ -308,10 +308,9 @@ def _check(options: argparse.Namespace) -> int:
     """Validate a scene and its sweep, and print what a run would be."""
     from skfem_joint.runs.resolution import check_jumps, check_resolution
     from skfem_joint.scene.reading import load_with_sweep
-    from skfem_joint.structure.model import doubts
     from skfem_joint.study.against_opening import against_opening
-    from skfem_joint.study.description import describe
-    from skfem_joint.study.scene_plan import plan_of, with_friction
+    from skfem_joint.study.description import description_of
+    from skfem_joint.study.models import plan_of, with_friction
 
     # Everything is checked before the scene is called valid.
     with _progress(options) as progress:
@@ -333,10 +332,10 @@ def _check(options: argparse.Namespace) -> int:
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}.",
         flush=True,
     )
-    description = describe(scene)
+    description = description_of(scene)
     print("\n".join(description.facts), flush=True)
     tell((*scene.left_out, *left_out))
-    tell(doubts(scene.structure(), system, waves=not scene.time.quasi_static))
+    tell(system.notes)
     tell((*description.doubts, *sweep_notes))
     tell(filter(None, [against_opening(scene, description.values.get("normal_force_change"))]))
     if swept is not None:
@@ -405,10 +404,10 @@ def _backbone(options: argparse.Namespace) -> int:
     with _kept(options) as notes:
         with _progress(options) as progress:
             backbone = scene_backbone(scene, progress, options.out)
-        backbone = replace(backbone, warnings=(*backbone.warnings, *notes))
+        backbone = replace(backbone, notes=(*backbone.notes, *notes))
         files = damping.write_backbone(options.out, backbone)
     print("\n".join(damping.backbone_lines(backbone)))
-    return _print_notes(backbone.warnings, options.out, files)
+    return _print_notes(backbone.notes, options.out, files)
 
 
 def _response(options: argparse.Namespace) -> int:
@@ -434,11 +433,11 @@ def _response(options: argparse.Namespace) -> int:
             # The backbones first: they take seconds, and a wrong mode ends the command at once.
             curves = given_backbones(scene, progress)
             response = scene_response(scene, executor, progress, rows, options.workers)
-        notes = [*notes, *(note for curve in curves for note in curve.warnings)]
-        response = replace(response, warnings=(*response.warnings, *notes))
+        notes = [*notes, *(note for curve in curves for note in curve.notes)]
+        response = replace(response, notes=(*response.notes, *notes))
         files = damping.write_response(options.out, response, curves)
     print("\n".join(damping.response_lines(response, curves)))
-    return _print_notes(response.warnings, options.out, files)
+    return _print_notes(response.notes, options.out, files)
 
 
 def _fit(options: argparse.Namespace) -> int:

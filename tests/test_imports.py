@@ -86,10 +86,10 @@ def test_the_paper_s_scaled_modes_are_reached_by_one_lazy_import():
     scaled = {name for name in MODULES if name.startswith("reduction.scaled")}
     outside = {name: imported(name, tree_of(name)) & scaled for name in set(MODULES) - scaled}
     reach = {name: found for name, found in outside.items() if found}
-    assert reach == {"study.scene_plan": {"reduction.scaled.basis"}}
-    top = ast.Module(body=tree_of("study.scene_plan").body, type_ignores=[])
+    assert reach == {"study.models": {"reduction.scaled.basis"}}
+    top = ast.Module(body=tree_of("study.models").body, type_ignores=[])
     top.body = [node for node in top.body if not isinstance(node, ast.FunctionDef)]
-    assert not imported("study.scene_plan", top) & scaled
+    assert not imported("study.models", top) & scaled
 
 
 @pytest.mark.parametrize("module", MODULES)

@@ -23,16 +23,13 @@ from rich.console import Console
 from scene_texts import written
 from stepping_systems import arm
 
-from skfem_joint.ground.loads import Harmonic
+import skfem_joint as sj
 from skfem_joint.ground.progress import announced, bar_on, shown_by
 from skfem_joint.results.gross_slip import TRIALS
-from skfem_joint.runs.integrate import integrate
-from skfem_joint.steady.steady import SETTINGS as STEADY
-from skfem_joint.vibration.backbone import backbone
+from skfem_joint.steady.steady import CHANGE
 from skfem_joint.vibration.cycles import items_of_work
-from skfem_joint.vibration.response import response
 
-BAR = arm(Harmonic(30e3, 2025.0), elements=(20, 20), stiffness_damping=1e-6)
+BAR = arm(sj.Harmonic(30e3, 2025.0), elements=(20, 20), stiffness_damping=1e-6)
 
 
 def reported_by(search: Callable[[Any], Any]) -> tuple[Any, list[tuple[Any, ...]]]:
@@ -45,7 +42,7 @@ def reported_by(search: Callable[[Any], Any]) -> tuple[Any, list[tuple[Any, ...]
 def test_a_response_reports_every_vibration_that_it_searches_for(estimated):
     frequencies, levels = np.linspace(1900.0, 2100.0, 5), (0.5, 1.0)
     curves, reports = reported_by(
-        lambda report: response(BAR, frequencies, levels, estimated=estimated, progress=report)
+        lambda report: sj.response(BAR, frequencies, levels, estimated=estimated, progress=report)
     )
     each = 2 if estimated else 1
     frequency_counts = [len(curve.points) for curve in curves]
@@ -60,7 +57,7 @@ def test_a_response_reports_every_vibration_that_it_searches_for(estimated):
 
 def test_a_backbone_reports_every_level_and_part_of_a_loop():
     levels = 6
-    _, reports = reported_by(lambda report: backbone(BAR, (1, 2), levels, progress=report))
+    _, reports = reported_by(lambda report: sj.backbone(BAR, (1, 2), levels, progress=report))
     # The other reports are of trials for the load at which a joint slips as a whole.
     trials = len(reports) - 2 * items_of_work(levels, opens=False)
     assert 0 <= trials <= 2 * TRIALS
@@ -71,14 +68,14 @@ def test_a_backbone_reports_every_level_and_part_of_a_loop():
 
 def test_a_search_for_what_is_steady_reports_its_periods_and_how_far_they_are_from_it():
     run, reports = reported_by(
-        lambda report: integrate(BAR, until="steady", steps_per_cycle=100, progress=report)
+        lambda report: sj.integrate(BAR, until="steady", steps_per_cycle=100, progress=report)
     )
     notes = dict.fromkeys(note.partition(", change ")[2] for *_, note in reports)
     changes = [float(note.split()[0]) for note in notes if note]
     assert run.steady is not None
     assert reports[-1][0] >= run.steady.periods  # and the one that is stored
     assert changes[-1] == pytest.approx(run.steady.change, rel=0.1)
-    assert changes[-1] <= STEADY.change < changes[-2]
+    assert changes[-1] <= CHANGE < changes[-2]
 
 
 class Clock:
@@ -103,27 +100,23 @@ def left(line: str) -> float:
     return float(((24 * days + hours) * 60 + minutes) * 60 + seconds)
 
 
-# A run taken up again has its first steps for nothing.
-@pytest.mark.parametrize(("seconds", "first"), [(0.001, 1), (0.6, 1), (0.6, 3001), (45.0, 3990)])
-def test_the_remaining_time_is_that_of_the_steps_left(seconds, first):
+@pytest.mark.parametrize(
+    ("before", "seconds", "first", "total"),
+    [(0, 0.001, 1, 200_000), (0, 0.6, 1, 4000), (0, 0.6, 3001, 4000), (0, 45.0, 3990, 4000),
+     (100, 2.0, 1, 200)],
+)  # fmt: skip
+def test_the_remaining_time_is_that_of_the_steps_left(before, seconds, first, total):
+    """Also of a run taken up again, which has its first steps for nothing, or of a second one."""
     clock = Clock()
-    total = 4000 if seconds > 0.01 else 200_000
+    clock.steps(0.5, 1, before, before)
+    begin = len(clock.said)
     clock.steps(seconds, first, total, total)
-    spoken = [(at, line) for at, line in clock.said if "left" in line]
-    assert len(spoken) >= len(clock.said) - 2 > 3  # not the first of one call, nor at the end
-    for _, line in spoken:
+    said = [line for _, line in clock.said[begin:]]
+    spoken = [line for line in said if "left" in line]
+    assert len(spoken) >= len(said) - 2 > 3  # not the first of one call, nor at the end
+    for line in spoken:
         done = int(line.split()[1])
         assert left(line) == pytest.approx((total - done) * seconds, abs=1.0)
-
-
-def test_a_second_run_of_the_same_name_starts_anew():
-    clock = Clock()
-    clock.steps(0.5, 1, 100, 100)
-    said = len(clock.said)
-    clock.steps(2.0, 1, 50, 200)
-    assert len(clock.said) > said + 2
-    for _, line in clock.said[said + 1 :]:
-        assert left(line) == pytest.approx((200 - int(line.split()[1])) * 2.0, abs=1.0)
 
 
 def test_lines_come_now_and_then_and_ever_less():

@@ -11,15 +11,13 @@ from stability.mutated import Tables, drawn
 
 import skfem_joint as sj
 from skfem_joint.ground.key_paths import key_path
-from skfem_joint.mesh import NamedMesh
 from skfem_joint.scene import scene_from
-from skfem_joint.stepping.schemes import generalized_alpha
 
 ROUND_OFF = 1e-9
 Path = tuple[int | str, ...]
 
 
-def valid(rng: random.Random) -> tuple[Tables, NamedMesh]:
+def valid(rng: random.Random) -> tuple[Tables, sj.NamedMesh]:
     """Tables of a valid scene of bars or plates, and its mesh: laws of any steepness, or none."""
     tables, bodies = drawn(rng)
     (joint,) = tables["joint"]
@@ -53,7 +51,7 @@ def test_any_valid_scene_keeps_the_invariants(part):
             system,
             step=scene.time_step,
             n_steps=scene.n_steps,
-            scheme=generalized_alpha(scene.time.rho_infinity),
+            scheme=sj.generalized_alpha(scene.time.rho_infinity),
             save=sj.Save(every=scene.output.every, fields=True),
             cycle_steps=scene.cycle_steps,
         )
@@ -92,7 +90,7 @@ def at(value: Any, path: Path) -> Any:
     return value
 
 
-def refusal(tables: Tables, mesh: NamedMesh) -> list[str]:
+def refusal(tables: Tables, mesh: sj.NamedMesh) -> list[str]:
     """Problems of a scene without its name, which starts every one."""
     with pytest.raises(sj.InputError) as caught:
         scene_from(tables, mesh)

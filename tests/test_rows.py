@@ -127,7 +127,7 @@ RESPONSE = {"frequencies": {"from": 1800.0, "to": 2600.0, "points": 4}, "levels"
 def response_of(rows: Rows, executor: Executor | None = None, **options: Any) -> Any:
     scene = bar_scene(bar="coarse", response=RESPONSE, reduction={}, **options)
     found = scene_response(scene, executor, rows=rows)
-    return [(m.name, m.curves, m.estimates) for m in found.models], found.warnings
+    return [(m.name, m.curves, m.estimates) for m in found.models], found.notes
 
 
 def side_by_side(rows: Rows) -> Any:
@@ -204,7 +204,7 @@ def timeless(folder: Path) -> dict[str, Any]:
     """Content of the tables and of the summary of a folder, without times."""
     found: dict[str, Any] = {}
     for path in sorted(folder.iterdir()):
-        if path.suffix == ".csv" and path.stem != "error-time":
+        if path.suffix == ".csv":
             found[path.name] = path.read_text(encoding="utf-8")
         elif path.suffix == ".json":
             summary = json.loads(path.read_text(encoding="utf-8"))
@@ -218,25 +218,16 @@ def timeless(folder: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("name", "number"),
-    [
-        ("response", signal.SIGINT),
-        ("response", signal.SIGTERM),
-        pytest.param("error-time", signal.SIGINT, marks=pytest.mark.slow),
-        pytest.param("error-time", signal.SIGTERM, marks=pytest.mark.slow),
-    ],
-)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_command_that_gets_a_signal_to_end_keeps_its_rows_and_goes_on(
-    name, number, tmp_path, capsys, monkeypatch
+    number, tmp_path, capsys, monkeypatch
 ):
     text = (ROOT / "examples" / "structure_harmonic.toml").read_text(encoding="utf-8")
     text = text.replace("../meshes", (ROOT / "meshes").as_posix()).replace(', "reduced"', "")
     text = text.replace("vtk = true\nplots = true", "vtk = false\nplots = false")
     scene, out = tmp_path / "scene.toml", tmp_path / "out"
     scene.write_text(text.replace("cycles = 12", "cycles = 1") + SCENE, encoding="utf-8")
-    command = [name, str(scene), *(["--quick"] if name == "error-time" else [])]
-    monkeypatch.setattr(et, "QUICK", et.QUICK | {"modes": (2,), "factors": ()})
+    command = ["response", str(scene)]
     assert cli.main([*command, "--out", str(tmp_path / "whole")]) == 0
     assert "taken up" not in capsys.readouterr().out
     keep = Rows.keep
@@ -251,7 +242,7 @@ def test_a_command_that_gets_a_signal_to_end_keeps_its_rows_and_goes_on(
         patch.setattr(Rows, "keep", stopped)
         assert cli.main([*command, "--out", str(out)]) == 130
     shown = capsys.readouterr()
-    assert [file.name for file in out.iterdir()] == [f"{name}_rows.jsonl"]  # and no lock
+    assert [file.name for file in out.iterdir()] == ["response_rows.jsonl"]  # and no lock
     assert "\n4 rows are finished" in f"\n{shown.out}"
     assert "The same command goes on." in shown.out
     assert signal.getsignal(signal.SIGTERM) is not signal.default_int_handler

@@ -9,8 +9,6 @@ import pytest
 
 import skfem_joint as sj
 from skfem_joint.ground import values
-from skfem_joint.ground.loads import Harmonic, Rectangle, Table, Triangle
-from skfem_joint.stepping.schemes import generalized_alpha
 
 NAN, INF = math.nan, math.inf
 #: What is never a number that can be computed with.
@@ -35,7 +33,7 @@ def bar(**changes: Any) -> sj.Structure:
     return sj.Structure(mesh, material, joints=[pressed], fixed=["wall"], **made | changes)
 
 
-SYSTEM = bar().system([sj.Load("tip", Harmonic(1e4, 500.0))])
+SYSTEM = bar().system([sj.Load("tip", sj.Harmonic(1e4, 500.0))])
 CYCLES: dict[str, Any] = {"cycles": 1, "steps_per_cycle": 20}
 STEPS: dict[str, Any] = {"step": 1e-4, "n_steps": 2}
 (CURVE,) = sj.backbone(SYSTEM, levels=2)
@@ -72,7 +70,7 @@ ARGUMENTS: list[tuple[str, str, Any]] = [
     ("tolerance", "not_negative", lambda x: run(**STEPS, tolerance=x)),
     ("every", "count", lambda x: sj.Save(every=x)),
     ("fields_every", "count", lambda x: sj.Save(fields_every=x)),
-    ("rho_infinity", "not_negative", generalized_alpha),
+    ("rho_infinity", "not_negative", sj.generalized_alpha),
     ("modes", "count", lambda x: sj.reduce(SYSTEM, modes=x)),
     ("interface_modes", "whole", lambda x: sj.reduce(SYSTEM, interface_modes=x)),
     ("duration", "positive", lambda x: sj.reduce(SYSTEM, duration=x)),
@@ -90,12 +88,12 @@ ARGUMENTS: list[tuple[str, str, Any]] = [
     ("steps_per_cycle", "count", lambda x: sj.ring_down(SYSTEM, CURVE, 8, x)),
     ("limit", "not_negative", lambda x: point(limit=x)),
     ("beta", "beta", lambda x: point(beta=x)),
-    ("amplitude", "finite", lambda x: Harmonic(x, 1.0)),
-    ("frequency", "positive", lambda x: Harmonic(1.0, x)),
-    ("phase", "finite", lambda x: Harmonic(1.0, 1.0, x)),
-    ("rise_time", "positive", lambda x: Triangle(1.0, x)),
-    ("start", "not_negative", lambda x: Triangle(1.0, 1.0, x)),
-    ("duration", "positive", lambda x: Rectangle(1.0, x)),
+    ("amplitude", "finite", lambda x: sj.Harmonic(x, 1.0)),
+    ("frequency", "positive", lambda x: sj.Harmonic(1.0, x)),
+    ("phase", "finite", lambda x: sj.Harmonic(1.0, 1.0, x)),
+    ("rise_time", "positive", lambda x: sj.Triangle(1.0, x)),
+    ("start", "not_negative", lambda x: sj.Triangle(1.0, 1.0, x)),
+    ("duration", "positive", lambda x: sj.Rectangle(1.0, x)),
     ("material.E", "positive", lambda x: bar(material={"E": x})),
     ("material.density", "positive", lambda x: bar(material={"density": x})),
     ("section.width", "positive", lambda x: bar(width=x)),
@@ -155,7 +153,7 @@ def test_numbers_of_numpy_do_as_well_as_others():
 def test_tables_and_lists_hold_real_numbers():
     for wrong in (["a", "b"], [1j, 2j], [True, False]):
         with pytest.raises(sj.InputError, match=r"times: found .* must be real"):
-            Table(wrong, [1.0, 2.0])
+            sj.Table(wrong, [1.0, 2.0])
     for wrong in (3.0, "abc", [], None):
         with pytest.raises(sj.InputError, match="levels: found"):
             sj.response(SYSTEM, [500.0], wrong)

@@ -1,6 +1,5 @@
-"""An installed wheel works alone: shipped scenes, preview, run and backbone in an empty folder."""
+"""An installed wheel works alone: shipped scenes, preview and run in an empty folder."""
 
-import csv
 import json
 import os
 import subprocess
@@ -101,8 +100,3 @@ def test_an_installed_wheel_previews_and_computes_a_shipped_scene(python, tmp_pa
     out = tmp_path / "structure_harmonic" / "out"
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert {"full", "reduced"} <= summary["models"].keys()
-
-    python(*command, "backbone", scene, "--out", "backbone")
-    curve = (tmp_path / "backbone" / "backbone.csv").read_text(encoding="utf-8")
-    rows = list(csv.DictReader(curve.splitlines()))
-    assert len(rows) > 1

@@ -355,9 +355,12 @@ def copy_picture(source, target):
             plain.quantize(256, **few).save(temporary, "PNG", optimize=True)
 
 
-def measure(claim, command, folder, kept):
-    """Run a claim's command; write its tables and pictures below ``folder``. Returns seconds."""
-    out, busy = kept / "files", is_busy()
+def measure(claim, command, folder, kept, busy):
+    """Run a claim's command; write its tables and pictures below ``folder``. Returns seconds.
+
+    ``busy`` tells whether the machine is.
+    """
+    out = kept / "files"
     if busy and claim.timed:
         print(
             "  the machine is busy: these run times are not those of an idle one", file=sys.stderr
@@ -394,21 +397,21 @@ def listing(claims):
     return "\n".join([*lines, f"about {total / 60:.0f} minutes in all"])
 
 
-def main(arguments=None):
+def main(arguments=None, claims=CLAIMS):
     """Make claims anew; returns 1 if a command failed."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(CLAIMS))
+    parser.add_argument("names", nargs="*", metavar="NAME", help=", ".join(claims))
     parser.add_argument("--list", action="store_true", help="say what would run, and how long")
     parser.add_argument("--quick", action="store_true", help="only what takes a minute or so")
     parser.add_argument("--short", action="store_true", help="short forms; needs --out")
     parser.add_argument("--out", type=Path, default=HERE, help="for tables and pictures")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the results of the commands")
     options = parser.parse_args(arguments)
-    if unknown := [name for name in options.names if name not in CLAIMS]:
-        parser.error(f"no claim is called {', '.join(unknown)}; there are: {', '.join(CLAIMS)}")
+    if unknown := [name for name in options.names if name not in claims]:
+        parser.error(f"no claim is called {', '.join(unknown)}; there are: {', '.join(claims)}")
     if options.short and options.out.resolve() == HERE:
         parser.error("--short writes no tables of the site: give --out DIR")
-    chosen = {name: CLAIMS[name] for name in options.names or CLAIMS}
+    chosen = {name: claims[name] for name in options.names or claims}
     if options.quick:
         chosen = {name: claim for name, claim in chosen.items() if claim.seconds <= QUICK}
     if options.list:
@@ -423,14 +426,14 @@ def main(arguments=None):
             print(f"{name}: {command.format(out='out')} (about {claim.seconds:.0f} s)", flush=True)
             kept = (options.keep or Path(temporary)).resolve() / name
             try:
-                seconds = measure(claim, command, options.out.resolve(), kept)
+                seconds = measure(claim, command, options.out.resolve(), kept, is_busy())
                 print(f"{name}: made in {seconds:.0f} s", flush=True)
             except (RuntimeError, OSError, KeyError) as error:
                 failed.append(name)
                 print(f"{name}: {error}", file=sys.stderr, flush=True)
     if not options.short:
         with replacing(options.out / "measured" / "list.md") as temporary:
-            temporary.write_text(f"```text\n{listing(CLAIMS)}\n```\n", encoding="utf-8")
+            temporary.write_text(f"```text\n{listing(claims)}\n```\n", encoding="utf-8")
     if failed:
         print(f"not made: {', '.join(failed)}", file=sys.stderr)
     return int(bool(failed))

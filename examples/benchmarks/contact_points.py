@@ -13,7 +13,6 @@ BLAS threads are pinned. What is compiled is compiled before.
 import os
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
@@ -26,7 +25,7 @@ from benchmarks.solids import plates
 from skfem_joint.linalg import schur
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.stepping.arrangement import arranged
-from skfem_joint.study.description import describe
+from skfem_joint.study.description import description_of
 
 #: Elements along the overlap and along the rest of each plate, across, and through its thickness.
 SIZES = ((10, 2, 2, 1), (18, 2, 4, 1), (28, 2, 6, 1), (28, 2, 7, 1), (38, 2, 12, 1), (52, 2, 18, 1))
@@ -46,7 +45,7 @@ def report(elements):
     system = scene.system()
     made = time.perf_counter() - begin
     begin = time.perf_counter()
-    describe(scene)
+    description_of(scene)
     checked = time.perf_counter() - begin
     to = arranged(system).system
     kept = ContactPoints.of(to).limited
@@ -54,7 +53,7 @@ def report(elements):
     step, before = run(system)
     other = ""
     if pays and system.contact.count <= SPARSE:
-        with patch.object(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0)):
+        with patch.object(schur, "MEMORY_SHARE", 0.0):
             other = f"{1e3 * run(system)[0]:.0f}"
     row(
         *(system.n, system.contact.count, kept.size, "yes" if pays else "no"),
@@ -64,7 +63,7 @@ def report(elements):
 
 def main(arguments):
     tiny = plates((4, 1, 2, 1), 1, PERIOD, REACH)
-    describe(tiny)
+    description_of(tiny)
     run(tiny.system())
     head(
         *("unknowns", "contact points", "contact unknowns", "condensed", "assembly, s", "check, s"),

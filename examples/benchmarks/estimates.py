@@ -35,7 +35,7 @@ from skfem_joint.ground.errors import JointError
 from skfem_joint.ground.processes import Spawn
 from skfem_joint.results.history import QUANTITIES, Results, difference, extrapolation, results
 from skfem_joint.scene import Scene
-from skfem_joint.study.scene_plan import plan_of
+from skfem_joint.study.models import plan_of
 
 MODELS = ("full", "reduced", "condensed")
 #: Largest errors that are asked for with ``--model accuracy``.

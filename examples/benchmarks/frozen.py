@@ -8,8 +8,7 @@ All kinds of models, of contact and of analyses are here once, with mode numbers
 explicitly. Of each result there are a few numbers in full precision, a SHA-256 of the bits of its
 arrays, its counters, and its time: of runs µs a step, of others s; the median of three repetitions,
 of up to fifty where they are short, and the least of them, which other programs on the machine
-disturb less. The option ``--compile`` adds the time of compilation of a first run in a fresh folder
-of compiled code. It takes two minutes on one core; with ``--without-times`` each result is computed
+disturb less. It takes two minutes on one core; with ``--without-times`` each result is computed
 once, in half a minute. Differences are relative to the largest number of a name. The status is 1
 where one is above its tolerance, 1e-9 for full and condensed models and 1e-6 for most others.
 
@@ -34,8 +33,6 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 import argparse
 import hashlib
 import json
-import subprocess
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -216,8 +213,11 @@ def condensed(make, **values):
 
 @cache
 def reduced(make, points, **values):
+    """Reduced model for three periods of its load."""
     system = full(make, **values)
-    return sj.reduce(system, modes=12, interface_modes=8, friction_points=points, beta=100.0)
+    length = 3.0 / max(load.amplitude.highest_frequency for load in system.loads)
+    how = {"interface_modes": 8, "friction_points": points, "beta": 100.0}
+    return sj.reduce(system, modes=12, duration=length, **how)
 
 
 @cache
@@ -621,22 +621,6 @@ def compare(name, before, now):
     return agrees
 
 
-def compilation():
-    """Time of a first run of a bar in a new process and a fresh folder of compiled code, s."""
-    lines = (
-        "from benchmarks import frozen",
-        "print(frozen.run(frozen.full(frozen.bar)).compilation_s)",
-    )
-    places = os.pathsep.join(filter(None, (sys.path[0], os.environ.get("PYTHONPATH"))))
-    with tempfile.TemporaryDirectory() as folder:
-        environment = os.environ | {"NUMBA_CACHE_DIR": folder, "PYTHONPATH": places}
-        ran = subprocess.run(
-            [sys.executable, "-c", "\n".join(lines)], env=environment, stdout=subprocess.PIPE,
-            check=True, text=True,
-        )  # fmt: skip
-    return float(ran.stdout)
-
-
 def main(arguments):
     first, *_ = __doc__.splitlines()
     parser = argparse.ArgumentParser(description=first)
@@ -644,7 +628,6 @@ def main(arguments):
     parser.add_argument("--out", type=Path, help="file to write")
     parser.add_argument("--against", type=Path, help="file to compare with")
     parser.add_argument("--without-times", action="store_true", help="compute each result once")
-    parser.add_argument("--compile", action="store_true", help="measure compilation too")
     parser.add_argument("--shake", action="store_true", help="with moduli larger by 1e-13")
     given = parser.parse_args(arguments)
     if unknown := set(given.names) - RESULTS.keys():
@@ -659,12 +642,6 @@ def main(arguments):
     for name in given.names or RESULTS:
         every[name] = now = measured(name, not given.without_times)
         agree &= compare(name, before.get(name, now), now)
-    if given.compile:
-        now = compilation()
-        old = before.get("compilation", {}).get("time", np.nan)
-        every["compilation"] = {"time": now, "unit": "s"}
-        ratio = "" if np.isnan(old) else f"{now / old:.3f}"
-        row("compilation", *4 * [""], f"{now:.4g} s", ratio, "")
     if given.out is not None:
         lines = (
             f"{json.dumps(k)}:{json.dumps(x, separators=(',', ':'))}" for k, x in every.items()

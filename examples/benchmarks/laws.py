@@ -20,7 +20,7 @@ from benchmarks import EXAMPLES, head, row
 from skfem_joint import load_scene, run_scene
 from skfem_joint.accuracy.estimate import verification_run
 from skfem_joint.results.history import difference, results
-from skfem_joint.study.scene_plan import plan_of
+from skfem_joint.study.models import plan_of
 
 HARMONIC, IMPULSE = "structure_harmonic", "structure_impulse"
 #: What is shown: a shipped scene, its beta (s/m), and other values of its load and time.

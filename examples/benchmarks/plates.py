@@ -15,7 +15,6 @@ at each iteration with the same ordering and library, from the same extrapolated
 import os
 import sys
 import time
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -87,13 +86,9 @@ def report(along, across, width, bolted):
         *("displacement, %", "friction energy, %"),
     )
     first = run(system, n_steps=60)
-    settings = contact_newton.SETTINGS._replace(patience=0, sweeps=0)
-    patience = patch.object(contact_newton, "SETTINGS", settings)
     with (
-        patience,
-        patch.object(
-            schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0, fewest_sparse=np.inf)
-        ),
+        patch.multiple(contact_newton, PATIENCE=0, SWEEPS=0),
+        patch.multiple(schur, MEMORY_SHARE=0.0, FEWEST_SPARSE=np.inf),
     ):
         line("refactoring each iteration", first.wall_s / 60, [run(system, n_steps=60)])
     full = run(system)

@@ -36,6 +36,8 @@ SAMPLES = 8
 #: Absolute tolerances relative to the largest displacement and velocity, over the relative one.
 ABSOLUTE = 1e-2
 READY_MADE, EXPLICIT, MESH = "ready-made", "Runge-Kutta", "full, coarser mesh"
+#: Whether there is SUNDIALS.
+SUNDIALS = importlib.util.find_spec("sksundae") is not None
 #: Elements of coarse meshes.
 COARSE = (10, 20, 50, 100)
 
@@ -62,8 +64,11 @@ def has_arctan_law(system):
     return np.all(np.isfinite(system.contact.beta[system.contact.w > 0.0]))
 
 
-def ready_made_jobs(reference, bound, forms=FORMS):
-    """Jobs of all integrators at all tolerances; none under set-valued Coulomb friction."""
+def ready_made_jobs(reference, bound, forms=FORMS, installed=SUNDIALS):
+    """Jobs of all integrators at all tolerances; none under set-valued Coulomb friction.
+
+    Those of SUNDIALS only say so where it is not ``installed``.
+    """
     if not has_arctan_law(reference.system):
         return
     models = [FirstOrder(reference.system), FirstOrder(lumped(reference.system))]
@@ -75,7 +80,6 @@ def ready_made_jobs(reference, bound, forms=FORMS):
     begin = time.perf_counter()
     models[0].residual()(0.0, *np.zeros((3, models[0].size)))  # compiles
     offline = time.perf_counter() - begin
-    installed = importlib.util.find_spec("sksundae") is not None
     for form in forms:
         tries = {}
         for tolerance in form.tolerances:

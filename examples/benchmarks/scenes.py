@@ -34,7 +34,7 @@ from skfem_joint.mesh.named import NamedMesh, named
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.runs.resolution import check_jumps
 from skfem_joint.scene import Scene, scene_from
-from skfem_joint.study.scene_plan import plan_of
+from skfem_joint.study.models import plan_of
 
 Tables = dict[str, Any]
 

@@ -14,7 +14,7 @@ import skfem
 import skfem_joint as sj
 from skfem_joint.mesh.named import NamedMesh, named
 from skfem_joint.scene import Scene, scene_from
-from skfem_joint.study.description import describe
+from skfem_joint.study.description import description_of
 
 #: Left, bottom, right and top of a rectangle, m.
 Rectangle = tuple[float, float, float, float]
@@ -175,4 +175,4 @@ def share_of_slip(scene: Scene) -> float:
 
     With what they set in motion, as ``skfem-joint check`` says it.
     """
-    return float(describe(scene).values["load_over_limit"])
+    return float(description_of(scene).values["load_over_limit"])

@@ -42,13 +42,15 @@ def slider(varies, phase, spring=SPRING):
     return sj.System(M, 1e-3 * M, K, contact, loads=loads, P=P, points=points)
 
 
-def loop_energy(varies):
+def loop_energy(varies, slip=X):
     """Of a cycle with slip and normal load in phase, J: the slider turns where its way does.
 
-    With s = sin(2 pi t) the force rises by SPRING X s until it is MU (PRESSED + varies s), and
+    ``slip`` is its amplitude, m.
+
+    With s = sin(2 pi t) the force rises by SPRING slip s until it is MU (PRESSED + varies s), and
     falls so until it is the opposite of that.
     """
-    k, n, a = SPRING * X, MU * PRESSED, MU * varies
+    k, n, a = SPRING * slip, MU * PRESSED, MU * varies
     up, down = (2.0 * n - a - k) / (k - a), (k - 2.0 * n - a) / (k + a)
     low, high = -(n - a), n + a
 
@@ -58,7 +60,7 @@ def loop_energy(varies):
 
     rising = low * (up + 1.0) + 0.5 * k * (up + 1.0) ** 2 + sliding(1.0) - sliding(up)
     falling = high * (1.0 - down) - 0.5 * k * (1.0 - down) ** 2 - (sliding(down) - sliding(-1.0))
-    return X * (rising - falling)
+    return slip * (rising - falling)
 
 
 def followed(varies, phase, cycles, steps, fine=50):

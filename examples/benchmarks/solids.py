@@ -98,7 +98,7 @@ def report(scene, made):
             f"{curve.frequency[-1]:.2f} Hz, {100.0 * curve.damping_ratio[-1]:.3f} %"
         )
     print(f"- memory taken: {getrusage(RUSAGE_SELF).ru_maxrss / 2**20:.3g} GiB")
-    print(*(f"- {said}" for said in study.warnings), sep="\n")
+    print(*(f"- {said}" for said in study.notes), sep="\n")
 
 
 def main(arguments):

@@ -100,10 +100,9 @@ def backbones(quick):
 def periods(systems, memory):
     """Periods until steady states from rest, with ``memory`` mixed states; 0: plain iteration."""
     halves = shooting.turns_over if memory else lambda loads: False
-    settings = steady.SETTINGS if memory else steady.SteadySettings(memory=0, linear_memory=0)
     newton = shooting.NEWTON if memory else shooting.ShootingSettings(0, 0)
     with (
-        patch.object(steady, "SETTINGS", settings),
+        patch.multiple(steady, MEMORY=memory, LINEAR_MEMORY=steady.LINEAR_MEMORY if memory else 0),
         patch.object(shooting, "turns_over", halves),
         patch.object(shooting, "NEWTON", newton),
     ):
@@ -129,7 +128,7 @@ def responses(quick):
             times.append(time.process_time() - begin)
             state, used = point.state, used + point.periods
     cases = [bar(f, s) for s in (0.03, 0.1, 0.3) for f in frequencies.tolist()]
-    mixed, plain = periods(cases, steady.SETTINGS.memory), periods(cases, 0)
+    mixed, plain = periods(cases, steady.MEMORY), periods(cases, 0)
     print(f"\nResponse, {len(times)} frequencies: median {1e3 * statistics.median(times):.0f} ms "
           f"of processor a frequency, {used} periods in all; each from rest {mixed}, by plain "
           f"iteration to the same change {plain}: {plain / used:.1f} times as many.\n")  # fmt: skip

@@ -88,7 +88,7 @@ def one_model(plate, count):
     failed = [row.failure for each in rows for row in each if row.failure]
     if failed:
         raise SystemExit(f"scenes have failed: {failed}")
-    outside = sum(any("does not serve" in text for text in row.warnings) for row in rows[0])
+    outside = sum(any("does not serve" in text for text in row.notes) for row in rows[0])
     name = "reduced.estimated_error.friction_energy_per_cycle.total"
     errors = [median(row.results[name] for row in each) for each in rows]
     whole = made + spent[0]

@@ -10,7 +10,8 @@ from paper.page import printed
 
 import skfem_joint as sj
 from skfem_joint.reduction.active_length import THRESHOLD, measured
-from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.basis import Options
+from skfem_joint.reduction.models import reduced_on
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
 from skfem_joint.reduction.scaled.basis import ScaledBasis
 from skfem_joint.reduction.scaled.estimated_length import estimate_active_length
@@ -21,8 +22,8 @@ from skfem_joint.results.history import compare
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import scene_from
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.study.models import Model
-from skfem_joint.study.scene_plan import make_reduced, options_of
+from skfem_joint.study.models import model_of, options_of
+from skfem_joint.study.results import Model
 
 #: Young's modulus and density are not printed: Table 3 and the resonances give them.
 E, DENSITY, WIDTH, THICKNESS = 200e9, 8000.0, 0.05, 0.01
@@ -162,7 +163,7 @@ def _own(its):
     V = orthonormal(proper_decomposition(snapshots).modes[:, :modes], system.M)
     peak, x = training.slip_peak[patch.points], its.structure().nodes[patch.nodes, 0]
     moving = peak > THRESHOLD * peak.max()
-    basis = own_basis(system, training, modes, inner_product="euclidean")
+    basis = own_basis(system, training, Options(modes=modes, inner_product="euclidean"))
     lines = ((patch.points[moving], x[moving]),)
     return ScaledBasis(V, modes, basis.proper, basis.history, lines=lines)
 
@@ -172,11 +173,12 @@ def _reduced(its):
     options, system = options_of(its), its.system()
     plan = Plan(its.time_step, its.n_steps, cycle_steps=its.cycle_steps)
     if options.reference == "self":
-        basis = _own(its)
+        basis = _own(its) if its.periodic else _own(its).for_decay()
+        small = reduced_on(system, basis, **options.friction)
     else:
-        basis = make_reduced(its.structure(), system, options, plan, enriched=True)
-    small = reduced_system(system, basis, periodic=its.periodic, **options.friction)
-    return Model("reduced", integrate_plan(small, plan), 0.0, basis.active_length, basis=basis)
+        small = model_of("reduced", its, enriched=True)
+    length = small.origin.basis.active_length
+    return Model("reduced", integrate_plan(small, plan), 0.0, length)
 
 
 _MODELS = {}

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from skfem_joint.minimise.law import force
-from skfem_joint.results.history import steady_state
+from skfem_joint.runs.last_cycle import steady_state
 from skfem_joint.stepping.schemes import generalized_alpha
 
 #: Allowed residual of the energy audit, over the energy in play.

@@ -43,18 +43,25 @@ def judge(case):
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            verdict = _judge(case)
-    except JointError as error:
-        message = " ".join(str(error).split())
-        remedies = ("use ", "try ", "must be", "give ", "add ", "hold ")
-        if any(word in message.lower() for word in remedies):
-            return Verdict(case, REFUSED, message)
-        return Verdict(case, WRONG, f"no remedy named: {message}")
-    except (ArithmeticError, ValueError, IndexError, RuntimeError, Warning) as error:
-        return Verdict(case, WRONG, f"{type(error).__name__}: {error}")
+            system = modelled(case)
+            case = with_steps(case, system)
+            verdict = of_run(case, system, run(case, system, fields=True))
+    except (JointError, ArithmeticError, ValueError, IndexError, RuntimeError, Warning) as error:
+        return of_error(case, error)
     if case.must_refuse and verdict.outcome == RIGHT:
         return replace(verdict, outcome=WRONG, reason="should have been refused")
     return verdict
+
+
+def of_error(case, error):
+    """Verdict on a case that ended with an error."""
+    if not isinstance(error, JointError):
+        return Verdict(case, WRONG, f"{type(error).__name__}: {error}")
+    message = " ".join(str(error).split())
+    remedies = ("use ", "try ", "must be", "give ", "add ", "hold ")
+    if any(word in message.lower() for word in remedies):
+        return Verdict(case, REFUSED, message)
+    return Verdict(case, WRONG, f"no remedy named: {message}")
 
 
 def judge_all(cases, progress):
@@ -73,13 +80,16 @@ def judge_all(cases, progress):
     return [verdicts[index] for index in range(len(cases))]
 
 
-def _judge(case):
-    system = modelled(case)
-    if case.step_factor is not None:
-        steps = 1.0 / case.frequency / (case.step_factor * stable_step(system))
-        # Rounded so that the step stays on its side of the stable one.
-        case = replace(case, steps=int(np.ceil(steps) if case.step_factor < 1.0 else steps))
-    result = run(case, system, fields=True)
+def with_steps(case, system):
+    """Case with the steps of its share of the stable step, rounded to its side of that."""
+    if case.step_factor is None:
+        return case
+    steps = 1.0 / case.frequency / (case.step_factor * stable_step(system))
+    return replace(case, steps=int(np.ceil(steps) if case.step_factor < 1.0 else steps))
+
+
+def of_run(case, system, result):
+    """Verdict on a run of a case's system."""
     against, expected, error_bound = reference(case, result, system)
     scale, off = np.abs(expected).max(), np.abs(result.point_u - expected).max()
     error = off / scale if scale > 0.0 else (inf if off > 0.0 else 0.0)

@@ -6,19 +6,11 @@ Six kinds of scenes are run by the command line. Killed with SIGKILL at any mome
 while they write their results, and resumed, they must leave every file as an uninterrupted run
 does, bit for bit but for times. Of two runs of the first kind into one folder that start at about
 the same moment one is refused in a sentence, or they follow each other.
-
-The commands response and error-time are killed, terminated and interrupted in turn, each
-so many times as ``--rows`` says, and started again with the same words. What was terminated or
-interrupted must end with status 130, a sentence that says how many rows are kept, and no lock; no
-row may be computed twice, and tables and summary must be those of an uninterrupted command, but for
-times. The exit status is 1 if anything differs.
+The exit status is 1 if anything differs.
 """
 
-import csv
 import json
 import re
-import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -42,17 +34,6 @@ KINDS = {
     "reduced": ("structure_harmonic", "cycles = 40", '"full", "reduced"', 'friction_points="all"'),
     "hyper-reduced": ("structure_harmonic", "cycles = 200", '"reduced"', "friction_points = 20"),
 }
-#: Commands that go on from rows, with their arguments beside scene and folder.
-COMMANDS = {"response": [], "error-time": ["--quick"]}
-STEADY = """
-[backbone]
-levels = 10
-
-[response]
-frequencies = { from = 2200.0, to = 2500.0, points = 3 }
-levels = [0.1, 0.3]
-"""
-SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
 
 
 def scene_text(kind):
@@ -72,18 +53,13 @@ def content(folder):
     for path in folder.rglob("*"):
         name = path.relative_to(folder).as_posix()
         if path.suffix == ".json":
-            files[name] = _summary(path)
+            files[name] = _timeless(json.loads(path.read_text(encoding="utf-8")))
         elif path.suffix == ".npz":
             with np.load(path, allow_pickle=False) as arrays:
                 files[name] = {key: arrays[key].tobytes() for key in arrays}
         elif path.is_file() and path.name != LIST:  # which has times
             files[name] = path.read_bytes()
     return files
-
-
-def _summary(path):
-    """Summary without times."""
-    return _timeless(json.loads(path.read_text(encoding="utf-8")))
 
 
 def _timeless(value):
@@ -188,88 +164,10 @@ def pairs(whole, count, rng):
     return refused, ""
 
 
-def tables(folder):
-    """Tables and summary of a command by their names, without times."""
-    parts = {}
-    for path in folder.glob("*.csv"):
-        with path.open(encoding="utf-8", newline="") as file:
-            # Columns of error-time.csv that hold times, or follow from them, are left out.
-            times = {"front", "run time (s)", "off-line (s)"}
-            rows = [
-                {name: value for name, value in row.items() if name not in times}
-                for row in csv.DictReader(file)
-            ]
-        parts[path.name] = rows
-    return parts | {"summary": _summary(folder / "summary.json")}
-
-
-def stop(process, seconds, how):
-    """Send a signal to a process after some time; returns its exit status and its output."""
-    try:
-        said = process.communicate(timeout=seconds)
-    except subprocess.TimeoutExpired:
-        process.send_signal(how)
-        said = process.communicate(timeout=PATIENCE)
-    return process.returncode, " ".join(said)
-
-
-def rows_in(folder, command):
-    """Number of complete rows in the file of a command."""
-    path = folder / f"{command}_rows.jsonl"
-    return path.read_bytes().count(b"\n") - 1 if path.exists() else 0
-
-
-def row_kills(command, folder, count, rng):
-    """Stop a command at random moments until it ends; returns counts, and what is wrong."""
-    folder.mkdir(parents=True, exist_ok=True)
-    scene, whole, out = folder / "scene.toml", folder / "whole", folder / "out"
-    scene.write_text(scene_text("reduced") + STEADY, encoding="utf-8")
-    for _ in range(2):  # the first time it compiles
-        rmtree(whole, ignore_errors=True)
-        seconds, wrong = complete(scene, whole, *COMMANDS[command], command=command)
-        if wrong:
-            return {}, wrong
-    expected, happened = tables(whole), {"stopped": 0, "ended": 0, "rows": 0}
-    rmtree(out, ignore_errors=True)
-    while happened["stopped"] < count or out.exists():
-        how = SIGNALS[(happened["stopped"] + happened["ended"]) % len(SIGNALS)]
-        known, lock = rows_in(out, command), out / ".skfem-joint-running"
-        stale = lock.exists()  # left by a killed command
-        after = rng.uniform(0.2, 1.0) * seconds if happened["stopped"] < count else PATIENCE
-        process = launch(scene, out, *COMMANDS[command], command=command)
-        status, said = stop(process, after, how)
-        begun = known == 0 or f"{known} finished rows are taken up" in said
-        if status == 0:
-            taken = re.search(r"Note: (\d+) finished parts were taken up", said)
-            if not begun or known != (int(taken[1]) if taken else 0):
-                return happened, f"{known} rows were there: {said}"
-            if (actual := tables(out)) != expected:
-                return happened, f"differ: {[k for k in expected if actual.get(k) != expected[k]]}"
-            if left := [file.name for file in out.iterdir() if "rows" in file.name]:
-                return happened, f"{left} is left"
-            happened["ended"] += 1
-            rmtree(out)
-            continue
-        happened["stopped"] += 1
-        now = rows_in(out, command)
-        happened["rows"] += now - known
-        if (out / "summary.json").exists() and not now:  # its rows were just removed
-            rmtree(out)
-            continue
-        # An interrupt in the midst of an import ends Python by SIGINT itself; shells say 130 too.
-        right = status in ((-how,) if how == signal.SIGKILL else (130, -signal.SIGINT))
-        states_rows = how == signal.SIGKILL or now == known or f"{now} of " in said
-        locked = how != signal.SIGKILL and lock.exists() and not stale
-        if not right or not states_rows or locked or now < known:
-            return happened, f"{how.name}: status {status}, {known} to {now} rows: {said}"
-    return happened, ""
-
-
 def main(arguments=None):
     """Kill and pair runs; returns 1 if anything differs."""
-    parser = command_line(__doc__, kills=100, pairs=20, rows=30, seed=0)
+    parser = command_line(__doc__, kills=100, pairs=20, seed=0)
     parser.add_argument("--kinds", nargs="*", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--commands", nargs="*", choices=COMMANDS, default=list(COMMANDS))
     options = parser.parse_args(arguments)
     rng, wrong, wholes = np.random.default_rng(options.seed), [], []
     print("| kind | kills | of these while it wrote | after resuming |\n| --- | --- | --- | --- |")
@@ -285,14 +183,6 @@ def main(arguments=None):
         refused, what = pairs(wholes[0], options.pairs, rng)
         print(f"\n{options.pairs} pairs of runs, {refused} refused: {what or 'every file right'}")
         wrong.append(what)
-    if options.rows and options.commands:
-        print("\n| command | stopped | rows computed by then | ended | after resuming |")
-        print("| --- | --- | --- | --- | --- |")
-        for name in options.commands:
-            happened, what = row_kills(name, options.out / name, options.rows, rng)
-            counts = " | ".join(str(happened.get(key)) for key in ("stopped", "rows", "ended"))
-            print(f"| {name} | {counts} | {what or 'the same to the bit'} |", flush=True)
-            wrong.append(what)
     return int(any(wrong))
 
 

@@ -2,7 +2,6 @@
 
 import argparse
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -21,29 +20,23 @@ def command_line(doc, **numbers):
     return parser
 
 
-def launch(scene, out, *more, command="run"):
-    """Start a command of `skfem-joint` in a process of its own.
-
-    BLAS runs on one thread. Otherwise error-time starts itself anew, and a signal would end the
-    wrong process.
-    """
+def launch(scene, out, *more):
+    """Run a scene by the command line in a process of its own, BLAS on one thread."""
     started = [sys.executable, "-P", "-m", "skfem_joint"]  # -P: not from the current folder
     pipe, threads = subprocess.PIPE, ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     return subprocess.Popen(
-        [*started, command, str(scene), "--out", str(out), *more],
+        [*started, "run", str(scene), "--out", str(out), *more],
         stdout=pipe,
         stderr=pipe,
         text=True,
         env=os.environ | dict.fromkeys(threads, "1"),
-        # A job in a shell's background ignores interrupts.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
 
 
-def complete(scene, out, *more, command="run"):
-    """Run a command to its end; returns its time (s), and what is wrong if its status is not 0."""
+def complete(scene, out, *more):
+    """Run a scene to its end; returns its time (s), and what is wrong if its status is not 0."""
     begin = time.perf_counter()
-    process = launch(scene, out, *more, command=command)
+    process = launch(scene, out, *more)
     _, said = process.communicate(timeout=PATIENCE)
     seconds, status = time.perf_counter() - begin, process.returncode
     return seconds, f"status {status}: {said}" if status else ""

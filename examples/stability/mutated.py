@@ -371,7 +371,7 @@ def _by_command(folder):
     hold(status == 0, f"the command ends with {status}: {said.getvalue()}")
 
 
-def main(arguments=None):
+def main(arguments=None, judging=judge):
     """Judge scenes by their numbers; returns 1 if any of them breaks something."""
     options = command_line(__doc__, count=20_000, first=0, seed=0).parse_args(arguments)
     options.out.mkdir(parents=True, exist_ok=True)
@@ -380,7 +380,7 @@ def main(arguments=None):
         # A scene that takes five minutes is taken to hang.
         faulthandler.dump_traceback_later(300.0, exit=True, file=sys.__stderr__)
         try:
-            outcomes[judge(number, options.seed, options.out)] += 1
+            outcomes[judging(number, options.seed, options.out)] += 1
         except Exception as error:  # noqa: BLE001 - anything that is not a message is a finding
             broken += 1
             kind = "refused" if isinstance(error, InputError) else type(error).__name__

@@ -115,7 +115,7 @@ def marched(system, steps):
         periods *= 2
 
 
-def main(arguments):
+def main(arguments, allowed=ALLOWED):
     """Compare pairs; returns 1 if any amplitude is not that of marching."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--count", type=int, default=48)
@@ -134,7 +134,7 @@ def main(arguments):
             print(f"{pair}: {error}", flush=True)
             continue
         apart = vibration.amplitude[0] / other.amplitude - 1.0
-        holds = abs(apart) + other.changing <= ALLOWED
+        holds = abs(apart) + other.changing <= allowed
         good, largest = good + holds, max(largest, abs(apart))
         judgement = "  UNSETTLED" if other.changing > SETTLED else "  WRONG"
         print(
@@ -145,7 +145,7 @@ def main(arguments):
             f"{'' if holds else judgement}",
             flush=True,
         )
-    print(f"{good} of {options.count} amplitudes are those of marching within {100 * ALLOWED:g} %, "
+    print(f"{good} of {options.count} amplitudes are those of marching within {100 * allowed:g} %, "
           f"the largest difference is {100 * largest:.2g} %.")  # fmt: skip
     return int(good < options.count)
 

@@ -8,6 +8,7 @@ from benchmarks.explicit import runge_kutta
 from paper.pseudo_static import loop, peak_displacement
 from scipy.linalg import expm
 
+from skfem_joint.reduction.basis import Options
 from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition, snapshot_matrix
 from skfem_joint.reduction.scaled.gauss import gauss_points
@@ -32,7 +33,7 @@ def modelled(case):
         return system
     training = run(replace(case, model="full", steps=max(case.steps, 50)), system, fields=True)
     if case.is_plate and case.modes is not None:
-        basis = own_basis(system, training, case.modes)
+        basis = own_basis(system, training, Options(modes=case.modes))
         reduced, most = system.project(basis.V), 4 * case.modes
         if case.model == "reduced":
             return reduced

@@ -34,18 +34,22 @@ def main(arguments=None):
             begin = time.perf_counter()
             with progress_bar() as progress:
                 verdicts = judge.judge_all(quick_matrix() if options.quick else matrix(), progress)
-            seconds = time.perf_counter() - begin
-            with writing(options.out, {"title": "Stability", "seconds": seconds}) as written:
-                files = [*report.write(options.out, verdicts, seconds), written]
+            return tell(options.out, verdicts, time.perf_counter() - begin)
     except JointError as error:
         print(f"error: {error}", file=sys.stderr)
         return error.exit_status
+
+
+def tell(folder, verdicts, seconds):
+    """Write and print the outcomes; returns 1 if a case is wrong in silence."""
+    with writing(folder, {"title": "Stability", "seconds": seconds}) as written:
+        files = [*report.write(folder, verdicts, seconds), written]
     wrong = [verdict for verdict in verdicts if verdict.outcome == judge.WRONG]
     print(report.summary(verdicts))
     for verdict in wrong:
         print(f"{judge.WRONG}: {verdict.case.axis}, {verdict.case.value}: {verdict.reason}")
     print(f"\n{report.bottom_line(verdicts, seconds)}")
-    print(f"Written to {options.out}: {', '.join(file.name for file in files)}")
+    print(f"Written to {folder}: {', '.join(file.name for file in files)}")
     return int(bool(wrong))
 
 

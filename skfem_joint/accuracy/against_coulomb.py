@@ -28,14 +28,14 @@ from functools import partial
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.accuracy.estimate import Parts, verification_run
+from skfem_joint.accuracy.estimate import Estimate, Parts, verification_run
 from skfem_joint.accuracy.ladder import cycles_to_settle
 from skfem_joint.accuracy.rungs import model_beside
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.elastic_contact import elastic
-from skfem_joint.reduction.friction_points import SETTINGS as MERGING
+from skfem_joint.reduction.friction_points import MANY, MERGED
 from skfem_joint.results.history import QUANTITIES, Results, difference, results
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.plan import Plan
@@ -54,8 +54,7 @@ def against_coulomb(
     system: System,
     run: Run,
     plan: Plan,
-    basis: Basis | None = None,
-    V: FloatArray | None = None,
+    errors: Estimate | None = None,
     progress: Callable[..., None] | None = None,
 ) -> Parts | None:
     """Differences of a model's results from those under Coulomb's law, relative to the latter.
@@ -67,10 +66,8 @@ def against_coulomb(
     run : Run
         Of the full model, or of the condensed or reduced one, by ``plan``.
     plan : Plan
-    basis : Basis, optional
-        That of a condensed or reduced model.
-    V : ndarray, shape (n, j), optional
-        Basis of the reduced model with the modes that it misses; its own if not given.
+    errors : Estimate, optional
+        Of the run; it may have the modes that a reduced model misses.
     progress : callable, optional
         As `integrate` takes it.
 
@@ -88,6 +85,9 @@ def against_coulomb(
     """
     if np.isinf(system.contact.beta[system.contact.rubs]).all():
         return None
+    origin = run.system.origin
+    basis = None if origin is None else origin.basis
+    V = None if errors is None or errors.missing is None else errors.missing.V
     whole, verify = plan, partial(verification_run, progress=progress)
     if plan.cycle_steps is not None and plan.until == "end":
         plan = plan.first(cycles_to_settle(run, SETTLED, FEWEST))
@@ -112,15 +112,16 @@ def _models(
     """Model under a law that stands for Coulomb's, and under its own; None: that of the run."""
     if run.system.serves is not None:  # the law of a point is no steeper than its modes resolve
         return _laws(run.system.serves.larger)
-    by_itself = run.system.with_beta(np.inf), None
+    by_itself, kind = (run.system.with_beta(np.inf), None), arranged(system).kind
     if basis is not None:
+        if kind == "chain":  # whose steps cost next to nothing
+            return system.with_beta(np.inf), system
         if sparse.issparse(run.system.contact.B):  # condensed
             return by_itself
         small = elastic(system).project(basis.V if V is None else V)
         if not system.contact.opens:
-            small = basis.merging(system, MERGING.many, MERGING.merged)(small)
+            small = basis.merging(system, MANY, MERGED)(small)
         return _laws(small, basis)
-    kind = arranged(system).kind
     if system.is_dense or kind == "dense":  # as of points that share an unknown
         return _laws(system)[0], None
     # Unknowns that cost as much as what a step costs anyhow.

@@ -14,7 +14,7 @@ from skfem_joint.accuracy.against_coulomb import against_coulomb
 from skfem_joint.accuracy.estimate import Estimate
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.reduction.basis import Basis, Origin
+from skfem_joint.reduction.basis import Origin
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
@@ -66,20 +66,17 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
         raise InputError("estimate: the run stored no named points; leave out points=False")
     if system.serves is not None:  # judged without the full system, which may not be known
         return range_modes.of_range(run, plan, progress)
-    full, basis = system, None
     if system.origin is not None:
         _check_origin(system, system.origin)
-        full, basis = system.origin.system, system.origin.basis
     elif system.made_for or not (system.T is None or sparse.issparse(system.T)):
         raise InputError(
             "estimate: the full system that this model was made from is not known: it was loaded "
             "from a file or projected by hand. Give a run of a model as reduce or condense return "
             "it"
         )
-    errors = of_run(full, basis, run, plan, progress)
-    V = None if errors.missing is None else errors.missing.V
+    errors = of_run(run, plan, progress)
     try:
-        apart = against_coulomb(full, run, plan, basis, V, progress)
+        apart = against_coulomb(full_of(system), run, plan, errors, progress)
     except ConvergenceError as error:
         _log.warning("The distance from Coulomb's law is not known: %s", error)
         apart = dict.fromkeys(QUANTITIES)
@@ -117,21 +114,21 @@ def _alike(a: FloatArray, b: FloatArray) -> bool:
     return bool(np.linalg.norm(a - b) <= 1e-6 * np.linalg.norm(a))
 
 
-def of_run(
-    system: System,
-    basis: Basis | None,
-    run: Run,
-    plan: Plan,
-    progress: Callable[..., None] | None = None,
-) -> Estimate:
-    """Errors of a model's run: a reduced one's, or without ``basis`` the full one's.
+def full_of(system: System) -> System:
+    """The full system that a model was made of; itself if it is one, or made for a range."""
+    return system if system.origin is None else system.origin.system
+
+
+def of_run(run: Run, plan: Plan, progress: Callable[..., None] | None = None) -> Estimate:
+    """Errors of a model's run by a plan; its origin says what it is a model of.
 
     Those of a model for a range are estimated by what it carries.
     """
     if run.system.serves is not None:  # judged without the full system
         return range_modes.of_range(run, plan, progress)
-    if basis is None:
-        return rungs.of_full(system, run, plan, progress)
+    origin = run.system.origin
+    if origin is None:
+        return rungs.of_full(run.system, run, plan, progress)
     if sparse.issparse(run.system.contact.B):
-        return rungs.of_condensed(system, basis, run, plan, progress)
-    return rungs.of_reduced(system, basis, run.system, plan, run, progress)
+        return rungs.of_condensed(origin.system, origin.basis, run, plan, progress)
+    return rungs.of_reduced(origin.system, origin.basis, run.system, plan, run, progress)

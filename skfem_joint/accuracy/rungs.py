@@ -57,17 +57,12 @@ from skfem_joint.accuracy.ladder import (
 )
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.reduction.basis import Basis, Options, reduced_system
-from skfem_joint.reduction.condensed import (
-    carrying,
-    condensed_basis,
-    condensed_system,
-    interface_modes_in,
-)
-from skfem_joint.reduction.friction_points import SETTINGS as MERGING
+from skfem_joint.reduction.basis import MANY_MODES, Basis, Options
+from skfem_joint.reduction.condensed import carrying, condense, interface_modes_in
+from skfem_joint.reduction.friction_points import MANY, MERGED
 from skfem_joint.reduction.missing_modes import Residual, stride
+from skfem_joint.reduction.models import reduced, reduced_on
 from skfem_joint.reduction.pod import orthonormal
-from skfem_joint.reduction.sources import make_basis
 from skfem_joint.results.history import QUANTITIES, difference, results
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.plan import Plan
@@ -90,10 +85,6 @@ TRUSTED = 1.0
 NEGLIGIBLE = 1e-2
 #: Relative change of cycles below which they are alike.
 SETTLED = 0.01
-#: Contact points beyond which they are merged where no condensed model is run.
-MANY = MERGING.many
-#: Sets that they are merged into.
-MERGED = MERGING.merged
 #: Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as those
 #: of a slip front that the basis holds (each run frees the next points), and twice and four times
 #: as many where the changes do not fall.
@@ -186,24 +177,21 @@ def _halved_beside(way: Ladder, system: System, plan: Plan) -> bool:
 def model_beside(system: System, plan: Plan, beta: str | float = "auto") -> tuple[System, Basis]:
     """Reduced model of a system that takes the same steps at little cost, and its first basis.
 
-    ``beta`` is as for `reduced_system`.
+    ``beta`` is as for `reduced_on`.
 
     Raises
     ------
     InputError, ConvergenceError
         If there is no static slip path.
     """
-    whole = plan
-    if plan.until == "steady":
-        # Periods for which modes are made where the run goes on until the vibration is steady.
-        whole = replace(plan, n_steps=plan.n_steps * 100, until="end")
-    # Modes of the static slip path in the reduced model. With 12, 20 and 30 the friction energy
-    # of a plate with two bolts is 1.5, 0.4 and 0.2 % off the full model's.
-    basis = make_basis(system, Options(modes=20), whole, enriched=True)
+    # With 12, 20 and 30 modes the friction energy of a plate with two bolts is 1.5, 0.4 and 0.2 %
+    # off the full model's.
+    duration = None if plan.until == "steady" else plan.duration
+    many = Options(modes=MANY_MODES, friction_points="all")
+    basis = reduced(system, many, duration, plan.step, enriched=True).origin.basis
     V = orthonormal(np.hstack([basis.V, _natural_modes(system)]), system.M)
     wide = replace(basis, V=orthonormal(V, system.M))
-    periodic = plan.cycle_steps is not None
-    small = reduced_system(system, wide, friction_points="all", beta=beta, periodic=periodic)
+    small = reduced_on(system, wide, friction_points="all", beta=beta)
     return basis.merging(system, POINTS, POINTS)(small), basis
 
 
@@ -259,16 +247,14 @@ def of_condensed(
         If one is interrupted.
     """
     way, plan = _until_settled(run, plan, progress)
-    inner, V = carrying(system), basis.V
-    better = run.system
+    inner, better = carrying(system), run.system
     if inner.contact.steepest > better.contact.steepest:
         better = better.with_contact(beta=inner.contact.beta)
     way.climb("points", run.system, plan)
     way.climb("law", better, plan)
     if not plan.quasi_static:
-        V = condensed_basis(system, max(MODES, 2 * interface_modes_in(system, V))).V
-    if V.shape[1] > basis.V.shape[1]:
-        better = condensed_system(system, V)
+        more = condense(system, max(MODES, 2 * interface_modes_in(system, basis.V)))
+        better = more if more.n > better.n else better
     way.climb("basis", better, plan, INTERFACE_MODES)
     quarter = not system.contact.opens or is_small(system, plan)
     way.halve(better, plan, (2, 4) if quarter else (2,))
@@ -278,7 +264,7 @@ def of_condensed(
 def of_reduced(
     system: System,
     basis: Basis,
-    reduced: System,
+    small: System,
     plan: Plan,
     run: Run | None = None,
     progress: Callable[..., None] | None = None,
@@ -291,7 +277,7 @@ def of_reduced(
     system : System
         The full model.
     basis : Basis
-    reduced : System
+    small : System
         The model on it.
     plan : Plan
         Of its whole run.
@@ -310,9 +296,9 @@ def of_reduced(
         If one is interrupted.
     """
     if run is None or not plan.save.points:
-        run = verification_run(reduced, plan, progress=progress)
+        run = verification_run(small, plan, progress=progress)
     way, plan = _until_settled(run, plan, progress)
-    opens, beta = system.contact.opens, reduced.contact.steepest
+    opens, beta = system.contact.opens, small.contact.steepest
     steeper = system.contact.steepest > beta
     if reference is None:
         reference = CondensedReference.of(system)
@@ -323,8 +309,8 @@ def of_reduced(
     if reference is None or not (affords or opens):
         return _with_added_modes(way, system, basis, plan, beta)
     if not opens:
-        every = reduced
-        if reduced.contact.w.size < system.contact.w.size:
+        every = small
+        if small.contact.w.size < system.contact.w.size:
             every = system.project(basis.V).no_steeper(beta)
         way.climb("points", every, plan)
         if steeper:
@@ -335,7 +321,7 @@ def of_reduced(
         for factor in (2, 4):
             way.add(STEP, reference.run(plan.finer(factor), way.run), HALVED)
     else:
-        way.halve(reduced, plan, before=way.base)
+        way.halve(small, plan, before=way.base)
     if opens:
         return way.estimate()
     most = max(2 * ADDED, basis.V.shape[1] // 2)

@@ -19,6 +19,7 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from skfem_joint.fitting.measured import MeasuredCurve
 from skfem_joint.ground.arrays import BoolArray, FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.reduction.stuck import Stuck
 from skfem_joint.structure.load import Load
 from skfem_joint.structure.parameters import value_of, with_values
 from skfem_joint.structure.sensitivities import sensitivities
@@ -27,7 +28,6 @@ from skfem_joint.system.sensitivity import SystemSensitivity
 from skfem_joint.system.system import System
 from skfem_joint.vibration.backbone import Backbone, Factors, backbone
 from skfem_joint.vibration.backbone_sensitivity import BackboneSensitivity, backbone_sensitivity
-from skfem_joint.vibration.stuck import Stuck
 
 #: Most levels of a curve.
 MOST = 20

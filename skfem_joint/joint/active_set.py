@@ -25,38 +25,15 @@ from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import Uncondensed, condensed
 
-
-@dataclass(frozen=True)
-class ActiveSetSettings:
-    """Numbers of the contact solve.
-
-    Attributes
-    ----------
-    stiffness : float
-        Stiffness of closed contact over that of the elements. It speeds up the iteration for the
-        multipliers, which make contact exactly rigid.
-    active_sets : int
-        Most sets of touching nodes that are tried.
-    corrections : int
-        Most corrections of a solution.
-    tolerance : float
-        Shares of the forces that may be left out of balance, and that are not corrected further.
-    kept : int
-        Most unknowns of a solution whose factor is kept for its derivatives. Two solid plates of
-        47,808 unknowns keep 170 MB (by PARDISO).
-    round_off : float
-        Pressures and penetrations below this part of the largest are zero.
-    """
-
-    stiffness: float = 1e5
-    active_sets: int = 100
-    corrections: int = 20
-    tolerance: float = 1e-9
-    kept: int = 50_000
-    round_off: float = 1e-8
-
-
-SETTINGS = ActiveSetSettings()
+# Most sets of touching nodes that are tried.
+_ACTIVE_SETS = 100
+# Share of the forces that may be left out of balance.
+_TOLERANCE = 1e-9
+#: Most unknowns of a solution whose factor is kept for its derivatives. Two solid plates of 47,808
+#: unknowns keep 170 MB (by PARDISO).
+KEPT = 50_000
+#: Pressures and penetrations below this part of the largest are zero.
+ROUND_OFF = 1e-8
 
 
 @dataclass(frozen=True)
@@ -94,7 +71,9 @@ class UnilateralContact:
         """Stiffness of closed contact, Pa/m3."""
         size = abs(self.G)
         mean = np.asarray(size @ self.K.diagonal()) / np.asarray(size.sum(axis=1)).ravel()
-        return np.asarray(SETTINGS.stiffness * mean / self.area**2)
+        # So much stiffer than the elements it speeds up the iteration for the multipliers, which
+        # make contact exactly rigid.
+        return np.asarray(1e5 * mean / self.area**2)
 
     @cached_property
     def _open(self) -> Uncondensed:
@@ -132,17 +111,19 @@ class UnilateralContact:
         called with the number of sets tried, 0, and a note, after each of them.
         """
         active = np.ones(self.area.size, dtype=bool) if first is None else first | self.tied
-        u, p = np.zeros(self.force.size), np.zeros(self.area.size)
+        force, gap = self.force[:, None], self.gap[:, None]
+        of_u, of_p = np.zeros(force.shape), np.zeros(gap.shape)
         seen: set[bytes] = set()
-        for count in range(1, SETTINGS.active_sets + 1):
-            u, p, left = self._with_closed(active, u, np.where(active, p, 0.0))
+        for count in range(1, _ACTIVE_SETS + 1):
+            of_u, of_p, left = self._balanced(active, self._solver(active), force, gap, of_u, of_p)
+            u, p = of_u[:, 0], of_p[:, 0]
             opening = self.gap - self.G @ u
             moved = self.area * max(np.abs(u).max(), np.abs(self.gap / self.area).max())
-            pulls = active & ~self.tied & (p < -SETTINGS.round_off * np.abs(p).max())
-            enters = ~active & (opening < -SETTINGS.round_off * moved)
+            pulls = active & ~self.tied & (p < -ROUND_OFF * np.abs(p).max())
+            enters = ~active & (opening < -ROUND_OFF * moved)
             wrong = np.flatnonzero(pulls | enters)
             progress(count, 0, f"{wrong.size} of {self.area.size} pressure points still change")
-            if not wrong.size and left < SETTINGS.tolerance:
+            if not wrong.size and left < _TOLERANCE:
                 return u, np.maximum(p, 0.0), active, count
             if not wrong.size:
                 raise ConvergenceError(
@@ -154,33 +135,43 @@ class UnilateralContact:
             seen.add(active.tobytes())
             active[flipped] ^= True
         raise ConvergenceError(
-            f"preload: the nodes that touch were not found in {SETTINGS.active_sets} tries; "
+            f"preload: the nodes that touch were not found in {_ACTIVE_SETS} tries; "
             f"{wrong.size} of {self.area.size} still change; refine the mesh of the pressed faces, "
             "or see whether bodies are held"
         )
 
-    def _with_closed(
-        self, active: BoolArray, u: FloatArray, p: FloatArray
+    def _balanced(
+        self,
+        active: BoolArray,
+        solve: Callable[[FloatArray], FloatArray],
+        force: FloatArray,
+        gap: FloatArray | float,
+        u: FloatArray,
+        p: FloatArray,
     ) -> tuple[FloatArray, FloatArray, float]:
-        """Displacement and pressure for a given set of closed contact, by an augmented Lagrangian.
+        """Displacements (n, k) and pressures (m, k) for closed contact, by an augmented Lagrangian.
 
-        The solution is corrected with the same factor until the residual is round-off. The third
-        value returned is the residual as a share of the clamp forces.
+        A solution under forces (n, k), with gaps (m, k), is corrected with the same factor until
+        the residual is round-off. The third value returned is the residual as a share of the
+        forces.
         """
-        G, penalty, gap = self.G[active], self.penalty[active], self.gap[active]
-        solve = self._solver(active)
-        p, last = p[active], np.inf
-        for _ in range(SETTINGS.corrections):
-            r, apart = self.force - self.K @ u - G.T @ p, gap - G @ u
-            left = float(np.abs(r).max() / np.abs(self.force).max())
+        G, penalty, area = self.G[active], self.penalty[active, None], self.area[active, None]
+        G_T, gap = sparse.csr_array(G.T), np.broadcast_to(gap, p.shape)[active]
+        largest = np.abs(force).max(axis=0)
+        p, left, last = p[active], np.inf, np.inf
+        for _ in range(20):
+            r, apart = force - self.K @ u - G_T @ p, gap - G @ u
+            left = float((np.abs(r).max(axis=0) / np.where(largest > 0.0, largest, 1.0)).max())
             if apart.size and u.any():
-                left += float(np.abs(apart / self.area[active]).max() / np.abs(u).max())
-            if _balanced(left, last):
+                moved = np.abs(u).max(axis=0, initial=np.finfo(float).tiny)
+                left += float((np.abs(apart / area) / moved).max())
+            # It is corrected until little is left, or until that falls no further.
+            if left < 1e-13 or (left > 0.5 * last and left < _TOLERANCE):
                 break
             last = min(last, left)
-            du = solve(r + G.T @ (penalty * apart))
+            du = solve(r + G_T @ (penalty * apart))
             u, p = u + du, p + penalty * (G @ du - apart)
-        whole = np.zeros(active.size)
+        whole = np.zeros((active.size, p.shape[1]))
         whole[active] = p
         return u, whole, left
 
@@ -203,39 +194,17 @@ class UnilateralContact:
         ConvergenceError
             If forces are left out of balance.
         """
-        G, penalty = self.G[active], self.penalty[active, np.newaxis]
-        G_T = sparse.csr_array(G.T)
         solve = self._kept_solver(active)
         if solve is None:
             solve = factorised(sparse.csr_array(_shifted(self.K) + self._springs(active)))
-        size = np.abs(force_rates).max(axis=0)
-        force = force_rates / np.where(size > 0.0, size, 1.0)
-        u, p, last, left = np.zeros(force.shape), np.zeros((len(penalty), size.size)), np.inf, 0.0
-        for _ in range(SETTINGS.corrections):
-            r, apart = force - self.K @ u - G_T @ p, -(G @ u)
-            left = float(np.abs(r).max(initial=0.0))
-            if apart.size and u.any():
-                moved = np.abs(u).max(axis=0, initial=np.finfo(float).tiny)
-                left += float((np.abs(apart / self.area[active, np.newaxis]) / moved).max())
-            if _balanced(left, last):
-                break
-            last = min(last, left)
-            du = solve(r + G_T @ (penalty * apart))
-            u, p = u + du, p + penalty * (G @ du - apart)
-        if left >= SETTINGS.tolerance:
+        u, p = np.zeros(force_rates.shape), np.zeros((active.size, force_rates.shape[1]))
+        u, p, left = self._balanced(active, solve, force_rates, 0.0, u, p)
+        if left >= _TOLERANCE:
             raise ConvergenceError(
                 f"derivatives of the preload: a share of {left:.2g} of the forces is left out of "
                 "balance; do supports and contact hold every body?"
             )
-        whole = np.zeros((active.size, size.size))
-        whole[active] = p
-        return u * size, whole * size
-
-
-def _balanced(left: float, before: float) -> bool:
-    """Whether a share of the forces is so small that it is not corrected, or falls no further."""
-    # Share of the forces that is not corrected further.
-    return left < 1e-13 or (left > 0.5 * before and left < SETTINGS.tolerance)
+        return u, p
 
 
 def _shifted(K: Matrix) -> sparse.csr_array:

@@ -1,6 +1,6 @@
 """Sentences about bodies and meshes that are allowed but suggest a mistake of the user.
 
-`skfem_joint.structure.model.doubts` collects them; ``skfem-joint check`` and runs show them.
+`skfem_joint.structure.doubts.doubted` collects them; ``skfem-joint check`` and runs show them.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class Preload:
         Duration of the computation, s.
     faces : TouchingFaces
     contact : UnilateralContact, optional
-        What was solved, with its factor; of small structures, see `ActiveSetSettings.kept`.
+        What was solved, with its factor; of small structures, see `active_set.KEPT`.
     """
 
     displacement: FloatArray
@@ -169,7 +169,7 @@ def preload(
     )
     u[free], p, closed, count = contact.solve(None if like is None else like.closed, progress)
     u -= left_out @ linalg.lstsq(left_out, u)[0]
-    borne = np.where(p > active_set.SETTINGS.round_off * p.max(initial=0.0), area * p, 0.0)
+    borne = np.where(p > active_set.ROUND_OFF * p.max(initial=0.0), area * p, 0.0)
     touching = TouchingFaces(faces, free, closed, clamps)
     parts = (np.split(x, touching.ends) for x in (borne, gap - N @ u))
     pressed: list[NodalForces | None] = [None] * len(joints)
@@ -177,7 +177,7 @@ def preload(
         if joints[i].pressed_by_bolts:
             pressed[i] = _pressed(joints[i], face, body.n_nodes, *values)
     seconds = time.perf_counter() - begin
-    known = contact if force.size <= active_set.SETTINGS.kept else None
+    known = contact if force.size <= active_set.KEPT else None
     return Preload(u.reshape(force.shape), force, tuple(pressed), count, seconds, touching, known)
 
 

@@ -20,29 +20,11 @@ from scipy.sparse.csgraph import (
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 
-
-@dataclass(frozen=True)
-class BandSettings:
-    """Limits, in rows of a band (its half width plus one).
-
-    Attributes
-    ----------
-    widest : int
-        A wider band is not factorised: with 280 rows solutions take longer than those of a factor
-        for any pattern.
-    narrow : int
-        With a band as narrow as this no further order is tried.
-    unblocked : int
-        LAPACK factorises bands up to this height column by column. Solutions with the upper factor
-        then take two thirds of the time of the lower factor.
-    """
-
-    widest: int = 128
-    narrow: int = 16
-    unblocked: int = 65
-
-
-SETTINGS = BandSettings()
+#: Rows (half width plus one) of the widest band that is factorised: with 280 rows solutions take
+#: longer than those of a factor for any pattern.
+WIDEST = 128
+#: With so few rows of a band no further order is tried.
+NARROW = 16
 
 
 @dataclass(frozen=True)
@@ -97,7 +79,7 @@ class Band:
     """
 
     def __init__(self, rows: IntArray, columns: IntArray, n: int) -> None:
-        self.height = SETTINGS.widest + 1
+        self.height = WIDEST + 1
         if not rows.size:
             return
         ones = np.ones(rows.size)
@@ -113,7 +95,7 @@ class Band:
         known = [given, corner]
         # From its end a strip has half the band that it has from a corner. The third order is tried
         # only where the given order is not already as good.
-        moderate = SETTINGS.narrow < min(given[0], corner[0]) <= 2 * SETTINGS.widest
+        moderate = NARROW < min(given[0], corner[0]) <= 2 * WIDEST
         if moderate and given[0] > 0.6 * corner[0]:
             known.append(placed(_from_far_end(pattern, corner[1])))
         self.height, self.order, row, column = min(known, key=lambda candidate: candidate[0])
@@ -126,7 +108,7 @@ class Band:
         ``among``, shape (n,), selects the unknowns of a principal submatrix to factorise instead.
         None where the band is too wide, or the matrix is not positive definite in round-off.
         """
-        if self.height > SETTINGS.widest:
+        if self.height > WIDEST:
             return None
         row, column, values = self._row, self._column, values[self._lower]
         order, height = self.order, self.height
@@ -137,7 +119,9 @@ class Band:
             row, column, values = number[row[both]], number[column[both]], values[both]
             order = (np.cumsum(among) - 1)[order[inside]]
             height = int((row - column).max(initial=0)) + 1
-        lower = height > SETTINGS.unblocked
+        # LAPACK factorises bands up to this height column by column. Solutions with the upper
+        # factor then take two thirds of the time of the lower factor.
+        lower = height > 65
         place = column * height + row - column if lower else (row + 1) * height - 1 - row + column
         entries = np.bincount(place, values, height * order.size).reshape(-1, height).T
         factor, failed = lapack.dpbtrf(entries, lower, overwrite_ab=1)

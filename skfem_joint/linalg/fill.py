@@ -46,7 +46,7 @@ def fill(A: Any) -> Fill:
     """Entries and work of a factor of a sparse symmetric matrix A, (n, n)."""
     entries, n = sparse.coo_array(A), A.shape[0]
     band = Band(entries.row, entries.col, n)
-    if band.height <= bands.SETTINGS.widest:
+    if band.height <= bands.WIDEST:
         return Fill(float(n * band.height), 0.5 * n * band.height**2)
     return _dissected(*_merged(A))
 

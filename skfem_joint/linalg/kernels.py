@@ -347,38 +347,24 @@ def _add_tile(X, Y, j, k, columns, S):
 
 
 @compiled_inside
-def add_symmetric_product(X, Y, columns, S):
-    """Add X Y', which is symmetric, to the upper triangle of S; only the first columns count.
+def add_product(X, Y, columns, S, upper):
+    """Add X Y' to S; only the first columns count.
 
-    Entries of S below the diagonal have no meaning.
+    ``upper`` is whether the product is symmetric: then only the upper triangle of S is computed,
+    and entries below the diagonal have no meaning.
     """
     n = len(S)
     last = n - n % 4
     for j in range(0, last, 4):
-        end = n - (n - j) % 2
-        for k in range(j, end, 2):
+        begin = j if upper else 0
+        end = n - (n - begin) % 2
+        for k in range(begin, end, 2):
             _add_tile(X, Y, j, k, columns, S)
         if end < n:
             for i in range(j, j + 4):
                 S[i, end] += sum_of_products(X[i, :columns], Y[end, :columns])
     for j in range(last, n):
-        for k in range(j, n):
-            S[j, k] += sum_of_products(X[j, :columns], Y[k, :columns])
-
-
-@compiled_inside
-def add_product(X, Y, columns, S):
-    """Add X Y' to S; only the first columns count."""
-    n = len(S)
-    last, end = n - n % 4, n - n % 2
-    for j in range(0, last, 4):
-        for k in range(0, end, 2):
-            _add_tile(X, Y, j, k, columns, S)
-        if end < n:
-            for i in range(j, j + 4):
-                S[i, end] += sum_of_products(X[i, :columns], Y[end, :columns])
-    for j in range(last, n):
-        for k in range(n):
+        for k in range(j if upper else 0, n):
             S[j, k] += sum_of_products(X[j, :columns], Y[k, :columns])
 
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache, partial
 from typing import Any
 
@@ -27,47 +26,24 @@ from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import Factoriser, complement, factorised, symmetric_lu
 from skfem_joint.linalg.fill import Fill, fill
 
+# Costs are in nanoseconds of a time step with friction, in which the complement or the matrix is
+# multiplied some twenty times and a tangent is factorised once or twice. They were set by hand to
+# times of 11 plates and 5 solids (720 to 38,000 unknowns, 144 to 3,344 of them kept; on a machine
+# that others used), stepped in both ways. The three plates that took equally long do so by these
+# numbers within 30 %; solids took a fifth to a thirtieth of the time if condensed.
 
-@dataclass(frozen=True)
-class SchurSettings:
-    """When a sparse matrix is condensed.
-
-    Costs are in nanoseconds of a time step with friction, in which the complement or the matrix is
-    multiplied some twenty times and a tangent is factorised once or twice. They were set by hand to
-    times of 11 plates and 5 solids (720 to 38,000 unknowns, 144 to 3,344 of them kept; on a machine
-    that others used), stepped in both ways. The three plates that took equally long do so by these
-    numbers within 30 %; solids took a fifth to a thirtieth of the time if condensed.
-
-    Attributes
-    ----------
-    dense : tuple of float
-        Cost of a dense complement for the square and the cube of its unknowns.
-    sparse : tuple of float
-        Cost of the matrix itself for an entry, for an entry of its factor, and for a multiplication
-        with an addition to make that factor.
-    interior : float
-        Cost of the two solves with the interior, for an entry of the factor of all.
-    copies : int
-        Dense complements that are in memory when it is made or a tangent of it is factorised.
-    memory_share : float
-        Most of the machine's memory that these may take.
-    fewest_sparse : int
-        A complement of at least so many unknowns stays sparse if few of them are coupled to the
-        interior: at most half of them, and no more than `bands.SETTINGS.widest` rows.
-    block : int
-        Right sides that are solved for together while a dense complement is made.
-    """
-
-    dense: tuple[float, float] = (14.0, 0.0027)
-    sparse: tuple[float, float, float] = (30.0, 15.0, 0.15)
-    interior: float = 6.0
-    copies: int = 3
-    memory_share: float = 0.25
-    fewest_sparse: int = 512
-    block: int = 64
-
-
-SETTINGS = SchurSettings()
+# Cost of a dense complement for the square and the cube of its unknowns.
+_DENSE = (14.0, 0.0027)
+# Cost of the matrix itself for an entry, for an entry of its factor, and for a multiplication with
+# an addition to make that factor.
+_SPARSE = (30.0, 15.0, 0.15)
+#: Most of the machine's memory that dense complements may take.
+MEMORY_SHARE = 0.25
+#: A complement of at least so many unknowns stays sparse if few of them are coupled to the
+#: interior: at most half of them, and no more than `bands.WIDEST` rows.
+FEWEST_SPARSE = 512
+# Right sides that are solved for together while a dense complement is made.
+_BLOCK = 64
 
 
 def condensing_pays(A: Any, kept: IntArray, dense: tuple[float, float] | None = None) -> bool:
@@ -82,30 +58,31 @@ def condensing_pays(A: Any, kept: IntArray, dense: tuple[float, float] | None = 
     A : ndarray or sparse array, shape (n, n)
     kept : ndarray of int, shape (k,)
     dense : tuple of float, optional
-        Cost of a dense complement for k^2 and for k^3, ns, where it is not that of a time step,
-        see `SchurSettings`.
+        Cost of a dense complement for k^2 and for k^3, ns, where it is not that of a time step.
     """
     if isinstance(A, np.ndarray):
         return kept.size < len(A)
     if _narrow_border(A, kept).size:
         return True
-    if dense_bytes(kept.size) > SETTINGS.memory_share * physical_memory():
+    if dense_bytes(kept.size) > MEMORY_SHARE * physical_memory():
         return False
-    k, (square, cube) = float(kept.size), dense or SETTINGS.dense
+    k, (square, cube) = float(kept.size), dense or _DENSE
     least = Fill(0.5 * A.nnz, 0.0)  # of any factor: it has the entries of the matrix
-    known = square * k**2 + cube * k**3 - SETTINGS.sparse[0] * A.nnz
+    known = square * k**2 + cube * k**3 - _SPARSE[0] * A.nnz
     return bool(known <= _saved(least) or known <= _saved(fill(A)))
 
 
 def _saved(factor: Fill) -> float:
     """Cost of a factor of all unknowns, less that of the interior's, which a complement needs."""
-    entry, operation = SETTINGS.sparse[1:]
-    return (entry - SETTINGS.interior) * factor.entries + operation * factor.work
+    entry, operation = _SPARSE[1:]
+    # Of 6 ns for an entry are the two solves with the interior.
+    return (entry - 6.0) * factor.entries + operation * factor.work
 
 
 def dense_bytes(kept: int) -> int:
     """Memory for dense complements of so many unknowns, bytes."""
-    return 8 * SETTINGS.copies * kept**2
+    # Three are in memory when one is made or a tangent of it is factorised.
+    return 8 * 3 * kept**2
 
 
 @cache
@@ -127,11 +104,11 @@ def condensed(A: Any, kept: IntArray, dense: tuple[float, float] | None = None) 
 
 def _narrow_border(A: Any, kept: IntArray) -> IntArray:
     """Places of the kept unknowns that are coupled to the interior; empty if they are too many."""
-    if isinstance(A, np.ndarray) or kept.size < SETTINGS.fewest_sparse:
+    if isinstance(A, np.ndarray) or kept.size < FEWEST_SPARSE:
         return np.zeros(0, dtype=np.intp)
     others = np.setdiff1d(np.arange(A.shape[0]), kept)
     border = np.unique(sparse.csr_array(A[others][:, kept]).indices)
-    few = border.size <= min(bands.SETTINGS.widest, kept.size // 2)
+    few = border.size <= min(bands.WIDEST, kept.size // 2)
     return border[: border.size if few else 0]
 
 
@@ -256,7 +233,7 @@ def _dense_complement(A: Any, kept: IntArray, interior: IntArray, solve: Any) ->
             S[np.ix_(last, last)] = L @ U
             return np.asarray(0.5 * (S + S.T))
     S, columns = as_dense(A[kept][:, kept]), as_compressed(A[interior][:, kept].T)
-    for k in range(0, kept.size, SETTINGS.block):
-        part = slice(k, k + SETTINGS.block)
+    for k in range(0, kept.size, _BLOCK):
+        part = slice(k, k + _BLOCK)
         S[:, part] -= columns @ solve(as_dense(columns[part].T))
     return np.ascontiguousarray(0.5 * (S + S.T))

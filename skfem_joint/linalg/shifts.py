@@ -9,30 +9,14 @@ where a factor only has to exist, the smaller share where results must not show 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from skfem_joint.ground.arrays import Matrix
 
-
-@dataclass(frozen=True)
-class ShiftSettings:
-    """Shares of the mean square frequency.
-
-    Attributes
-    ----------
-    safe : float
-        For factors that only have to exist: checks of definiteness, inner products, residual modes,
-        static shapes. It is far above round-off.
-    least : float
-        For results: natural frequencies, quasi-static slips, constraint modes. Just large enough
-        for a factor of a singular stiffness.
-    """
-
-    safe: float = 1e-9
-    least: float = 1e-12
-
-
-SETTINGS = ShiftSettings()
+#: For factors that only have to exist: checks of definiteness, inner products, residual modes,
+#: static shapes. It is far above round-off.
+SAFE = 1e-09
+#: For results: natural frequencies, quasi-static slips, constraint modes. Just large enough for a
+#: factor of a singular stiffness.
+LEAST = 1e-12
 
 
 def mean_square_frequency(K: Matrix, M: Matrix) -> float:
@@ -44,6 +28,6 @@ def mean_square_frequency(K: Matrix, M: Matrix) -> float:
     return stiffness / mass if stiffness > 0.0 and mass > 0.0 else 1.0
 
 
-def shifted(K: Matrix, M: Matrix, share: float = SETTINGS.safe) -> Matrix:
+def shifted(K: Matrix, M: Matrix, share: float = SAFE) -> Matrix:
     """Stiffness with a shift: the larger one, for factors that only have to exist, if not given."""
     return K + share * mean_square_frequency(K, M) * M

@@ -25,7 +25,13 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.linearisation import Linearisation
-from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
+from skfem_joint.minimise.problem import (
+    ContactPoints,
+    Minimum,
+    Pressed,
+    PressurePoints,
+    StepProblem,
+)
 from skfem_joint.minimise.touching import Part
 from skfem_joint.system.unknowns import selection
 
@@ -33,7 +39,7 @@ from skfem_joint.system.unknowns import selection
 DEPENDENT = 1e-10
 
 
-class CondensedNewton:
+class CondensedNewton(StepProblem):
     """`ContactNewton` on the Schur complement of the unknowns in contact, see `StepProblem`.
 
     Attributes
@@ -106,10 +112,6 @@ class CondensedNewton:
             points = self.contact.points
         return Linearisation(self.contact.H, points.with_beta(beta), self)
 
-    def with_matrix(self, H: Any) -> CondensedNewton:
-        """See `StepProblem`."""
-        return CondensedNewton(H, self.points)
-
     def compile(self) -> None:
         """See `StepProblem`."""
         self.contact.compile()
@@ -132,21 +134,6 @@ class CondensedNewton:
     def start_of(self, v: FloatArray) -> FloatArray:
         """Unknowns of the contact, (k,), of all."""
         return v[self.schur.kept] if self.means is None else self.means.start_of(v[self.schur.kept])
-
-    def objective(
-        self,
-        v: FloatArray,
-        g: FloatArray,
-        beta: FloatArray | None = None,
-        offset: FloatArray | None = None,
-    ) -> float:
-        """See `StepProblem`."""
-        contact = self.contact.contact_of(
-            None if beta is None else beta[self._points],
-            None if offset is None else offset[self._limited],
-        )
-        friction = self.contact.potential(v[self.schur.kept], contact)
-        return float(v @ (0.5 * (self.H @ v) - g)) + friction
 
     def minimise(
         self,

@@ -28,7 +28,7 @@ four       kept up to 6 solves and few changes             3.7   12.7     0.5
 four       kept up to 10 solves                            4.2     33     0.1
 ========== ====================================== ============ ====== =======
 
-The third row is used (`NewtonSettings.patience` and ``changed``): a factor costs as much as ten
+The third row is used (`PATIENCE`): a factor costs as much as ten
 solves where the matrix is a narrow band, and as thirty elsewhere.
 
 Contact that opens has unknowns of its own, the approaches of its pressure points, which are relaxed
@@ -39,8 +39,8 @@ at hand, and Newton's tangent has the change of the limits by that of the forces
 unsymmetric: a dense LU factor, and no search. Points that would reverse, or pass their bounds, stop
 there; the next sweeps repair what that disturbs. Where the residual does not fall,
 
-- after `NewtonSettings.stalls` iterations, steps are made anew for the others when points stop;
-- after `NewtonSettings.stuck`, limits are kept until the convex problem for them is solved, by the
+- after two iterations, steps are made anew for the others when points stop;
+- after eight, limits are kept until the convex problem for them is solved, by the
   method above, and then renewed, by Anderson's acceleration. That is a contraction as long as
   friction is not far above 1, and the acceleration replaces it where it is none.
 
@@ -55,7 +55,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,69 +85,20 @@ from skfem_joint.minimise.contact_loops import (
 from skfem_joint.minimise.law import potential as law_potential
 from skfem_joint.minimise.limits import Renewal
 from skfem_joint.minimise.linearisation import Linearisation
-from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
+from skfem_joint.minimise.problem import ROUND_OFF, ContactPoints, Minimum, Pressed, StepProblem
 
-
-class NewtonSettings(NamedTuple):
-    """Numbers of the method.
-
-    Attributes
-    ----------
-    iterations : int
-        Most iterations.
-    sweeps : int
-        Sweeps of relaxation in each iteration; measured in the module's docstring.
-    most_solves : int
-        Most solves for a Newton step.
-    patience : int
-        A new factor is made if a Newton step takes more solves than this.
-    forcing : float
-        Newton's systems are solved until their residual is this share of the right side.
-    changed : int
-        If the diagonal of so many unknowns has halved or doubled the kept factor is not tried: of
-        178 trials with more, 3 took no more than four solves.
-    small : int
-        For up to so many moving unknowns of a dense system a new factor costs less than iterations.
-    round_off : float
-        Accepted residual in units of the forces that are added up.
-    nothing : float
-        Forces, N, that count as none: products of smaller ones underflow.
-    softer, roughly : float
-        If no start is given, it is the minimiser for a law of this share of the steepness, to this
-        tolerance: a plate with 20,000 unknowns under a load's peak then takes 7 iterations, not 14.
-    renewing : int
-        Most iterations where friction limits follow normal forces.
-    stalls, stuck : int
-        Iterations in which the residual must halve, see the module.
-    stops : int
-        Most times that a Newton step is made anew then because points stop.
-    again : float
-        Limits follow the normal forces in each iteration again when those kept have brought the
-        residual to this share of what it was.
-    inner : float
-        The convex problem is solved to this share of the residual that its limits leave.
-    """
-
-    iterations: int = 100
-    sweeps: int = 4
-    most_solves: int = 60
-    patience: int = 6
-    forcing: float = 0.05
-    changed: int = 32
-    small: int = 512
-    round_off: float = 16 * float(np.finfo(np.float64).eps)
-    nothing: float = 1e-140
-    softer: float = 1e-2
-    roughly: float = 0.1
-    renewing: int = 200
-    stalls: int = 2
-    stuck: int = 8
-    stops: int = 2
-    again: float = 1e-2
-    inner: float = 0.1
-
-
-SETTINGS = NewtonSettings()
+#: Most iterations where friction limits are given.
+ITERATIONS = 100
+#: Sweeps of relaxation in each iteration; measured in the module's docstring.
+SWEEPS = 4
+#: A new factor is made if a Newton step takes more solves than this.
+PATIENCE = 6
+# Forces, N, that count as none: products of smaller ones underflow.
+_NOTHING = 1e-140
+# Iterations in which the residual must halve, else limits are kept, see the module.
+_STUCK = 8
+# The convex problem is solved to this share of the residual that its limits leave.
+_INNER = 0.1
 
 
 class _Forces:
@@ -227,7 +178,7 @@ def _solved(J: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(linalg.lapack.dgetrs(factor, pivots, right, trans=1)[0])
 
 
-class ContactNewton:
+class ContactNewton(StepProblem):
     """Newton's method for contact, see the module and `StepProblem`.
 
     Parameters
@@ -250,6 +201,8 @@ class ContactNewton:
         on them.
     """
 
+    factorizations: int = 0
+
     def __init__(self, H: Any, points: ContactPoints) -> None:
         n = H.shape[0]
         self.H, self.points, self.dense = H, points, isinstance(H, np.ndarray)
@@ -257,7 +210,6 @@ class ContactNewton:
         self.rows = Full(H) if self.dense else compressed_rows(H)
         self.kept: tuple[FloatArray, BoolArray] | None = None
         self.factor: Callable[[FloatArray], FloatArray] | None = None
-        self.factorizations = 0
         unknowns = np.append(points.unknowns, -1).astype(np.int64)
         first = unknowns[points.first_row[:-1]]
         second = np.where(points.directions == 2, unknowns[points.first_row[:-1] + 1], -1)
@@ -312,10 +264,6 @@ class ContactNewton:
     def linearisation(self, beta: FloatArray | None = None) -> Linearisation:
         """See `LinearisedProblem`."""
         return Linearisation(self.H, self.points.with_beta(beta))
-
-    def with_matrix(self, H: Any) -> ContactNewton:
-        """See `StepProblem`."""
-        return ContactNewton(H, self.points)
 
     def compile(self) -> None:
         """See `StepProblem`."""
@@ -398,8 +346,9 @@ class ContactNewton:
         rest, points = np.zeros_like(g), contact.points
         if self.opens or np.isinf(points.beta).any():
             return rest
-        soft = contact._replace(points=points._replace(beta=SETTINGS.softer * points.beta))
-        v = self._minimise(g, rest, SETTINGS.roughly, soft, force).v
+        # From there a plate with 20,000 unknowns under a load's peak takes 7 iterations, not 14.
+        soft = contact._replace(points=points._replace(beta=1e-2 * points.beta))
+        v = self._minimise(g, rest, 0.1, soft, force).v  # to this tolerance
         least = self._objective(rest, g, contact) if np.any(points.flexible) else 0.0
         return v if self._objective(v, g, contact) < least else rest
 
@@ -414,7 +363,7 @@ class ContactNewton:
         scale = max(float(np.abs(g).max()), force)
         sprung = bool(np.any(contact.points.x) or np.any(contact.points.y))
         # Springs and bounds act where no other force does.
-        acts = scale > SETTINGS.nothing or sprung or self.opens
+        acts = scale > _NOTHING or sprung or self.opens
         v = start.copy() if acts else np.zeros_like(start)
         if sprung:
             scale = max(scale, self._spring_force(contact))
@@ -422,18 +371,19 @@ class ContactNewton:
         factorizations, evaluations, solves = self.factorizations, 0, 0
         converged = False
         r = g - times(self.H, v)
-        for iteration in range(SETTINGS.renewing if self.opens else SETTINGS.iterations):
+        # Limits that follow normal forces take more iterations.
+        for iteration in range(200 if self.opens else ITERATIONS):
             follow, backward = self.opens and kept.limits is None, bool(iteration % 2)
-            sweep_over(self.rows, contact, self.stiff, r, v, SETTINGS.sweeps, backward, follow)
+            sweep_over(self.rows, contact, self.stiff, r, v, SWEEPS, backward, follow)
             r = g - times(self.H, v)
             if self.opens:
                 forces.renew(v, r)
             forces.balance(v, r)
-            evaluations += SETTINGS.sweeps + 1
+            evaluations += SWEEPS + 1
             residual, where = forces.residual, forces.where
             if not np.isfinite(residual):
                 break
-            converged = residual <= max(tolerance * scale, SETTINGS.nothing) or (
+            converged = residual <= max(tolerance * scale, _NOTHING) or (
                 residual <= 1e-6 * scale and residual <= self._round_off(v, g, contact)
             )
             if converged:
@@ -461,16 +411,6 @@ class ContactNewton:
             w = np.zeros_like(w)
             w[self._order] = contact.points.w
         return Minimum(v, by_row, bool(converged), counts, float(residual), int(where), forces.p, w)
-
-    def objective(
-        self,
-        v: FloatArray,
-        g: FloatArray,
-        beta: FloatArray | None = None,
-        offset: FloatArray | None = None,
-    ) -> float:
-        """See `StepProblem`."""
-        return self._objective(v, g, self.contact_of(beta, offset))
 
     def _objective(self, v: FloatArray, g: FloatArray, contact: CompiledContact) -> float:
         return float(v @ (0.5 * times(self.H, v) - g)) + self.potential(v, contact)
@@ -599,13 +539,13 @@ class ContactNewton:
                 kept.since += 1
             if residual <= kept.residual:
                 kept.v, kept.residual = v.copy(), residual
-            if kept.since < SETTINGS.stuck:
+            if kept.since < _STUCK:
                 return r
             v[:] = kept.v
             r = g - times(self.H, v)
             forces.renew(v, r)
             kept.renewal, kept.limits = Renewal(), w.copy()
-            kept.inner = SETTINGS.inner * kept.residual
+            kept.inner = _INNER * kept.residual
             forces.balance(v, r)
             return r
         own = w.copy()
@@ -614,8 +554,10 @@ class ContactNewton:
         if forces.residual > max(kept.inner, 0.1 * enough):
             return r
         kept.renewed += 1
-        kept.inner = SETTINGS.inner * residual
-        if residual <= SETTINGS.again * kept.residual:
+        kept.inner = _INNER * residual
+        # Limits follow the normal forces again when those kept have brought the residual down so
+        # far.
+        if residual <= 1e-2 * kept.residual:
             kept.limits, kept.best, kept.since = None, residual, 0
             kept.v, kept.residual, w[:] = v.copy(), residual, own
         else:
@@ -638,7 +580,8 @@ class ContactNewton:
         tangent_blocks(contact, self.stiff, v, blocks)
         J = np.empty((free.size, free.size))
         d, stopped = np.zeros_like(v), np.zeros(v.size, dtype=np.bool_)
-        most, solves = 1 + SETTINGS.stops * (kept.since > SETTINGS.stalls), 0
+        # Where the residual has not halved in two iterations the step is made anew twice at most.
+        most, solves = 1 + 2 * (kept.since > 2), 0
         while solves < most:
             coupled_tangent(
                 self.H, contact, blocks, v, forces.friction, forces.p, forces.slopes, free, place, J
@@ -653,7 +596,7 @@ class ContactNewton:
             if not stop_on_the_way(contact, v, d, stopped):
                 break
         if not np.isfinite(d).all():
-            kept.since = SETTINGS.stuck  # the tangent is singular
+            kept.since = _STUCK  # the tangent is singular
             return r, solves
         v += d
         return r - times(self.H, d), solves
@@ -666,7 +609,7 @@ class ContactNewton:
     def _round_off(self, v: FloatArray, g: FloatArray, contact: CompiledContact) -> float:
         size = float(times(self.sizes, np.abs(v)).max()) + float(np.abs(g).max())
         size += float(friction_round_off(contact.points, v))
-        return SETTINGS.round_off * size * (4.0 if self.opens else 1.0)
+        return ROUND_OFF * size * (4.0 if self.opens else 1.0)
 
     def _newton_direction(
         self, r: FloatArray, tangents: FloatArray, sticking: BoolArray
@@ -678,7 +621,9 @@ class ContactNewton:
         """
         if not np.any(r):  # only sticking points are out of balance: relaxation will release them
             return np.zeros_like(r), 0
-        if self.dense and (free := np.flatnonzero(~sticking)).size <= SETTINGS.small:
+        # For up to so many moving unknowns of a dense system a new factor costs less than
+        # iterations.
+        if self.dense and (free := np.flatnonzero(~sticking)).size <= 512:
             self.factorizations += 1
             d = np.zeros_like(r)
             d[free] = self.factors.factorised(tangents, sticking)(r)[free]
@@ -686,12 +631,12 @@ class ContactNewton:
         solves = 0
         if self.factor is not None:
             d, solves, solved = self._conjugate_gradients(
-                self.factor, r, tangents, sticking, SETTINGS.patience
+                self.factor, r, tangents, sticking, PATIENCE
             )
             if solved:
                 return d, solves
         solve = self.keep(tangents, sticking)
-        d, more, _ = self._conjugate_gradients(solve, r, tangents, sticking, SETTINGS.most_solves)
+        d, more, _ = self._conjugate_gradients(solve, r, tangents, sticking, 60)  # at most
         return d, solves + more
 
     def keep(self, tangents: FloatArray, sticking: BoolArray) -> Callable[[FloatArray], FloatArray]:
@@ -724,12 +669,15 @@ class ContactNewton:
         rest = (1.0 - np.minimum(share, now / then)) / now
         share[np.isinf(then)] = 0.0
         changed = np.where(sticking, np.isfinite(then), rest * now > 0.5)
-        if np.count_nonzero(changed) >= SETTINGS.changed:
+        # If the diagonal of so many unknowns has halved or doubled the kept factor is not tried: of
+        # 178 trials with more, 3 took no more than four solves.
+        if np.count_nonzero(changed) >= 32:
             return r, 0, False
         share[sticking] = rest[sticking] = 0.0
 
         d, p, before = np.zeros_like(r), np.zeros_like(r), np.inf
-        left, enough = r.copy(), SETTINGS.forcing * np.linalg.norm(r)
+        # Newton's systems are solved until their residual is this share of the right side.
+        left, enough = r.copy(), 0.05 * np.linalg.norm(r)
         for solves in range(1, most + 1):
             z = share * solve(share * left) + rest * left
             product = float(left @ z)

@@ -19,8 +19,8 @@ import numpy as np
 from skfem_joint.ground.arrays import as_dense
 from skfem_joint.ground.compiling import compiled, compiled_for, compiled_inside, inlined
 from skfem_joint.linalg.kernels import (
+    add_product,
     add_row_products,
-    add_symmetric_product,
     aligned,
     cholesky,
     combine_rows,
@@ -30,7 +30,6 @@ from skfem_joint.linalg.kernels import (
     sum_of_products,
     sum_of_triple_products,
 )
-from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, row_order, slips
 from skfem_joint.minimise.law import (
     forces,
     slope_of,
@@ -39,71 +38,20 @@ from skfem_joint.minimise.law import (
     tangent_inside,
 )
 from skfem_joint.minimise.line_search import friction_slope, line_search
-from skfem_joint.minimise.problem import ContactPoints
+from skfem_joint.minimise.problem import (
+    ROUND_OFF,
+    ContactPoints,
+    Places,
+    StepOutcome,
+    minimise_step,
+    row_order,
+    slips,
+)
 
-
-class PrimalDualSettings(NamedTuple):
-    """Numbers of the primal-dual Newton method.
-
-    Attributes
-    ----------
-    iterations : int
-        Most iterations.
-    reuse : float
-        A factor is used again where the last iteration reduced the residual to less than this
-        share.
-    change : float
-        Relative change of a point's tangent up to which the earlier one stays.
-    most : float
-        Share of the slip rows above which all tangents are added up anew.
-    round_off : float
-        Accepted residual in units of the forces that are added up.
-    nothing : float
-        Forces, N, that count as none.
-    turn : float
-        Change of the derivative of a point's friction by its limit, over 1, up to which the earlier
-        one stays.
-    grows : float
-        Limits that follow normal forces: a step is taken if the residual grows by no more than this
-        factor. Residuals of few unknowns grow on the way: where each had to fall, steps of 67
-        unknowns took 16.4 iterations in place of 12.9.
-    shorter, shortened : float and int
-        Factor by which other steps are shortened, and most times that they are.
-    patience : int
-        Iterations in which the residual must halve; otherwise limits are kept for a while.
-    inner : float
-        The problem of kept limits is solved to this share of the residual that these leave.
-    again : float
-        Limits follow normal forces again when those kept have brought the residual to this share of
-        what it was.
-    renewals : int
-        Most times that kept limits are renewed.
-    steeper : tuple of float
-        Coulomb friction: beta times the largest slip of the laws in turn.
-    stiffest : float
-        Largest stiffness of the last law over the least stiffness of the structure, which round-off
-        would hide if the law were steeper.
-    """
-
-    iterations: int = 200
-    reuse: float = 0.1
-    change: float = 0.02
-    most: float = 0.6
-    round_off: float = 16 * float(np.finfo(np.float64).eps)
-    nothing: float = 1e-300
-    turn: float = 0.02
-    grows: float = 4.0
-    shorter: float = 0.4
-    shortened: int = 8
-    patience: int = 8
-    inner: float = 0.1
-    again: float = 0.1
-    renewals: int = 100
-    steeper: tuple[float, ...] = (1e2, 1e4, 1e6)
-    stiffest: float = 1e12
-
-
-SETTINGS = PrimalDualSettings()
+# Most iterations.
+_ITERATIONS = 200
+# Relative change of a point's tangent up to which the earlier one stays.
+_CHANGE = 0.02
 
 
 class DenseRows(NamedTuple):
@@ -323,11 +271,11 @@ def _changed(pairs, space):
         least = min(weight[p] + weight[q], held[p] + held[q])
         change = max(abs(weight[p] - held[p]), abs(weight[q] - held[q]))
         changed[count] = p
-        count += max(change, abs(cross[p] - held_cross[p])) > SETTINGS.change * least
+        count += max(change, abs(cross[p] - held_cross[p])) > _CHANGE * least
     doubled = count
     for p in range(pairs, m):
         changed[count] = p
-        count += abs(weight[p] - held[p]) > SETTINGS.change * min(weight[p], held[p])
+        count += abs(weight[p] - held[p]) > _CHANGE * min(weight[p], held[p])
     return count, doubled
 
 
@@ -352,7 +300,7 @@ def _add_all(contact, space):
         space.held[i] = weight[i]
     for p in range(pairs):
         space.held_cross[p] = cross[p]
-    add_symmetric_product(X, B, weight.size, S)
+    add_product(X, B, weight.size, S, True)
 
 
 @compiled_inside
@@ -380,7 +328,7 @@ def _add_changed(contact, count, doubled, space):
             p = changed[i]
             y[doubled + i] = row[p]
             x[doubled + i] = weight[p] * row[p]
-    add_symmetric_product(X, Y, count + doubled, space.S)
+    add_product(X, Y, count + doubled, space.S, True)
 
 
 @compiled_inside
@@ -394,7 +342,8 @@ def _factorised(problem, slip, sigma, anew, space):
     count, doubled = 0, 0
     if not anew:
         count, doubled = _changed(rows - contact.beta.size, space)
-    if anew or count + doubled > SETTINGS.most * rows:
+    # If more rows have changed, to add up all anew is cheaper.
+    if anew or count + doubled > 0.6 * rows:
         _add_all(contact, space)
     elif count > 0:
         _add_changed(contact, count, doubled, space)
@@ -410,7 +359,7 @@ def limit_forces(contact, predicted):
     first, second = predicted[:pairs], predicted[m:]
     for p in range(pairs):
         size = sqrt(first[p] * first[p] + second[p] * second[p])
-        share = w[p] / max(size, w[p], SETTINGS.nothing)
+        share = w[p] / max(size, w[p], 1e-300)
         first[p] *= share
         second[p] *= share
     for p in range(pairs, m):
@@ -459,7 +408,7 @@ def _round_off(problem, q, slip, sigma, space):
     for j in range(n):
         total = sum_of_magnitudes(H[j], q) + sum_of_magnitudes(B[j], friction)
         largest = max(largest, total + magnitude_of_pressures(problem, q, j))
-    return SETTINGS.round_off * largest
+    return ROUND_OFF * largest
 
 
 class _Line(NamedTuple):
@@ -631,7 +580,7 @@ def minimise_from(problem, space, right, v, tolerance):
     evaluations, iteration, tangents, unknown, converged = 0, 0, 0, 0, False
     largest = 0.0
     known = False  # whether slip and sigma belong to q
-    for iteration in range(SETTINGS.iterations + 1):
+    for iteration in range(_ITERATIONS + 1):
         evaluations += not known
         last = largest
         if not known:
@@ -647,13 +596,13 @@ def minimise_from(problem, space, right, v, tolerance):
             largest <= tolerance * least
             or (largest <= 1e-6 * least and largest <= _round_off(problem, q, slip, sigma, space))
         )
-        if converged or not largest < inf or iteration == SETTINGS.iterations:
+        if converged or not largest < inf or iteration == _ITERATIONS:
             break
         if iteration == 0:
             begin(problem, space)
         if stalls(problem, largest):
             break
-        if iteration == 0 or not largest < SETTINGS.reuse * last:  # else reuse the last factor
+        if iteration == 0 or not largest < 0.1 * last:  # else reuse the last factor
             tangents += 1
             if not (
                 _factorised(problem, slip, sigma, iteration == 0, space)

@@ -26,48 +26,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from skfem_joint.ground.arrays import FloatArray, check_like
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.compiling import compiled, compiled_for, compiled_inside
 from skfem_joint.linalg.kernels import Bands, as_sparse, bands, largest_of
 from skfem_joint.minimise import law
-from skfem_joint.minimise.compiled_step import Places, StepOutcome, minimise_step, slips
 from skfem_joint.minimise.law import COULOMB, FREE, REGULAR, graph_parameters, sticks
 from skfem_joint.minimise.linearisation import Linearisation
-from skfem_joint.minimise.minty_newton import newton_on_graph
-from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
-
-
-class FrontSettings(NamedTuple):
-    """Numbers of the front elimination.
-
-    Attributes
-    ----------
-    passes : int
-        Most passes; more passes seldom help.
-    round_off : float
-        Accepted residual in units of the forces that are added up.
-    kappa : float
-        Scale of the graph's parameter times the largest velocity that friction can change in a
-        step, max |H^-1 w|. Measured: 1 to 5 work; from 10 on steps fail to converge, and scales
-        from the diagonal of H fail on fine meshes because they grow with the mesh.
-    shortest : int
-        Shorter chains are not coarsened.
-    slow, persistence : int
-        A step with more iterations is slow; the special start serves so many steps after it.
-    longest : int
-        Longest chain for which the special start is Coulomb's solution.
-    """
-
-    passes: int = 8
-    round_off: float = 8 * float(np.finfo(np.float64).eps)
-    kappa: float = 3.0
-    shortest: int = 48
-    slow: int = 8
-    persistence: int = 30
-    longest: int = 2000
-
-
-SETTINGS = FrontSettings()
+from skfem_joint.minimise.minty_newton import ROUND_OFF, newton_on_graph
+from skfem_joint.minimise.problem import (
+    CompiledStepProblem,
+    ContactPoints,
+    Minimum,
+    Places,
+    Pressed,
+    StepOutcome,
+    minimise_step,
+    slips,
+)
 
 
 class Chain(NamedTuple):
@@ -181,7 +156,7 @@ def chain_workspace(n: int) -> ChainWorkspace:
 def _levels_of(n: int) -> NDArray[np.int64]:
     """Begin of each level of a chain of ``n`` unknowns, and the end of the last level."""
     starts = [0, n]
-    while n >= SETTINGS.shortest:
+    while n >= 48:  # shorter chains are not coarsened
         n = (n + 1) // 2
         starts.append(starts[-1] + n)
     return np.array(starts)
@@ -203,7 +178,10 @@ def build_chain(H: Bands, w: FloatArray, beta: FloatArray, soft: FloatArray | No
         Compliance of springs in series, m/s; no springs if not given.
     """
     H0, H1 = H
-    kappa = SETTINGS.kappa / np.abs(_solve(H0, H1, w)).max()
+    # Over the largest velocity that friction can change in a step, max |H^-1 w|. Measured: 1 to 5
+    # work; from 10 on steps fail to converge, and scales from the diagonal of H fail on fine meshes
+    # because they grow with the mesh.
+    kappa = 3.0 / np.abs(_solve(H0, H1, w)).max()
     start, levels = _levels_of(H0.size), [(H0, np.append(H1, 0.0), w)]
     for n in np.diff(start)[:-1]:
         H0, H1, w = _halved(H0, H1, w, (n - 1) % 2)
@@ -404,7 +382,7 @@ def eliminate_fronts(chain, workspace, g, hold, tolerance):
         v[i] = 0.0
     passes = 0
     converged = False
-    while passes < SETTINGS.passes and not converged:
+    while passes < 8 and not converged:  # more passes seldom help
         passes += 1
         if v[middle] != 0.0:  # slip spreads fast towards the meeting point alone
             middle = _meeting_point(v, middle)
@@ -415,7 +393,7 @@ def eliminate_fronts(chain, workspace, g, hold, tolerance):
         if not converged:
             for i in range(v.size):
                 slip[i] = H0[i] * v[i]
-            converged = _beyond(r, SETTINGS.round_off * largest_of(slip)) == 0
+            converged = _beyond(r, ROUND_OFF * largest_of(slip)) == 0
     if converged:
         for i in range(v.size):
             sigma[i] = sigma[i] / w[i] if hold[i] > 0.0 else 0.0
@@ -434,7 +412,7 @@ def _minimise_chain(problem, workspace, right, v, tolerance):
     sprung = chain.soft.size > 0
     if chain.mixed == 2 and not sprung:
         count, converged = eliminate_fronts(chain, workspace, right, chain.hold, tolerance)
-    elif remaining > 0 and n <= SETTINGS.longest and not sprung:
+    elif remaining > 0 and n <= 2000 and not sprung:  # longer chains start from coarser ones
         count, near = eliminate_fronts(chain, workspace, right, chain.w, tolerance)
         if near:
             graph_parameters(chain.kind, chain.kappa, chain.inverse_beta, v_new, sigma_new, s_new)
@@ -449,8 +427,9 @@ def _minimise_chain(problem, workspace, right, v, tolerance):
         )  # fmt: skip
         count += more
     if converged:
-        if remaining == 0 and (tier == 1 or count > SETTINGS.slow):
-            workspace.special_starts[0] = SETTINGS.persistence
+        # A step of more than 8 iterations is slow: the special start serves the next 30 steps.
+        if remaining == 0 and (tier == 1 or count > 8):
+            workspace.special_starts[0] = 30
         elif remaining > 0:
             workspace.special_starts[0] -= 1
         for i in range(n):
@@ -468,7 +447,7 @@ def _slips_of_chain(problem, x, out):
 # The method
 
 
-class FrontElimination:
+class FrontElimination(CompiledStepProblem):
     """Front elimination on a chain, see the module, `StepProblem` and `CompiledStepProblem`.
 
     Parameters
@@ -481,12 +460,13 @@ class FrontElimination:
         Shared with problems of other matrices; made if not given.
     """
 
+    factorizations = 1
     remembered = ("parameter", "old_parameter", "scale", "special_starts", "middle")
 
     def __init__(
         self, H: Any, points: ContactPoints, workspace: ChainWorkspace | None = None
     ) -> None:
-        self.H, self.points, self.factorizations = H, points, 1
+        self.H, self.points = H, points
         matrix = H if isinstance(H, Bands) else bands(H)
         n, contact = matrix.diagonal.size, points.unknowns
         self.workspace = chain_workspace(n) if workspace is None else workspace
@@ -526,10 +506,6 @@ class FrontElimination:
         """See `CompiledStepProblem`: the parameter's scale changes with the matrix."""
         if self.workspace.scale[0] != self.kernel.kappa:
             self._set_parameter(self.kernel, v, sigma)
-
-    def rescue(self, g: FloatArray, v: FloatArray, tolerance: float) -> dict[str, int]:
-        """See `CompiledStepProblem`: there is no other way."""
-        return {}
 
     def _set_parameter(self, chain: Chain, v: FloatArray, sigma: FloatArray) -> None:
         """Let the next minimisation start from a point of the law's graph."""
@@ -593,35 +569,9 @@ class FrontElimination:
             v, sigma, bool(converged), counts, float(residual), int(unknown), w=self.points.w
         )
 
-    def objective(
-        self,
-        v: FloatArray,
-        g: FloatArray,
-        beta: FloatArray | None = None,
-        offset: FloatArray | None = None,
-    ) -> float:
-        """See `StepProblem`."""
-        diagonal, off = self._matrix
-        image = diagonal * v
-        image[:-1] += off * v[1:]
-        image[1:] += off * v[:-1]
-        beta = self.points.beta if beta is None else beta
-        slip = v[self.points.unknowns] - (0.0 if offset is None else offset)
-        friction = self.points.w @ law.potential(slip, beta, self.points.soft)
-        return float(v @ (0.5 * image - g) + friction)
-
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """See `StepProblem`."""
-        return {name: np.array(getattr(self.workspace, name)) for name in self.remembered}
-
     def check(self, saved: dict[str, NDArray[Any]]) -> None:
         """See `StepProblem`: the compiled loops meet at a point of the chain."""
-        check_like(saved, self.saved(), "step problem")
+        super().check(saved)
         n = self.limits.size
         if not 0 <= saved["middle"][0] < n or saved["special_starts"][0] < 0:
             raise ValueError(f"step problem/middle is {saved['middle'][0]} of {n} unknowns")
-
-    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
-        """See `StepProblem`."""
-        for name in self.remembered:
-            getattr(self.workspace, name)[:] = saved[name]

@@ -50,7 +50,7 @@ the arctangent, and have to be revised too:
   limit, where z = 1; `skfem_joint.reduction.active_length.gross_slip`, the points of reduced models
   for a range (`skfem_joint.reduction.ranges.points`) and the warnings of
   `skfem_joint.study.summary` use the same creep;
-- `skfem_joint.reduction.basis.reduced_system` and `static_path`: beta is limited to the inverse of
+- `skfem_joint.reduction.models.reduced_on` and `static_path`: beta is limited to the inverse of
   the slip velocity that modes resolve, for the law is steep where z < 1;
 - `skfem_joint.accuracy.rungs`: the error of a less steep law is proportional to 1 / beta.
 

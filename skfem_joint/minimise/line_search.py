@@ -13,32 +13,15 @@ the derivative is used, so that the round-off of the objective itself sets no li
 from __future__ import annotations
 
 from math import inf
-from typing import NamedTuple
 
 from skfem_joint.ground.compiling import compiled_inside
 
-
-class SearchSettings(NamedTuple):
-    """Numbers of the line search.
-
-    Attributes
-    ----------
-    trials : int
-        Largest number of lengths tried; each cuts the bracket by at least the margin.
-    margin : float
-        Share of the bracket at each end in which no length is tried.
-    short, beyond : float
-        A length is accepted if the derivative has fallen to this share of its first value: short of
-        the minimum, and beyond it.
-    """
-
-    trials: int = 60
-    margin: float = 0.05
-    short: float = 0.5
-    beyond: float = 0.05
-
-
-SETTINGS = SearchSettings()
+#: Largest number of lengths tried; each cuts the bracket by at least the margin.
+TRIALS = 60
+#: Share of its first value to which the derivative must fall at a length short of the minimum.
+SHORT = 0.5
+#: The same beyond the minimum.
+BEYOND = 0.05
 
 
 def friction_slope(line, length):
@@ -56,12 +39,12 @@ def line_search(line, slope_0, linear, quadratic):
     if not slope_0 < 0.0:
         return 1.0, 0, False  # no descent left but round-off: the full step
     low, slope_low, high, slope_high, length = 0.0, slope_0, inf, inf, 1.0
-    for evaluations in range(1, SETTINGS.trials + 1):
+    for evaluations in range(1, TRIALS + 1):
         slope = linear + length * quadratic + friction_slope(line, length)
         if slope <= 0.0:
-            accepted = length == 1.0 or slope >= SETTINGS.short * slope_0
+            accepted = length == 1.0 or slope >= SHORT * slope_0
         else:
-            accepted = slope <= -SETTINGS.beyond * slope_0
+            accepted = slope <= -BEYOND * slope_0
         if accepted:
             return length, evaluations, True
         if slope > 0.0:
@@ -70,6 +53,6 @@ def line_search(line, slope_0, linear, quadratic):
             low, slope_low = length, slope
         # The derivative at `low` is negative and that at `high` positive.
         length = low - slope_low * (high - low) / (slope_high - slope_low)
-        margin = SETTINGS.margin * (high - low)
+        margin = 0.05 * (high - low)  # no length is tried so close to the ends of the bracket
         length = min(max(length, low + margin), high - margin)
-    return low, SETTINGS.trials, False
+    return low, TRIALS, False

@@ -35,7 +35,7 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.factors import BlockFactors, RowFactors
 from skfem_joint.linalg.schur import SchurComplement, Uncondensed
 from skfem_joint.minimise.law import along_and_across, slip_tangent
-from skfem_joint.minimise.problem import ContactPoints, PressurePoints, StepProblem
+from skfem_joint.minimise.problem import ContactPoints, PressurePoints
 
 
 class Changes(NamedTuple):
@@ -83,7 +83,7 @@ class Tangent(NamedTuple):
     pressed: BoolArray
 
 
-class LinearisedProblem(StepProblem, Protocol):
+class LinearisedProblem(Protocol):
     """Step problem with friction, whose solutions have a linearisation."""
 
     def linearisation(self, beta: FloatArray | None = None) -> Linearisation:

@@ -18,7 +18,6 @@ not the velocity: v(s) and sigma(s) are smooth with bounded slopes however steep
 from __future__ import annotations
 
 from math import copysign, inf
-from typing import NamedTuple
 
 import numpy as np
 
@@ -39,39 +38,16 @@ from skfem_joint.minimise.law import (
     sticks,
 )
 
-
-class TierSettings(NamedTuple):
-    """Numbers of the three tiers.
-
-    Attributes
-    ----------
-    fast : int
-        Newton iterations before the second tier, on chains that have coarser ones.
-    level : int
-        Newton iterations on each level.
-    level_tolerance : float
-        Tolerance on coarse levels, whose solutions only serve as starts.
-    free_flips : int
-        Iterations after which flips between stick and slip are watched.
-    patience : int
-        Iterations in which the number of flips may fail to fall before single flips are made.
-    sweeps, newton_steps : int
-        Descents of the third tier, and Newton steps in each.
-    round_off : float
-        Accepted residual in units of the forces that are added up.
-    """
-
-    fast: int = 14
-    level: int = 100
-    level_tolerance: float = 1e-4
-    free_flips: int = 12
-    patience: int = 4
-    sweeps: int = 400
-    newton_steps: int = 6
-    round_off: float = 8 * float(np.finfo(np.float64).eps)
+# Newton iterations on each level.
+_LEVEL = 100
+# Iterations in which the number of flips may fail to fall before single flips are made.
+_PATIENCE = 4
+# Descents of the third tier.
+_SWEEPS = 400
+#: Accepted residual on chains in units of the forces that are added up.
+ROUND_OFF = 8 * float(np.finfo(np.float64).eps)
 
 
-SETTINGS = TierSettings()
 _ABOVE_ONE = float(np.nextafter(1.0, 2.0))
 
 
@@ -101,7 +77,7 @@ def _round_off(H0, v, s, dv):
     largest = 0.0
     for i in range(v.size):
         largest = max(largest, H0[i] * (abs(v[i]) + abs(s[i]) * dv[i]))
-    return SETTINGS.round_off * largest
+    return ROUND_OFF * largest
 
 
 @compiled_inside
@@ -181,9 +157,9 @@ def _newton(chain, level, g, s, work, limit, tolerance):
     scale, added = largest_of(g), 0.0
     if sprung:
         offset = chain.offset[a:b]
-        added = SETTINGS.round_off * _largest_of_springs(H0, chain.soft[a:b], offset)
+        added = ROUND_OFF * _largest_of_springs(H0, chain.soft[a:b], offset)
         scale = max(scale, _force_at_rest(w, kind, inverse_beta, chain.soft[a:b], offset))
-    iteration, fewest, patience = 0, n + 1, SETTINGS.patience
+    iteration, fewest, patience = 0, n + 1, _PATIENCE
     while True:
         graph(kind, chain.mixed, chain.kappa, inverse_beta, s, v, sigma, dv, dsigma)
         if sprung:
@@ -195,7 +171,8 @@ def _newton(chain, level, g, s, work, limit, tolerance):
             return iteration, False, largest, row
         iteration += 1
         _eliminate(H0, H1, w, dv, dsigma, r, r, factor)
-        if chain.mixed == 0 or iteration <= SETTINGS.free_flips:
+        # Flips between stick and slip are watched only later.
+        if chain.mixed == 0 or iteration <= 12:
             for i in range(n):
                 s[i] += r[i]
             continue
@@ -216,7 +193,7 @@ def _newton(chain, level, g, s, work, limit, tolerance):
                     last = i
         if flips < fewest:
             fewest = flips
-            patience = SETTINGS.patience
+            patience = _PATIENCE
         else:
             patience -= 1
         if patience < 0:
@@ -279,9 +256,9 @@ def _descend(chain, g, s, work, trial, tolerance):
     n = chain.start[1]
     v, sigma = work[0, :n], work[1, :n]
     # Plain integers: numba compiles a function once more for each literal argument.
-    finest, few = np.int64(0), np.int64(SETTINGS.newton_steps)
+    finest, few = np.int64(0), np.int64(6)
     largest, row = inf, 0
-    for sweep in range(SETTINGS.sweeps):
+    for sweep in range(_SWEEPS):
         _sweep(chain, g, v, sigma, s, work[4, :n])
         best = _objective(chain, g, v)
         for i in range(n):
@@ -296,7 +273,7 @@ def _descend(chain, g, s, work, trial, tolerance):
                 v[i] = trial[0, i]
                 sigma[i] = trial[1, i]
                 s[i] = trial[2, i]
-    return SETTINGS.sweeps, False, largest, row
+    return _SWEEPS, False, largest, row
 
 
 @compiled
@@ -317,7 +294,7 @@ def _nested(chain, g, s, work, tolerance):
             if chain.soft.size > 0:
                 chain.offset[coarse + j] = chain.offset[i]
     iterations = 0
-    limit = np.int64(SETTINGS.level)
+    limit = np.int64(_LEVEL)
     converged, largest, row = False, inf, 0
     for k in range(levels - 1, -1, -1):
         a, b = start[k], start[k + 1]
@@ -329,8 +306,9 @@ def _nested(chain, g, s, work, tolerance):
                 s[i] = s[b + j]
                 if i > a:
                     s[i - 1] = 0.5 * (s[b + j] + (s[b + j - 1] if j > 0 else 0.0))
+        # Solutions on coarse levels only serve as starts.
         count, converged, largest, row = _newton(
-            chain, k, g, s, work, limit, tolerance if k == 0 else SETTINGS.level_tolerance
+            chain, k, g, s, work, limit, tolerance if k == 0 else 1e-4
         )
         iterations += count
         if not largest < inf:
@@ -348,7 +326,8 @@ def newton_on_graph(chain, g, s, work, trial, tolerance, start_nested):
     deep = chain.start.size > 2
     iterations = 0
     if not start_nested:
-        limit = np.int64(SETTINGS.fast if deep else SETTINGS.level)
+        # Chains that have coarser ones soon go on to the second tier.
+        limit = np.int64(14 if deep else _LEVEL)
         finest = np.int64(0)
         iterations, converged, largest, row = _newton(chain, finest, g, s, work, limit, tolerance)
         if converged:

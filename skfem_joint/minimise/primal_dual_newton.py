@@ -68,30 +68,38 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.ground.arrays import FloatArray, as_dense, check_like, slip_norms
+from skfem_joint.ground.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.kernels import Full
-from skfem_joint.minimise.compiled_step import StepOutcome
 from skfem_joint.minimise.dense_loop import (
-    SETTINGS,
     Dense,
     DenseWorkspace,
     dense_workspace,
     minimise_dense,
     rows_of,
 )
-from skfem_joint.minimise.dense_pressures import Following, Kept, keep_limits, pressure_rows
-from skfem_joint.minimise.law import potential
+from skfem_joint.minimise.dense_pressures import (
+    PATIENCE,
+    Following,
+    Kept,
+    keep_limits,
+    pressure_rows,
+)
 from skfem_joint.minimise.limits import Renewal
 from skfem_joint.minimise.linearisation import RowLinearisation
-from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
+from skfem_joint.minimise.problem import (
+    CompiledStepProblem,
+    ContactPoints,
+    Minimum,
+    Pressed,
+    StepOutcome,
+)
 
 
-class PrimalDualNewton:
+class PrimalDualNewton(CompiledStepProblem):
     """The primal-dual Newton method, see the module, `StepProblem` and `CompiledStepProblem`.
 
     Parameters
@@ -104,13 +112,14 @@ class PrimalDualNewton:
         Shared with problems of other matrices; made if not given.
     """
 
+    factorizations = 1
     remembered = ("old_velocity", "old_force", "predicted")
 
     def __init__(
         self, H: Any, points: ContactPoints, workspace: DenseWorkspace | None = None
     ) -> None:
         self.H: FloatArray = H.entries if isinstance(H, Full) else as_dense(H)
-        self.points, self.factorizations = points, 1
+        self.points = points
         self.contact, self.places = rows_of(points)
         self.limits = self.contact.w
         n, rows = len(self.H), self.limits.size
@@ -150,9 +159,6 @@ class PrimalDualNewton:
         space.old_velocity[:], space.old_force[:] = v, sigma
         space.predicted[:] = self.limits * sigma
 
-    def resume(self, v: FloatArray, sigma: FloatArray) -> None:
-        """See `CompiledStepProblem`: nothing depends on the matrix."""
-
     def compile(self) -> None:
         """See `StepProblem`; values kept for later steps do not change."""
         none = np.zeros(len(self.H))
@@ -182,7 +188,8 @@ class PrimalDualNewton:
         if not coulomb.any():
             return self._with_law(law, g, v, tolerance)
         minimum = Minimum(v, np.zeros(self.limits.size), False)
-        for steepness in SETTINGS.steeper:
+        # Beta times the largest slip, of the laws in turn.
+        for steepness in (1e2, 1e4, 1e6):
             slip = slip_norms(self.points.B @ v, self.points.directions).max()
             most = self._stiff()[1]
             steep = min(steepness / slip, most) if slip > 0.0 else most
@@ -302,7 +309,7 @@ class PrimalDualNewton:
         A ``patience`` of 0 finds out what the start is worth.
         """
         if patience is not None:
-            self.normal.watch[:] = 0.0, SETTINGS.patience - patience, 0.0
+            self.normal.watch[:] = 0.0, PATIENCE - patience, 0.0
         return self._counted(self.kernel, g, start, tolerance, work)
 
     def _renew(
@@ -314,17 +321,17 @@ class PrimalDualNewton:
         renewal, v, residual = Renewal(), space.velocity.copy(), mark
         outcome = self._follow(g, v, tolerance, work, 0)
         limits = contact.w[:m].copy()
-        for _ in range(SETTINGS.renewals):
+        for _ in range(100):  # renewals of kept limits at most
             if outcome.converged or not np.isfinite(outcome.residual):
                 break
             keep_limits(contact, normal, limits)
-            normal.watch[2] = SETTINGS.inner * residual
+            normal.watch[2] = 0.1 * residual  # to which the problem of kept limits is solved
             self._counted(self.kept, g, v, tolerance, work)
             work["renewed_limits"] += 1
             v = space.velocity.copy()
             outcome = self._follow(g, v, tolerance, work, 0)
             residual, image = outcome.residual, contact.w[:m].copy()
-            if not outcome.converged and residual <= SETTINGS.again * mark:
+            if not outcome.converged and residual <= 0.1 * mark:
                 outcome, mark = self._follow(g, v, tolerance, work), residual
             limits = renewal.next(limits, image)
         return outcome
@@ -347,36 +354,11 @@ class PrimalDualNewton:
             unit = np.trace(self.H) / np.trace(springs)
             stuck = self.H + unit * springs
             least = np.linalg.eigvalsh(stuck)[0]
-            steepest = SETTINGS.stiffest * unit * least / np.trace(self.H)
+            # Round-off would hide the structure's least stiffness if the law were steeper.
+            steepest = 1e12 * unit * least / np.trace(self.H)
             self._stuck = factorised(stuck), float(steepest)
         return self._stuck
 
     def _from_stuck(self, g: FloatArray) -> FloatArray:
         """Solution with springs at all points in place of friction, as a start."""
         return np.asarray(self._stiff()[0](g))
-
-    def objective(
-        self,
-        v: FloatArray,
-        g: FloatArray,
-        beta: FloatArray | None = None,
-        offset: FloatArray | None = None,
-    ) -> float:
-        """See `StepProblem`."""
-        slip = self.points.B @ v - (0.0 if offset is None else offset)
-        size = slip_norms(slip, self.points.directions)
-        psi = potential(size, self.points.beta if beta is None else beta, self.points.soft)
-        return float(v @ (0.5 * (self.H @ v) - g) + self.points.w @ psi)
-
-    def saved(self) -> dict[str, NDArray[Any]]:
-        """See `StepProblem`."""
-        return {name: np.array(getattr(self.workspace, name)) for name in self.remembered}
-
-    def check(self, saved: dict[str, NDArray[Any]]) -> None:
-        """See `StepProblem`."""
-        check_like(saved, self.saved(), "step problem")
-
-    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
-        """See `StepProblem`."""
-        for name in self.remembered:
-            getattr(self.workspace, name)[:] = saved[name]

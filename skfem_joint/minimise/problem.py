@@ -8,7 +8,8 @@ H and the velocity for v. Restarts, which find the acceleration at the start of 
 jump of a load, have the mass and the acceleration, and only points at rest slip. Quasi-static
 increments have the stiffness and the increment of displacement.
 
-`StepProblem` is the protocol; :func:`skfem_joint.minimise.choice.step_problem` chooses the method.
+`StepProblem` is what its solvers have in common, `CompiledStepProblem` those that the compiled loop
+over time steps calls; :func:`skfem_joint.stepping.arrangement.step_problem` chooses the method.
 
 A spring in series with the friction of a point changes its psi (to the Moreau envelope, which is
 convex too), and its slip counts from the offset at which the spring would be without force:
@@ -35,9 +36,10 @@ p), which is no part of the minimisation: the solution is a fixed point of w -> 
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +58,9 @@ from skfem_joint.system.system import System
 
 if TYPE_CHECKING:
     from skfem_joint.minimise.limits import Hinges
+
+#: Accepted residual in units of the forces that are added up.
+ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
@@ -239,6 +244,16 @@ class ContactPoints:
         resting: BoolArray = slip_norms(slip, self.directions) == 0.0
         return self._coulomb & resting
 
+    def potential(
+        self, v: FloatArray, beta: FloatArray | None = None, offset: FloatArray | None = None
+    ) -> float:
+        """Potential of friction, sum w psi(|B v - offset|), W, with the values of beta given."""
+        from skfem_joint.minimise.law import potential  # loads the compiler
+
+        slip = self.B @ v - (0.0 if offset is None else offset)
+        size = slip_norms(slip, self.directions)
+        return float(self.w @ potential(size, self.beta if beta is None else beta, self.soft))
+
     def with_beta(self, beta: FloatArray | None) -> ContactPoints:
         """Same points with other values of beta, (m,); with their own if None."""
         return self if beta is None else replace(self, beta=np.asarray(beta, dtype=float))
@@ -252,7 +267,7 @@ class ContactPoints:
         return replace(self, B=self.B[:, kept])
 
 
-class StepProblem(Protocol):
+class StepProblem(ABC):
     """A matrix H with contact points, to be minimised for many right sides.
 
     Attributes
@@ -265,9 +280,11 @@ class StepProblem(Protocol):
     points: ContactPoints
 
     @property
+    @abstractmethod
     def factorizations(self) -> int:
         """Matrices prepared and factorised so far."""
 
+    @abstractmethod
     def minimise(
         self,
         g: FloatArray,
@@ -300,29 +317,32 @@ class StepProblem(Protocol):
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
     ) -> float:
-        """Value at ``v`` of what is minimised, W."""
-
-    def with_matrix(self, H: Any) -> StepProblem:
-        """Same points with another matrix; values kept from earlier steps are shared."""
+        """Value at ``v`` of what is minimised, W, where no contact opens."""
+        own = float(v @ (0.5 * (self.H @ v) - g))
+        return own + self.points.potential(v, beta, offset)
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """Values that later minimisations depend on beside their arguments, for a checkpoint."""
+        return {}
 
     def check(self, saved: dict[str, NDArray[Any]]) -> None:
         """Check arrays for what `saved` returns; ValueError names the first that is wrong."""
+        check_like(saved, self.saved(), "step problem")
 
-    def restore(self, saved: dict[str, NDArray[Any]]) -> None:
+    def restore(self, saved: dict[str, NDArray[Any]]) -> None:  # noqa: B027 - few keep any
         """Continue with the values that `saved` returned."""
 
-    def compile(self) -> None:
+    def compile(self) -> None:  # noqa: B027 - nothing of a linear problem
         """Compile all functions that `minimise` calls, without minimising."""
 
 
-class LinearProblem:
+class LinearProblem(StepProblem):
     """Step problem without friction: a linear system, factorised once."""
 
+    factorizations = 1
+
     def __init__(self, H: Any, points: ContactPoints) -> None:
-        self.H, self.points, self.factorizations = H, points, 1
+        self.H, self.points = H, points
         self._solve = factorised(H)
 
     def minimise(
@@ -342,30 +362,137 @@ class LinearProblem:
             return Minimum(v, sigma, True)
         return Minimum(v, sigma, False, {}, float("nan"), int(np.flatnonzero(~finite)[0]))
 
-    def objective(
-        self,
-        v: FloatArray,
-        g: FloatArray,
-        beta: FloatArray | None = None,
-        offset: FloatArray | None = None,
-    ) -> float:
-        """See `StepProblem`."""
-        return float(v @ (0.5 * (self.H @ v) - g))
 
-    def with_matrix(self, H: Any) -> LinearProblem:
-        """See `StepProblem`."""
-        return LinearProblem(H, self.points)
+# Problems that are minimised inside the compiled loop over time steps
+
+
+class Places(NamedTuple):
+    """Places of a system's slip rows and contact points among those of a compiled problem.
+
+    Attributes
+    ----------
+    row : ndarray of int, shape (rows,)
+    point : ndarray of int, shape (m,)
+    """
+
+    row: IntArray
+    point: IntArray
+
+
+def row_order(directions: NDArray[np.int64]) -> tuple[IntArray, IntArray]:
+    """Order of slip rows and points in which loops along points need no branches.
+
+    The first rows of all points come before the second rows. Points with two rows come first.
+    ``directions``, (m,), is 1 or 2 for each point. Returns the row at each place, (rows,), and the
+    point at each place, (m,).
+    """
+    first = np.cumsum(directions) - directions
+    pair = directions == 2
+    points = np.concatenate([np.flatnonzero(pair), np.flatnonzero(~pair)])
+    return np.concatenate([first[points], first[pair] + 1]), points
+
+
+class StepOutcome(NamedTuple):
+    """Work and residual of a compiled minimisation.
+
+    Attributes
+    ----------
+    converged : bool
+    newton_iterations, nested_solves, descents, line_searches, friction_evaluations : int
+        Work done, see :class:`skfem_joint.stepping.recording.Counters`.
+    residual : float
+        Largest force residual, N.
+    unknown : int
+        Unknown at which it is.
+    """
+
+    converged: bool
+    newton_iterations: int
+    nested_solves: int
+    descents: int
+    line_searches: int
+    friction_evaluations: int
+    residual: float
+    unknown: int
+
+
+def minimise_step(
+    problem: Any, workspace: Any, right: FloatArray, v: FloatArray, tolerance: float
+) -> StepOutcome:
+    """Minimise from the velocity ``v`` of the step before; returns an `StepOutcome`.
+
+    numba replaces a call by the implementation for the kind of ``problem``:
+    `front_elimination.Chain`, `dense_loop.Dense`, or `dense_pressures.Following` where elastic
+    contact opens (see :func:`skfem_joint.ground.compiling.compiled_for`).
+
+    ``workspace.offset`` has the slips from which those of rows with springs count. The velocity and
+    the friction are left in ``workspace.velocity`` and ``workspace.force``. What
+    the workspace keeps of earlier steps, such as velocities to extrapolate from, changes only if
+    the minimisation converged. Guesses that speed up the next step and do not bear on its result
+    beyond the tolerance may change in any case: where fronts of slip met, or the friction that is
+    predicted, which is forgotten after a failure.
+    """
+    raise NotImplementedError
+
+
+def slips(problem: Any, x: FloatArray, out: FloatArray) -> FloatArray:
+    """Slip of all rows from displacements ``x``: written to ``out``, or ``x`` itself."""
+    raise NotImplementedError
+
+
+class CompiledStepProblem(StepProblem):
+    """Step problem whose minimisation runs inside the compiled loop over steps.
+
+    Attributes
+    ----------
+    kernel : named tuple
+        First argument of `minimise_step` and `slips`.
+    workspace : named tuple
+        Second argument of `minimise_step`, shared by all matrices of a run.
+    limits : ndarray, shape (rows of the kernel,)
+        Friction limit of each slip row of the kernel, N.
+    places : Places
+        Of the system's rows and points among those of the kernel.
+    steps_per_second : int
+        Number of steps that take less than a second on any computer.
+    remembered : tuple of str
+        Arrays of the workspace that later steps depend on.
+    """
+
+    kernel: Any
+    workspace: Any
+    limits: FloatArray
+    places: Places
+    steps_per_second: int
+    remembered: ClassVar[tuple[str, ...]]
+
+    @abstractmethod
+    def with_matrix(self, H: Any, points: ContactPoints | None = None) -> CompiledStepProblem:
+        """Problem with another matrix, and perhaps other laws of the same contact points.
+
+        Values kept from earlier steps are shared.
+        """
+
+    @abstractmethod
+    def restart(self, v: FloatArray, sigma: FloatArray) -> None:
+        """Forget earlier steps: go on from a velocity and friction in the kernel's order."""
+
+    def resume(self, v: FloatArray, sigma: FloatArray) -> None:
+        """Prepare for steps from a velocity and friction after steps with another matrix."""
+
+    def rescue(self, g: FloatArray, v: FloatArray, tolerance: float) -> dict[str, int]:
+        """Minimise for a right side for which `minimise_step` has just failed, by other means.
+
+        Returns the work, and `minimise_step` then starts from the minimum; nothing where there is
+        no other way, or it fails too.
+        """
+        return {}
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """See `StepProblem`."""
-        return {}
-
-    def check(self, saved: dict[str, NDArray[Any]]) -> None:
-        """See `StepProblem`."""
-        check_like(saved, {}, "step problem")
+        return {name: np.array(getattr(self.workspace, name)) for name in self.remembered}
 
     def restore(self, saved: dict[str, NDArray[Any]]) -> None:
         """See `StepProblem`."""
-
-    def compile(self) -> None:
-        """See `StepProblem`."""
+        for name in self.remembered:
+            getattr(self.workspace, name)[:] = saved[name]

@@ -75,7 +75,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         for model in backbone.models
     }
     figures = {"backbone.png": backbone_figure(backbone.models, backbone.largest)}
-    return _written(folder, figures, {"models": models, "warnings": [*backbone.warnings]}, tables)
+    return _written(folder, figures, {"models": models, "warnings": [*backbone.notes]}, tables)
 
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
@@ -275,7 +275,7 @@ def write_response(
         peaks = backbone_peaks(response.models, backbones)
         tables["peaks.csv"] = peak_columns(peaks)
         figures["backbone_response.png"] = peaks_figure(response, backbones, peaks)
-    return _written(folder, figures, {"models": models, "warnings": [*response.warnings]}, tables)
+    return _written(folder, figures, {"models": models, "warnings": [*response.notes]}, tables)
 
 
 def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) -> list[str]:

@@ -24,7 +24,7 @@ from skfem_joint.output.record import clear, writing
 from skfem_joint.output.tables import write_csv
 from skfem_joint.scene import Scene
 from skfem_joint.study.error_time import FILES, Report
-from skfem_joint.study.models import Study
+from skfem_joint.study.results import Study
 
 Writer = Callable[[Path], object]
 _log = logging.getLogger(__name__)

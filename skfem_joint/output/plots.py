@@ -19,7 +19,8 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import needed, replacing
 from skfem_joint.joint.patch import Patch
 from skfem_joint.reduction.pod import ProperModes
-from skfem_joint.results.history import hysteresis_loop, steady_state
+from skfem_joint.results.history import hysteresis_loop
+from skfem_joint.runs.last_cycle import steady_state
 from skfem_joint.stepping.recording import Run
 from skfem_joint.study.error_time import RMS, Measured, front
 

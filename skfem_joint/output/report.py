@@ -13,7 +13,7 @@ from skfem_joint.ground.files import replacing
 from skfem_joint.output.tables import text_table
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.stepping.recording import Run
-from skfem_joint.study.models import Study
+from skfem_joint.study.results import Study
 from skfem_joint.study.summary import model_summary
 
 
@@ -88,7 +88,7 @@ def summary(study: Study) -> dict[str, Any]:
         "title": study.scene.title,
         "structure": study.description.values,
         "models": {name: model_summary(study, model) for name, model in study.models.items()},
-        "warnings": list(study.warnings),
+        "warnings": list(study.notes),
     }
 
 

@@ -43,7 +43,7 @@ def columns(swept: Swept, rows: Iterable[Row]) -> dict[str, list[Any]]:
         values = [row.results.get(name) for row in ordered]
         if any(value is not None for value in values):
             table[name] = values
-    table["warnings"] = [" ".join(row.warnings) for row in ordered]
+    table["warnings"] = [" ".join(row.notes) for row in ordered]
     return table | {"failure": [row.failure for row in ordered]}
 
 
@@ -53,7 +53,7 @@ def doubtful(rows: Iterable[Row]) -> dict[str, int]:
     Under the names that they have in ``summary.json``.
     """
     rows = list(rows)
-    warned, unsteady = sum(bool(row.warnings) for row in rows), sum(not row.steady for row in rows)
+    warned, unsteady = sum(bool(row.notes) for row in rows), sum(not row.steady for row in rows)
     return {"scenes_with_warnings": warned, "scenes_not_steady": unsteady}
 
 
@@ -92,7 +92,7 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path, drawn: bool = True) -
     parquet = [folder / "sweep.parquet"] if find_spec("pyarrow") else []
     files = [folder / TABLE, *parquet, *pictures]
     failures = {str(row.number): row.failure for row in rows if row.failure}
-    warnings = {str(row.number): list(row.warnings) for row in rows if row.warnings}
+    warnings = {str(row.number): list(row.notes) for row in rows if row.notes}
     content = {"scenes": len(swept.scenes), "ended": len(rows), "failures": failures}
     content |= {**doubtful(rows), "warnings": warnings}
     with writing(folder, content) as summary:

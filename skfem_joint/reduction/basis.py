@@ -16,56 +16,22 @@ import numpy as np
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.schur import Uncondensed
-from skfem_joint.reduction.elastic_contact import elastic
-from skfem_joint.reduction.friction_points import (
-    NO_FRICTION,
-    few_points,
-    merged_points,
-    shared_points,
-)
+from skfem_joint.reduction.friction_points import few_points, merged_points, shared_points
 from skfem_joint.reduction.pod import ProperModes, orthonormal, thinned
 from skfem_joint.system.system import System
 
-
-@dataclass(frozen=True)
-class BasisSettings:
-    """Numbers of bases and of the reduced systems on them.
-
-    Attributes
-    ----------
-    joint_modes, scaled_modes : int
-        Joint modes if their number is "auto": of a path or run, and of each zone of the paper's.
-    most_times : int
-        Most times of a run that its modes, and the friction points, are made from.
-    merged_per_mode : tuple of int
-        Merged contact points for each vector of the basis: the second and third number are tried
-        while the first loses too much.
-    merged_if_open : tuple of int
-        The same with contact that opens, whose steps cost more for each point.
-    resolved : float
-        Share of the largest slip velocity below which modes of a run do not resolve velocities.
-    decaying : float
-        Factor on the largest steepness where the run does not repeat itself: the structure comes
-        to rest at its end, where a less steep law lets the joint creep.
-    stuck_velocity : float
-        Slip velocity that stands for that of a joint which sticks throughout, m/s.
-    doubtful, wrong : float
-        Share of its history that a basis may miss without a note, and without being refused.
-    """
-
-    joint_modes: int = 12
-    scaled_modes: int = 5
-    most_times: int = 300
-    merged_per_mode: tuple[int, ...] = (3, 6, 12)
-    merged_if_open: tuple[int, ...] = (3, 4, 5, 6, 12)
-    resolved: float = 1e-4
-    decaying: float = 100.0
-    stuck_velocity: float = 1e-3
-    doubtful: float = 0.1
-    wrong: float = 0.5
-
-
-SETTINGS = BasisSettings()
+#: Joint modes if their number is "auto": of a path or run; of the states of a damping curve, or
+#: beside another model, where levels and frequencies are many; of each zone of the paper's.
+JOINT_MODES, MANY_MODES, SCALED_MODES = 12, 24, 5
+#: Most times of a run that its modes, and the friction points, are made from.
+MOST_TIMES = 300
+#: Merged contact points for each vector of the basis: later numbers are tried while the first loses
+#: too much. With contact that opens steps cost more for each point.
+MERGED_PER_MODE, MERGED_IF_OPEN = (3, 6, 12), (3, 4, 5, 6, 12)
+#: Share of the largest slip velocity below which modes of a run do not resolve velocities.
+RESOLVED = 1e-4
+#: Slip velocity that stands for that of a joint which sticks throughout, m/s.
+STUCK_VELOCITY = 1e-3
 
 
 @dataclass(frozen=True)
@@ -105,12 +71,12 @@ class Options:
     def mode_count(self) -> int:
         """Number of joint modes: of each zone with the paper's modes, else in all."""
         if isinstance(self.modes, str):
-            return SETTINGS.scaled_modes if self.reference == "paper" else SETTINGS.joint_modes
+            return SCALED_MODES if self.reference == "paper" else JOINT_MODES
         return self.modes
 
     @property
     def friction(self) -> dict[str, Any]:
-        """Friction points and steepness, as `reduced_system` takes them."""
+        """Friction points and steepness, as `reduced_on` takes them."""
         return {"friction_points": self.friction_points, "beta": self.beta}
 
     @property
@@ -146,7 +112,7 @@ class SlipHistory:
     slip_peak: FloatArray
     active: IntArray
     missed: float = 0.0
-    resolved: float = SETTINGS.resolved
+    resolved: float = RESOLVED
 
 
 @dataclass(frozen=True)
@@ -177,6 +143,10 @@ class Basis:
     stiffness: Uncondensed | None = None
     notes: tuple[str, ...] = ()
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What goes to other processes: all but the stiffness, whose factors cannot."""
+        return {**self.__dict__, "stiffness": None}
+
     @property
     def followed(self) -> FloatArray:
         """Motions of the full system that the joint modes come from, (n, s), scaled."""
@@ -200,7 +170,7 @@ class Basis:
         """
         history, opens = self.history, unmerged.contact.opens
         if count is None:
-            each = SETTINGS.merged_if_open if opens else SETTINGS.merged_per_mode
+            each = MERGED_IF_OPEN if opens else MERGED_PER_MODE
             numbers = [number * unmerged.n for number in each]
         else:
             numbers = [count]
@@ -240,8 +210,15 @@ class Basis:
         )
         return replace(self, V=V, history=history)
 
-    def judged(self, options: Options, notes: list[str], enriched: bool) -> Basis:
-        """The basis with notes about what it misses.
+    def for_decay(self) -> Basis:
+        """The basis for a run that does not repeat itself, whose law of friction is steeper.
+
+        The structure comes to rest at its end, where a less steep law lets the joint creep.
+        """
+        return replace(self, history=replace(self.history, resolved=self.history.resolved / 100.0))
+
+    def judged(self, options: Options, enriched: bool) -> Basis:
+        """The basis with a note about what it misses, if that is more than a tenth.
 
         A basis that misses half of its history raises InputError, unless it is to be ``enriched``
         before it is used: then its notes say so.
@@ -253,16 +230,15 @@ class Basis:
             f"{100 * min(missed, 1.0):.2g} % of the full model's displacement (norm of strain "
             f"energy); use more modes{instead}."
         )
-        if missed > SETTINGS.wrong and not enriched:
+        if missed > 0.5 and not enriched:
             raise InputError(sentence)
+        notes = self.notes
         if options.active_length != "auto" and options.reference != "paper":
-            notes = [
+            notes = (
                 *notes,
                 "reduction.active_length has no effect but beside reference = 'paper'.",
-            ]
-        if missed > SETTINGS.doubtful:
-            notes = [*notes, sentence]
-        return replace(self, notes=tuple(notes))
+            )
+        return replace(self, notes=(*notes, sentence) if missed > 0.1 else notes)
 
 
 @dataclass(frozen=True)
@@ -274,10 +250,19 @@ class Origin:
     system : System
         The full system.
     basis : Basis
+    analyses : tuple of str
+        Those beside its own runs that a reduced model was made for.
+    highest : float
+        Highest level that it was made for in these: a factor on its loads, or of a curve.
+    slips_at : float, optional
+        Of the curve that it was made of, see `Backbone`.
     """
 
     system: System
     basis: Basis
+    analyses: tuple[str, ...] = ()
+    highest: float = np.inf
+    slips_at: float | None = None
 
 
 def basis_of(
@@ -310,7 +295,7 @@ def basis_of(
     """
     V = orthonormal(orthonormal(V, system.M), system.M)  # once leaves what is nearly dependent
     velocities = np.asarray(v @ (system.M @ V))
-    u = thinned(u, SETTINGS.most_times)
+    u = thinned(u, MOST_TIMES)
     followed = np.asarray(u @ (system.M @ V))
     left = u - followed @ V.T
     energies = [float(np.vdot(x, (system.K @ x.T).T)) for x in (left, u)]
@@ -318,68 +303,3 @@ def basis_of(
     points = np.flatnonzero(system.contact.rubs if active is None else active)
     history = SlipHistory(velocities, followed, slip_velocity, slip_peak, points, missed)
     return Basis(V, modes, proper, history)
-
-
-def reduced_system(
-    system: System,
-    basis: Basis,
-    *,
-    friction_points: str | int = "auto",
-    beta: str | float = "auto",
-    periodic: bool = True,
-) -> System:
-    """Reduced system on a basis, with its own friction points and steepness of the law.
-
-    Parameters
-    ----------
-    system : System
-    basis : Basis
-    friction_points : "auto", "all" or int
-        Most friction points; with the paper's modes along lines, of each active zone.
-    beta : "auto" or float
-        Largest steepness of the laws of friction, s/m; a joint whose own law is less steep keeps
-        it. "auto" is what the modes resolve of velocities.
-    periodic : bool
-        Whether the run to come repeats itself; the law of a free decay is steeper.
-
-    Returns
-    -------
-    System
-        Its ``notes`` are those of the system and what to beware of in the reduction, the
-        ``shares`` of its contact say which points of ``system`` each of its own stands for.
-
-    Raises
-    ------
-    InputError
-        If no point carries friction, or less than one friction point is asked for.
-    """
-    if system.contact.count == 0:
-        raise InputError(NO_FRICTION)
-    system = elastic(system)
-    reduced = system.project(basis.V)
-    count = None if isinstance(friction_points, str) else friction_points
-    if count is not None and count < 1:
-        raise InputError(f"reduction.friction_points: found {count}, must be >= 1")
-    if friction_points != "all":
-        reduced = basis.fewer_points(reduced, count)
-    if not isinstance(beta, str):
-        return reduced.no_steeper(beta)
-    velocity = basis.history.slip_velocity or SETTINGS.stuck_velocity
-    share = basis.history.resolved if periodic else basis.history.resolved / SETTINGS.decaying
-    steepest = 1.0 / (share * velocity)
-    notes = reduced.notes
-    if np.any(system.contact.beta[~system.contact.sprung] > steepest) and not np.all(
-        reduced.contact.sprung
-    ):
-        note = (
-            f"The reduced model uses beta = {steepest:.3g} s/m: its modes do not resolve slip "
-            f"velocities below {share:g} of the largest ({velocity:.3g} m/s), where a steeper law "
-            "would differ. Set reduction.beta to choose."
-        )
-        notes = (*notes, note)
-    return replace(reduced.no_steeper(steepest), notes=notes)
-
-
-def notes_of_reduction(system: System, reduced: System) -> tuple[str, ...]:
-    """Notes that `reduced_system` has added to those of the system."""
-    return reduced.notes[len(system.notes) :]

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.values import WHOLE, check
+from skfem_joint.ground.values import POSITIVE, WHOLE, check, check_some
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.basis import Basis, Origin, SlipHistory
@@ -30,7 +30,9 @@ from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import selection
 
 
-def condense(system: System, interface_modes: str | int = "auto") -> System:
+def condense(
+    system: System, interface_modes: str | int = "auto", *, frequency: float | None = None
+) -> System:
     """Condensed model: contact unknowns kept, all else by the method of Craig and Bampton.
 
     It has the contact points that carry friction, each with its own slips as unknowns, so that it
@@ -44,6 +46,9 @@ def condense(system: System, interface_modes: str | int = "auto") -> System:
     interface_modes : "auto" or int
         Number of fixed-interface modes, the lowest ones; "auto": up to three times the loads'
         highest frequency, at least eight. Static responses to the loads stand beside them.
+    frequency : float, optional
+        Takes the place of the loads' highest frequency, Hz: of the modes of a `backbone`, or of a
+        `response`.
 
     Returns
     -------
@@ -57,18 +62,15 @@ def condense(system: System, interface_modes: str | int = "auto") -> System:
         highest frequency is needed and not known.
     """
     check("interface_modes", interface_modes, WHOLE, "auto")
-    basis = condensed_basis(system, interface_modes)
-    return replace(condensed_system(system, basis.V), origin=Origin(system, basis))
+    check_some(POSITIVE, frequency=frequency)
+    basis = _basis(system, interface_modes, frequency)
+    return replace(_projected(system, basis.V), origin=Origin(system, basis))
 
 
-def condensed_basis(
-    system: System, interface_modes: str | int = "auto", highest: float | None = None
-) -> Basis:
+def _basis(system: System, interface_modes: str | int, highest: float | None) -> Basis:
     """Constraint modes, in the order of the slip rows, then fixed-interface modes and responses.
 
     The basis is not orthonormal: its first coordinates are the slips. Its history is empty.
-    Parameters and errors are those of `condense`; ``highest`` (Hz) takes the place of the highest
-    frequency of the loads.
     """
     if system.contact.count == 0 and not system.contact.opens:
         raise InputError(NO_FRICTION.replace("reduced", "condensed"))
@@ -83,7 +85,7 @@ def condensed_basis(
     if rest.size:
         K, M = (sparse.csr_array(A)[rest] for A in (inner.K, inner.M))
         M_rest = M[:, rest]
-        K_rest = K[:, rest] + shifts.SETTINGS.least * inner.mean_square_frequency * M_rest
+        K_rest = K[:, rest] + shifts.LEAST * inner.mean_square_frequency * M_rest
         solve, coupling = factorised(sparse.csc_array(K_rest)), sparse.csc_array(K[:, kept])
         block = 64  # constraint modes that are solved for at once
         for k in range(0, kept.size, block):
@@ -129,7 +131,7 @@ def _fixed_interface(
     return up_to(restricted, highest)
 
 
-def condensed_system(system: System, V: FloatArray) -> System:
+def _projected(system: System, V: FloatArray) -> System:
     """Projection on a condensed basis ``V`` (n, j)."""
     inner = carrying(system)
     small = slips_picked(inner.project(V))

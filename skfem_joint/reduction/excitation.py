@@ -39,6 +39,14 @@ class ShortRuns:
 SHORT_RUNS = ShortRuns()
 
 
+def repeats(system: System, duration: float | None = None) -> bool:
+    """Whether all loads repeat together within a duration, s, or ever."""
+    period = common_period(load.amplitude for load in system.loads)
+    if period is None or any(load.amplitude.period is None for load in system.loads):
+        return False
+    return duration is None or duration >= period
+
+
 @dataclass(frozen=True)
 class Excitation:
     """Loads that act in a run to come, each scaled to an amplitude of one at its peak.
@@ -66,10 +74,9 @@ class Excitation:
     @staticmethod
     def of(system: System, plan: Plan) -> Excitation:
         """Loads of a system that act in a run; InputError if there is none."""
-        period = common_period(load.amplitude for load in system.loads)
-        repeat = all(load.amplitude.period is not None for load in system.loads)
-        if period is None or not repeat or plan.duration < period:
-            period = None
+        period = None
+        if repeats(system, plan.duration):
+            period = common_period(load.amplitude for load in system.loads)
         steps = plan.n_steps
         if period is not None:
             steps = min(steps, round(2.0 * period / plan.step))

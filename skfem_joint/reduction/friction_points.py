@@ -29,7 +29,6 @@ each other in the training are left out.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -44,45 +43,25 @@ NOWHERE = "every joint has zero pressure or zero friction"
 NO_FRICTION = f"models.run: 'reduced' needs friction in a joint; {NOWHERE}. Run 'full' alone."
 
 
-@dataclass(frozen=True)
-class MergingSettings:
-    """Numbers of the search for points that slip alike.
-
-    Attributes
-    ----------
-    many : int
-        Contact points beyond which preliminary and verification runs merge them.
-    merged : int
-        Number of points that these have then. With 600 to 150 points a verification run stated an
-        error of 10 % where 2.7 % was true, with 40 a hundred times the truth.
-    times : int
-        Most times at which slip velocities are compared.
-    directions : int
-        Principal directions of the histories that are kept.
-    rounds : int
-        Most rounds of the iteration for the sets of points.
-    pressed : float
-        Weight of the share of elastic energy that merging loses over that of friction power.
-    near : float
-        Points that are apart at rest are left out if they stay apart by this share of their gap.
-    apart : float
-        Largest share of such points in the number of points; more of them are merged as others.
-    most_lost : float
-        Share of the friction power that merging may lose.
-    """
-
-    many: int = 1000
-    merged: int = 150
-    times: int = 150
-    directions: int = 40
-    rounds: int = 200
-    pressed: float = 3.0
-    near: float = 0.02
-    apart: float = 0.75
-    most_lost: float = 3e-3
-
-
-SETTINGS = MergingSettings()
+#: Contact points beyond which preliminary and verification runs merge them.
+MANY = 1000
+#: Number of points that these have then. With 600 to 150 points a verification run stated an
+#: error of 10 % where 2.7 % was true, with 40 a hundred times the truth.
+MERGED = 150
+#: Most times at which slip velocities are compared.
+TIMES = 150
+#: Principal directions of the histories that are kept.
+DIRECTIONS = 40
+#: Most rounds of the iteration for the sets of points.
+ROUNDS = 200
+#: Weight of the share of elastic energy that merging loses over that of friction power.
+PRESSED = 3.0
+#: Points that are apart at rest are left out if they stay apart by this share of their gap.
+NEAR = 0.02
+#: Largest share of such points in the number of points; more of them are merged as others.
+APART = 0.75
+#: Share of the friction power that merging may lose.
+MOST_LOST = 0.003
 
 
 def friction_lost(
@@ -100,7 +79,7 @@ def friction_lost(
     velocities, displacements : ndarray, shape (times, n)
         Of the unknowns; with contact that opens limits are means over these displacements.
     """
-    rates = thinned(velocities, SETTINGS.times)
+    rates = thinned(velocities, TIMES)
     powers = []
     for system in (unmerged, merged):
         speeds = system.contact.slip_norm(rates @ np.asarray(system.contact.B).T)
@@ -122,7 +101,7 @@ def few_points(
     """
     for count in numbers:
         merged = merged_points(unmerged, velocities, points, count, displacements)
-        if friction_lost(unmerged, merged, velocities, displacements) <= SETTINGS.most_lost:
+        if friction_lost(unmerged, merged, velocities, displacements) <= MOST_LOST:
             break
     return merged
 
@@ -162,7 +141,7 @@ def merged_points(
     states = _States.of(system, displacements)
     units = _Units.of(system, points, states, count)
     sets = units.sets
-    histories = units.histories(system, states, thinned(velocities, SETTINGS.times), sets)
+    histories = units.histories(system, states, thinned(velocities, TIMES), sets)
     weights = [units.weight[members] for members in sets]
     single = np.array([units.alone[members[0]] for members in sets])
     power = np.array([w @ (x * x).sum(axis=1) for w, x in zip(weights, histories, strict=True)])
@@ -243,7 +222,7 @@ class _States(NamedTuple):
         """States of a system whose contact that opens has a stiffness."""
         normal, u = system.contact.normal, np.zeros((1, system.n))
         if displacements is not None:
-            u = np.vstack([u, thinned(displacements, SETTINGS.times)])
+            u = np.vstack([u, thinned(displacements, TIMES)])
         reach = normal.force / normal.stiffness - normal.gaps(u)
         limits = system.contact.limits(normal.elastic_forces(u).mean(axis=0))
         # Those of points that are pressed at no time are not zero, as they are weights.
@@ -283,7 +262,7 @@ class _Units(NamedTuple):
         partner = np.full(pressing.size, -1)
         partner[pairs] = gain.indices[gain.indptr[pairs]]
         pressed = normal.force > 0.0
-        touches = pressed | (states.reach.max(axis=0) + SETTINGS.near * normal.gap >= 0.0)
+        touches = pressed | (states.reach.max(axis=0) + NEAR * normal.gap >= 0.0)
         # The number -1 stands for none, and takes what is appended.
         left = np.where(np.append(touches, False)[partner], partner, -1)
         kept = contact.rubs & ((left == partner) | (contact.given > 0.0))
@@ -294,7 +273,7 @@ class _Units(NamedTuple):
         slides, presses = slider >= 0, presser >= 0
         links = np.where(slides, np.append(pressing, 0)[slider], np.append(limited, 0)[presser])
         apart = presses & ~np.append(pressed, False)[presser]
-        few = np.count_nonzero(apart) <= SETTINGS.apart * count
+        few = np.count_nonzero(apart) <= APART * count
         alone = (links > 0) & ~(slides & presses) | (apart & few)
         slopes = np.where(slides & presses, np.append(gain.sum(axis=1), 0.0)[slider], 0.0)
         slopes = np.round(slopes / (slopes.max(initial=0.0) or 1.0), 9)
@@ -330,7 +309,7 @@ class _Units(NamedTuple):
             moved = over - over.sum(axis=1, keepdims=True) / len(states.reach)
             for k, part in enumerate((x, moved)):
                 lost[k] += float(self.weight[members] @ (part * part).sum(axis=1))
-        scale = np.sqrt(SETTINGS.pressed * lost[0] / lost[1]) if min(lost) > 0.0 else 1.0
+        scale = np.sqrt(PRESSED * lost[0] / lost[1]) if min(lost) > 0.0 else 1.0
         parts = zip(slips, presses, strict=True)
         return [_along_axes(np.hstack([x, scale * over])) for x, over in parts]
 
@@ -377,7 +356,7 @@ def _slips(system: System, velocities: FloatArray, points: IntArray) -> FloatArr
 def _along_axes(x: FloatArray) -> FloatArray:
     """Coordinates (m, d) in their principal axes, those that count."""
     axes = np.linalg.eigh(x.T @ x)[1]
-    return np.asarray(x @ axes[:, -SETTINGS.directions :])
+    return np.asarray(x @ axes[:, -DIRECTIONS:])
 
 
 def partition(x: FloatArray, weight: FloatArray, count: int) -> IntArray:
@@ -410,7 +389,7 @@ def partition(x: FloatArray, weight: FloatArray, count: int) -> IntArray:
             break
         starts.append(int(np.argmax(distance)))
     centres, label, near = x[starts], np.full(len(x), -1), np.empty((len(x), len(starts)))
-    for _ in range(SETTINGS.rounds):
+    for _ in range(ROUNDS):
         old = label
         np.matmul(x, centres.T, out=near)
         near -= 0.5 * (centres * centres).sum(axis=1)

@@ -41,56 +41,32 @@ if TYPE_CHECKING:
     from skfem_joint.slow.quasi_static import QuasiStatic
 
 
-@dataclass(frozen=True)
-class InterfaceSettings:
-    """Numbers by which fixed-interface modes are chosen.
-
-    Attributes
-    ----------
-    least_driven : float
-        Share in the response, relative to the static one, from which on a driven mode counts in the
-        preliminary model of the static path.
-    most_driven : int
-        Most driven modes of the preliminary model.
-    tolerance : float
-        Relative accuracy of driven modes; that of their frequencies is its square.
-    least_beside : float
-        Share in the response, relative to the static one, beyond what other modes follow.
-    few_beside, modes_for_one : int
-        With "auto" at most max(few_beside, joint modes // modes_for_one) modes stand beside the
-        joint modes of the static path.
-    candidates : int
-        Lowest modes of which `participating` chooses.
-    least_participating : float
-        Least share of a candidate, over the largest: the lowest modes of a plate bend it,
-        which a pull does not excite.
-    times_fastest : float
-        `participating` takes modes up to this many times the loads' highest frequency.
-    least_count, unknown_count : int
-        Fewest modes that it takes, and their number if no load has a known frequency.
-    times_highest : float
-        Condensed models have the modes up to this many times the loads' highest frequency. 1.5 to 2
-        is usual for linear structures; friction adds odd harmonics, of which the third counts.
-    least_up_to : int
-        Fewest modes of a condensed model.
-    """
-
-    least_driven: float = 4e-3
-    most_driven: int = 20
-    tolerance: float = 1e-6
-    least_beside: float = 1e-2
-    few_beside: int = 2
-    modes_for_one: int = 6
-    candidates: int = 40
-    least_participating: float = 1e-4
-    times_fastest: float = 2.0
-    least_count: int = 2
-    unknown_count: int = 4
-    times_highest: float = 3.0
-    least_up_to: int = 8
-
-
-SETTINGS = InterfaceSettings()
+#: Share in the response, relative to the static one, from which on a driven mode counts in the
+#: preliminary model of the static path.
+LEAST_DRIVEN = 0.004
+#: Most driven modes of the preliminary model.
+MOST_DRIVEN = 20
+#: Relative accuracy of driven modes; that of their frequencies is its square.
+TOLERANCE = 1e-06
+#: Share in the response, relative to the static one, beyond what other modes follow.
+LEAST_BESIDE = 0.01
+#: With "auto" at most max(few_beside, joint modes // modes_for_one) modes stand beside the joint
+#: modes of the static path.
+FEW_BESIDE, MODES_FOR_ONE = 2, 6
+#: Lowest modes of which `participating` chooses.
+CANDIDATES = 40
+#: Least share of a candidate, over the largest: the lowest modes of a plate bend it, which a pull
+#: does not excite.
+LEAST_PARTICIPATING = 0.0001
+#: `participating` takes modes up to this many times the loads' highest frequency.
+TIMES_FASTEST = 2.0
+#: Fewest modes that it takes, and their number if no load has a known frequency.
+LEAST_COUNT, UNKNOWN_COUNT = 2, 4
+#: Condensed models have the modes up to this many times the loads' highest frequency. 1.5 to 2 is
+#: usual for linear structures; friction adds odd harmonics, of which the third counts.
+TIMES_HIGHEST = 3.0
+#: Fewest modes of a condensed model.
+LEAST_UP_TO = 8
 
 
 def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_array:
@@ -147,7 +123,7 @@ class RestrictedMotion:
         """Solver of K x = f; rigid motions are held a little."""
         K = self.K
         if is_singular(K):
-            K = shifted(K, self.M, shifts.SETTINGS.least)
+            K = shifted(K, self.M, shifts.LEAST)
         return cast("Callable[[FloatArray], FloatArray]", factorised(K))
 
     def lowest(
@@ -171,7 +147,7 @@ def driven(
     system: System,
     response: FloatArray,
     loads: Excitation,
-    most: int = SETTINGS.most_driven,
+    most: int = MOST_DRIVEN,
     path: QuasiStatic | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Fixed-interface modes by their shares in the response, the largest share first.
@@ -208,13 +184,13 @@ def driven(
     solve = None if path is None else path.stuck(F)
     inertia, strain = system.M @ response, np.sqrt(np.sum(response * (system.K @ response)))
     for count in (max(1, most // 2), most, 2 * most):
-        frequency, shapes = restricted.lowest(count, solve, SETTINGS.tolerance)
+        frequency, shapes = restricted.lowest(count, solve, TOLERANCE)
         omega = np.maximum(2.0 * np.pi * frequency, np.finfo(float).tiny)
         participation = shapes.T @ (F.T @ inertia)
         left = np.sqrt(max(np.sum(response * inertia) - np.sum(participation**2), 0.0))
         # Modes above the last one move by about the acceleration of their drive over omega^2. That
         # has to be negligible; the factor 2 is a margin.
-        if 2.0 * left * loads.fastest**2 <= SETTINGS.least_driven * strain * omega[-1]:
+        if 2.0 * left * loads.fastest**2 <= LEAST_DRIVEN * strain * omega[-1]:
             break
     stop = loads.plan.duration
     stop = stop if loads.period is None else min(stop, SHORT_RUNS.cycles * loads.period)
@@ -237,7 +213,7 @@ def beside(system: System, V: FloatArray, shapes: FloatArray, share: FloatArray)
     W = orthonormal(V, system.M)
     left = shapes - W @ (W.T @ (system.M @ shapes))
     size, whole = (np.einsum("ij,ij->j", x, system.K @ x) for x in (left, shapes))
-    return shapes[:, share * np.sqrt(size / whole) > SETTINGS.least_beside]
+    return shapes[:, share * np.sqrt(size / whole) > LEAST_BESIDE]
 
 
 def participating(
@@ -263,7 +239,7 @@ def participating(
     """
     if count == 0:
         return np.zeros((system.n, 0))
-    most = max(SETTINGS.candidates, 0 if isinstance(count, str) else count)
+    most = max(CANDIDATES, 0 if isinstance(count, str) else count)
     frequency, shapes = restricted.lowest(most)
     size = np.sqrt(np.einsum("ij,ij->j", V, system.M @ V))
     inertia = shapes.T @ (restricted.F.T @ (system.M @ V)) / np.where(size > 0.0, size, 1.0)
@@ -271,23 +247,21 @@ def participating(
     static = (shapes.T @ forces / np.where(moves_freely, np.inf, frequency)[:, np.newaxis]) ** 2
     whole = static.sum(axis=0)
     share = (inertia**2).sum(axis=1) + (static / np.where(whole > 0.0, whole, 1.0)).sum(axis=1)
-    counting = np.flatnonzero(
-        moves_freely | (share > SETTINGS.least_participating * share.max(initial=0.0))
-    )
+    counting = np.flatnonzero(moves_freely | (share > LEAST_PARTICIPATING * share.max(initial=0.0)))
     if isinstance(count, str):
         fastest = [f for load in system.loads if (f := load.amplitude.highest_frequency)]
-        below = frequency[counting] <= SETTINGS.times_fastest * max(fastest, default=0.0)
-        count = max(SETTINGS.least_count, int(np.count_nonzero(below)))
-        count = count if fastest else SETTINGS.unknown_count
+        below = frequency[counting] <= TIMES_FASTEST * max(fastest, default=0.0)
+        count = max(LEAST_COUNT, int(np.count_nonzero(below)))
+        count = count if fastest else UNKNOWN_COUNT
     return np.asarray(restricted.F @ shapes[:, counting[:count]])
 
 
 def up_to(restricted: RestrictedMotion, highest: float) -> FloatArray:
     """Fixed-interface modes up to three times a frequency (Hz), at least eight of them, (k, j)."""
-    n, count, limit = restricted.K.shape[0], SETTINGS.least_up_to, SETTINGS.times_highest * highest
+    n, count, limit = restricted.K.shape[0], LEAST_UP_TO, TIMES_HIGHEST * highest
     while True:
         frequency, shapes = restricted.lowest(count)
         if count >= n or frequency[-1] > limit:
             below = int(np.count_nonzero(frequency <= limit))
-            return shapes[:, : max(SETTINGS.least_up_to, below)]
+            return shapes[:, : max(LEAST_UP_TO, below)]
         count *= 2

@@ -40,6 +40,6 @@ def joint_slides(system: System) -> FloatArray:
     rest = np.setdiff1d(np.arange(inner.n), kept)
     if rest.size:
         K, M = (sparse.csr_array(A)[rest] for A in (inner.K, inner.M))
-        K_rest = K[:, rest] + shifts.SETTINGS.least * inner.mean_square_frequency * M[:, rest]
+        K_rest = K[:, rest] + shifts.LEAST * inner.mean_square_frequency * M[:, rest]
         X[rest] = -factorised(sparse.csc_array(K_rest))(np.asarray(K[:, kept] @ U))
     return to.outer(X.T).T

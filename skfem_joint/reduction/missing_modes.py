@@ -40,38 +40,21 @@ from skfem_joint.runs.friction_along import friction_along
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system.system import System
 
-
-@dataclass(frozen=True)
-class ResidualSettings:
-    """Numbers of the search for missing modes.
-
-    Attributes
-    ----------
-    instants : int
-        Instants of a run at which its residual is computed.
-    sets : int
-        Sets of instants at which friction holds points alike: a matrix is factorised for each.
-    rate : float
-        Rate at which the springs of friction answer, over the rate of the instants.
-    least_spring : float
-        Smallest spring, over the largest.
-    negligible : float
-        Singular values below this share of the largest are left out.
-    """
-
-    instants: int = 100
-    sets: int = 10
-    rate: float = 10.0
-    least_spring: float = 1e-6
-    negligible: float = 1e-8
-
-
-SETTINGS = ResidualSettings()
+#: Instants of a run at which its residual is computed.
+INSTANTS = 100
+#: Sets of instants at which friction holds points alike: a matrix is factorised for each.
+SETS = 10
+#: Rate at which the springs of friction answer, over the rate of the instants.
+RATE = 10.0
+#: Smallest spring, over the largest.
+LEAST_SPRING = 1e-06
+#: Singular values below this share of the largest are left out.
+NEGLIGIBLE = 1e-08
 
 
 def stride(n_steps: int, cycle_steps: int | None) -> int:
     """Steps between the instants of a run, so that these meet many phases of a cycle."""
-    every = max(1, n_steps // SETTINGS.instants)
+    every = max(1, n_steps // INSTANTS)
     while cycle_steps is not None and every > 1 and gcd(every, cycle_steps) > 1:
         every += 1
     return every
@@ -171,7 +154,7 @@ class Residual:
         force += (system.contact.B @ R).T / np.where(squares > 0.0, squares, 1.0)
         slope = law.force_slope(system.contact.slip_norm(slip), self._beta(run))
         slope[system.contact.slip_norm(force) > system.contact.w] = 0.0
-        rate = SETTINGS.rate / (run.field_times[1] - run.field_times[0])
+        rate = RATE / (run.field_times[1] - run.field_times[0])
         springs = system.contact.w * slope * rate
         if system.contact.has_springs:
             stretched = np.where(
@@ -186,9 +169,9 @@ class Residual:
         right, still = whole.restrict(np.ascontiguousarray(R))
         yield whole.extend(self._free(right), still)
         springs = self._springs(V, run, R)
-        least = SETTINGS.least_spring * max(float(springs.max(initial=0.0)), 1e-300)
+        least = LEAST_SPRING * max(float(springs.max(initial=0.0)), 1e-300)
         springs = np.log(np.maximum(springs, least))
-        kinds = fclusterdata(springs, SETTINGS.sets, "maxclust", method="ward")
+        kinds = fclusterdata(springs, SETS, "maxclust", method="ward")
         x = np.zeros_like(right)
         for kind in np.unique(kinds):
             alike = np.flatnonzero(kinds == kind)
@@ -221,6 +204,6 @@ class Residual:
         M, stiffness, wide = self.system.M, self._stiffness, V
         motions = [(X, most // 2) for X in self._responses(V, run)]
         for X, more in (*motions, (known, most)):
-            new = modes_beyond(wide, X, M, stiffness, SETTINGS.negligible, more)
+            new = modes_beyond(wide, X, M, stiffness, NEGLIGIBLE, more)
             wide = np.hstack([wide, new])
         return wide[:, V.shape[1] :]

@@ -9,7 +9,7 @@ That sum is σ²_(r+1) + ... + σ²_s: the squares of the singular values that a
 smallest r with Σ_(k>r) σ²_k <= ε² Σ_k σ²_k represents the snapshots to the relative error ε.
 
 This module does not choose r. The number of modes is given (``modes``; by default
-`skfem_joint.reduction.basis.BasisSettings.joint_modes`), less those of the static path whose
+`skfem_joint.reduction.basis.JOINT_MODES`), less those of the static path whose
 singular values are below 1e-7 of the largest. It is judged afterwards by the share of the
 displacements that the whole basis cannot follow, `SlipHistory.missed`: above a tenth `Basis.judged`
 adds a note, above one half it refuses the basis. The proper values in percent of Table 1 are shown
@@ -193,7 +193,7 @@ def inner_matrix(system: System, name: str, u: FloatArray, v: FloatArray) -> Mat
     if name == "mass":
         return system.M
     square = np.vdot(v, (system.M @ v.T).T) / np.vdot(u, (system.M @ u.T).T)
-    least = shifts.SETTINGS.least * system.mean_square_frequency
+    least = shifts.LEAST * system.mean_square_frequency
     return system.K + max(1e-3 * square, least) * system.M
 
 

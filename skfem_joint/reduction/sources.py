@@ -8,24 +8,34 @@ paper's scaled modes have a folder of their own, `skfem_joint.reduction.scaled`.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.reduction import basis as bases
+from skfem_joint.ground.errors import InputError
 from skfem_joint.reduction import static_path
-from skfem_joint.reduction.basis import Basis, Options, basis_of
-from skfem_joint.reduction.elastic_contact import check_reference, elastic, strain_norm
-from skfem_joint.reduction.excitation import SHORT_RUNS
-from skfem_joint.reduction.interface_modes import SETTINGS, RestrictedMotion, beside, driven
+from skfem_joint.reduction.basis import MANY_MODES, MOST_TIMES, Basis, Options, basis_of
+from skfem_joint.reduction.elastic_contact import elastic, states_of_cycles, strain_norm
+from skfem_joint.reduction.interface_modes import (
+    FEW_BESIDE,
+    MODES_FOR_ONE,
+    RestrictedMotion,
+    beside,
+    driven,
+)
 from skfem_joint.reduction.joint_slides import joint_slides
-from skfem_joint.reduction.pod import proper_decomposition, proper_modes, stride_of, thinned
+from skfem_joint.reduction.pod import (
+    orthonormal,
+    proper_decomposition,
+    proper_modes,
+    stride_of,
+    thinned,
+)
 from skfem_joint.reduction.static_path import StaticPath, slip_path
-from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.reduction.stuck import Stuck
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.recording import Run
 from skfem_joint.system.system import System
 
 if TYPE_CHECKING:
@@ -35,105 +45,98 @@ if TYPE_CHECKING:
 _LEAST_SINGULAR = 1e-7
 
 
-def make_basis(
-    system: System,
-    options: Options,
-    plan: Plan,
-    *,
-    enriched: bool = False,
-    path: QuasiStatic | None = None,
+class ModeStates(Protocol):
+    """A damping curve of one mode, as far as a basis needs it: see `Backbone`."""
+
+    @property
+    def mode(self) -> int:
+        """Its number, from 1."""
+
+    @property
+    def shape(self) -> FloatArray:
+        """Mode with the contact stuck, (n,), kg^(-1/2)."""
+
+    @property
+    def stuck_frequency(self) -> float:
+        """Its frequency, Hz."""
+
+    @property
+    def level(self) -> FloatArray:
+        """Rising levels, (levels,)."""
+
+    @property
+    def slips_at(self) -> float:
+        """Level at which the first joint slips as a whole."""
+
+    @property
+    def share(self) -> FloatArray:
+        """Share of the friction limits whose points slip, (levels,)."""
+
+    @property
+    def states(self) -> FloatArray:
+        """Displacements, (levels, n), m."""
+
+    @property
+    def loops(self) -> FloatArray:
+        """Increments of displacement along half cycles, (increments, n), m."""
+
+
+def path_basis(
+    system: System, options: Options, plan: Plan, path: QuasiStatic | None = None
 ) -> Basis:
-    """Basis of a system by its options; makes the path or run that it needs.
+    """Basis of a system's static slip path under the loads of a run to come, see `static_basis`.
 
     Parameters
     ----------
     system : System
     options : Options
-        With the reference "static" or "self".
     plan : Plan
         Steps of the run to come.
-    enriched : bool
-        Whether the basis gets more vectors before it is used: then it is not refused if it misses
-        too much.
     path : QuasiStatic, optional
         A quasi-static path of the system, whose factors are used.
-
-    Returns
-    -------
-    Basis
-        Its ``notes`` say what to beware of.
 
     Raises
     ------
     InputError
-        If nothing moves, the modes do not fit, or the basis misses too much.
+        If nothing moves, or slip rows depend on each other.
+    ConvergenceError
+        If a state does not converge.
     KeyboardInterrupt
         If a run is interrupted.
     """
-    notes: list[str] = []
-    system = elastic(system)
-    check_reference(system, options.reference)
-    modes, interface = options.mode_count, options.interface_modes
-    if options.reference == "self":
-        cycles = plan if plan.cycle_steps is None else plan.first(SHORT_RUNS.training_cycles)
-        training = replace(cycles, save=Save(fields=True, points=False), cycle_steps=None)
-        try:
-            run = integrate_plan(system, training).finished()
-        except ConvergenceError as error:  # without the states of this run, which is no result
-            raise ConvergenceError(str(error), error.unknown) from error
-        decomposed = {"snapshots": options.snapshots, "inner_product": options.product}
-        basis = own_basis(system, run, modes, interface_modes=interface, **decomposed)
-    elif options.reference == "static":
-        slipped = slip_path(system, plan, modes, path)
-        new = slipped.newly_slipping
-        if new > static_path.SETTINGS.newly_slipping:
-            notes.append(
-                f"The slip went on growing while the modes were made: {100 * new:.2g} % "
-                "of what slips at last stuck in the round before. Use more modes and see whether "
-                "the result stays, or take reference = 'self'."
-            )
-        basis = static_basis(system, slipped, modes, interface)
-    else:
-        raise InputError(
-            f"reduction.reference: found {options.reference!r}, must be 'static', 'self' or 'paper'"
-        )
-    return basis.judged(options, notes, enriched)
+    modes = options.mode_count
+    slipped = slip_path(system, plan, modes, path)
+    basis = static_basis(system, slipped, modes, options.interface_modes)
+    new = slipped.newly_slipping
+    if new <= static_path.NEWLY_SLIPPING:
+        return basis
+    note = (
+        f"The slip went on growing while the modes were made: {100 * new:.2g} % "
+        "of what slips at last stuck in the round before. Use more modes and see whether "
+        "the result stays, or take reference = 'self'."
+    )
+    return replace(basis, notes=(*basis.notes, note))
 
 
-def own_basis(
-    system: System,
-    run: Run,
-    modes: int,
-    *,
-    snapshots: str = "both",
-    inner_product: str = "energy",
-    interface_modes: str | int = "auto",
-) -> Basis:
+def own_basis(system: System, run: Run, options: Options) -> Basis:
     """Proper orthogonal modes of a system's own run with stored fields, of at most 300 times.
 
-    Parameters
-    ----------
-    system : System
-    run : Run
-    modes : int
-    snapshots, inner_product : str
-        See `skfem_joint.reduction.pod`.
-    interface_modes : "auto" or int
-        Fixed-interface modes beside them, the lowest; "auto": none.
+    Fixed-interface modes beside them are the lowest, none if their number is "auto".
 
     Raises
     ------
     InputError
         If nothing moves in the run, or its snapshots make fewer modes than asked for.
     """
-    every = stride_of(len(run.u), bases.SETTINGS.most_times)
-    proper = proper_modes(run, snapshots=snapshots, inner_product=inner_product, every=every)
+    every, modes = stride_of(len(run.u), MOST_TIMES), options.mode_count
+    decomposed = {"snapshots": options.snapshots, "inner_product": options.product}
+    proper = proper_modes(run, every=every, **decomposed)
     if not 1 <= modes <= proper.modes.shape[1]:
         raise InputError(
             f"reduction.modes: found {modes}, must be from 1 to {proper.modes.shape[1]}, which "
             "the snapshots of the run can make"
         )
-    V = proper.modes[:, :modes]
+    V, interface_modes = proper.modes[:, :modes], options.interface_modes
     if not isinstance(interface_modes, str) and interface_modes > 0:
         restricted = RestrictedMotion.of(system)
         if restricted.F.shape[1]:
@@ -175,7 +178,7 @@ def static_basis(
     counting = proper.singular_values > _LEAST_SINGULAR * proper.singular_values[0]
     modes = min(modes, int(np.count_nonzero(counting)))
     V = np.hstack([proper.modes[:, :modes], path.response, path.rigid])
-    automatic = max(SETTINGS.few_beside, modes // SETTINGS.modes_for_one)
+    automatic = max(FEW_BESIDE, modes // MODES_FOR_ONE)
     automatic *= not path.loads.plan.quasi_static  # nothing vibrates
     count = automatic if isinstance(interface, str) else interface
     shapes, share = path.interface[:, :count], path.share[:count]
@@ -199,7 +202,7 @@ def static_basis(
     )
     # Its history has the coordinates of the preliminary basis: from these to those of the run.
     displacements, velocities = (
-        thinned(x, bases.SETTINGS.most_times) @ basis.history.velocities for x in (run.u, run.v)
+        thinned(x, MOST_TIMES) @ basis.history.velocities for x in (run.u, run.v)
     )
     history = replace(
         basis.history, velocities=velocities, displacements=displacements, resolved=1e-5
@@ -207,24 +210,36 @@ def static_basis(
     return replace(basis, history=history, stiffness=path.stiffness)
 
 
-def stuck_basis(
-    system: System, stuck: FloatArray, u: FloatArray, v: FloatArray, modes: int, frequency: float
-) -> Basis:
-    """Modes with the contact stuck, and proper orthogonal modes of what slips beside them.
+def mode_basis(system: System, curve: ModeStates, options: Options) -> Basis:
+    """Modes with the contact stuck, and proper orthogonal modes of what slips on a damping curve.
 
-    Parameters
-    ----------
-    system : System
-    stuck : ndarray, shape (n, k)
-        Modes with the contact stuck, orthonormal in mass.
-    u, v : ndarray, shape (levels, n)
-        States and their increments, m. Each counts as much as the others, however far it slips;
-        points that slip alike in the increments may be merged.
-    modes : int
-        Number of proper orthogonal modes.
-    frequency : float
-        Highest frequency of the slips, Hz.
+    Each state of the curve counts as much as the others, however far it slips. With contact that
+    opens these are states of slow cycles of elastic contact at three of the levels, and rigid
+    motions that contact and friction alone hold stand beside them. Modes of the stuck structure are
+    those up to two beyond the mode, unless the options say how many.
+
+    Raises
+    ------
+    InputError
+        If nothing slips on the curve.
+    ConvergenceError
+        If a state of a cycle with contact that opens does not converge.
     """
+    if not np.any(curve.share):
+        raise InputError(
+            f"backbone: mode {curve.mode}: nothing slips at any level, so that there is nothing to "
+            "reduce; set up_to higher, or run 'full' alone"
+        )
+    modes = MANY_MODES if isinstance(options.modes, str) else options.modes
+    beyond = 2 if isinstance(options.interface_modes, str) else options.interface_modes
+    stuck = Stuck(system.closed()).modes(curve.mode + beyond)[1]
+    u, v = curve.states, curve.loops
+    if system.contact.opens:
+        stuck, force = system.contact.normal.closed_motions() @ stuck, system.M @ curve.shape
+        system = elastic(system)
+        some = np.unique(np.linspace(0, curve.level.size - 1, 3).round().astype(np.intp))
+        u, v, rigid = states_of_cycles(system, force, curve.level[some])
+        stuck = orthonormal(np.hstack([stuck, rigid]), system.M)
     slips = np.vstack([u, v])
     slips = slips - (slips @ (system.M @ stuck)) @ stuck.T
     size = np.sqrt(np.maximum(np.einsum("ij,ij->i", slips, (system.K @ slips.T).T), 0.0))
@@ -233,7 +248,7 @@ def stuck_basis(
     proper = proper_decomposition(slips, strain_norm(system))
     V = np.hstack([stuck, proper.modes[:, :modes]])
     slip_peak = system.contact.slip_norm((system.contact.B @ u.T).T).max(axis=0)
-    velocity = 2.0 * np.pi * frequency * float(slip_peak.max())
+    velocity = 2.0 * np.pi * curve.stuck_frequency * float(slip_peak.max())
     return basis_of(
         system, V, modes, proper, u=u, v=slips, slip_peak=slip_peak, slip_velocity=velocity
     )

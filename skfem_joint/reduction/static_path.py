@@ -42,57 +42,31 @@ if TYPE_CHECKING:
     from skfem_joint.slow.quasi_static import QuasiStatic
 
 
-@dataclass(frozen=True)
-class PathSettings:
-    """Numbers of the static slip path.
-
-    Attributes
-    ----------
-    first_levels, second_levels : int
-        Load levels of the first and of the second path where one harmonic acts.
-    first_beyond, second_beyond : float
-        Highest level of these paths, relative to the load's peak.
-    period_levels, start_levels, run_levels : int
-        Levels of paths through time: in 1.25 periods, in the time before the last of these, and in
-        a run whose loads do not repeat.
-    increments : float
-        Weight of the increments of a path through time, relative to that of its states.
-    growing : float
-        The preliminary run goes on while the strain energy of its last period exceeds that of
-        earlier ones by this factor.
-    most_cycles : int
-        Most periods of the preliminary run.
-    rounds : int
-        Most rounds of preliminary run and second path.
-    newly_slipping : float
-        Largest share of the points that slip on a second path, by friction limits, that may have
-        stuck on all paths before.
-    modes : int
-        Joint modes of the preliminary model.
-    resolved : float
-        The preliminary model's law is no steeper than this over the slip velocity, s/m.
-    slow : float
-        Slip velocity below which that does not grow, m/s.
-    """
-
-    first_levels: int = 6
-    second_levels: int = 12
-    first_beyond: float = 1.12
-    second_beyond: float = 1.05
-    period_levels: int = 50
-    start_levels: int = 16
-    run_levels: int = 100
-    increments: float = 3.0
-    growing: float = 1.05
-    most_cycles: int = 64
-    rounds: int = 3
-    newly_slipping: float = 0.1
-    modes: int = 14
-    resolved: float = 1e4
-    slow: float = 1e-3
-
-
-SETTINGS = PathSettings()
+#: Load levels of the first and of the second path where one harmonic acts.
+FIRST_LEVELS, SECOND_LEVELS = 6, 12
+#: Highest level of these paths, relative to the load's peak.
+FIRST_BEYOND, SECOND_BEYOND = 1.12, 1.05
+#: Levels of paths through time: in 1.25 periods, in the time before the last of these, and in a
+#: run whose loads do not repeat.
+PERIOD_LEVELS, START_LEVELS, RUN_LEVELS = 50, 16, 100
+#: Weight of the increments of a path through time, relative to that of its states.
+INCREMENTS = 3.0
+#: The preliminary run goes on while the strain energy of its last period exceeds that of earlier
+#: ones by this factor.
+GROWING = 1.05
+#: Most periods of the preliminary run.
+MOST_CYCLES = 64
+#: Most rounds of preliminary run and second path.
+ROUNDS = 3
+#: Largest share of the points that slip on a second path, by friction limits, that may have stuck
+#: on all paths before.
+NEWLY_SLIPPING = 0.1
+#: Joint modes of the preliminary model.
+MODES = 14
+#: The preliminary model's law is no steeper than this over the slip velocity, s/m.
+RESOLVED = 10000.0
+#: Slip velocity below which that does not grow, m/s.
+SLOW = 0.001
 
 
 @dataclass(frozen=True)
@@ -189,10 +163,10 @@ def slip_path(
     every = system.contact.w > 0.0
     slides = bool(slipping[every].all()) or system.contact.opens
     beside, interface, share = _beside(system, response, loads, path)
-    counting = interface[:, share > interface_modes.SETTINGS.least_driven]
+    counting = interface[:, share > interface_modes.LEAST_DRIVEN]
     rigid, energy = path.to.outer(path.rigid.T).T, strain_norm(system)
-    for _ in range(SETTINGS.rounds):
-        joint = proper_decomposition(_scaled(snapshots), energy).modes[:, : SETTINGS.modes]
+    for _ in range(ROUNDS):
+        joint = proper_decomposition(_scaled(snapshots), energy).modes[:, :MODES]
         V = orthonormal(np.hstack([joint, beside, rigid, counting]), system.M)
         run = _preliminary(system, V, loads, snapshots[-1])
         steps += run.counters.steps
@@ -204,10 +178,10 @@ def slip_path(
             system.contact.w[now & ~slipping].sum() / max(system.contact.w[now].sum(), 1e-300)
         )
         slides |= bool(now[every].all())
-        if newly_slipping <= SETTINGS.newly_slipping:
+        if newly_slipping <= NEWLY_SLIPPING:
             break
         slipping |= now
-    if _is_monotone(system, loads) and modes > SETTINGS.second_levels:
+    if _is_monotone(system, loads) and modes > SECOND_LEVELS:
         snapshots.append(_in_time(path, loads, driving))
     return StaticPath(
         snapshots=_scaled(snapshots),
@@ -267,18 +241,18 @@ def _first(
     inertia = system.M @ response
     # With contact that opens both ways differ, and more than the load might lift a body off.
     opens = system.contact.opens
-    beyond = 1.0 if opens else SETTINGS.first_beyond
+    beyond = 1.0 if opens else FIRST_BEYOND
     if loads.plan.quasi_static:
         inertia = np.zeros_like(inertia)
     pulse = len(loads.amplitudes) == 1 and loads.period is None
     if not opens and (pulse or loads.is_one_harmonic):
         square = sum((2.0 * np.pi * a.frequency) ** 2 for a in loads.amplitudes[0].harmonics)
-        levels = _levels(SETTINGS.first_levels, beyond)
+        levels = _levels(FIRST_LEVELS, beyond)
         force = loads.vectors[:, 0] + square * inertia[:, 0]
         snapshots = path.follow(levels * force, loads.rise_time * levels[:, 0])
     else:
         whole = loads.plan.duration if loads.period is None else 1.25 * loads.period
-        times = _levels(SETTINGS.period_levels, whole)[:, 0]
+        times = _levels(PERIOD_LEVELS, whole)[:, 0]
         states = path.follow(beyond * loads.forces(times, inertia), times)
         snapshots = _with_increments(states)
     if not np.any(snapshots):
@@ -294,9 +268,9 @@ def _second(
 ) -> tuple[FloatArray, int]:
     """Snapshots (s, n) of the path under the forces of a run, and the number within its peak."""
     if _is_monotone(driving.system, loads):
-        count = SETTINGS.second_levels
+        count = SECOND_LEVELS
         force = driving.at(np.array([np.argmax(np.abs(driving.work(response[:, 0])))]))
-        levels = np.append(_levels(count, 1.0), [[SETTINGS.second_beyond]], axis=0)
+        levels = np.append(_levels(count, 1.0), [[SECOND_BEYOND]], axis=0)
         return path.follow(levels * force, loads.rise_time * levels[:, 0]), count
     snapshots = _in_time(path, loads, driving)
     return snapshots, len(snapshots) // 2
@@ -307,12 +281,12 @@ def _in_time(path: QuasiStatic, loads: Excitation, driving: _Driving) -> FloatAr
     run, K = driving.run, driving.run.system.K
     rows = np.arange(1, len(run.u))
     if loads.period is None:
-        rows = _evenly(run, K, rows, SETTINGS.run_levels)
+        rows = _evenly(run, K, rows, RUN_LEVELS)
     else:
         last = rows[run.times[rows] >= run.times[-1] - 1.25 * loads.period * (1.0 + 1e-9)]
         start = rows[run.times[rows] < run.times[last[0]]]
-        parts = [(start, SETTINGS.start_levels)] if start.size else []
-        parts.append((last, SETTINGS.period_levels))
+        parts = [(start, START_LEVELS)] if start.size else []
+        parts.append((last, PERIOD_LEVELS))
         rows = np.concatenate([_evenly(run, K, *part) for part in parts])
     return _with_increments(path.follow(driving.at(rows), run.times[rows]))
 
@@ -335,7 +309,7 @@ def _levels(count: int, top: float) -> FloatArray:
 
 def _with_increments(path: FloatArray) -> FloatArray:
     """States of a path through time and their differences, which modes must follow too."""
-    return np.vstack([path, SETTINGS.increments * np.diff(path, axis=0, prepend=0.0 * path[:1])])
+    return np.vstack([path, INCREMENTS * np.diff(path, axis=0, prepend=0.0 * path[:1])])
 
 
 def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatArray) -> Run:
@@ -345,13 +319,13 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
     the velocities at which the loads pass through the ``path`` (levels, n). Very many contact
     points are merged as they slip on the path.
     """
-    small, merging = system.project(V), friction_points.SETTINGS
-    if system.contact.count > merging.many:
+    small = system.project(V)
+    if system.contact.count > friction_points.MANY:
         known = path @ (system.M @ V)  # of contact that opens states, and then as many increments
         points, states = np.flatnonzero(system.contact.rubs), known[: len(known) // 2]
-        small = merged_points(small, known, points, merging.merged, states)
+        small = merged_points(small, known, points, friction_points.MERGED, states)
     velocity = float(_slipping(system, path)[1].max()) * loads.fastest
-    steepest = SETTINGS.resolved / max(velocity, SETTINGS.slow)
+    steepest = RESOLVED / max(velocity, SLOW)
     small = small.no_steeper(steepest)
     plan = loads.plan
     step, steps, cycles, most = plan.step, plan.n_steps, 1, 1
@@ -368,8 +342,8 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
         run = integrate_plan(small, whole_run).finished()
         strain = np.einsum("ij,ij->i", run.u[1:] @ small.K, run.u[1:])
         peaks = strain.reshape(cycles, -1).max(axis=1)
-        grows = peaks[-1] > SETTINGS.growing * peaks[:-1].max(initial=0.0)
-        if cycles >= min(most, SETTINGS.most_cycles) or not grows:
+        grows = peaks[-1] > GROWING * peaks[:-1].max(initial=0.0)
+        if cycles >= min(most, MOST_CYCLES) or not grows:
             return run
         cycles = min(2 * cycles, most)
 

@@ -19,10 +19,11 @@ import numpy as np
 
 from skfem_joint.ground.array_files import fingerprint
 from skfem_joint.ground.arrays import FloatArray, as_real
-from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.loads import common_period
 from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_some
 from skfem_joint.runs.resolution import check_jumps, check_resolution, unfit_times
+from skfem_joint.runs.run_notes import notes_of_run, wrong_energy
 from skfem_joint.runs.slow_run import slow_run
 from skfem_joint.steady.correction import Correction
 from skfem_joint.steady.shooting import steady_run
@@ -37,6 +38,10 @@ _log = logging.getLogger(__name__)
 
 #: Largest force residual of a step, relative to its largest force.
 TOLERANCE = 1e-11
+#: What does not go together with cycles.
+BY_CYCLES = (
+    "cycles: must come with steps_per_cycle, and without step, n_steps, duration and cycle_steps"
+)
 # A looser tolerance lets loads that do nothing pass as converged.
 _TOLERANCES = between(0.0, 1e-3, ", relative to the largest force of a step")
 
@@ -108,17 +113,15 @@ def integrate(
     KeyboardInterrupt
         After an interrupt of a run until "steady": a search that has not ended has no result.
     """
-    check_some(POSITIVE, step=step, duration=duration)
-    counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
-    check_some(COUNT, cycle_steps=cycle_steps, **counts)
+    check_some(COUNT, cycle_steps=cycle_steps)
     check_until(until)
-    if cycles is not None or steps_per_cycle is not None:
-        others = (step, n_steps, duration, cycle_steps)
-        cycles = 1 if cycles is None and until == "steady" else cycles
-        step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
-        cycle_steps = steps_per_cycle
-    step, n_steps = _steps(step, n_steps, duration)
-    plan = Plan(step, n_steps, scheme or generalized_alpha(), save or Save(), cycle_steps, until)
+    if cycles is None and steps_per_cycle is not None and until == "steady":
+        cycles = 1
+    if cycles is not None and cycle_steps is not None:
+        raise InputError(BY_CYCLES)
+    h, count = _steps(system, step, n_steps, duration, cycles, steps_per_cycle)
+    cycle_steps = cycle_steps or steps_per_cycle
+    plan = Plan(h, count, scheme or generalized_alpha(), save or Save(), cycle_steps, until)
     _warn_of_times(system, plan)
     run = integrate_plan(
         system,
@@ -128,7 +131,7 @@ def integrate(
         progress=progress,
         checkpoint=checkpoint,
     )
-    for sentence in run.doubts:
+    for sentence in wrong_energy(run):
         _log.warning(sentence)
     return run
 
@@ -169,10 +172,16 @@ def integrate_plan(
         driver.take_up(*saved)
     moved = start if any(np.any(x) for x in start[:3]) else None
     if plan.until == "steady":
-        return replace(steady_run(driver, progress, correction), plan=plan, start=moved)
+        return _noted(steady_run(driver, progress, correction), plan, moved)
     interrupted = driver.run(progress, checkpoint, identity)
     run = driver.finish(system.stored_energy(*start), interrupted)
-    return replace(run, plan=plan, start=moved)
+    return _noted(run, plan, moved)
+
+
+def _noted(run: Run, plan: Plan, start: tuple[FloatArray, ...] | None = None) -> Run:
+    """Run with its plan, what it started from and what to beware of."""
+    run = replace(run, plan=plan, start=start)
+    return replace(run, notes=tuple(dict.fromkeys(notes_of_run(run, plan))))
 
 
 def _quasi_static(
@@ -189,7 +198,12 @@ def _quasi_static(
     if checkpoint is not None:
         raise InputError("checkpoint: a quasi-static run has none; leave it out")
     check_resolution(system, plan)
-    return slow_run(system, plan, tolerance=tolerance, progress=progress)
+    try:
+        return _noted(slow_run(system, plan, tolerance=tolerance, progress=progress), plan)
+    except ConvergenceError as error:
+        if error.run is not None:
+            error.run = _noted(error.run, plan)
+        raise
 
 
 def quasi_static(
@@ -241,14 +255,8 @@ def quasi_static(
         If a number is out of range, the steps are not given in one of the three ways, are too long
         for a load, or store more than memory holds; for reduced models for a range.
     """
-    check_some(POSITIVE, step=step, duration=duration)
-    counts = {"n_steps": n_steps, "cycles": cycles, "steps_per_cycle": steps_per_cycle}
-    check_some(COUNT, **counts)
-    if cycles is not None or steps_per_cycle is not None:
-        others = (step, n_steps, duration)
-        step, n_steps = _by_cycles(system, cycles, steps_per_cycle, others)
-    step, n_steps = _steps(step, n_steps, duration)
-    plan = Plan(step, n_steps, save=save or Save(), cycle_steps=steps_per_cycle, quasi_static=True)
+    h, count = _steps(system, step, n_steps, duration, cycles, steps_per_cycle)
+    plan = Plan(h, count, save=save or Save(), cycle_steps=steps_per_cycle, quasi_static=True)
     _warn_of_times(system, plan)
     return integrate_plan(system, plan, tolerance=tolerance, progress=progress)
 
@@ -259,26 +267,28 @@ def _warn_of_times(system: System, plan: Plan) -> None:
         _log.warning(sentence)
 
 
-def _by_cycles(
-    system: System, cycles: int | None, steps_per_cycle: int | None, others: tuple[Any, ...]
+def _steps(
+    system: System,
+    step: float | None,
+    n_steps: int | None,
+    duration: float | None,
+    cycles: int | None,
+    steps_per_cycle: int | None,
 ) -> tuple[float, int]:
-    """Step and number of steps of a run in cycles."""
-    if cycles is None or steps_per_cycle is None or others != (None,) * len(others):
-        raise InputError(
-            "cycles: must come with steps_per_cycle, and without step, n_steps, duration and "
-            "cycle_steps"
-        )
-    period = common_period(load.amplitude for load in system.loads)
-    if period is None:
-        raise InputError(
-            "cycles: the loads have no common period that is known (only harmonics of commensurate "
-            "frequencies have); give step and n_steps, or duration and step"
-        )
-    return period / steps_per_cycle, cycles * steps_per_cycle
-
-
-def _steps(step: float | None, n_steps: int | None, duration: float | None) -> tuple[float, int]:
-    """Step and number of steps."""
+    """Step and number of steps, given in one of three ways."""
+    check_some(POSITIVE, step=step, duration=duration)
+    check_some(COUNT, n_steps=n_steps, cycles=cycles, steps_per_cycle=steps_per_cycle)
+    if cycles is not None or steps_per_cycle is not None:
+        in_steps = (step, n_steps, duration) != (None, None, None)
+        if cycles is None or steps_per_cycle is None or in_steps:
+            raise InputError(BY_CYCLES)
+        period = common_period(load.amplitude for load in system.loads)
+        if period is None:
+            raise InputError(
+                "cycles: the loads have no common period that is known (only harmonics of "
+                "commensurate frequencies have); give step and n_steps, or duration and step"
+            )
+        return period / steps_per_cycle, cycles * steps_per_cycle
     if step is None or (n_steps is None) == (duration is None):
         raise InputError(
             "integrate: needs step and n_steps, or duration and step, or cycles and steps_per_cycle"

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
 from typing import NamedTuple
@@ -30,45 +29,13 @@ from skfem_joint.system.system import AppliedLoad, System
 PER_PERIOD = 8
 
 
-@dataclass(frozen=True)
-class ResolutionSettings:
-    """Numbers that time steps are judged by.
-
-    Attributes
-    ----------
-    per_rise : int
-        Steps in the rise time of a pulse, or in the duration of a rectangle.
-    per_vibration : int
-        Steps in a period of the free vibration that a jump of the load sets off.
-    samples : int
-        Times at which a load whose largest force is not known is sampled.
-    missed : float
-        Share of the variation of a plain function of time that may be missed between the steps: a
-        harmonic with `PER_PERIOD` steps in its period misses so much.
-    times : tuple of int
-        Fewest and most times at which that is evaluated.
-    halvings : int
-        Halvings of the step that are tried to find one that would do.
-    most_jumps : int
-        Jumps that such a function may have.
-    inside : int
-        Times in a step at which jumps are searched for.
-    brief : float
-        Share of the run below which the times of a table are said to be few.
-    """
-
-    per_rise: int = 2
-    per_vibration: int = 10
-    samples: int = 1001
-    missed: float = 0.06
-    times: tuple[int, int] = (256, 4096)
-    halvings: int = 12
-    most_jumps: int = 4
-    inside: int = 257
-    brief: float = 2e-3
-
-
-SETTINGS = ResolutionSettings()
+# Steps in a period of the free vibration that a jump of the load sets off.
+_PER_VIBRATION = 10
+# Share of the variation of a plain function of time that may be missed between the steps: a
+# harmonic with `PER_PERIOD` steps in its period misses so much.
+_MISSED = 0.06
+# Halvings of the step that are tried to find one that would do.
+_HALVINGS = 12
 
 
 class Bound(NamedTuple):
@@ -95,7 +62,7 @@ class Bound(NamedTuple):
 def check_resolution(system: System, plan: Plan) -> None:
     """See that the step of a plan follows each load; nothing is solved for that.
 
-    Pulses shorter than `ResolutionSettings.per_rise` steps are allowed where the vibration of the
+    Pulses shorter than two steps are allowed where the vibration of the
     loaded unknowns themselves is resolved: the driver ends steps at the pulse's corners, so that
     its momentum is right, and nothing is fast enough to need more. Smooth pulses, whose corners do
     not show their shape, are not. A plain function of time is compared between the steps with the
@@ -138,7 +105,7 @@ def unfit_times(system: System, plan: Plan) -> Iterator[str]:
         first, last = amplitude.span
         ends = amplitude((first, last)) if isinstance(amplitude.shape, Table) else (0.0, 0.0)
         early, late = first < 0.0, last > end * (1.0 + 1e-9)
-        brief = last < SETTINGS.brief * end
+        brief = last < 2e-3 * end  # as of a table in other units of time
         if first >= end or last <= 0.0:
             what = "nothing of it acts in this run"
         elif np.isfinite(last - first) and (early or late):
@@ -193,10 +160,10 @@ def _load_bounds(system: System, duration: float, vibrates: bool = True) -> Iter
             yield Bound(name, 1.0 / frequency / PER_PERIOD, why)
             continue
         rise = 0.5 / frequency
-        most = rise / SETTINGS.per_rise
+        most = rise / 2  # as many steps in it, or in the duration of a rectangle
         if vibrates and not _is_round(amplitude, peak):
             shape = closed().loads[number].vector
-            most = max(most, _period(closed(), shape) / SETTINGS.per_vibration)
+            most = max(most, _period(closed(), shape) / _PER_VIBRATION)
         yield Bound(name, most, f"is too long for a pulse that rises in {rise:.4g} s")
 
 
@@ -210,7 +177,7 @@ def _jump_bounds(system: System, duration: float) -> Iterator[Bound]:
             shape = _static_shape(closed(), peak * closed().loads[number].vector)
             period = _period(closed(), shape)
             why = f"does not follow the vibration of period {period:.4g} s that its jump sets off"
-            most = period / SETTINGS.per_vibration
+            most = period / _PER_VIBRATION
             yield Bound(_name(load), most, why, ", or let the load rise in a ramp")
 
 
@@ -228,7 +195,8 @@ def _acting(system: System, duration: float) -> Iterator[tuple[int, AppliedLoad,
     for number, load in enumerate(system.loads):
         peak = load.amplitude.peak_value
         if peak is None:
-            times = np.linspace(0.0, duration, SETTINGS.samples)
+            # Its largest force is not known.
+            times = np.linspace(0.0, duration, 1001)
             peak = float(np.abs(load.amplitude(times)).max())
         if peak != 0.0 and np.any(load.vector):
             yield number, load, peak
@@ -245,15 +213,15 @@ def _unresolved(system: System, plan: Plan) -> Iterator[str]:
         if load.amplitude.highest_frequency is not None or not np.any(load.vector):
             continue
         missed = _missed(load.amplitude, step, n_steps)
-        if missed <= SETTINGS.missed:
+        if missed <= _MISSED:
             continue
         shorter: float | None = None
-        for parts in (2**k for k in range(1, 1 + SETTINGS.halvings)):
-            if _missed(load.amplitude, step / parts, n_steps * parts) <= SETTINGS.missed:
+        for parts in (2**k for k in range(1, 1 + _HALVINGS)):
+            if _missed(load.amplitude, step / parts, n_steps * parts) <= _MISSED:
                 shorter = step / parts
                 break
         cure = (
-            f"no step down to {step / 2**SETTINGS.halvings:.3g} s does: does it jump often, or is "
+            f"no step down to {step / 2**_HALVINGS:.3g} s does: does it jump often, or is "
             "it noise? Give it as a Table of its values"
             if shorter is None
             else f"use a step of at most {shorter:.4g} s"
@@ -262,7 +230,7 @@ def _unresolved(system: System, plan: Plan) -> Iterator[str]:
             f"{_name(load)}: a step of {step:.4g} s does not follow "
             f"this function of time: between the steps it is off the straight lines through its "
             f"values at them by {100.0 * missed:.3g} % of what it varies by (root mean square), "
-            f"must be at most {100.0 * SETTINGS.missed:.2g} %, as of a harmonic with {PER_PERIOD} "
+            f"must be at most {100.0 * _MISSED:.2g} %, as of a harmonic with {PER_PERIOD} "
             f"steps in its period; {cure}"
         )
 
@@ -274,17 +242,17 @@ def _missed(amplitude: Amplitude, step: float, n_steps: int) -> float:
     of the golden ratio's fraction never comes back to the same one, so that nothing can repeat with
     them. Steps in which the function jumps are left out, a few of them.
     """
-    least, most = SETTINGS.times
+    least, most = 256, 4096  # times at which it is evaluated
     count = min(max(least, 4 * n_steps), most)
     i, golden = np.arange(count), 0.5 * (5.0**0.5 - 1.0)
     at = n_steps * (i + i * golden % 1.0) / count
     first = np.minimum(np.floor(at), n_steps - 1)
     before, after, force = (amplitude(step * t) for t in (first, first + 1.0, at))
     missed, varies = force - before - (at - first) * (after - before), float(np.std(force))
-    for _ in range(SETTINGS.most_jumps):
+    for _ in range(4):  # jumps that it may have
         # A step with a jump has the mean of both sides, as it should.
         worst = first[np.abs(missed).argmax()]
-        inside = amplitude(step * (worst + np.linspace(0.0, 1.0, SETTINGS.inside)))
+        inside = amplitude(step * (worst + np.linspace(0.0, 1.0, 257)))
         if np.abs(np.diff(inside)).max() <= 0.5 * np.ptp(inside):
             break
         missed[first == worst] = 0.0

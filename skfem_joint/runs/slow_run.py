@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, NamedTuple, NoReturn, cast
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -216,17 +216,11 @@ class _SlowDriver:
         self.recorder.add_step(
             h, both, old, new, trapezoidal=True, forces=forces, limits=level.limits
         )
-        if level.normal is not None:
-            self._add_normal_work(self.level, level)
+        if self.level.normal is not None and level.normal is not None:  # what closing takes
+            part = self.system.contact.normal
+            moved = np.asarray(part.N @ (level.u - self.level.u))
+            self.recorder.impact_work += part.work_left(self.level.normal, level.normal, moved)
         self.level, self.amplitudes = level, amplitudes
-
-    def _add_normal_work(self, before: Level, after: Level) -> None:
-        """Add what closing contact takes, as the trapezoidal means of all works have it."""
-        contact = self.system.contact.normal
-        moved = np.asarray(contact.N @ (after.u - before.u))
-        mean = 0.5 * (cast("FloatArray", before.normal) + cast("FloatArray", after.normal))
-        stored = contact.potential(after.u) - contact.potential(before.u)
-        self.recorder.impact_work += float((mean - contact.force) @ moved) - stored
 
     def _state(self, level: Level) -> State:
         """State of a level, as the recorder takes it."""

@@ -215,7 +215,8 @@ class Scene(SceneTable):
         if self._system is None:
             structure = self.structure()
             with self._naming_file():
-                self._system = structure.system(self.loads(), self.output.points or None)
+                given = self.loads(), self.output.points or None
+                self._system = structure.system(*given, quasi_static=self._is_slow)
             _log.info(
                 "%s: %d degrees of freedom, %d unknowns, %d contact points.",
                 *(self._path, structure.n_dofs, self._system.n, self._system.contact.count),

@@ -342,13 +342,13 @@ class ReductionTable(SceneTable):
     """``[reduction]``: how the reduced model is made."""
 
     reference: Literal["static", "self", "paper"] = key(
-        "source of the joint modes: the static slip path, the full run of the scene, or the scaled "
-        "modes of the paper's joint",
+        "source of the joint modes of a run: the static slip path, the full run of the scene, or "
+        "the scaled modes of the paper's joint",
         "static",
     )
     modes: Annotated[Auto | Annotated[Count, Tag(Form.NUMBER)], by_form(Form.WORD)] = key(
-        "number of joint modes; 'auto' is 12, 5 with reference = 'paper', and with range as many "
-        "as its accuracy takes",
+        "number of joint modes; 'auto' is 12, of a backbone 24, 5 with reference = 'paper', and "
+        "with range as many as its accuracy takes",
         "auto",
         allowed="'auto' or a whole number >= 1",
     )

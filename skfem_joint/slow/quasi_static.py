@@ -32,7 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Self, cast
@@ -48,10 +48,9 @@ from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement
-from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, StepProblem
 from skfem_joint.slow.levels import Level, NoLevelError, Walk, in_parts
-from skfem_joint.stepping.arrangement import Arranged, arranged
+from skfem_joint.stepping.arrangement import Arranged, arranged, step_problem
 from skfem_joint.system.contacts import Contact
 from skfem_joint.system.modes import is_singular
 from skfem_joint.system.system import System
@@ -64,79 +63,23 @@ if TYPE_CHECKING:
 NOT_HELD = "friction and contact do not hold the loads: the structure slides or lifts off"
 
 
-@dataclass(frozen=True)
-class QuasiStaticSettings:
-    """Numbers of quasi-static paths.
-
-    Attributes
-    ----------
-    limit_share : float
-        Share of the friction limit to which loads are scaled back where friction alone holds.
-    repeated : int
-        Most times that a level is repeated until the added mass carries nothing.
-    round_off, left : float
-        Share of the load that it may carry at last with constant limits, for which one more
-        increment costs little, and else, or where repeating no longer halves it.
-    finer : float
-        Tolerance of a repeated level, over the share that the added mass carried before.
-    unbalanced : float
-        Share of the forces that may be left where the structure counts as not held, in place of as
-        not found: round-off of motions of kilometres is what is left.
-    halvings : int
-        A level that does not converge at once is reached in parts, halved at most this often.
-    held : int
-        Where forces are not held by contact that opens, the way to them is halved so many times to
-        find how far they are.
-    carried : float
-        Share of the load that the added mass may carry before everything counts as slipping.
-    longer : float
-        Most that an increment is guessed longer than the one before.
-    creep : float
-        Slip of a sticking point in an increment of a dense system with contact that opens, over the
-        largest slip of any.
-    smaller, steeper : float and int
-        Slips below this share of the one that the law was made for ask for a steeper law, at most
-        so often.
-    idle : float
-        Work of friction over that of the change of the loads below which the law is steep enough.
-    limit_iterations : int
-        Most iterations for the friction limit.
-    least_squares : int
-        Most repetitions of least squares for it.
-    settled : float
-        It is found when a repetition lowers it by no more than this share.
-    rigid : float
-        Motions whose stiffness over mass is below this share of the mean square frequency are
-        rigid.
-    most_rigid : int
-        Most rigid motions.
-    still : float
-        Share of a rigid motion's displacement that is no slip.
-    """
-
-    limit_share: float = 0.98
-    repeated: int = 40
-    round_off: float = 1e-12
-    left: float = 1e-9
-    finer: float = 1e-2
-    unbalanced: float = 1e-3
-    halvings: int = 6
-    held: int = 5
-    carried: float = 1e-3
-    longer: float = 2.0
-    creep: float = 1e-6
-    smaller: float = 0.1
-    steeper: int = 10
-    idle: float = 1e-8
-    limit_iterations: int = 20
-    least_squares: int = 200
-    settled: float = 1e-9
-    rigid: float = 1e-9
-    most_rigid: int = 12
-    still: float = 1e-6
-
-
-SETTINGS = QuasiStaticSettings()
+# A level that does not converge at once is reached in parts, halved at most this often.
+_HALVINGS = 6
+#: Where forces are not held by contact that opens, the way to them is halved so many times to find
+#: how far they are.
+HELD = 5
+# Share of the load that the added mass may carry before everything counts as slipping.
+_CARRIED = 1e-3
+# Slips below this share of the one that the law was made for ask for a steeper law.
+_SMALLER = 0.1
+#: Most iterations for the friction limit.
+LIMIT_ITERATIONS = 20
+#: Most repetitions of least squares for the friction limit.
+LEAST_SQUARES = 200
+# Most rigid motions.
+_MOST_RIGID = 12
+# Share of a rigid motion's displacement that is no slip.
+_STILL = 1e-6
 
 
 class QuasiStatic:
@@ -180,7 +123,7 @@ class QuasiStatic:
         )
         self.shift = 0.0
         if is_singular(self.K):
-            self.shift = shifts.SETTINGS.least * inner.mean_square_frequency
+            self.shift = shifts.LEAST * inner.mean_square_frequency
         # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.contact.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.contact.beta
@@ -260,7 +203,8 @@ class QuasiStatic:
     @property
     def creep(self) -> float:
         """Slip of a sticking point in an increment up to now, m; none where points can stick."""
-        return SETTINGS.creep * self.largest_slip
+        # As a sticking point of a dense system with contact that opens slips in an increment.
+        return 1e-6 * self.largest_slip
 
     def linearisation(self) -> Linearisation:
         """How increments change with what they are of, under Coulomb's law."""
@@ -276,7 +220,7 @@ class QuasiStatic:
         kept, contact = whole.schur.kept, whole.contact
         rigid = self.rigid[kept]
         if rigid.size:
-            still = SETTINGS.still * np.abs(self.rigid).max()
+            still = _STILL * np.abs(self.rigid).max()
             more = rigid.shape[1] > rigid.shape[0]  # than contact unknowns
             slips = not more and np.linalg.svd(rigid, compute_uv=False).min() > still
             if not contact.dense or not slips:
@@ -313,11 +257,12 @@ class QuasiStatic:
         if not self.shift:
             return np.zeros((n, 0))
         solve = self._without_friction()
-        X = np.random.default_rng(0).normal(size=(n, min(SETTINGS.most_rigid, n)))
+        X = np.random.default_rng(0).normal(size=(n, min(_MOST_RIGID, n)))
         for _ in range(3):
             X = np.linalg.qr(solve(self.M @ X))[0]
         squares, shares = linalg.eigh(X.T @ (self.K @ X), X.T @ (self.M @ X))
-        limit = SETTINGS.rigid * self.to.system.mean_square_frequency
+        # Motions of a lower stiffness over mass are rigid.
+        limit = 1e-9 * self.to.system.mean_square_frequency
         return np.asarray(X @ shares[:, squares < limit])
 
     def stuck(self, F: sparse.csc_array) -> Callable[[FloatArray], FloatArray] | None:
@@ -338,7 +283,7 @@ class QuasiStatic:
         self,
         forces: FloatArray,
         times: FloatArray | None = None,
-        limit_share: float = SETTINGS.limit_share,
+        limit_share: float = 0.98,
     ) -> FloatArray:
         """Displacements (levels, n), m, from rest under forces (levels, n), N, one after another.
 
@@ -445,9 +390,10 @@ class QuasiStatic:
         try_first = self._creeping if self._creeps else self._increment
         found, level, carried = try_first(last, force, self._guess(last, change))
         before = np.inf
-        for _ in range(SETTINGS.repeated):
+        for _ in range(40):  # until the added mass carries nothing
             stays, constant = carried > 0.5 * before, not self.opens
-            if carried <= (SETTINGS.round_off if constant and not stays else SETTINGS.left):
+            # With constant limits one more increment costs little.
+            if carried <= (1e-12 if constant and not stays else 1e-9):
                 break
             if stays and constant:
                 if (limit := self._known_limit(force)) <= 1.0:  # friction does not take it over
@@ -484,7 +430,8 @@ class QuasiStatic:
         if last.moved is None or self.to.kind == "chain":  # elimination starts from rest
             return None
         work = float(change @ last.moved)
-        longer = min(work / last.work, SETTINGS.longer) if work > 0.0 < last.work else 0.0
+        # It is guessed twice as long as the one before at most.
+        longer = min(work / last.work, 2.0) if work > 0.0 < last.work else 0.0
         return np.asarray(longer * last.moved)
 
     def _increment(
@@ -509,7 +456,8 @@ class QuasiStatic:
         problem: StepProblem = self.whole or self.problem
         tolerance, given_back = self.tolerance, np.zeros(system.n)
         if carried and start is not None:
-            tolerance, given_back = min(tolerance, SETTINGS.finer * carried), start
+            # The share that the added mass carried is found to a hundredth.
+            tolerance, given_back = min(tolerance, 1e-2 * carried), start
         right = right + self._added_force(given_back)
         found = problem.minimise(right, start, tolerance, rate, offset, pressed)
         self._count(found.counts)
@@ -518,8 +466,9 @@ class QuasiStatic:
         largest = float(max(np.abs(force).max(), np.abs(other).max(initial=0.0)))
         before, carried = carried, added / largest if largest > 0.0 else 0.0
         if not found.converged:
-            nearly = found.residual <= SETTINGS.unbalanced * np.abs(right).max()
-            if nearly and (carried > SETTINGS.carried or carried > 0.5 * before > 0.0):
+            # Where the structure is not held what is left is round-off of motions of kilometres.
+            nearly = found.residual <= 1e-3 * np.abs(right).max()
+            if nearly and (carried > _CARRIED or carried > 0.5 * before > 0.0):
                 raise self._beyond(self._known_limit(force))
             unknown = self.to.outer_number(max(found.where, 0))
             raise NoLevelError(
@@ -549,13 +498,14 @@ class QuasiStatic:
         if unknown:  # that without friction is no less
             held = self.A + as_dense(contact.springs)
             self.largest_slip = slip(np.linalg.solve(held, change)) or 1.0
-        for _ in range(SETTINGS.steeper):
+        for _ in range(10):  # steeper laws at most
             found, level, carried = self._increment(last, force, start)
             size = slip(found.v)
-            idle = found.w.sum() * size <= SETTINGS.idle * abs(float(change @ found.v))
-            if not unknown or idle or size >= SETTINGS.smaller * self.largest_slip:
+            # The law is steep enough where friction does so little of the work of the loads.
+            idle = found.w.sum() * size <= 1e-8 * abs(float(change @ found.v))
+            if not unknown or idle or size >= _SMALLER * self.largest_slip:
                 break
-            self.largest_slip *= SETTINGS.smaller
+            self.largest_slip *= _SMALLER
             start = found.v
         self.largest_slip = max(self.largest_slip, size)
         return found, level, carried
@@ -586,7 +536,7 @@ class QuasiStatic:
         """
         held, lost, tried = 0.0, 1.0, 1.0
         start, change = before, force - before
-        for _ in range(1 + SETTINGS.held):
+        for _ in range(1 + HELD):
             aim = start + tried * change
             try:
                 for _, level in in_parts(self.next, last, before, aim):
@@ -656,12 +606,12 @@ class QuasiStatic:
         ``rate`` is the law's steepness for increments of displacement, 1/m, of each point.
         """
         increment = self._minimise(f - self.stiffness @ u, rate, self.friction)
-        if np.isfinite(limit_share) and self._carried(increment, f) > SETTINGS.carried:
+        if np.isfinite(limit_share) and self._carried(increment, f) > _CARRIED:
             self.scaled_back += 1
             right = min(1.0, limit_share * self._limit(f, rate)) * f - self.stiffness @ u
             increment = self._minimise(right, rate, self.friction)
-            halvings = SETTINGS.halvings  # scaled back, the load has no path to follow in parts
-        if not increment.converged and halvings < SETTINGS.halvings:
+            halvings = _HALVINGS  # scaled back, the load has no path to follow in parts
+        if not increment.converged and halvings < _HALVINGS:
             middle = 0.5 * (before + f)
             rest = (limit_share, 2.0 * rate, halvings + 1)
             return self._state(self._state(u, before, middle, *rest), middle, f, *rest)
@@ -695,8 +645,8 @@ class QuasiStatic:
         if self.to.kind == "chain" and np.isinf(rate).all():  # elimination starts from rest
             return problem.minimise(right, None, self.tolerance, *law)
         stored = float(self.last @ (self.A @ self.last))
-        at_rest = 0.0 if offset is None else problem.objective(0.0 * self.last, right, *law)
-        lost = problem.objective(self.last, right, *law) - at_rest - 0.5 * stored + work
+        at_rest = problem.points.potential(0.0 * self.last, *law)
+        lost = problem.points.potential(self.last, *law) - at_rest
         start = self.last * (np.sign(work) * max(abs(work) - lost, 0.0) / stored if stored else 0.0)
         if problem.objective(start, right, *law) < at_rest:
             return problem.minimise(right, start, self.tolerance, *law)
@@ -714,19 +664,19 @@ class QuasiStatic:
         """
         rigid = self.rigid if self.condensed is None else self.rigid[self.condensed.kept]
         work, system = f @ rigid, self.to.system
-        if np.all(np.abs(work) <= SETTINGS.still * (np.abs(f) @ np.abs(rigid))):
+        if np.all(np.abs(work) <= _STILL * (np.abs(f) @ np.abs(rigid))):
             return np.inf, False
         slips, weight, least = np.asarray(self.B @ rigid), system.contact.w, np.inf
-        for _ in range(SETTINGS.least_squares):
+        for _ in range(LEAST_SQUARES):
             square = slips.T @ (system.contact.on_rows(weight)[:, np.newaxis] * slips)
             d = linalg.lstsq(square, work)[0]
             if not work @ d > 0.0:
                 break
             slip = system.contact.slip_norm(slips @ d) / float(work @ d)
             before, least = least, min(least, float(system.contact.w @ slip))
-            if least >= before * (1.0 - SETTINGS.settled):
-                return least, rigid.shape[1] < SETTINGS.most_rigid
-            weight = system.contact.w / np.maximum(slip, SETTINGS.still * slip.max())
+            if least >= before * (1.0 - 1e-9):
+                return least, rigid.shape[1] < _MOST_RIGID
+            weight = system.contact.w / np.maximum(slip, _STILL * slip.max())
         return least, False
 
     def _limit(self, f: FloatArray, rate: FloatArray) -> float:
@@ -736,9 +686,9 @@ class QuasiStatic:
             return limit
         multiple = 1.01 * limit if np.isfinite(limit) else 1.0
         without_friction = self._without_friction()
-        for _ in range(SETTINGS.limit_iterations):
+        for _ in range(LIMIT_ITERATIONS):
             increment = self._minimise(multiple * f, rate)
-            if self._carried(increment, multiple * f) <= SETTINGS.carried:
+            if self._carried(increment, multiple * f) <= _CARRIED:
                 if np.isfinite(limit):
                     return limit
                 if multiple > 1e6:
@@ -751,7 +701,7 @@ class QuasiStatic:
                 return limit
             limit, multiple = lower, 1.01 * lower
         raise ConvergenceError(
-            f"what friction can hold was not found in {SETTINGS.limit_iterations} iterations: the "
+            f"what friction can hold was not found in {LIMIT_ITERATIONS} iterations: the "
             f"limit is at most {limit:.6g} of the forces, and may be lower"
         )
 

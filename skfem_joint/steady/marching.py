@@ -31,58 +31,30 @@ The search has these parts.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import ConvergenceError
-from skfem_joint.steady.steady import SETTINGS as STEADY
-from skfem_joint.steady.steady import Anderson, EnergyNorm, Newton, PeriodMap, Place, settles
+from skfem_joint.steady.steady import (
+    DISTANCE,
+    EXACT,
+    Anderson,
+    EnergyNorm,
+    Newton,
+    PeriodMap,
+    Place,
+    settles,
+)
 from skfem_joint.system.normal import NormalPart
 from skfem_joint.system.system import System
 
-
-@dataclass(frozen=True)
-class MarchingSettings:
-    """Numbers of the search with contact that opens.
-
-    Attributes
-    ----------
-    periods : int
-        Most periods.
-    first : int
-        Periods that are marched through before mixing begins.
-    patience : int
-        Periods of mixing in which the least change must halve; then follows marching alone.
-    disturbance : float
-        Size of the disturbance, over the largest state in the period.
-    followed : int
-        Periods that it is followed.
-    grown : float
-        It grows if its largest size in the last three of these is more than this factor times that
-        in the three before: where a disturbance grows by 2 % in a period.
-    longer : int
-        Longest vibration that is recognised, in periods of the loads.
-    again : float
-        An earlier state is met again if the distance from it is this share of the change over a
-        period.
-    deeper : float
-        Penetration, over the largest displacement, that a mixture may add.
-    """
-
-    periods: int = 500
-    first: int = 20
-    patience: int = 40
-    disturbance: float = 1e-4
-    followed: int = 10
-    grown: float = 1.05
-    longer: int = 8
-    again: float = 1e-4
-    deeper: float = 1e-12
+# Most periods of the search.
+_PERIODS = 500
+#: A disturbance grows if its largest size in the last three periods is more than this factor times
+#: that in the three before: where it grows by 2 % in a period.
+GROWN = 1.05
 
 
-SETTINGS = MarchingSettings()
 #: What a result says that has contact that opens.
 MAY_DEPEND = (
     "With contact that opens a steady vibration need not be the only one: which one is reached may "
@@ -131,7 +103,7 @@ class _Marching:
     def run(self) -> FloatArray:
         """Search to its end; result and errors are those of `marched_state`."""
         least, since, endured = np.inf, 0, False
-        while len(self.changes) < SETTINGS.periods:
+        while len(self.changes) < _PERIODS:
             end, size, scale, settled = self._period()
             after = self.place.without(end)
             if settled and (self.alone or endured):
@@ -139,8 +111,9 @@ class _Marching:
             since += 1
             if size <= 0.5 * least:
                 least, since = size, 0
-            self.alone = self.alone or since > SETTINGS.patience
-            if len(self.changes) < SETTINGS.first:
+            # Where the least change has not halved in so many periods follows marching alone.
+            self.alone = self.alone or since > 40
+            if len(self.changes) < 20:  # marched through before mixing begins
                 self.x = after
             elif self.alone:
                 self._refuse_longer(after, size)
@@ -151,7 +124,7 @@ class _Marching:
             else:
                 self.x, endured = self._better(after), False
         raise ConvergenceError(
-            f"no steady vibration was found in {SETTINGS.periods} periods: the state still changes "
+            f"no steady vibration was found in {_PERIODS} periods: the state still changes "
             f"by {self.changes[-1]:.2g} of its size over the last. With contact that opens "
             "vibration need not repeat after a period of the loads, or at all: give cycles in "
             "place of until = 'steady' and follow it. Light damping forgets slowly, too: more of "
@@ -168,7 +141,7 @@ class _Marching:
         gained = 0.5 * (norm.squared(after) - norm.squared(x))
         left = self.changes[-1]
         settled = settles(left, gained, energy, work) and (
-            left <= STEADY.exact or norm(self._fixed(after) - x) <= STEADY.distance * scale
+            left <= EXACT or norm(self._fixed(after) - x) <= DISTANCE * scale
         )
         return end, size, scale, settled
 
@@ -198,16 +171,17 @@ class _Marching:
         if size == 0.0:
             self.x = found
             return True
-        away *= SETTINGS.disturbance * scale / size
+        # A ten-thousandth of the largest state in the period.
+        away *= 1e-4 * scale / size
         disturbed = [self._mixture(found + away), self._mixture(found - away)]
         self.x = max(disturbed, key=lambda x: self.norm(x - found))
         apart = []
-        for _ in range(SETTINGS.followed):
+        for _ in range(10):  # periods
             end = self.through(self.x).end
             self.x = self.place.without(end)
             apart.append(self.norm(self.x - found))
             self.changes.append(apart[-1] / scale)
-        if max(apart[-3:]) > SETTINGS.grown * max(apart[-6:-3]):
+        if max(apart[-3:]) > GROWN * max(apart[-6:-3]):
             return False
         self.x = found
         return True
@@ -215,9 +189,10 @@ class _Marching:
     def _refuse_longer(self, after: FloatArray, size: float) -> None:
         """Keep an end of a period; ConvergenceError if it is that of some periods ago."""
         self.ends.append(after)
-        del self.ends[: -SETTINGS.longer - 1]
+        del self.ends[:-9]  # of eight periods, the longest vibration that is recognised
         for count in range(2, len(self.ends)):
-            if self.norm(after - self.ends[-1 - count]) <= SETTINGS.again * size:
+            # An earlier state is met again if it is so near, beside the change over a period.
+            if self.norm(after - self.ends[-1 - count]) <= 1e-4 * size:
                 raise ConvergenceError(
                     f"no steady vibration was found: it repeats after {count} periods of the "
                     "loads, not after one, as contact that opens allows. Give cycles in place of "
@@ -234,7 +209,8 @@ class _Marching:
             return mixed
         gaps = self.contact.gaps(np.array([x[: self.n] for x in (*states, mixed)]))[:, rigid]
         deepest = np.minimum(gaps[:-1].min(axis=0), 0.0)
-        deepest -= SETTINGS.deeper * float(np.abs(mixed[: self.n]).max(initial=0.0))
+        # Round-off of a mixture is no penetration.
+        deepest -= 1e-12 * float(np.abs(mixed[: self.n]).max(initial=0.0))
         last, new = gaps[-2], gaps[-1]
         below = new < deepest
         if not below.any():

@@ -29,9 +29,10 @@ from skfem_joint.steady.steady import (
     turns_over,
 )
 from skfem_joint.steady.transition import Transition, moving_unknowns, transition
-from skfem_joint.stepping.driver import SETTINGS, Driver
+from skfem_joint.stepping.driver import CHUNK_S, Driver
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.schemes import State
+from skfem_joint.stepping.steppers import ConstantForces
 
 
 @dataclass(frozen=True)
@@ -43,18 +44,10 @@ class ShootingSettings:
     unknowns, dense : int
         Most unknowns, of those that move, for which the derivative is a dense matrix: of a chain,
         and of other systems (``dense``), whose matrices take as long for fewer.
-    chain : int
-        Periods of mixing before Newton's method is tried on a chain, whose steps are so cheap that
-        a derivative costs as much as many of them.
-    singular : float
-        Relative singular values of the derivative, for loads whose halves of a period are no mirror
-        images, that are round-off.
     """
 
     unknowns: int = 1200
     dense: int = 300
-    chain: int = 40
-    singular: float = 1e-11
 
 
 NEWTON = ShootingSettings()
@@ -71,7 +64,7 @@ class Start(NamedTuple):
     ----------
     state : State
     beside : ndarray
-        Numbers beside it, see `Stepper.beside`.
+        Numbers beside it, see `ConstantForces.beside`.
     """
 
     state: State
@@ -122,6 +115,8 @@ class Shooting:
         Change over each passage so far, relative.
     gross : int
         Passages in turn, up to the last one, in which a joint slipped as a whole.
+    begun : ndarray
+        Row of numbers that the last passage started from.
     """
 
     def __init__(
@@ -148,13 +143,16 @@ class Shooting:
         )
         self.patience: int | None = None
         if self.trapezoidal and equal and small:
-            self.patience = NEWTON.chain if driver.to.kind == "chain" else 0
+            # Steps of a chain are so cheap that a derivative costs as much as many of them: it is
+            # mixed first.
+            self.patience = 40 if driver.to.kind == "chain" else 0
         self.passed = self.gross = 0
+        self.begun = np.zeros(0)
 
     def coordinates(self, state: State) -> FloatArray:
         """State as a row of numbers."""
         if not self.trapezoidal:
-            return np.concatenate([*state, self.driver.stepper.beside])
+            return np.concatenate([*state, self.driver.stepper.forces.beside])
         friction = self._limits * self.driver.stepper.by_row(state.sigma)
         springs = self.springs.advanced(state.v, friction)
         return np.concatenate([advanced(state, self.driver.h), springs])
@@ -162,7 +160,7 @@ class Shooting:
     @property
     def _limits(self) -> FloatArray:
         """Friction limits of all slip rows now, N, over which the state has its friction."""
-        contact, now = self.driver.system.contact, self.driver.stepper.limits_now
+        contact, now = self.driver.system.contact, self.driver.stepper.forces.limits
         return np.asarray(contact.on_rows(contact.w if now is None else now))
 
     @cached_property
@@ -184,7 +182,13 @@ class Shooting:
     def start(self, x: FloatArray) -> Start:
         """What a passage starts from, of a row of numbers."""
         if self.trapezoidal:  # of elastic contact forces follow from the displacement
-            return Start(self.state(x), self.driver.stepper.beside)
+            state, forces = self.state(x), self.driver.stepper.forces
+            if isinstance(forces, ConstantForces) or not self.springs.rows.size:
+                return Start(state, forces.beside)
+            # Steps start from forces of springs themselves where their limits change, and may be 0.
+            friction, advance = forces.friction.mean.copy(), x[2 * self.driver.system.n :]
+            friction[self.springs.rows] = self.springs.friction(advance, state.v)
+            return Start(state, forces.beside_under(friction))
         sizes = [part.size for part in self.driver.stepper.now]
         return Start(self.state(x), np.array(x[sum(sizes) :]))
 
@@ -210,6 +214,7 @@ class Shooting:
         save = Save(points=False, fields=newton)
         energy = self.through(self.start(x), save, self.parts)
         self.passed += 1
+        self.begun = x.copy()
         recorder = self.driver.recorder
         work = float(np.abs(recorder.input_work).sum())
         self._look_for_gross_slip()
@@ -249,7 +254,7 @@ class Shooting:
         driver.begin(Recorder(driver.system, save, driver.n_steps, driver.h))
         for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
             while driver.done < end:
-                driver.advance(end, SETTINGS.chunk_s)
+                driver.advance(end, CHUNK_S)
                 self.show()
             energy = max(energy, self.energy())
         return energy
@@ -258,7 +263,7 @@ class Shooting:
     def end(self) -> Start:
         """State at the end of the last passage, its sign changed if the map does that."""
         stepper = self.driver.stepper
-        return Start(State(*(self.sign * part for part in stepper.now)), stepper.beside)
+        return Start(State(*(self.sign * part for part in stepper.now)), stepper.forces.beside)
 
     def derivative(self) -> _Derivative | None:
         """Derivative where it went through last; None if a step was halved, or too much moves."""
@@ -274,6 +279,8 @@ class Shooting:
         friction = np.repeat(limits, driver.system.contact.directions, axis=-1)
         friction = friction * stored.sigma[starts]
         e = self.springs.advanced(stored.v[starts], friction)
+        # The first ones are given: limits may be zero there, and the forces no shares of them.
+        e[0] = self.begun[2 * driver.system.n :]
         J = transition(driver.system, driver.to.kind, driver.h, v, omega, u, e)
         return _Derivative(J, self.sign)
 
@@ -286,7 +293,7 @@ class Shooting:
 
 def _least(matrix: FloatArray, change: FloatArray) -> FloatArray:
     """Least solution of equations whose matrix may be singular."""
-    return np.asarray(lstsq(matrix, change, cond=NEWTON.singular, lapack_driver="gelsy")[0])
+    return np.asarray(lstsq(matrix, change, cond=1e-11, lapack_driver="gelsy")[0])
 
 
 def steady_run(

@@ -53,82 +53,22 @@ from skfem_joint.system.modes import is_singular, rigid_motions
 from skfem_joint.system.normal import NormalPart
 from skfem_joint.system.system import System
 
-
-@dataclass(frozen=True)
-class SteadySettings:
-    """Numbers of the search for steady vibration.
-
-    Attributes
-    ----------
-    change : float
-        Largest change of the state over a period, relative to the largest state in the period, in
-        the norm of energy.
-    energy : float
-        Largest change of the energy over a period, over the work put in: it bounds how far a slowly
-        decaying part still is from its end.
-    exact : float
-        Change, relative like ``change``, that is round-off: no state changes less.
-    lossless : float
-        Work put in over a period, over the largest energy, below which nothing is seen to decay.
-    distance : float
-        Largest distance from the fixed point, as Newton's method sees it, relative like ``change``.
-    periods : int
-        Most periods.
-    memory : int
-        States that are mixed.
-    linear : float
-        Work of friction over the work put in below which the map is taken for linear.
-    linear_memory : int
-        States that are mixed then: twice the modes that light damping leaves. (Where points slip so
-        many are too many: a bar took 172 periods instead of 53.)
-    round_off : float
-        Relative singular values of the products of changes that are round-off.
-    growth : float
-        Largest change over the least one yet that a mixture may have: with 1 a bar that slips as a
-        whole took 570 periods instead of 73.
-    reuse : float
-        A factor of Newton's method is used again where the last iteration reduced the change to
-        less than this share.
-    patience : int
-        Newton steps in turn that may fail to become shorter. Where points begin to slip or to stick
-        the change grows up to fivefold on the way: of 90 frequencies of a lapped solid all
-        converged so, in at most 10 steps, and one did not in 100 with steps that were shortened
-        until the change fell.
-    held, freer, tighter, tightest : float
-        How far Newton steps are held back at first where full ones fail, the factors of that, and
-        the most: steps that are held so no longer move a state.
-    good : float
-        What is left of the change, over what was, after a step that is as good as predicted.
-    approach : float
-        Approach of faces, over the largest displacement, that counts as none in a rigid motion.
-    odd : float
-        Share of the largest force by which halves of a period may differ and count as mirror
-        images.
-    """
-
-    change: float = 1e-6
-    energy: float = 2e-4
-    lossless: float = 1e-9
-    exact: float = 1e-13
-    distance: float = 1e-5
-    periods: int = 2000
-    memory: int = 12
-    linear: float = 1e-3
-    linear_memory: int = 80
-    round_off: float = 1e-13
-    growth: float = 2.0
-    reuse: float = 0.1
-    patience: int = 8
-    held: float = 0.1
-    freer: float = 0.2
-    tighter: float = 4.0
-    tightest: float = 1e12
-    good: float = 0.3
-    approach: float = 1e-6
-    odd: float = 1e-10
-
-
-SETTINGS = SteadySettings()
+#: Largest change of the state over a period, relative to the largest state in the period, in the
+#: norm of energy.
+CHANGE = 1e-6
+#: Change, relative like `CHANGE`, that is round-off: no state changes less.
+EXACT = 1e-13
+#: Largest distance from the fixed point, as Newton's method sees it, relative like `CHANGE`.
+DISTANCE = 1e-5
+#: Most periods of the search.
+PERIODS = 2000
+#: States that are mixed.
+MEMORY = 12
+#: States that are mixed where the map is taken for linear: twice the modes that light damping
+#: leaves. (Where points slip so many are too many: a bar took 172 periods instead of 53.)
+LINEAR_MEMORY = 80
+# Relative singular values of the products of changes that are round-off.
+_ROUND_OFF = 1e-13
 
 
 def settles(left: float, gained: float, energy: float, work: float) -> bool:
@@ -136,8 +76,10 @@ def settles(left: float, gained: float, energy: float, work: float) -> bool:
 
     ``energy`` is the largest energy in the period and ``work`` what was put in, J.
     """
-    decays = work > SETTINGS.lossless * energy
-    return left <= SETTINGS.change and not (decays and abs(gained) > SETTINGS.energy * work)
+    # Where less work is put in over a period nothing is seen to decay.
+    decays = work > 1e-9 * energy
+    # The change of the energy bounds how far a slowly decaying part still is from its end.
+    return left <= CHANGE and not (decays and abs(gained) > 2e-4 * work)
 
 
 @dataclass(frozen=True)
@@ -198,7 +140,7 @@ class Anderson:
     changes: list[FloatArray] = field(default_factory=list)
     weighted: list[FloatArray] = field(default_factory=list)
 
-    def add(self, state: FloatArray, change: FloatArray, memory: int = SETTINGS.memory) -> float:
+    def add(self, state: FloatArray, change: FloatArray, memory: int = MEMORY) -> float:
         """Add g(x) and what it changes of x; the root of twice the energy of that.
 
         Beside it ``memory`` states are kept.
@@ -218,11 +160,11 @@ class Anderson:
         apart = last - np.array(self.changes[:-1])
         heavy = self.weighted[-1] - np.array(self.weighted[:-1])
         squares = np.einsum("ij,ij->i", apart, heavy)
-        differs = squares > SETTINGS.round_off**2 * float(last @ self.weighted[-1])
+        differs = squares > _ROUND_OFF**2 * float(last @ self.weighted[-1])
         scale = np.zeros(count)  # states whose change is that of the last one add nothing
         scale[differs] = 1.0 / np.sqrt(squares[differs])
         gram = (apart @ heavy.T) * np.outer(scale, scale)
-        share = scale * np.linalg.lstsq(gram, scale * (heavy @ last), rcond=SETTINGS.round_off)[0]
+        share = scale * np.linalg.lstsq(gram, scale * (heavy @ last), rcond=_ROUND_OFF)[0]
         return np.append(share, 1.0 - share.sum()) @ np.array(self.states)
 
 
@@ -232,7 +174,7 @@ def turns_over(amplitudes: FloatArray) -> bool:
     if amplitudes.shape[1] % 2 == 0:
         return False
     left = np.abs(amplitudes[:, half:] + amplitudes[:, : half + 1]).max(initial=0.0)
-    return bool(left <= SETTINGS.odd * np.abs(amplitudes).max(initial=0.0))
+    return bool(left <= 1e-10 * np.abs(amplitudes).max(initial=0.0))
 
 
 def odd_loads(system: System) -> bool:
@@ -272,7 +214,8 @@ def _without_approach(motions: FloatArray, contact: NormalPart) -> FloatArray:
     if not motions.shape[1]:
         return motions
     _, sizes, rows = np.linalg.svd(approach, full_matrices=True)
-    rank = int(np.count_nonzero(sizes > SETTINGS.approach * np.abs(motions).max()))
+    # A smaller approach over the largest displacement is none.
+    rank = int(np.count_nonzero(sizes > 1e-6 * np.abs(motions).max()))
     return np.asarray(motions @ rows[rank:].T)
 
 
@@ -409,23 +352,29 @@ class Newton:
         size, base = self.norm(change), self.base
         left = self.norm(self.held * (x - base.x) - change) if self.held and base else 0.0
         if base is not None and self.held and not left <= base.size:
-            self.held = min(self.held * SETTINGS.tighter, SETTINGS.tightest)
+            # Steps that are held back most no longer move a state.
+            self.held = min(self.held * 4.0, 1e12)
             return base.x + base.derivative.step(base.change, self.held)
         new = derivative()
         if new is None:
             return None
         if self.held:
-            if base is not None and left <= SETTINGS.good * base.size:
-                self.held *= SETTINGS.freer
+            # After a step that is as good as predicted the next is held back less.
+            if base is not None and left <= 0.3 * base.size:
+                self.held *= 0.2
             self.base = base = Base(x, change, size, new)
         else:
             if base is None or size < base.size:
                 self.base, self.tried = Base(x, change, size, new), 0
                 base = self.base
             self.tried += 1
-            if self.tried <= SETTINGS.patience:
+            # So many steps in turn may fail to become shorter. Where points begin to slip or to
+            # stick the change grows up to fivefold on the way: of 90 frequencies of a lapped solid
+            # all converged so, in at most 10 steps, and one did not in 100 with steps that were
+            # shortened until the change fell.
+            if self.tried <= 8:
                 return x + new.step(change, 0.0)
-            self.held = SETTINGS.held
+            self.held = 0.1  # at first where full steps fail
         return base.x + base.derivative.step(base.change, self.held)
 
 
@@ -436,7 +385,7 @@ def periodic_state(
 
     The last passage of ``through`` ends in it. States are rows of numbers that begin with
     displacements and velocities, (n,) each. ``changes`` takes the change over each passage, see
-    `SteadySettings.change`.
+    `CHANGE`.
 
     Returns
     -------
@@ -461,10 +410,11 @@ def periodic_state(
             known = through.derivative()
         return known
 
-    for count in range(through.parts * SETTINGS.periods):
+    for count in range(through.parts * PERIODS):
         end, energy, work, friction = through(x)
         after = place.without(end)
-        memory = SETTINGS.linear_memory if friction <= SETTINGS.linear * work else SETTINGS.memory
+        # The map is taken for linear where friction does so little of the work.
+        memory = LINEAR_MEMORY if friction <= 1e-3 * work else MEMORY
         if (step := through.corrected(after - x)) is None:
             size = mixing.add(after, after - x, memory)
         else:
@@ -476,26 +426,28 @@ def periodic_state(
         gained = 0.5 * (norm.squared(after) - norm.squared(x))
         settled = settles(left, gained, energy, work)
         following = through.patience is not None and count >= through.patience
-        if not (settled or (newton.held == 0.0 and size <= SETTINGS.reuse * before)):
+        # A factor is used again where the last iteration reduced the change so far.
+        if not (settled or (newton.held == 0.0 and size <= 0.1 * before)):
             known = None
         before = size
         if settled:
             last = mixing.mixed() - x
             if following and (factor := derivative()) is not None:
                 last = factor.step(after - x, 0.0)
-            if left <= SETTINGS.exact or norm(last) <= SETTINGS.distance * scale:
+            if left <= EXACT or norm(last) <= DISTANCE * scale:
                 return np.asarray(end[:n] - after[:n])
         if following and (step := newton.next(x, after - x, derivative)) is not None:
             x = place.without(step)
             continue
-        if size > SETTINGS.growth * least and x is not plain:
+        # With 1 in place of 2 a bar that slips as a whole took 570 periods instead of 73.
+        if size > 2.0 * least and x is not plain:
             x = plain
             continue
         if size <= least:
             least, plain = size, after
         x = mixing.mixed()
     raise ConvergenceError(
-        f"no steady vibration was found in {SETTINGS.periods} periods: the state still changes by "
+        f"no steady vibration was found in {PERIODS} periods: the state still changes by "
         f"{left:.2g} of its size over the last. Is there damping that every motion feels? Light "
         "damping forgets slowly: give more of it, such as [damping] ratio = 1e-3 or above, or try "
         "rho_infinity below 1; or give cycles in place of until = 'steady' and follow the "
@@ -508,5 +460,5 @@ def note_of(gone: float, changes: list[float]) -> str:
     """Note for whoever watches the search: periods gone through, and the change over the last."""
     note = f"{gone:.1f} periods"
     if changes:
-        note += f", change {changes[-1]:.1e} (steady: {SETTINGS.change:.0e})"
+        note += f", change {changes[-1]:.1e} (steady: {CHANGE:.0e})"
     return note

@@ -1,6 +1,6 @@
-"""The unknowns in which a system is stepped, and the stepper that its matrices allow.
+"""The unknowns in which a system is stepped, the kind of its matrices, and the method for it.
 
-Both follow from the matrices, never from the kind of structure: a line mesh whose nodes are
+All follow from the matrices, never from the kind of structure: a line mesh whose nodes are
 numbered at random is renumbered into a chain, and slips that are differences of displacements
 become unknowns.
 """
@@ -17,7 +17,8 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee, structural_rank
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.stepping.steppers import CompiledStepper, PythonStepper, Stepper
+from skfem_joint.linalg.schur import condensing_pays
+from skfem_joint.minimise.problem import ContactPoints, LinearProblem, StepProblem
 from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import ChangeOfUnknowns, selection
 
@@ -207,13 +208,46 @@ def picks_unknowns(B: Any) -> bool:
     return rows.indices.size == 0 or bool(np.bincount(rows.indices).max() == 1)
 
 
-def choose(to: Arranged, *others: Any) -> Stepper:
-    """Stepper for an `arranged` system, from the other arguments of `Stepper`.
+def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True) -> StepProblem:
+    """Step problem by the method for a kind of matrices.
 
-    Raises
-    ------
-    InputError
-        For set-valued Coulomb friction in a dense system or on slips that depend on each other.
+    - "chain" (H tridiagonal, each slip an unknown):
+      :class:`~skfem_joint.minimise.front_elimination.FrontElimination`;
+    - "contact" (any other H with each slip an unknown):
+      :class:`~skfem_joint.minimise.contact_newton.ContactNewton`, or
+      :class:`~skfem_joint.minimise.condensed_newton.CondensedNewton` where that is cheaper, and
+      always where contact opens;
+    - "dense" (dense H with slips that depend on each other, as in reduced models):
+      :class:`~skfem_joint.minimise.primal_dual_newton.PrimalDualNewton`;
+    - "linear" (no friction at all): `LinearProblem`.
+
+    Chains and dense problems are minimised in the compiled loop over steps, others by
+    `skfem_joint.stepping.steppers.PythonStepper`, one minimisation at a time.
+
+    Parameters
+    ----------
+    H : ndarray or csr_array, shape (n, n), or its compiled form
+        Symmetric positive definite; N s/m for the velocity.
+    points : ContactPoints
+    kind : str
+        As `arranged` finds it. All but "linear" load the compiler.
+    condense : bool
+        Whether a problem of kind "contact" may be condensed to the contact. That pays if it is
+        minimised more than once.
     """
-    stepper = CompiledStepper if to.kind in ("chain", "dense") else PythonStepper
-    return stepper(to.kind, to.system, *others)
+    if kind == "linear":
+        return LinearProblem(H, points)
+    if kind == "chain":
+        from skfem_joint.minimise.front_elimination import FrontElimination
+
+        return FrontElimination(H, points)
+    if kind == "dense":
+        from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
+
+        return PrimalDualNewton(H, points)
+    from skfem_joint.minimise.condensed_newton import CondensedNewton
+    from skfem_joint.minimise.contact_newton import ContactNewton
+
+    opens = points.normal is not None
+    pays = opens or (condense and condensing_pays(H, points.limited))
+    return CondensedNewton(H, points) if pays else ContactNewton(H, points)

@@ -9,18 +9,19 @@ import logging
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.stepping.arrangement import arranged, choose
+from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Arrays, Checkpoint
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Ending, Final, Recorder, Run
+from skfem_joint.stepping.steppers import choose
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.stepping.warp import warped
 from skfem_joint.system.system import System
@@ -28,30 +29,15 @@ from skfem_joint.system.system import System
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
-class DriverSettings:
-    """Numbers of the driver.
-
-    Attributes
-    ----------
-    halvings : int
-        A step that does not converge is halved at most this often.
-    chunk_s : float
-        A chunk, between two chances to save and to show progress, ends after so much time, s.
-    call_s : float
-        It is handed to the stepper in calls that take about this long, s; Ctrl-C is seen between
-        two of them.
-    growth : int
-        A call has at most so many times the steps of the one before.
-    """
-
-    halvings: int = 8
-    chunk_s: float = 0.5
-    call_s: float = 0.1
-    growth: int = 4
+#: A step that does not converge is halved at most this often.
+HALVINGS = 8
+#: A chunk, between two chances to save and to show progress, ends after so much time, s.
+CHUNK_S = 0.5
+#: A chunk is handed to the stepper in calls that take about this long, s; Ctrl-C is seen between
+#: two of them.
+CALL_S = 0.1
 
 
-SETTINGS = DriverSettings()
 #: Loads go on where they change by no more than this share of the largest force.
 CONTINUED = 1e-9
 
@@ -98,13 +84,15 @@ class Driver:
         self.loads = LoadSteps(self.system, self.h, self.n_steps)
         self.recorder = Recorder(self.system, plan.save, self.n_steps, self.h)
         u, v = self.to.inner(start[0]), self.to.inner(start[1]) / self.warp
-        self.stepper = choose(self.to, plan.scheme, u, v, tolerance, self.recorder)
+        self.stepper = choose(
+            self.to.kind, self.system, plan.scheme, u, v, tolerance, self.recorder
+        )
         # Steps in the next call of the stepper.
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
         if len(start) > 2:
             self.stepper.now = self.stepper.now._replace(sigma=self.stepper.placed(start[2]))
         if len(start) > 3:
-            self.stepper.set_limits(start[3])
+            self.stepper.forces.limits = np.array(start[3])
         watch = Stopwatch()
         if ending is not None and self._continues(ending):
             self.stepper.restore(dict(ending.state))
@@ -132,10 +120,10 @@ class Driver:
         """Record from the state now on, whose row is stored."""
         self.recorder = self.stepper.recorder = recorder
         state = self.stepper.state()
-        limits = self.stepper.limits_now
-        recorder.store(0, state, limits)
-        self.stepper.store_start()
-        recorder.observe(state, limits)
+        forces = self.stepper.forces
+        recorder.store(0, state, forces.limits)
+        forces.store(recorder, 0)
+        recorder.observe(state, forces.limits)
 
     def run(
         self,
@@ -155,7 +143,7 @@ class Driver:
                 if cycle_steps is not None:
                     end = min(end, (self.done // cycle_steps + 1) * cycle_steps)
                 begin = time.perf_counter()
-                self.advance(end, SETTINGS.chunk_s)
+                self.advance(end, CHUNK_S)
                 self.elapsed += time.perf_counter() - begin
                 if cycle_steps is not None and self.done % cycle_steps == 0:
                     self.recorder.end_cycle()
@@ -213,7 +201,7 @@ class Driver:
             state.u,
             state.v,
             state.sigma,
-            self.stepper.limits_now,
+            self.stepper.forces.limits,
             steps=self.done,
             wall_s=self.elapsed,
             preparation_s=self.preparation,
@@ -257,8 +245,9 @@ class Driver:
                     self._halves(self.done, h * self.done, h * (self.done + 1), True, 1)
                     self.done += 1
             now = time.perf_counter()
-            fitting = SETTINGS.call_s * (self.done - first) / max(now - begin, 1e-9)
-            most = min(SETTINGS.growth * self.at_once, self.stepper.most_at_once)
+            fitting = CALL_S * (self.done - first) / max(now - begin, 1e-9)
+            # Four times those of the last call at most.
+            most = min(4 * self.at_once, self.stepper.most_at_once)
             self.at_once = max(1, min(int(fitting), most))
 
     def _part(self, index: int, a: float, b: float, last: bool, depth: int) -> None:
@@ -275,7 +264,7 @@ class Driver:
 
     def _halves(self, index: int, a: float, b: float, last: bool, depth: int) -> None:
         """The same in two parts, of which each may be halved again."""
-        if depth > SETTINGS.halvings:
+        if depth > HALVINGS:
             failure = self.stepper.failure
             unknown = self.to.outer_number(failure.unknown)
             raise ConvergenceError(

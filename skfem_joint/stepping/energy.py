@@ -15,7 +15,7 @@ added (`skfem_joint.stepping.normal_forces`, in the compiled loop
 Each function runs as it is, on NumPy arrays, for steps that are done in Python, and is compiled
 into the loop over steps (:mod:`skfem_joint.stepping.time_loop`). Arrays of slip rows have the first
 rows of all points before the second rows of those that have one, which come first among the points
-(:func:`skfem_joint.minimise.compiled_step.row_order`).
+(:func:`skfem_joint.minimise.problem.row_order`).
 """
 
 from __future__ import annotations

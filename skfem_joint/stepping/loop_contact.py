@@ -195,12 +195,13 @@ def _force_at_end(contact, sigma, new_force):
 
 @compiled_for(add_normal_work, Opening, inlined=True)
 def _add_normal_work(contact, change, dissipated):
-    """Their trapezoidal mean is in the balance, and what they store is not taken from it."""
+    """As `NormalPart.work_left` has it."""
     combine_rows(contact.N, change, contact.approach)
     for c in range(contact.p.size):
-        new, old, moved = contact.pressing[c], contact.p[c], contact.approach[c]
-        stored = (new * new - old * old) / (2.0 * contact.stiffness[c])
-        dissipated[1] += 0.5 * (old + new) * moved - stored
+        new, old = contact.pressing[c], contact.p[c]
+        dissipated[1] += (
+            0.5 * (old + new) * (contact.approach[c] - (new - old) / contact.stiffness[c])
+        )
         contact.peak[c] = max(contact.peak[c], new)
         contact.least[c] = min(contact.least[c], new)
 

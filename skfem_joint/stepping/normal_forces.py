@@ -69,11 +69,11 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.minimise.compiled_step import Places
 from skfem_joint.minimise.limits import Hinges
 from skfem_joint.minimise.problem import (
     ContactPoints,
     Minimum,
+    Places,
     Pressed,
     PressurePoints,
     StepProblem,
@@ -306,6 +306,10 @@ class NormalForces:
         """Normal forces, friction and friction limits in a row."""
         return np.concatenate([*self.friction, *self.normal, self.limits])
 
+    def beside_under(self, friction: FloatArray) -> FloatArray:
+        """The same with another friction, (rows,), N, that has been constant."""
+        return np.concatenate([*FrictionState.at(friction), *self.normal, self.limits])
+
     def go_on(self, beside: FloatArray) -> None:
         """Go on from such numbers; mean forces and limits that are negative in a mixture are 0."""
         sizes = [part.size for part in (*self.friction, *self.normal)]
@@ -388,11 +392,8 @@ class NormalForces:
         moved = np.asarray(self.part.N @ (now.u - before.u))
         rigid = self.rigid
         lost = float(self.normal.mean[rigid] @ moved[rigid])
-        trapezoidal = float((0.5 * (normal.end + self.normal.end)) @ moved)
-        stored = self.part.potential(now.u) - self.part.potential(before.u)
-        stored += float(self.part.force @ moved)  # of elastic points alone
         recorder.impact_work += lost
-        recorder.dissipated[1] += trapezoidal - lost - stored
+        recorder.dissipated[1] += self.part.work_left(normal.end, self.normal.end, moved) - lost
         # Approaches of closed points are zero but for the round-off of the displacements.
         round_off = 1e-9 * float(np.abs(now.u - before.u).max())
         if lost < -round_off * float(self.normal.mean[rigid].sum()):

@@ -15,7 +15,7 @@ from skfem_joint.ground.errors import InputError, first_of
 from skfem_joint.ground.values import COUNT, check, check_some
 from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.vectors import raise_to, raise_to_norms
-from skfem_joint.minimise.compiled_step import row_order
+from skfem_joint.minimise.problem import row_order
 from skfem_joint.stepping import energy
 from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.schemes import State
@@ -27,8 +27,6 @@ _SUMS = (
     *("impact_work", "normal_force_peak", "normal_force_least"),
 )
 _NUMBERS = ("rows", "field_rows", "halved_steps")
-#: Share of the energy in play that the scheme may add to a run before that is said.
-GAINED = 1e-3
 #: Slip of a slider, over that of its point, that the round-off of its spring's force may be.
 STILL = 1e-9
 
@@ -296,6 +294,8 @@ class Run:
         kinetic or viscous.
     ending : Ending, optional
         All that the next step would have started from; None of a quasi-static run.
+    notes : tuple of str
+        What to beware of, in whole sentences.
     """
 
     system: System
@@ -338,6 +338,7 @@ class Run:
     normal_force_least: FloatArray = field(default_factory=lambda: np.zeros(0))
     loops: Loops | None = None
     ending: Ending | None = field(default=None, repr=False, compare=False)
+    notes: tuple[str, ...] = ()
 
     @property
     def end(self) -> tuple[FloatArray, ...]:
@@ -367,6 +368,7 @@ class Run:
                 f"  {self.cycles!r}",
                 f"  time: {self.wall_s:.3g} s, preparation {self.preparation_s:.3g} s, compilation "
                 f"{self.compilation_s:.3g} s",
+                *(f"  note: {note}" for note in self.notes),
             ]
         )
 
@@ -394,18 +396,6 @@ class Run:
             works = self.loops.load_force * self.loops.load_displacement
             in_play = max(in_play, 0.5 * float(np.abs(works).sum(axis=1).max()))
         return in_play
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Sentences on what the run shows to be wrong with its step."""
-        if self.system.contact.normal.rigid.all() or -self.scheme_work <= GAINED * self.in_play:
-            return ()
-        return (
-            f"The time steps added {-self.scheme_work:.3g} J, "
-            f"{-100.0 * self.scheme_work / self.in_play:.2g} % of the energy in play: elastic "
-            "contact (normal_stiffness) that opens or closes is faster than they follow. Take a "
-            "shorter step, or rigid contact, whose impacts cannot add energy.",
-        )
 
     @property
     def opened(self) -> NDArray[np.bool_]:

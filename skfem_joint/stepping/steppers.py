@@ -23,15 +23,15 @@ from skfem_joint.ground.arrays import FloatArray, as_dense, check_like
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.compressed import as_compressed, compressed_rows
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
+from skfem_joint.stepping.arrangement import step_problem
 from skfem_joint.stepping.recording import Recorder
 from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, backward_euler
 from skfem_joint.system.system import System
 
 if TYPE_CHECKING:
-    from skfem_joint.minimise.compiled_step import CompiledStepProblem
     from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
+    from skfem_joint.minimise.problem import CompiledStepProblem
     from skfem_joint.stepping.normal_forces import NormalForces
 
 Saved = Mapping[str, NDArray[Any]]
@@ -62,7 +62,7 @@ class Stepper(ABC):
     Parameters
     ----------
     kind : str
-        Of the system's matrices, see :func:`skfem_joint.minimise.choice.step_problem`.
+        Of the system's matrices, see :func:`skfem_joint.stepping.arrangement.step_problem`.
     system : System
     scheme : Scheme
     u, v : ndarray, shape (n,)
@@ -113,11 +113,6 @@ class Stepper(ABC):
             from skfem_joint.stepping.normal_forces import NormalForces  # loads the compiler
 
             self.forces = NormalForces(system)
-
-    @property
-    def limits_now(self) -> FloatArray | None:
-        """Friction limits now, (m,), N; None where they are those of the system."""
-        return self.forces.limits
 
     @abstractmethod
     def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
@@ -231,26 +226,11 @@ class Stepper(ABC):
         """Friction of each slip row of the system, (rows,), from that in the order of ``now``."""
         return sigma
 
-    @property
-    def beside(self) -> FloatArray:
-        """Numbers that a step starts from beside ``now``; those of friction are none."""
-        return self.forces.beside
-
     def go_on(self, now: State, beside: FloatArray) -> None:
         """Go on from a state and the numbers beside it."""
         self.now = now
         if beside.size:
             self.forces.go_on(beside)
-
-    def set_limits(self, limits: FloatArray) -> None:
-        """Start with friction limits, (m,), N, where they change."""
-        if isinstance(self.forces, ConstantForces):
-            raise TypeError(f"{type(self).__name__} has constant friction limits")
-        self.forces.limits = np.array(limits)
-
-    def store_start(self) -> None:
-        """Store what a start has beside its state."""
-        self.forces.store(self.recorder, 0)
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """All that steps depend on, between two calls of :meth:`advance`, for a checkpoint."""
@@ -460,9 +440,16 @@ class ConstantForces:
     """What a step needs of contact with constant limits: all is in the state of a stepper.
 
     `skfem_joint.stepping.normal_forces.NormalForces` has the same methods, see there.
+
+    Attributes
+    ----------
+    limits : ndarray, shape (m,), or None
+        Friction limits now, N; None where they are those of the system.
+    beside : ndarray
+        Numbers that a step starts from beside the state.
     """
 
-    limits = None
+    limits: FloatArray | None = None
     beside = np.zeros(0)
 
     def before(self, c: Coefficients, u: FloatArray, predictor: FloatArray) -> tuple[float, None]:
@@ -581,3 +568,14 @@ class PythonStepper(Stepper):
         """Take up a saved state."""
         super().restore(saved)
         self.v_before = np.array(saved["before"])
+
+
+def choose(kind: str, *others: Any) -> Stepper:
+    """Stepper for a kind of matrices, from the arguments of `Stepper`.
+
+    Raises
+    ------
+    InputError
+        For set-valued Coulomb friction in a dense system.
+    """
+    return (CompiledStepper if kind in ("chain", "dense") else PythonStepper)(kind, *others)

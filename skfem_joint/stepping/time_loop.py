@@ -5,7 +5,7 @@ The law of friction is evaluated in `minimise_step`: for chains by `front_elimin
 (`law.forces`). What differs where contact opens is in `loop_contact`. Other systems have no part in
 this loop: `steppers.PythonStepper` steps them with `contact_newton` or `condensed_newton`, whose
 `contact_loops` take forces, tangents and relaxation of single points from `law`.
-`minimise.choice` chooses the method.
+`stepping.arrangement.step_problem` chooses the method.
 """
 
 # numba infers the types of compiled functions:
@@ -19,7 +19,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.compiling import compiled, compiled_inside
 from skfem_joint.linalg.kernels import aligned
 from skfem_joint.linalg.vectors import point_norms, product, raise_to, raise_to_norms, weighted
-from skfem_joint.minimise.compiled_step import minimise_step, slips
+from skfem_joint.minimise.problem import minimise_step, slips
 from skfem_joint.stepping import energy, loop_contact
 
 _add_dissipation = compiled_inside(energy.add_dissipation)

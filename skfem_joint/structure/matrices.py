@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NoReturn
+from functools import cached_property
+from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 from scipy import sparse
@@ -16,6 +17,7 @@ from skfem_joint.joint.joints import Joint, joint_value_problems
 from skfem_joint.joint.manifold import SMALL, slip_directions
 from skfem_joint.joint.patch import Patch, point_stiffness
 from skfem_joint.mesh.named import name_problems
+from skfem_joint.structure.doubts import doubted
 from skfem_joint.structure.load import Load, under_loads
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.system.modes import rigid_motions
@@ -104,6 +106,9 @@ class MatrixModel:
         object.__setattr__(self, "contact", contact)
         object.__setattr__(self, "patches", tuple(patch for patch, _ in pairs))
         object.__setattr__(self, "unloaded", unloaded)
+
+    #: Whether the structure is said to move freely: of matrices that is not said.
+    free: ClassVar[bool] = False
 
     @property
     def body(self) -> None:
@@ -272,7 +277,13 @@ class MatrixModel:
             free += own[count : count + slips]
         return held, free
 
-    def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
+    def system(
+        self,
+        loads: Sequence[Load] = (),
+        points: Sequence[str] | None = None,
+        *,
+        quasi_static: bool = False,
+    ) -> System:
         """Sparse system of equations under loads.
 
         Displacements at all loads are observed, and those of ``points``: all points, if not given.
@@ -296,7 +307,8 @@ class MatrixModel:
             if not row.any()
         )
         applied = [AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads]
-        return under_loads(self.unloaded, self.patches, applied, rows, self.damping_ratio)
+        system = under_loads(self.unloaded, self.patches, applied, rows, self.damping_ratio)
+        return doubted(system, self.unusual, self.patches, quasi_static=quasi_static)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces by vibration; None where no contact is closed."""
@@ -332,7 +344,8 @@ class MatrixModel:
         """Message about a name that no point has."""
         return f"{what}: no point has this name; points: {listed(self.points)}"
 
-    def unusual(self, system: System) -> list[str]:
+    @cached_property
+    def unusual(self) -> list[str]:
         """Sentence about pairs that slip where K lets the structure move rigidly.
 
         A rigid motion should move both nodes of a pair together; a slip of more than 1e-3 of the

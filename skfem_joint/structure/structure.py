@@ -29,6 +29,7 @@ from skfem_joint.joint.preload import Preload, TouchingFaces, preload
 from skfem_joint.joint.pressure_space import PressureSpace, pressure_space
 from skfem_joint.joint.rigid import loose_bodies
 from skfem_joint.mesh import NamedMesh, load_meshes, named
+from skfem_joint.structure.doubts import doubted
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.system.modes import KnownFit, ratio_problems
@@ -268,7 +269,8 @@ class Structure:
             ),
         ]
 
-    def unusual(self, system: System) -> list[str]:
+    @cached_property
+    def unusual(self) -> list[str]:
         """Sentences about mesh, values and size that suggest a mistake of the user."""
         return [
             *self.mesh.notes,
@@ -378,7 +380,13 @@ class Structure:
         """Vectors of all nodes, (..., N, dim), from what `System.expand` gives, (..., dim N)."""
         return self.body.unpacked(x)
 
-    def system(self, loads: Sequence[Load] = (), points: Sequence[str] | None = None) -> System:
+    def system(
+        self,
+        loads: Sequence[Load] = (),
+        points: Sequence[str] | None = None,
+        *,
+        quasi_static: bool = False,
+    ) -> System:
         """Sparse system of equations under loads.
 
         ``P`` first has a row for each load, named after the part that it acts on: the displacement
@@ -396,6 +404,13 @@ class Structure:
         points : sequence of str, optional
             Names of observed points, boundaries and regions, the latter two by their mean
             displacement. All points that can move, if not given.
+        quasi_static : bool
+            Whether the loads change slowly: then no notes are about waves and impacts.
+
+        Returns
+        -------
+        System
+            Its ``notes`` say what suggests a mistake in mesh, values, loads and joints.
 
         Raises
         ------
@@ -434,7 +449,9 @@ class Structure:
             rows |= dict(zip(labels, parts, strict=True))
         refuse(wrong)
         damping = self.damping_ratio, notes, self.fitted
-        return under_loads(self.unloaded, self.patches, applied, rows, *damping)
+        system = under_loads(self.unloaded, self.patches, applied, rows, *damping)
+        doubtful = self.unusual, self.patches, self.body
+        return doubted(system, *doubtful, quasi_static=quasi_static)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces by vibration; None where no contact is closed."""

@@ -22,7 +22,7 @@ from skfem_joint.accuracy.condensed_reference import CondensedReference
 from skfem_joint.accuracy.estimate import Estimate
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Progress, silent
-from skfem_joint.reduction.basis import Basis, reduced_system
+from skfem_joint.reduction.models import reduced_on
 from skfem_joint.runs.resolution import longest_step
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import AccuracyTable
@@ -30,7 +30,7 @@ from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.stopwatch import Stopwatch
-from skfem_joint.study.scene_plan import basis_of_scene, options_of, plan_of
+from skfem_joint.study.models import model_of, options_of, plan_of
 from skfem_joint.system.system import System
 
 #: Rounds of refinement, vectors of a basis, and halvings of the step that are tried.
@@ -42,43 +42,6 @@ WORTHWHILE = 0.4
 
 
 @dataclass(frozen=True)
-class AccurateModel:
-    """A reduced model that meets an accuracy.
-
-    Attributes
-    ----------
-    scene : Scene
-        Scene with the steps that it takes.
-    basis : Basis
-    system : System
-        The reduced model.
-    estimate : Estimate
-        Its estimated errors.
-    """
-
-    scene: Scene
-    basis: Basis
-    system: System
-    estimate: Estimate
-
-
-@dataclass(frozen=True)
-class InRange:
-    """A reduced model that serves a range, at the point that a scene is.
-
-    Attributes
-    ----------
-    system : System
-        The reduced model.
-    estimate : Estimate, optional
-        Its estimated errors, where the scene asks for an accuracy.
-    """
-
-    system: System
-    estimate: Estimate | None = None
-
-
-@dataclass(frozen=True)
 class Choice:
     """What is run of a scene, so that the accuracy that it asks for is met.
 
@@ -86,10 +49,11 @@ class Choice:
     ----------
     scene : Scene
         Scene with the time steps that are taken at first.
-    accurate : AccurateModel, optional
-        Reduced model that meets the accuracy; None where none is asked for.
-    in_range : InRange, optional
-        Point of a model for a range, in place of a reduced model of the scene's own.
+    model : System, optional
+        Reduced model that meets the accuracy, or the point that the scene is of one for a range;
+        None where neither is asked for.
+    estimate : Estimate, optional
+        Its estimated errors, where an accuracy is asked for.
     notes : tuple of str
         What to beware of.
     seconds, compilation_s : float
@@ -97,8 +61,8 @@ class Choice:
     """
 
     scene: Scene
-    accurate: AccurateModel | None = None
-    in_range: InRange | None = None
+    model: System | None = None
+    estimate: Estimate | None = None
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
     compilation_s: float = 0.0
@@ -121,32 +85,27 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     if not scene.accuracy.is_given:
         return Choice(scene)
     watch = Stopwatch()
-    structure, system = scene.structure(), scene.system()
-    scene = resolved(scene, system)
+    scene = resolved(scene, scene.system())
     options = options_of(scene)
 
-    def basis_for(modes: int | None = None, enriched: bool = False) -> Basis:
+    def made(modes: int | None = None) -> System:
         chosen = options if modes is None else replace(options, modes=modes)
-        return basis_of_scene(scene, structure, system, chosen, path, enriched=enriched)
+        return model_of("reduced", scene, chosen, path, enriched=modes is None)
 
     if "reduced" not in scene.models.run:
         return Choice(scene)
-    basis = basis_for(enriched=True)
-    accurate = accurate_model(
-        scene, basis, partial(progress, "choosing a reduced model"), basis_for
-    )
+    first = made()
+    report = partial(progress, "choosing a reduced model")
+    scene, model, errors = _accurate_model(scene, first, report, made)
     # What a basis misses before it is enriched is of no concern.
-    notes = basis.notes if accurate.basis is basis else ()
-    contact = accurate.system.contact
+    basis, contact = first.origin.basis, model.contact
+    notes = basis.notes if model.origin.basis is basis else ()
     said = (
-        f"For the accuracy asked for the reduced model has {accurate.system.n} vectors, "
+        f"For the accuracy asked for the reduced model has {model.n} vectors, "
         f"{contact.w.size} friction points, beta = {contact.steepest:.3g} s/m and "
-        f"steps of {accurate.scene.time_step:.4g} s; it errs by an estimated "
-        f"{stated(accurate.estimate)}."
+        f"steps of {scene.time_step:.4g} s; it errs by an estimated {stated(errors)}."
     )
-    seconds, compiled = watch.read()
-    notes = (*notes, said)
-    return Choice(accurate.scene, accurate, notes=notes, seconds=seconds, compilation_s=compiled)
+    return Choice(scene, model, errors, (*notes, said), *watch.read())
 
 
 def excess(accuracy: AccuracyTable, errors: Estimate, source: str = "total") -> float:
@@ -178,16 +137,18 @@ def resolved(scene: Scene, system: System) -> Scene:
     return scene.finer(2 ** ceil(log2(ratio) - 1e-9)) if ratio > 1.0 else scene
 
 
-def accurate_model(
+def _accurate_model(
     scene: Scene,
-    basis: Basis,
+    small: System,
     report: Progress,
-    remade: Callable[[int], Basis],
-) -> AccurateModel:
+    remade: Callable[[int], System],
+) -> tuple[Scene, System, Estimate]:
     """Refine a reduced model until its estimated errors are below what the scene asks for.
 
-    It starts with ``basis``; ``report`` is called with (rounds done, most rounds). ``remade`` makes
-    a basis of some number of joint modes anew, where it is not known which ones are missing.
+    Returned are the scene with the steps that it takes, the model, and its errors.
+
+    It starts with ``small``; ``report`` is called with (rounds done, most rounds). ``remade`` makes
+    a model of some number of joint modes anew, where it is not known which ones are missing.
 
     Raises
     ------
@@ -196,17 +157,19 @@ def accurate_model(
     """
     system, accuracy, options = scene.system(), scene.accuracy, options_of(scene)
     points, beta, halvings = options.friction_points, options.beta, 0
+    basis = small.origin.basis
     reference = CondensedReference.of(system, shared=True)
     errors: list[float] = []
     for done in range(ROUNDS):
         report(done, ROUNDS)
         own: dict[str, Any] = {"friction_points": points, "beta": beta}
-        reduced = reduced_system(system, basis, **own, periodic=scene.periodic)
+        if done:
+            small = reduced_on(system, basis, **own)
         step, plan = scene.time_step, plan_of(scene)
-        stands = rungs.of_reduced(system, basis, reduced, plan, reference=reference)
+        stands = rungs.of_reduced(system, basis, small, plan, reference=reference)
         errors.append(excess(accuracy, stands))
         if errors[-1] <= 1.0:
-            return AccurateModel(scene, basis, reduced, stands)
+            return scene, small, stands
         sources = {s: excess(accuracy, stands, s) for s in ("basis", "law", "points", "time_step")}
         # The search ends where two rounds leave more than this share of the error of earlier
         # ones, unless shorter steps are what is left to try: their errors may rise at first.
@@ -224,15 +187,12 @@ def accurate_model(
         elif "basis" in refined:
             if 2 * basis.modes > MOST_VECTORS:
                 break
-            basis = remade(2 * basis.modes)
+            basis = remade(2 * basis.modes).origin.basis
         if "points" in refined:
-            points = (
-                2 * reduced.contact.w.size
-                if 2 * reduced.contact.w.size < system.contact.count
-                else "all"
-            )
+            points = 2 * small.contact.w.size
+            points = points if points < system.contact.count else "all"
         if "law" in refined:
-            beta = min(rungs.STEEPER * reduced.contact.steepest, system.contact.steepest)
+            beta = min(rungs.STEEPER * small.contact.steepest, system.contact.steepest)
         if "time_step" in refined:
             more = min(max(_halvings(sources["time_step"]), 1), 3)
             halvings, scene = halvings + more, scene.finer(2**more)
@@ -240,7 +200,7 @@ def accurate_model(
             break
     worst = max(sources, key=lambda source: sources[source]).replace("_", " ")
     raise ConvergenceError(
-        f"accuracy: a reduced model of {reduced.n} vectors and {reduced.contact.w.size} friction "
+        f"accuracy: a reduced model of {small.n} vectors and {small.contact.w.size} friction "
         f"points with steps of {step:.4g} s still errs by an estimated {stated(stands)}, most of "
         f"it from its {worst}. Ask for less, or run 'full' alone"
     )

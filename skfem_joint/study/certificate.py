@@ -39,8 +39,8 @@ from skfem_joint.scene import Scene
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.study.models import Model, Study
-from skfem_joint.study.scene_plan import origin_of, plan_of
+from skfem_joint.study.models import origin_of, plan_of
+from skfem_joint.study.results import Model, Study
 from skfem_joint.system.system import System
 
 #: Intervals at whose ends runs are compared with a reference: of a cycle, or of a run without

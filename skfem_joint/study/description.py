@@ -1,4 +1,4 @@
-"""Facts about a scene's structure, and its response to its loads, statically and with stuck joints.
+"""Facts about a structure, and its response to its loads, statically and with stuck joints.
 
 The vibration of the structure with stuck joints is the sum of its lowest modes, integrated exactly
 for loads that are linear between the time steps, and of the static response of all other modes. At
@@ -9,7 +9,7 @@ first joint slips as a whole.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -23,6 +23,7 @@ from skfem_joint.joint.pressure import PressureTable
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
+from skfem_joint.reduction.models import TO_STEADY, run_to_come
 from skfem_joint.results.contact_mesh import coarse_contact, judged
 from skfem_joint.results.gross_slip import gross_slip_level
 from skfem_joint.results.natural_modes import NaturalModes, natural_modes
@@ -31,8 +32,10 @@ from skfem_joint.runs.resolution import unfit_times
 from skfem_joint.scene import Scene
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.arrangement import Arranged
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.structure.load import Load
 from skfem_joint.structure.model import AnyStructure
-from skfem_joint.study.scene_plan import TO_STEADY, plan_of
+from skfem_joint.study.models import plan_of
 from skfem_joint.system import modes
 from skfem_joint.system.modal_response import modal_response
 from skfem_joint.system.system import System
@@ -68,20 +71,63 @@ class Description:
     values: dict[str, Any] = field(default_factory=dict)
 
 
-def describe(scene: Scene, path: QuasiStatic | None = None) -> Description:
-    """Describe a scene's structure, and its response to the peaks of its loads.
+def describe(
+    structure: AnyStructure,
+    loads: Sequence[Load],
+    duration: float | None = None,
+    *,
+    quasi_static: bool = False,
+) -> Description:
+    """Describe a structure, and its response to the peaks of its loads.
 
-    It takes quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What
-    cannot be computed is among the doubts.
+    It is what ``skfem-joint check`` prints beside the notes of the structure's system. It takes
+    quasi-static solves and a few modes: seconds for plates, milliseconds for bars. What cannot be
+    computed is among the doubts.
 
     Parameters
     ----------
-    scene : Scene
-    path : QuasiStatic, optional
-        Quasi-static path of the scene's system, whose factors are used; created here if it is
-        needed and not given. Not for contact that opens, which is described as it is closed.
+    structure : Structure
+        Given by a mesh or by matrices.
+    loads : sequence of Load
+    duration : float, optional
+        Of the run to come, s. If it is not given, loads that repeat are taken to last until the
+        vibration is steady; others need it.
+    quasi_static : bool
+        Whether the loads change slowly, without vibration.
+
+    Returns
+    -------
+    Description
+        Facts and doubts in sentences, and figures by name.
+
+    Raises
+    ------
+    InputError
+        For loads that do not fit the structure, or that need a duration.
     """
-    structure, system = scene.structure(), scene.system().closed()
+    system = structure.system(loads, quasi_static=quasi_static)
+    plan = run_to_come(system, duration, quasi_static=quasi_static)
+    return _described(structure, system, loads, plan)
+
+
+def description_of(scene: Scene, path: QuasiStatic | None = None) -> Description:
+    """Describe a scene; see `describe`.
+
+    ``path`` is a quasi-static path of its system, whose factors are used; it is created here if it
+    is needed and not given. Not for contact that opens, which is described as it is closed.
+    """
+    return _described(scene.structure(), scene.system(), scene.loads(), plan_of(scene), path)
+
+
+def _described(
+    structure: AnyStructure,
+    system: System,
+    loads: Sequence[Load],
+    plan: Plan,
+    path: QuasiStatic | None = None,
+) -> Description:
+    """Describe a structure with its system under loads, for a run by a plan."""
+    system = system.closed()
     draft = Description()
     draft.facts.extend(_parts(structure))
     if structure.body is not None:
@@ -97,9 +143,9 @@ def describe(scene: Scene, path: QuasiStatic | None = None) -> Description:
         )
     still = [load.on for load in system.loads if load.amplitude.peak_value == 0.0]
     draft.doubts += [f"The load on {on!r} is zero at all times." for on in still]
-    draft.doubts += unfit_times(system, plan_of(scene))
+    draft.doubts += unfit_times(system, plan)
     try:
-        _moves(scene, structure, system, path, draft)
+        _moves(structure, system, loads, plan, path, draft)
     except (JointError, RuntimeError, np.linalg.LinAlgError) as error:
         draft.doubts.append(
             f"What the structure does under its loads at rest is not known: {error}"
@@ -134,9 +180,10 @@ def _parts(structure: AnyStructure) -> Iterator[str]:
 
 
 def _moves(
-    scene: Scene,
     structure: AnyStructure,
     system: System,
+    loads: Sequence[Load],
+    plan: Plan,
     path: QuasiStatic | None,
     draft: Description,
 ) -> None:
@@ -147,9 +194,9 @@ def _moves(
         system.contact.on_rows((system.contact.w > 0.0) & ~system.contact.sprung)
     )
     held = sparse.csr_array(system.contact.B).indices[rigid_friction]
-    floats, stuck = _frequencies(scene, structure, system, acting.size > 0, draft)
+    floats, stuck = _frequencies(structure, system, acting.size > 0, draft)
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
-    slow = scene.time.quasi_static
+    slow = plan.quasi_static
     if frequency > 0.0 and structure.body is not None and not slow:
         speed, count = per_wavelength(structure.body, frequency)
         values |= {"wave_speed_m_per_s": speed, "elements_per_wavelength": count}
@@ -157,20 +204,20 @@ def _moves(
             f"The slowest wave travels at {speed:.4g} m/s: {count:.3g} elements in its length at "
             f"{frequency:.5g} Hz, the highest frequency of the loads."
         )
-    if floats and (scene.support.free or scene.matrices is not None):
+    if floats and (structure.free or structure.body is None):
         draft.facts.append(
             "The structure floats, so that loads at rest are not compared with what makes a joint "
             "slip: they would move all of it away."
         )
         return
-    vibration = _forces(scene, system, held, stuck)
+    vibration = _forces(plan, system, held, stuck)
     static, dynamic, amplified = vibration.static, vibration.dynamic, vibration.amplified
     if not system.loads or not np.any(static):
         return
     if not acting.size:
         _displaced(structure, system, _solve(system, static, no_unknowns), draft)
         return
-    _normal(scene, structure, vibration, draft)
+    _normal(structure, loads, vibration, slow, draft)
     path = path or QuasiStatic(system)
     to = path.to
     path = path.afresh(Arranged(to.system, to.kind))  # in the unknowns that are stepped
@@ -202,7 +249,7 @@ def _moves(
 
 
 def _frequencies(
-    scene: Scene, structure: AnyStructure, system: System, rubs: bool, draft: Description
+    structure: AnyStructure, system: System, rubs: bool, draft: Description
 ) -> tuple[bool, NaturalModes]:
     """Add natural frequencies, and whether the structure floats, which is returned with the modes.
 
@@ -231,7 +278,7 @@ def _frequencies(
         cure = "Is something to be fixed, or do joints lack pressure or pairs?"
         if opens:
             cure = "Contact that opens holds it only while it is closed by the loads."
-        if not scene.support.free:
+        if not structure.free:
             draft.doubts.append(
                 f"Nothing holds {rigid[1]} rigid motions, joints and supports included: the "
                 f"structure floats. {cure}"
@@ -240,12 +287,16 @@ def _frequencies(
 
 
 def _normal(
-    scene: Scene, structure: AnyStructure, vibration: _Vibration, draft: Description
+    structure: AnyStructure,
+    loads: Sequence[Load],
+    vibration: _Vibration,
+    slow: bool,
+    draft: Description,
 ) -> None:
     """Add by how much loads or vibration of the stuck structure change the normal forces."""
     if any(patch.joint.opens for patch in structure.patches):
         return  # whose normal forces may change
-    acts = structure.reactions(scene.loads())
+    acts = structure.reactions(loads)
     if acts is None:
         return
     change = acts.K @ vibration.follows
@@ -256,7 +307,7 @@ def _normal(
     found = NormalChange.of(structure, acts, most)
     draft.values["normal_force_change"] = found.share
     what, changes = "Vibration of the stuck structure", "changes"
-    if scene.time.quasi_static:
+    if slow:
         what, changes = "The loads on the stuck structure", "change"
     draft.values["normal_force_change_mean"] = found.mean
     draft.facts.append(f"{what} {changes} the normal force by {found.text}. {found.of_the_mesh}")
@@ -330,12 +381,12 @@ class _Vibration:
     most: FloatArray
 
 
-def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vibration:
+def _forces(plan: Plan, system: System, held: Any, modes: NaturalModes) -> _Vibration:
     """Vibration of the stuck structure, from rest."""
     F, frequency, shapes = system.load_vectors(), modes.frequencies, modes.modes
     # Most steps for which the vibration of the stuck structure is computed.
-    steps = min(scene.n_steps * (TO_STEADY if scene.time.until else 1), 5_000)
-    h = scene.time_step
+    steps = min(plan.n_steps * (TO_STEADY if plan.until == "steady" else 1), 5_000)
+    h = plan.step
     amplitudes = system.load_amplitudes(h * np.arange(steps + 1.0))
     follow = _solve(system, F, held) if F.size else F
     omega, participation = 2.0 * np.pi * frequency, shapes.T @ F
@@ -343,7 +394,7 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
     modal = participation @ amplitudes
     # What each mode moves beyond following its force at once.
     extra = np.zeros_like(modal)
-    if not scene.time.quasi_static:
+    if not plan.quasi_static:
         extra = modal_response(omega, damping, modal, h) - modal / omega[:, np.newaxis] ** 2
     both = np.hstack([follow, shapes])
     x = np.vstack([amplitudes, extra])
@@ -356,7 +407,7 @@ def _forces(scene: Scene, system: System, held: Any, modes: NaturalModes) -> _Vi
     static = F @ amplitudes[:, int(first.argmax())]
     inertia = shapes * omega**2
     dynamic = F @ most[:k] + system.M @ (inertia @ most[k:])
-    amplifies = strains and not scene.time.quasi_static
+    amplifies = strains and not plan.quasi_static
     amplified = float(np.sqrt(energy.max() / at_rest.max())) if amplifies else None
     return _Vibration(static, dynamic, amplified, both, inertia, x, most)
 
@@ -372,7 +423,7 @@ def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
     u = np.zeros(force.shape)
     if free.size:
         K, M = (sparse.csr_array(A)[free][:, free] for A in (system.stuck_stiffness, system.M))
-        share = shifts.SETTINGS.least if held.size else shifts.SETTINGS.safe
+        share = shifts.LEAST if held.size else shifts.SAFE
         u[free] = factorised(shifted(K, M, share))(force[free])
     return u
 

@@ -21,11 +21,11 @@ import numpy as np
 from skfem_joint.ground.errors import InputError, JointError, refuse
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.reduction.basis import reduced_system
+from skfem_joint.reduction.models import reduced_on
 from skfem_joint.results.history import QUANTITIES, Results, difference, results
 from skfem_joint.scene import Scene
 from skfem_joint.study.certificate import Reference, check_slips, make_reference
-from skfem_joint.study.scene_plan import basis_of_scene, options_of, origin_of
+from skfem_joint.study.models import model_of, options_of, origin_of
 from skfem_joint.system.system import System
 
 #: Steps in an interval of the finest run of each model, against which the error of its time step
@@ -246,13 +246,15 @@ class _Reduction:
     @cached_property
     def models(self) -> dict[str, tuple[System, float]]:
         """By family: the model, and how long it took to make, s."""
-        begin, made, scene = time.perf_counter(), {}, self.scene
-        options = replace(options_of(scene), modes=self.modes)
-        basis = basis_of_scene(scene, scene.structure(), self.system, options)
+        begin, made, given = time.perf_counter(), {}, options_of(self.scene)
+        options = replace(given, modes=self.modes, friction_points="all")
+        every = model_of("reduced", self.scene, options)
         offline = time.perf_counter() - begin
-        for family, points in _families(scene).items():
-            begin, chosen = time.perf_counter(), replace(options, friction_points=points)
-            small = reduced_system(self.system, basis, **chosen.friction, periodic=scene.periodic)
+        for family, points in _families(self.scene).items():
+            begin, small = time.perf_counter(), every
+            if points != "all":
+                basis = every.origin.basis
+                small = reduced_on(self.system, basis, friction_points=points, beta=given.beta)
             made[family] = small, offline + time.perf_counter() - begin
         return made
 

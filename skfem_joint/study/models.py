@@ -1,179 +1,179 @@
-"""Models of a scene that were run, and the study that holds them: results alone."""
+"""From a scene to its models: their plan, which of them there are, and how each is made.
+
+`plan_of` gives the time steps of a run and `save_of` what they store; `origin_of` gives the
+fingerprint by which saved results are recognised. Each model is made here, for every command, by
+what Python users call: `model_of` gives the full, condensed or reduced model of a run; responses
+and damping curves take `reduced_for_response` and `reduced_for_mode`. Its
+``origin`` has the full system and the basis, its ``notes`` say what to beware of. Numbers of modes,
+notes and refusals are those of `skfem_joint.condense` and `skfem_joint.reduce`. (Models for a range
+are kept in files, see `skfem_joint.study.scene_range`.)
+
+Only this module knows the paper's scaled modes, which it imports where a scene needs them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from skfem_joint.accuracy.estimate import Estimate
-from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import JointError
-from skfem_joint.reduction.basis import Basis
-from skfem_joint.results.history import Errors
+from skfem_joint.ground.array_files import fingerprint
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.reduction.basis import Options
+from skfem_joint.reduction.condensed import condense
+from skfem_joint.reduction.elastic_contact import check_reference
+from skfem_joint.reduction.excitation import SHORT_RUNS, repeats
+from skfem_joint.reduction.friction_points import NO_FRICTION, NOWHERE
+from skfem_joint.reduction.models import TO_STEADY, reduced, reduced_on
+from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
-from skfem_joint.stepping.recording import Run
-from skfem_joint.structure.model import AnyStructure
-from skfem_joint.study.description import Description
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run, Save
+from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.system.system import System
 
+if TYPE_CHECKING:
+    from skfem_joint.slow.quasi_static import QuasiStatic
 
-@dataclass(frozen=True)
-class Model:
-    """One model that was run.
 
-    Attributes
+def with_friction(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
+    """Scene without models that reduce slip where no joint carries friction, and a note.
+
+    These are reduced models, and condensed ones unless contact opens. InputError where no model is
+    left.
+    """
+    contact = scene.system().contact
+    kept = ["full", "condensed"] if contact.opens else ["full"]
+    left_out = [name for name in scene.models.run if name not in kept]
+    if contact.count or not left_out:
+        return scene, ()
+    names = " and ".join(repr(name) for name in left_out)
+    why = f"models.run: {names} left out: they reduce slip, and {NOWHERE}"
+    kept = [name for name in scene.models.run if name in kept]
+    if not kept:
+        raise InputError(f"{scene.path}: {NO_FRICTION.replace('reduced', left_out[0])}")
+    return scene.changed(models={"run": kept}), (f"{why}.",)
+
+
+def save_of(scene: Scene) -> Save:
+    """Store only what a picture, a file or a comparison of this scene needs."""
+    output, cycle = scene.output, scene.cycle_steps
+    stride = max(1, -(-scene.n_steps // output.frames))
+    if cycle is not None and stride >= cycle:
+        # Less than a frame a cycle: each a twentieth of a cycle on, lest all are of one phase.
+        stride = -(-stride // cycle) * cycle + max(1, cycle // 20)
+    return Save(
+        every=output.every,
+        points=output.history or output.plots or len(scene.models.run) > 1,
+        slips=output.history,
+        fields=output.vtk or output.plots,
+        fields_every=stride,
+    )
+
+
+def plan_of(scene: Scene) -> Plan:
+    """Steps, scheme and output that a scene asks for."""
+    return Plan(
+        scene.time_step,
+        scene.n_steps,
+        generalized_alpha(scene.time.rho_infinity),
+        save_of(scene),
+        scene.cycle_steps,
+        scene.time.until or "end",
+        quasi_static=scene.time.quasi_static,
+    )
+
+
+def origin_of(scene: Scene) -> str:
+    """Fingerprint of a scene, its mesh and the tables of its loads."""
+    # `model_copy` takes values as they are: here a list is as good as a tuple.
+    content = scene.model_dump(mode="json", exclude={"sweep"}, warnings=False)
+    return fingerprint(
+        content,
+        [load.amplitude for load in scene.loads()],
+        *scene.structure().identity,
+    )
+
+
+def options_of(scene: Scene, reference: str | None = None) -> Options:
+    """Options of a reduction: the values of the scene's table ``[reduction]``, by their names.
+
+    ``reference`` takes the place of the scene's.
+    """
+    given = {name: getattr(scene.reduction, name) for name in Options.__annotations__}
+    return Options(**given if reference is None else given | {"reference": reference})
+
+
+def other_reference(scene: Scene) -> tuple[str, ...]:
+    """Note that a response or curve has modes of its own, where the scene says of what else."""
+    reference, kept = scene.reduction.reference, scene.reduction.range is None
+    if reference == "static" or "reduced" not in scene.models.run or not kept:
+        return ()
+    return (
+        f"reduction.reference = {reference!r} is for 'run' alone: the reduced model of a response "
+        "has modes of a static slip path, that of a damping curve modes of the curve's states.",
+    )
+
+
+def model_of(
+    name: str,
+    scene: Scene,
+    options: Options | None = None,
+    path: QuasiStatic | None = None,
+    *,
+    enriched: bool = False,
+) -> System:
+    """Model of a scene for its run.
+
+    Parameters
     ----------
     name : str
         "full", "condensed" or "reduced".
-    run : Run
-    offline_s : float
-        Time before the first step, s: modes, active length, projection.
-    active_length : dict of str to float
-        Active length of each joint whose axis is known, m.
-    active_area_fraction, slipping_fraction : dict of str to float
-        Share of each joint's contact area, and of its nodes, that slips; empty for a reduced model
-        beside a full one.
-    basis : Basis, optional
-        What a reduced or condensed model is made of; None for one that serves a range.
-    errors : Errors, optional
-        Distance from the full model, where both were run.
-    estimate : Estimate, optional
-        Errors estimated without the full model.
-    estimate_s : float
-        Time that the estimate took, s.
-    compilation_s : float
-        Time of compilation, s, which happens once on a machine and is in no other time here.
-    """
-
-    name: str
-    run: Run
-    offline_s: float
-    active_length: dict[str, float]
-    active_area_fraction: dict[str, float] = field(default_factory=dict)
-    slipping_fraction: dict[str, float] = field(default_factory=dict)
-    basis: Basis | None = None
-    errors: Errors | None = None
-    estimate: Estimate | None = None
-    estimate_s: float = 0.0
-    compilation_s: float = 0.0
-
-    @property
-    def slip_peak(self) -> FloatArray:
-        """Largest slip of each contact point of the full model, m, as far as it is known, (m,).
-
-        That of a reduced model is of the run that its modes were made from; of one that serves a
-        range it is that of the friction points that stand for the contact points.
-        """
-        if self.basis is not None:
-            return self.basis.history.slip_peak
-        shares = self.run.system.contact.shares
-        return self.run.slip_peak if shares is None else (shares > 0.0).T @ self.run.slip_peak
-
-    def slider_peak(self, system: System) -> FloatArray:
-        """Largest slip of each slider of the full ``system``, as `slip_peak`, (m,), m."""
-        if not system.contact.opens or not system.contact.has_springs:
-            return system.contact.slider_peak(self.slip_peak)
-        shares, peak = self.run.system.contact.shares, self.run.slider_peak
-        return peak if shares is None else (shares > 0.0).T @ peak
-
-    @property
-    def modes(self) -> int | None:
-        """Number of vectors of the basis; None for the full model."""
-        if self.basis is None:
-            return None if self.name == "full" else self.run.system.n
-        return int(self.basis.V.shape[1])
-
-
-@dataclass(frozen=True)
-class Failure:
-    """Why a study does not have all models of its scene.
-
-    Attributes
-    ----------
-    model : str
-        Name of the model that was not made.
-    error : JointError
-        InputError where the model does not fit the scene, ConvergenceError where a step of it does
-        not converge.
-    """
-
-    model: str
-    error: JointError
-
-
-@dataclass(frozen=True)
-class Study:
-    """Results of a scene.
-
-    Attributes
-    ----------
     scene : Scene
-        The scene with the time steps that were taken.
-    structure : Structure or MatrixModel
-    system : System
-        System of the full model.
-    description : Description
-        Facts about the structure, and its response to static loads.
-    models : mapping of str to Model
-        Models by their names, in the order in which they were run.
-    warnings : tuple of str
-        What to beware of, in whole sentences.
-    failure : Failure, optional
-        The model that could not be made, and why; models after it were not tried.
-    interrupted : bool
-        Whether the study was stopped early: the last model may hold a part of its run.
+    options : Options, optional
+        Of a reduced model, in place of the scene's.
+    path : QuasiStatic, optional
+        A quasi-static path of the scene's system, whose factors are used.
+    enriched : bool
+        Whether the basis gets more vectors before it is used, see `reduced`.
+
+    Raises
+    ------
+    InputError
+        As `skfem_joint.condense` and `skfem_joint.reduce`; for the reference "paper" if the
+        structure has no mesh.
+    ConvergenceError
+        If a run that a basis is made of does not converge.
     """
+    system, slow = scene.system(), scene.time.quasi_static
+    if name == "full":
+        return system
+    if name == "condensed":
+        return condense(system)
+    options = options or options_of(scene)
+    check_reference(system, options.reference)
+    duration = None if scene.time.until == "steady" else scene.n_steps * scene.time_step
+    if options.reference != "paper":
+        run = _training(scene, system) if options.reference == "self" else None
+        times = duration, scene.time_step
+        given = {"quasi_static": slow, "enriched": enriched}
+        return reduced(system, options, *times, run=run, path=path, **given)
+    from skfem_joint.reduction.scaled.basis import paper_basis  # few scenes need it
 
-    scene: Scene
-    structure: AnyStructure
-    system: System
-    description: Description = field(default_factory=Description)
-    models: Mapping[str, Model] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
-    failure: Failure | None = None
-    interrupted: bool = False
+    basis = paper_basis(scene.structure(), system, options, plan_of(scene), enriched=enriched)
+    if not repeats(system, duration):
+        basis = basis.for_decay()
+    return reduced_on(system, basis, **options.friction)
 
-    @property
-    def runs(self) -> dict[str, Run]:
-        """Runs by the names of their models."""
-        return {name: model.run for name, model in self.models.items()}
 
-    @property
-    def ended(self) -> bool:
-        """Whether the study was interrupted, or one of its models failed."""
-        return self.interrupted or self.failure is not None
-
-    @property
-    def period(self) -> float:
-        """Period of the load, or the length of the run where it has none, s."""
-        return (self.scene.cycle_steps or self.scene.n_steps) * self.scene.time_step
-
-    def finished(self) -> Study:
-        """The study itself, if it has all models of its scene.
-
-        Raises
-        ------
-        JointError
-            That of the model that failed.
-        KeyboardInterrupt
-            If the study was interrupted.
-        """
-        if self.failure is not None:
-            raise self.failure.error
-        if self.interrupted:
-            raise KeyboardInterrupt
-        return self
-
-    def whole(self, name: str) -> Model | None:
-        """A model whose run was not interrupted; None if there is none of this name."""
-        model = self.models.get(name)
-        return None if model is None or model.run.interrupted else model
-
-    def holding(self, model: Model) -> Study:
-        """Copy that holds a model, in place of one of the same name."""
-        return replace(self, models={**self.models, model.name: model})
-
-    def noting(self, *warnings: str, interrupted: bool = False) -> Study:
-        """Copy with more warnings, which is also ``interrupted`` if so said."""
-        interrupted = interrupted or self.interrupted
-        return replace(self, warnings=(*self.warnings, *warnings), interrupted=interrupted)
+def _training(scene: Scene, system: System) -> Run:
+    """First cycles of the run of a scene, or all of it, with its fields."""
+    plan = plan_of(scene)
+    if plan.until == "steady":
+        plan = replace(plan, n_steps=TO_STEADY * plan.n_steps, until="end")
+    if plan.cycle_steps is not None:
+        plan = plan.first(SHORT_RUNS.training_cycles)
+    plan = replace(plan, save=Save(fields=True, points=False), cycle_steps=None)
+    try:
+        return integrate_plan(system, plan).finished()
+    except ConvergenceError as error:  # without the states of this run, which is no result
+        raise ConvergenceError(str(error), error.unknown) from error

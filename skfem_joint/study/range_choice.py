@@ -14,8 +14,8 @@ from skfem_joint.runs.resolution import longest_step
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.study import accuracy
-from skfem_joint.study.accuracy import Choice, InRange
-from skfem_joint.study.scene_plan import plan_of
+from skfem_joint.study.accuracy import Choice
+from skfem_joint.study.models import plan_of
 from skfem_joint.study.scene_range import ServedScene, point_of, range_model
 from skfem_joint.system.served import Served
 from skfem_joint.system.system import System
@@ -33,7 +33,7 @@ def choose_in_range(
     Returns
     -------
     Choice
-        Without ``in_range`` where the model does not serve the scene: its notes say why, and that
+        Without ``model`` where the model does not serve the scene: its notes say why, and that
         the scene needs a reduced model of its own.
 
     Raises
@@ -55,7 +55,7 @@ def choose_in_range(
     except JointError as error:
         return Choice(scene, notes=(_own(str(error)),))
     short = Served.by(model).shortfall
-    chosen, notes = InRange(point), () if short is None else (f"{short}.",)
+    notes, stated = () if short is None else (f"{short}.",), None
     if scene.accuracy.is_given:
         scene = shorter
         if accuracy.excess(scene.accuracy, errors) > 1.0:
@@ -67,9 +67,8 @@ def choose_in_range(
             f"The reduced model for the range has steps of {scene.time_step:.4g} s for the "
             f"accuracy asked for; it errs by an estimated {accuracy.stated(errors)}.",
         )
-        chosen = InRange(point, errors)
-    seconds, compiled = watch.read()
-    return Choice(scene, in_range=chosen, notes=notes, seconds=seconds, compilation_s=compiled)
+        stated = errors
+    return Choice(scene, point, stated, notes, *watch.read())
 
 
 def _own(why: str) -> str:

@@ -12,31 +12,23 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.progress import Progress, silent
-from skfem_joint.reduction.basis import notes_of_reduction, reduced_system
-from skfem_joint.reduction.condensed import condensed_basis, condensed_system
-from skfem_joint.reduction.elastic_contact import elastic, states_of_cycles
-from skfem_joint.reduction.pod import orthonormal
-from skfem_joint.reduction.sources import stuck_basis
+from skfem_joint.reduction.condensed import condense
+from skfem_joint.reduction.models import notes_of, reduced_for_mode
 from skfem_joint.results.normal_force import NormalChange, normal_change_of_mode
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.structure.model import doubts
-from skfem_joint.study.scene_plan import options_of
+from skfem_joint.study.models import options_of, other_reference
 from skfem_joint.study.scene_range import of_scene, range_model, served_scene
 from skfem_joint.system.system import System
 from skfem_joint.vibration.backbone import Backbone, backbone
-from skfem_joint.vibration.cycles import spread
 from skfem_joint.vibration.ring_down import RingDown, ring_down
-from skfem_joint.vibration.stuck import Stuck
 
 #: Displacement (m) and velocity (m/s), each of shape (n,), and friction as `integrate` takes it.
 State = tuple[FloatArray, ...]
 #: Relative error of a ring-down's damping from its time step beyond which a note says so.
 DOUBTFUL_STEP = 0.02
-#: Levels of a curve whose cycles modes of contact that opens are made of.
-CYCLES = 3
 
 
 @dataclass(frozen=True)
@@ -72,7 +64,7 @@ class SceneBackbone:
         Of each mode the displacement, for a modal amplitude of 1 m kg^1/2, of the node that it
         moves most, kg^(-1/2); empty where nodes are not known.
     models : list of ModelBackbone
-    warnings : tuple of str
+    notes : tuple of str
         Of the structure, the full model's curves, and the smaller models.
     normal : dict of int to NormalChange
         Change of the normal force at the highest level of each mode; none where no contact is
@@ -82,7 +74,7 @@ class SceneBackbone:
     scene: Scene
     largest: list[float]
     models: list[ModelBackbone]
-    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
     normal: dict[int, NormalChange]
 
 
@@ -109,8 +101,8 @@ def scene_backbone(
     """
     structure, system = scene.structure(), scene.system()
     full = _curves(scene, system, scene.backbone.modes, partial(progress, "full model"))
-    warnings = [*doubts(structure, system)]
-    warnings += [warning for curve in full for warning in curve.warnings]
+    warnings = [*system.notes, *other_reference(scene)]
+    warnings += [warning for curve in full for warning in curve.notes]
     acts = structure.reactions(scene.loads())
     normal = {}
     for c in full:
@@ -139,7 +131,7 @@ def scene_backbone(
                 rung = _ring_down(scene, small, own, start, report)
                 model.ring_downs.append(rung)
                 model.curves[-1] = rung.beside(own)
-                notes = model.curves[-1].warnings[len(own.warnings) :]
+                notes = model.curves[-1].notes[len(own.notes) :]
                 mode = f"Mode {curve.mode}"
                 warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
                 warnings += _doubts(model, curve.mode)
@@ -199,40 +191,16 @@ def _of_small_model(
 ) -> tuple[System, Backbone, tuple[str, ...]]:
     """Condensed or reduced model of a mode of the full model, its curve, and notes on it."""
     system = scene.system()
-    V, small = _small_model(name, scene, curve)
-    (own,) = _curves(scene, small, (curve.mode,), report, curve.slips_at)
-    slip = system.contact.slip_norm((system.contact.B @ (V @ own.states.T)).T)
-    return small, replace(own, slip=slip), notes_of_reduction(system, small)
-
-
-def _small_model(name: str, scene: Scene, curve: Backbone) -> tuple[FloatArray, System]:
-    """Basis (n, k) and condensed or reduced system for a mode.
-
-    The reduced one has the modes of the stuck structure up to two beyond the mode, and proper
-    orthogonal modes of the curve's states: 24 unless the scene says otherwise. With contact that
-    opens these are states of cycles of elastic contact, and rigid motions that contact and friction
-    alone hold stand beside them.
-    """
-    system, options, frequency = scene.system(), options_of(scene), curve.stuck_frequency
-    if not curve.share.any():
-        raise InputError(
-            f"backbone: mode {curve.mode}: nothing slips at any level, so that there is nothing to "
-            "reduce; set up_to higher, or run 'full' alone"
-        )
     if name == "condensed":
-        V = condensed_basis(system, highest=frequency).V
-        return V, condensed_system(system, V)
-    modes = 24 if isinstance(options.modes, str) else options.modes
-    beyond = 2 if isinstance(options.interface_modes, str) else options.interface_modes
-    stuck = Stuck(system.closed()).modes(curve.mode + beyond)[1]
-    states, increments = curve.states, curve.loops
-    if system.contact.opens:
-        stuck, system = system.contact.normal.closed_motions() @ stuck, elastic(system)
-        levels = curve.level[spread(curve.level.size, CYCLES)]
-        states, increments, rigid = states_of_cycles(system, system.M @ curve.shape, levels)
-        stuck = orthonormal(np.hstack([stuck, rigid]), system.M)
-    basis = stuck_basis(system, stuck, states, increments, modes, frequency)
-    return basis.V, reduced_system(system, basis, **options.friction, periodic=False)
+        small = condense(system, frequency=curve.stuck_frequency)
+    else:
+        small = reduced_for_mode(system, curve, options_of(scene, "static"))
+    ends = curve.level.size < scene.backbone.levels  # where the structure lifts off
+    levels = curve.level if ends else scene.backbone.levels
+    up_to, slips_at = scene.backbone.up_to, curve.slips_at
+    (own,) = backbone(small, (curve.mode,), levels, up_to, slips_at, report)
+    slip = system.contact.slip_norm(own.states @ (system.contact.B @ small.origin.basis.V).T)
+    return small, replace(own, slip=slip), notes_of(small)
 
 
 def _ring_down(
@@ -247,7 +215,7 @@ def _ring_down(
 def _doubts(model: ModelBackbone, mode: int) -> list[str]:
     """Sentences about the last ring-down of a model, and where its step is too long."""
     last = model.ring_downs[-1]
-    notes = [f"Ring-down of the {model.name} model: {note}" for note in last.warnings]
+    notes = [f"Ring-down of the {model.name} model: {note}" for note in last.notes]
     error = last.step_error["damping_ratio"]
     if error <= DOUBTFUL_STEP:
         return notes

@@ -24,13 +24,13 @@ from skfem_joint.ground.array_files import fingerprint
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Harmonic
 from skfem_joint.ground.progress import Progress, silent
-from skfem_joint.reduction import reduce
+from skfem_joint.reduction.models import reduce
 from skfem_joint.reduction.ranges.points import at, period_of, placed
 from skfem_joint.scene import Scene
 from skfem_joint.scene.range_table import ServedRangeTable
 from skfem_joint.scene.scene import TABLES_OF_STRUCTURE
 from skfem_joint.scene.tables import AnyLoad, HarmonicLoad, MultiHarmonicLoad
-from skfem_joint.structure.model import AnyStructure, doubts
+from skfem_joint.structure.model import AnyStructure
 from skfem_joint.system import system_files
 from skfem_joint.system.served import Point, Range, Served
 from skfem_joint.system.system import System
@@ -174,21 +174,20 @@ def _kept(served: ServedScene, folder: Path | None) -> System:
 
 @dataclass(frozen=True)
 class Middle:
-    """Structure and full system in the middle of a range, and reasons to doubt them.
+    """Structure and full system in the middle of a range.
 
     All scenes of the range have the same, but for the size of limits and loads.
     """
 
     structure: AnyStructure
     system: System
-    doubts: tuple[str, ...]
 
 
 @lru_cache(maxsize=1)
 def structure_of(served: ServedScene) -> Middle:
     """What all scenes of a range have in common, kept in the memory of the process."""
     structure, system = served.middle.structure(), served.middle.system()
-    return Middle(structure, system, tuple(doubts(structure, system)))
+    return Middle(structure, system)
 
 
 def make_missing(scenes: Iterable[Scene], folder: Path, progress: Progress = silent) -> int:

@@ -15,23 +15,16 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, announced, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.reduction.basis import Basis, notes_of_reduction, reduced_system
-from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.friction_points import NOWHERE
+from skfem_joint.reduction.models import notes_of, reduced_for_response
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.steady.marching import MAY_DEPEND
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.stepping.stopwatch import Stopwatch
-from skfem_joint.structure.model import doubts
-from skfem_joint.study.scene_plan import (
-    TO_STEADY,
-    make_reduced,
-    options_of,
-    origin_of,
-    with_friction,
-)
+from skfem_joint.study.models import options_of, origin_of, other_reference, with_friction
 from skfem_joint.study.scene_range import of_scene, range_model, served_scene
 from skfem_joint.system.system import System
 from skfem_joint.vibration.coarse_model import CoarseModel
@@ -112,7 +105,7 @@ class SceneResponse:
     stuck, loose : ndarray, shape (l, points)
         Amplitudes of the linear limits at level 1, m.
     models : list of ModelResponse
-    warnings : tuple of str
+    notes : tuple of str
         Of the structure and of all models.
     """
 
@@ -122,7 +115,7 @@ class SceneResponse:
     stuck: FloatArray
     loose: FloatArray
     models: list[ModelResponse]
-    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
 
 
 def asked_table(scene: Scene) -> ResponseTable:
@@ -195,35 +188,38 @@ def scene_response(
     for name in scene.models.run:
         watch = Stopwatch()
         with announced(progress, f"making the {name} model"):
-            model = _with_coarse(_prepared(name, scene, resonance, rows), scene, resonance)
+            model = _model(name, scene, resonance, rows)
+            coarse, notes = _coarse(model, scene, resonance)
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
         curves = response(
-            model.system,
+            model,
             frequencies,
-            [level / model.level for level in levels],
+            levels,
             steps_per_cycle=scene.time.steps_per_cycle,
             estimated=scene.accuracy.estimate,
             executor=executor,
             workers=workers,
-            coarse=model.coarse,
+            coarse=coarse,
             progress=partial(progress, f"{name} model"),
             rows=rows,
         )
-        pairs = zip(levels, curves, strict=True)
-        curves = [_with_all_slips(curve, level, model, system) for level, curve in pairs]
+        curves = [_with_all_slips(curve, model, system) for curve in curves]
         wall, compiled = watch.read()
-        notes = [*model.notes, *(note for curve in curves for note in _whole_slip(name, curve))]
+        if name == "reduced":
+            notes += [*notes_of(model), *[CREPT] * scene.opens]
+        notes += [note for curve in curves for note in _whole_slip(name, curve)]
         curves = [curve for curve in curves if curve.found]
         notes += [note for curve in curves for note in _frequencies_without(name, curve)]
         estimates: list[Estimate] = []
         if scene.accuracy.estimate:
-            estimates, of_errors = _estimates(model, scene, curves, executor, rows, progress)
+            report = partial(progress, f"errors of the {name} model")
+            estimates, of_errors = _estimates(name, model, scene, curves, executor, rows, report)
             notes += of_errors
         times = offline, wall + rows.earlier_s - earlier, compilation + compiled
         models.append(ModelResponse(name, curves, estimates, *times, tuple(notes)))
     of_models = [note for model in models for note in model.notes]
-    warnings = (*left_out, *doubts(scene.structure(), system), *of_models)
+    warnings = (*left_out, *system.notes, *other_reference(scene), *of_models)
     if not system.contact.count and "backbone" in scene.model_fields_set:
         warnings += (f"backbone: there is no curve beside the response, for {NOWHERE}.",)
     if scene.opens:
@@ -233,108 +229,74 @@ def scene_response(
     return SceneResponse(scene, frequencies, fine, stuck, loose, models, warnings)
 
 
-@dataclass(frozen=True)
-class _Prepared:
-    """A model of a scene before its curves are computed.
-
-    Attributes
-    ----------
-    name : str
-    system : System
-        Of the model, with its loads at ``level``.
-    basis : Basis or None
-        What a reduced or condensed model is made of.
-    level : float
-        Level of the scene that is level 1 of ``system``.
-    notes : tuple of str
-        How it was made, where users should know.
-    coarse : CoarseModel, optional
-        Reduced model beside a larger one.
-    """
-
-    name: str
-    system: System
-    basis: Basis | None = None
-    level: float = 1.0
-    notes: tuple[str, ...] = ()
-    coarse: CoarseModel | None = None
-
-
-def _prepared(name: str, scene: Scene, resonance: float, rows: Rows) -> _Prepared:
+def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
     """Model of a scene; a reduced one serves its range, or the ``resonance`` (Hz) best."""
     system, table = scene.system(), asked_table(scene)
-    level = max(table.levels)
-    served = served_scene(scene) if name == "reduced" else None
+    if name == "full":
+        return system
+    if name == "condensed":
+        return condense(system, frequency=_highest(system, table.frequencies.to))
+    served = served_scene(scene)
     if served is not None:
         folder = None if rows.path is None else rows.path.parent
-        small = of_scene(scene, range_model(served, folder))
-        return _Prepared(name, small, notes=(CREPT,) if scene.opens else ())
-    if name == "full":
-        return _Prepared(name, system)
-    if name == "condensed":
-        loaded = at_frequency(system, table.frequencies.to, level)
-        basis = condensed_basis(loaded)
-        return _Prepared(name, condensed_system(loaded, basis.V), basis, level)
-    loaded, options = at_frequency(system, resonance, level), options_of(scene)
-    plan = steady_plan(loaded, suited_steps(loaded, scene.time.steps_per_cycle))
-    plan = replace(plan, n_steps=plan.n_steps * TO_STEADY, until="end")
-    basis = make_reduced(scene.structure(), loaded, options, plan)
-    small = reduced_system(loaded, basis, **options.friction)
-    notes = (*basis.notes, *notes_of_reduction(loaded, small))
-    return _Prepared(name, small, basis, level, (*notes, CREPT) if scene.opens else notes)
+        return of_scene(scene, range_model(served, folder))
+    options = options_of(scene, "static")
+    return reduced_for_response(system, resonance, max(table.levels), options)
 
 
-def _with_coarse(model: _Prepared, scene: Scene, resonance: float) -> _Prepared:
-    """A full or condensed model with a reduced one beside it, where that helps."""
-    if model.name == "reduced" or not scene.system().contact.count:
-        return model
-    V = None if model.basis is None else model.basis.V
-    loaded = at_frequency(scene.system(), resonance, model.level)
-    level = max(asked_table(scene).levels) / model.level
+def _highest(system: System, frequency: float) -> float:
+    """Highest frequency of the loads (Hz), if that of their common period is some frequency."""
+    loads = at_frequency(system, frequency).loads
+    return max(load.amplitude.highest_frequency or 0.0 for load in loads)
+
+
+def _coarse(model: System, scene: Scene, resonance: float) -> tuple[CoarseModel | None, list[str]]:
+    """Reduced model beside a full or condensed one, where that helps, and a note if it fails."""
+    if model.made_for or model.serves or not model.contact.count:
+        return None, []
+    V = None if model.origin is None else model.origin.basis.V
+    level = max(asked_table(scene).levels)
     try:
-        return replace(model, coarse=CoarseModel.of(loaded, resonance, level, V))
+        return CoarseModel.of(scene.system(), resonance, level, V), []
     except (InputError, ConvergenceError) as error:
-        note = f"No reduced model helps the {model.name} model's response, which takes longer then"
-        return replace(model, notes=(*model.notes, f"{note}: {error}"))
+        name = "full" if V is None else "condensed"
+        note = f"No reduced model helps the {name} model's response, which takes longer then"
+        return None, [f"{note}: {error}"]
 
 
-def _with_all_slips(curve: Curve, level: float, model: _Prepared, full: System) -> Curve:
-    """Curve of a model at a ``level`` of the scene, with the slip of the full model's points."""
-    shares = model.system.contact.shares
-    slips = None if model.basis is None else full.contact.B @ model.basis.V
+def _with_all_slips(curve: Curve, model: System, full: System) -> Curve:
+    """Curve of a model with the slip of the full model's points."""
+    shares, origin = model.contact.shares, model.origin
+    slips = None if origin is None else full.contact.B @ origin.basis.V
 
     def changed(point: SteadyPoint) -> SteadyPoint:
-        if model.basis is None and shares is not None:  # of a range, which is of many bases
+        if origin is None and shares is not None:  # of a range, which is of many bases
             return replace(point, slip=(shares > 0.0).T @ point.slip, course=None)
         if slips is None or point.course is None:
             return point
         slip = full.contact.slip_norm(point.course @ slips.T).max(axis=0)
         return replace(point, slip=slip, course=None)
 
-    return Curve(level, tuple(map(changed, curve.points)))
+    return Curve(curve.level, tuple(map(changed, curve.points)))
 
 
 def _estimates(
-    model: _Prepared,
+    name: str,
+    model: System,
     scene: Scene,
     curves: Sequence[Curve],
     executor: Executor | None,
     rows: Rows,
-    progress: Progress,
+    report: Progress,
 ) -> tuple[list[Estimate], list[str]]:
     """Errors of a model at the peak of each curve, side by side with an executor, and notes."""
-    basis, steps = model.basis, scene.time.steps_per_cycle
-    if basis is not None and executor is not None:
-        basis = replace(basis, stiffness=None)  # whose factors cannot go to another process
-    report = partial(progress, f"errors of the {model.name} model")
+    steps = scene.time.steps_per_cycle
     jobs: list[tuple[str, Callable[[], dict[str, Parts]]]] = []
     for curve in curves:
         at = curve.peak[0], curve.level
-        V = None if basis is None else basis.V
-        mark = rows.mark("errors", origin_of(scene), model.system, V, model.level, *at)
-        full = at_frequency(scene.system(), *at)
-        loaded = at_frequency(model.system, at[0], curve.level / model.level)
-        given = full, loaded, basis, steps, curve.start
+        V = None if model.origin is None else model.origin.basis.V
+        mark = rows.mark("errors", origin_of(scene), model, V, *at)
+        given = at_frequency(model, *at), steps, curve.start
         if executor is None or mark in rows:
             jobs.append((mark, partial(_errors, *given, report)))
         else:
@@ -346,11 +308,11 @@ def _estimates(
             parts = rows.row(mark, job)
         except ConvergenceError as error:  # which does not cost the curve
             notes.append(
-                f"The errors of the {model.name} model at the peak of level {curve.level:g} are "
+                f"The errors of the {name} model at the peak of level {curve.level:g} are "
                 f"not estimated: {error}"
             )
         estimates.append(Estimate(parts))
-        notes += _step_error_notes(model.name, curve, steps)
+        notes += _step_error_notes(name, curve, steps)
     return estimates, notes
 
 
@@ -416,18 +378,14 @@ def _frequencies_without(name: str, curve: Curve) -> Iterator[str]:
 
 
 def _errors(
-    full: System,
     loaded: System,
-    basis: Basis | None,
     steps_per_cycle: int,
     start: State,
     report: Callable[..., None] | None = None,
 ) -> dict[str, Parts]:
-    """Estimated errors of the steady vibration of a model, by source and quantity.
-
-    ``full`` and ``loaded`` are the full system and the model, under the same load.
-    """
+    """Estimated errors of the steady vibration of a model, by source and quantity."""
+    full = run_estimate.full_of(loaded)
     plan = steady_plan(full, suited_steps(full, steps_per_cycle))
     initial = start if odd_loads(full) or full.contact.opens else None
     run = integrate_plan(loaded, plan, initial=initial, progress=report)
-    return dict(run_estimate.of_run(full, basis, run, plan, progress=report).parts)
+    return dict(run_estimate.of_run(run, plan, report).parts)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.accuracy import run_estimate, rungs
+from skfem_joint.accuracy import run_estimate
 from skfem_joint.accuracy.against_coulomb import against_coulomb
 from skfem_joint.accuracy.estimate import Estimate
 from skfem_joint.ground.arrays import FloatArray
@@ -27,8 +27,7 @@ from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.linalg.schur import condensing_pays
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.reduction.active_length import gross_slip
-from skfem_joint.reduction.basis import notes_of_reduction, reduced_system
-from skfem_joint.reduction.condensed import condensed_basis, condensed_system
+from skfem_joint.reduction.models import notes_of
 from skfem_joint.results.active_region import region_of
 from skfem_joint.results.history import compare, difference, joint_differences, results
 from skfem_joint.runs.integrate import integrate_plan
@@ -39,18 +38,11 @@ from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.stopwatch import Stopwatch
-from skfem_joint.structure.model import doubts
-from skfem_joint.study.accuracy import Choice, InRange, choose, shortened_steps, stated
-from skfem_joint.study.description import describe
-from skfem_joint.study.models import Failure, Model, Study
+from skfem_joint.study.accuracy import Choice, choose, shortened_steps, stated
+from skfem_joint.study.description import description_of
+from skfem_joint.study.models import model_of, origin_of, plan_of, with_friction
 from skfem_joint.study.range_choice import choose_in_range
-from skfem_joint.study.scene_plan import (
-    basis_of_scene,
-    options_of,
-    origin_of,
-    plan_of,
-    with_friction,
-)
+from skfem_joint.study.results import Failure, Model, Study
 from skfem_joint.study.scene_range import served_scene, structure_of
 from skfem_joint.study.summary import violated
 from skfem_joint.system.system import System
@@ -101,25 +93,24 @@ def run_scene(
     """
     served = served_scene(scene)
     in_range = None if served is None else choose_in_range(scene, served, folder, progress)
-    point = in_range if in_range is not None and in_range.in_range is not None else None
+    point = in_range if in_range is not None and in_range.model is not None else None
     if not described and served and point and scene.models.run == ("reduced",):
         middle = structure_of(served)
-        notes = (*middle.doubts, *point.notes)
-        study = Study(point.scene, middle.structure, middle.system, warnings=notes)
+        notes = (*middle.system.notes, *point.notes)
+        study = Study(point.scene, middle.structure, middle.system, notes=notes)
         return _with_models(study, point, None, progress, None, "")
     scene, left_out = with_friction(scene)
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
     path = None if system.contact.opens else factors_at_rest(system)
-    description = describe(scene, path)
+    description = description_of(scene, path)
     choice = point or choose(scene, path, progress)
     if in_range is not None and point is None:
         choice = replace(choice, notes=(*in_range.notes, *choice.notes))
-    if "reduced" not in scene.models.run or choice.accurate or choice.in_range:
+    if "reduced" not in scene.models.run or choice.model is not None:
         path = None  # its factors are large, and no basis needs them
-    suspected = doubts(structure, system, waves=not scene.time.quasi_static)
-    notes = (*scene.left_out, *left_out, *suspected, *description.doubts, *choice.notes)
-    study = Study(choice.scene, structure, system, description, warnings=notes)
+    notes = (*scene.left_out, *left_out, *system.notes, *description.doubts, *choice.notes)
+    study = Study(choice.scene, structure, system, description, notes=notes)
     return _with_models(study, choice, path, progress, checkpoints, origin)
 
 
@@ -229,8 +220,7 @@ def estimate_errors(study: Study, name: str, progress: Progress) -> Study:
     model = study.whole(name)
     if model is not None and model.estimate is None and study.scene.accuracy.estimate:
         report = partial(progress, f"errors of the {name} model")
-        of_model = study.system, model.basis, model.run, plan_of(study.scene)
-        compute = partial(run_estimate.of_run, *of_model, progress=report)
+        compute = partial(run_estimate.of_run, model.run, plan_of(study.scene), report)
         study = _with_estimate(study, model, "errors", compute)
         model = study.models[name]
     if model is None or model.estimate is None or model.errors is None:
@@ -247,11 +237,10 @@ def compare_with_coulomb(study: Study, name: str, progress: Progress) -> Study:
     if model is None or model.estimate is None or study.interrupted:
         return study
     errors, report = model.estimate, partial(progress, f"{name} model, Coulomb's law")
-    V = None if errors.missing is None else errors.missing.V
-    of_model = study.system, model.run, plan_of(study.scene), model.basis, V
+    plan = plan_of(study.scene)
 
     def compute() -> Estimate:
-        apart = against_coulomb(*of_model, progress=report)
+        apart = against_coulomb(study.system, model.run, plan, errors, report)
         parts = {} if apart is None else {"coulomb": apart}
         return replace(errors, parts={**errors.parts, **parts})
 
@@ -262,7 +251,7 @@ def _full(study: Study, choice: Choice, path: QuasiStatic | None, integrate: _In
     scene, run, errors = shortened_steps(
         study.scene,
         partial(_named_places, study, integrate, study.system),
-        partial(rungs.of_full, study.system),
+        run_estimate.of_run,
     )
     study = replace(study, scene=scene).noting(*_of_accuracy("full", scene, errors))
     active = _active(study, run.slip_peak, run.slider_peak)
@@ -311,68 +300,51 @@ def _active(
 def _reduced(
     study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
 ) -> Study:
-    watch, scene, accurate = Stopwatch(), study.scene, choice.accurate
-    notes: tuple[str, ...] = ()
-    if choice.in_range is not None:
-        return _served(study, choice, choice.in_range, integrate)
-    if accurate is not None:
-        basis, system = accurate.basis, accurate.system
-    else:
-        options = options_of(scene)
-        basis = basis_of_scene(scene, study.structure, study.system, options, path)
-        friction = options.friction
-        if scene.time.quasi_static:  # whose law does not depend on velocity
-            friction |= {"beta": np.inf}
-        system = reduced_system(study.system, basis, **friction, periodic=scene.periodic)
-        notes = (*basis.notes, *notes_of_reduction(study.system, system))
-    active: tuple[_ByJoint, _ByJoint] = {}, {}
-    if "full" not in study.models:  # beside a full model that one says more
+    watch, notes = Stopwatch(), tuple[str, ...]()
+    active: tuple[_ByJoint, _ByJoint, _ByJoint] = ({}, {}, {})
+    system = choice.model
+    if system is None:
+        system = model_of("reduced", study.scene, path=path)
+        notes = notes_of(system)
+    basis = None if system.origin is None else system.origin.basis
+    if basis is not None and "full" not in study.models:  # beside that one, it says more
         sliding = study.system.contact.slider_peak(basis.history.slip_peak)
         notes = (*notes, *gross_slip(study.structure, sliding, study.period))
-        active = _active(study, basis.history.slip_peak, sliding)[1:]
+        active = _active(study, basis.history.slip_peak, sliding)
+    length = {} if basis is None else dict(basis.active_length)
     before, compiled = np.add(watch.read(), (choice.seconds, choice.compilation_s)).tolist()
-    vectors, points = basis.V.shape[1], system.contact.count
-    _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", vectors, points, before)
-    run = integrate(system, plan_of(scene))
+    points = system.contact.count
+    _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", system.n, points, before)
+    run = integrate(system, plan_of(study.scene))
     offline, compiled = before + run.preparation_s, compiled + run.compilation_s
-    model = Model("reduced", run, offline, dict(basis.active_length), *active, basis)
-    errors = None if accurate is None else accurate.estimate
-    model = replace(model, estimate=errors, compilation_s=compiled)
+    model = Model("reduced", run, offline, length, *active[1:])
+    model = replace(model, estimate=choice.estimate, compilation_s=compiled)
     return study.noting(*notes).holding(model)
-
-
-def _served(study: Study, choice: Choice, in_range: InRange, integrate: _Integrate) -> Study:
-    """Reduced model that is a point of the model for a range."""
-    run = integrate(in_range.system, plan_of(study.scene))
-    offline, compiled = choice.seconds + run.preparation_s, choice.compilation_s
-    model = Model("reduced", run, offline, {}, estimate=in_range.estimate)
-    return study.holding(replace(model, compilation_s=compiled + run.compilation_s))
 
 
 def _condensed(
     study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
 ) -> Study:
-    watch, system = Stopwatch(), study.system
-    notes: tuple[str, ...] = ()
-    basis = condensed_basis(system)
-    small = condensed_system(system, basis.V)
-    kept, to = small.contact.B.shape[0], arranged(system)
+    watch, notes = Stopwatch(), tuple[str, ...]()
+    small = model_of("condensed", study.scene)
+    kept, to = small.contact.B.shape[0], arranged(study.system)
     sparse = to.kind == "contact" and not condensing_pays(
         to.system.K, ContactPoints.of(to.system).limited
     )
     if sparse or to.kind == "chain":
+        less = "far less, of a chain" if to.kind == "chain" else "hardly more, of few entries"
         notes = (
             f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
-            "the full one, which has few entries, will hardly cost more; a reduced one costs less.",
+            f"the full one costs {less}; a reduced one costs less.",
         )
     before, compiled = watch.read()
-    estimated = partial(run_estimate.of_run, system, basis)
-    scene, run, errors = shortened_steps(study.scene, partial(integrate, small), estimated)
+    scene, run, errors = shortened_steps(
+        study.scene, partial(integrate, small), run_estimate.of_run
+    )
     notes += _of_accuracy("condensed", scene, errors)
     peak, sliding = (np.asarray(x @ small.contact.shares) for x in (run.slip_peak, run.slider_peak))
-    basis = replace(basis, history=replace(basis.history, slip_peak=peak))
     offline = before + run.preparation_s
-    model = Model("condensed", run, offline, *_active(study, peak, sliding), basis)
+    model = Model("condensed", run, offline, *_active(study, peak, sliding))
     model = replace(model, compilation_s=compiled + run.compilation_s, estimate=errors)
     return replace(study, scene=scene).noting(*notes).holding(model)
 

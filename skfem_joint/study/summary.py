@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from typing import Any
 
@@ -12,23 +13,15 @@ from skfem_joint.accuracy.estimate import SOURCES, Estimate
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.joint.pressure import Bolts
 from skfem_joint.reduction.active_length import gross_slip
-from skfem_joint.results.history import (
-    QUANTITIES,
-    beyond_round_off,
-    energies,
-    peaks,
-    steady_state,
-)
+from skfem_joint.results.history import QUANTITIES
+from skfem_joint.runs.last_cycle import beyond_round_off, energies, peaks, steady_state
 from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.recording import Run
 from skfem_joint.study.accuracy import excess
-from skfem_joint.study.models import Model, Study
+from skfem_joint.study.results import Model, Study
 
 #: Estimated error of a result above which there is a warning.
 _DOUBTFUL = 0.05
-#: Difference of a joint's loop from its energy, over this; share of its friction limit that its
-#: loop leaves out.
-_APART = 0.01
 
 
 def model_summary(study: Study, model: Model) -> dict[str, Any]:
@@ -204,57 +197,12 @@ def violated(study: Study, model: Model) -> list[str]:
             "hold no longer. Are loads, stiffness and supports right?"
         )
     warnings += _creeping(study, model)
-    warnings += _free_offsets(model)
-    if run.steady is not None and model.name == next(iter(study.models)):
-        warnings += run.steady.notes
-    state = steady_state(run)
-    if run.loops is not None:
-        warnings += _of_loops(model.name, run.system.contact.joints, run.loops)
-    elif state is not None and not state.reached:
-        warnings.append(
-            f"The {model.name} model has not reached a steady state: the last cycle differs by "
-            f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
-            "peaks from the one before. Energies and peaks per cycle are those of the last cycle. "
-            "For the steady state give more cycles, or time.until = 'steady' in place of cycles."
-        )
-    # Residual of the energy balance over the energy that was converted.
-    if np.any(peaks(run) > 0.0) and run.energy_residual > 1e-8:
-        warnings.append(
-            f"The energy balance of the {model.name} model is open by {run.energy_residual:.2g} of "
-            "the energy in play."
-        )
-    warnings += [f"{model.name} model: {doubt}" for doubt in run.doubts]
+    named = f"The {model.name} model "
+    warnings += [re.sub("^The run ", named, note) for note in run.notes]
     if model.estimate is not None:
         warnings += _differs(study, model, model.estimate)
         warnings += _errs(study, model, model.estimate)
     return warnings
-
-
-def _of_loops(name: str, joints: Sequence[str], loops: Loops) -> Iterator[str]:
-    """Sentences about loops that are open, or whose area is not the energy."""
-    gap = loops.opening
-    # Gap of the last cycle of a quasi-static run over its width.
-    if gap is not None and gap > 2e-3:
-        yield (
-            f"The last cycle of the {name} model is not closed: it ends {100 * gap:.2g} % of its "
-            "width away from its start. The first cycle, from rest, never is; energies and "
-            "stiffnesses per cycle are those of the last one. Give more cycles."
-        )
-    for joint, area, energy, covered in zip(
-        joints, loops.area, loops.energy, loops.covered, strict=True
-    ):
-        if covered < 1.0 - _APART:
-            yield (
-                f"The loop of joint '{joint}' leaves out points with {100 * (1 - covered):.2g} % "
-                "of its friction limit, which supports leave only one direction of slip: they "
-                "count in its energy alone."
-            )
-        if energy > 0.0 and abs(area - energy) > _APART * energy and name != "reduced":
-            yield (
-                f"The points of joint '{joint}' slip by different amounts: the loop of its force "
-                f"over its mean slip has an area of {area:.3g} J, its friction takes "
-                f"{energy:.3g} J, the sum over its points. The energy is exact, the area is not."
-            )
 
 
 def _differs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
@@ -287,30 +235,6 @@ def _differs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
             f"{': it does not meet the accuracy asked for' * misses}. Use the full model's "
             "results, or more modes and friction points."
         )
-
-
-def _free_offsets(model: Model) -> Iterator[str]:
-    """Sentences about steady vibration whose offset depends on how it began."""
-    run, steady = model.run, model.run.steady
-    if steady is None or not steady.unstrained:
-        return
-    size, most = np.abs(steady.drift), int(np.abs(steady.drift).argmax()) if run.peak.size else 0
-    # Drift in a period over the amplitude.
-    if size.size and size[most] > 1e-3 * steady.amplitude.max():
-        yield (
-            f"The {model.name} model drifts: '{run.system.points[most]}' goes on by "
-            f"{steady.drift[most]:.3g} m in each period, for under this load neither a support nor "
-            "friction holds it. It has a steady velocity and no steady displacement: amplitudes "
-            "are those about its drift, offsets and peaks those of one period."
-        )
-        return
-    yield (
-        f"In the {model.name} model friction alone holds what no support does: amplitudes (half of "
-        "peak to peak) are those of its steady vibration, but its offset depends on how that "
-        "began. The offsets and peaks given are those of vibration about the place without strain "
-        "under loads that change their sign every half period, else from the place of the start; "
-        "to follow the transient to its own offset give cycles in place of until = 'steady'."
-    )
 
 
 def _creeping(study: Study, model: Model) -> Iterator[str]:
@@ -387,6 +311,7 @@ def _errs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:
         f"{'its' if source != 'mesh' else 'the'} {source.replace('_', ' ')}"
         f"{' (that of the mesh is not counted)' * bool(_lacks_mesh(study, model))}: "
         f"{cures[source]}; or say in [accuracy] what is needed."
+        f"{' Such a result is of no use.' * (total[worst] > 1.0)}"
     )
 
 

@@ -25,7 +25,7 @@ from skfem_joint.ground.rows import Rows
 from skfem_joint.ground.values import COUNT, check, check_some
 from skfem_joint.scene import Scene
 from skfem_joint.study.error_time import THREADS
-from skfem_joint.study.scene_plan import origin_of
+from skfem_joint.study.models import origin_of
 from skfem_joint.study.scene_range import make_missing
 from skfem_joint.study.study import run_scene
 from skfem_joint.study.summary import model_summary
@@ -50,14 +50,14 @@ class Row:
         ``full.peak_displacement_m.free_end``, of the models that ran to their end.
     failure : str
         Why the others did not; empty where all did.
-    warnings : sequence of str
+    notes : sequence of str
         What a run of the scene alone prints as notes.
     """
 
     number: int
     results: Results = field(default_factory=dict)
     failure: str = ""
-    warnings: Sequence[str] = ()
+    notes: Sequence[str] = ()
 
     @property
     def steady(self) -> bool:
@@ -125,7 +125,7 @@ def rows(
         for row, settled in stack.enter_context(closing(_rows(scenes, waiting, executor, folder))):
             if settled:
                 content = {"results": row.results, "failure": row.failure}
-                content["warnings"] = list(row.warnings)
+                content["notes"] = list(row.notes)
                 kept.keep(marks[row.number], content)
             yield row
 
@@ -243,7 +243,7 @@ def _run(scene: Scene, folder: Path | None = None) -> Content:
         raise KeyboardInterrupt
     whole = {name: model for name, model in study.models.items() if not model.run.interrupted}
     models = {name: model_summary(study, model) for name, model in whole.items()}
-    return dict(_flat(models)), failure, study.warnings
+    return dict(_flat(models)), failure, study.notes
 
 
 def _flat(content: Mapping[str, Any], start: str = "") -> Iterator[tuple[str, Any]]:

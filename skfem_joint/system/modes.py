@@ -110,7 +110,7 @@ def lowest_modes(
     The stiffness may be singular, unlike that of `eigenmodes`: a small multiple of the mass is
     added to it, and subtracted from the squares of the frequencies again.
     """
-    shift = shifts.SETTINGS.least * mean_square_frequency(K, M)
+    shift = shifts.LEAST * mean_square_frequency(K, M)
     frequency, modes = eigenmodes(K + shift * M, M, count, tolerance=tolerance)
     return unshifted(frequency, shift), modes
 

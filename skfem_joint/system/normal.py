@@ -186,6 +186,14 @@ class NormalPart:
         stiffness = np.where(self.rigid, 0.0, self.stiffness)
         return np.where(self.rigid, 0.0, np.maximum(self.force + stiffness * over, 0.0))
 
+    def work_left(self, before: FloatArray, after: FloatArray, approach: FloatArray) -> float:
+        """Work of forces (q,), N, that change while faces approach by (q,), m, as steps have it, J.
+
+        The trapezoidal means of the forces do it; what elastic points store is not in it.
+        """
+        compressed = (after - before) / self.stiffness
+        return float(0.5 * (before + after) @ (approach - compressed))
+
     def potential(self, u: FloatArray) -> float:
         """Energy, J, of the forces at rest and of elastic points, zero at rest.
 

@@ -96,8 +96,8 @@ class System:
     notes : tuple of str
         Sentences for users about how the system was made.
     made_for : str
-        Loads that a reduced model is restricted to, in words; empty for a system that may be loaded
-        in any way.
+        Loads, or the analysis, that a reduced model is restricted to, in words; empty for a system
+        that may be loaded in any way.
     origin : Origin, optional
         What a reduced or condensed model was made of, by which `skfem_joint.estimate` finds its
         errors; not saved to files.
@@ -178,23 +178,30 @@ class System:
         made_for = self.made_for or (str(self.serves) if self.serves else "")
         return "\n".join(lines + [f"  made for: {made_for}"] * bool(made_for))
 
-    def check_any_load(self, what: str) -> None:
+    def check_any_load(self, what: str, level: float = 0.0) -> None:
         """Refuse a reduced model that was made for its own loads, for an analysis of other loads.
 
         Its modes, friction points and law suit the slip under its own loads. Under others its error
-        is unknown and may be large. ``what`` names the analysis in the message.
+        is unknown and may be large. So it is above the highest level that it was made for. ``what``
+        names the analysis in the message, ``level`` is its highest.
 
         Raises
         ------
         InputError
             If the system is such a model; it states the loads, and what to give instead.
         """
-        if self.made_for:
+        if self.made_for and what not in getattr(self.origin, "analyses", ()):
             raise InputError(
                 f"{what}: found a reduced model made for {self.made_for}, must be a system that "
-                "serves other frequencies and levels too; give the full system, the reduced model "
-                "for a whole range, or sj.condense(system), which keeps all of the contact; the "
-                "commands backbone and response make reduced models of their own from a scene"
+                "serves other frequencies and levels too; give the full system, one by "
+                "sj.condense(system), which keeps all of the contact, or a model that sj.reduce "
+                "makes for a response (frequency=, level=), a mode (curve=) or a range (range=)"
+            )
+        if self.made_for and level > self.origin.highest * (1.0 + 1e-9):
+            raise InputError(
+                f"{what}: found level {level:.6g}, must be at most {self.origin.highest:.6g}, the "
+                f"highest of the reduced model, which was made for {self.made_for}; give lower "
+                "levels, or make one for higher ones"
             )
 
     def closed(self) -> System:

@@ -35,6 +35,7 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_some
+from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.results.gross_slip import (
     gross_slip_level,
     is_gross,
@@ -45,7 +46,6 @@ from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.system.served import Served
 from skfem_joint.system.system import System
 from skfem_joint.vibration.cycles import CyclePath, ModePath, RisingCycles, items_of_work
-from skfem_joint.vibration.stuck import Stuck, StuckMode
 
 #: Largest force residual of a level, relative to its force.
 TOLERANCE = 1e-6
@@ -101,7 +101,7 @@ class Backbone:
     masing_error : float or None
         Largest relative error of the work by Masing's rule, before its correction; None where a
         cycle was followed at each level.
-    warnings : tuple of str
+    notes : tuple of str
         What to beware of: of levels beyond slip as a whole, of curves without slip, of impacts, of
         a law that is not Coulomb's.
     estimated : dict of str to float
@@ -143,7 +143,7 @@ class Backbone:
     share: FloatArray
     state: tuple[str, ...]
     masing_error: float | None
-    warnings: tuple[str, ...]
+    notes: tuple[str, ...]
     estimated: Mapping[str, float] = field(default_factory=dict)
     friction: FloatArray | None = None
     middle: FloatArray | None = None
@@ -199,9 +199,10 @@ def backbone(
     Parameters
     ----------
     system : System
-        Full or condensed. Its friction acts as Coulomb's, which a note says where its own law is
-        another one; its loads do not act. With contact that opens a cycle is followed at each
-        level, and a curve ends where the structure lifts off, which a note says.
+        Full, condensed, or reduced by ``reduce(system, curve=...)`` or for a range. Its friction
+        acts as Coulomb's, which a note says where its own law is another one; its loads do not act.
+        With contact that opens a cycle is followed at each level, and a curve ends where the
+        structure lifts off, which a note says.
     modes : sequence of int
         Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
         basis has fixed-interface modes.
@@ -212,7 +213,8 @@ def backbone(
         The highest level, as a share of that at which the first joint slips as a whole.
     slips_at : float, optional
         Level at which the first joint slips as a whole, m/s² kg^1/2, such as that of the full
-        model's `Backbone`; computed if not given.
+        model's `Backbone`; computed if not given. A model that was made of a curve has that of the
+        curve.
     progress : callable, optional
         Called with (levels done, levels in all as far as they are known), increments of cycles
         included; with contact that opens, with cycles.
@@ -233,18 +235,18 @@ def backbone(
     InputError
         If there is no friction, no such mode, it is a motion as a rigid body, a joint slips as a
         whole at the first level, friction alone holds the structure and cannot at the last, or the
-        system is a reduced model made for its own loads.
+        system is a reduced model made for something else, or a level is above its highest.
     ConvergenceError
         If a level does not converge, or with contact that opens the first one has no state.
     """
-    system.check_any_load("backbone")
+    asked = _Levels.of(levels, up_to, slips_at or getattr(system.origin, "slips_at", None))
+    system.check_any_load("backbone", float(asked.shares[-1]) * (asked.slips_at or 0.0))
     if not system.contact.count:
         why = "frequency and damping do not depend on amplitude"
         if system.contact.opens:
             why = "levels are shares of the load at which a joint slips as a whole"
         raise InputError(f"backbone: needs friction, no contact point carries any: {why}")
     check_each("backbone: modes", modes, COUNT)
-    asked = _Levels.of(levels, up_to, slips_at)
     numbers, tally = np.asarray(modes, dtype=int), Tally(progress)
     to = arranged(system.closed())
     path = CyclePath(system, to, (factors or Factors()).path_of(to, tally), keep_path)
@@ -394,7 +396,7 @@ def _curve(path: CyclePath, mode: StuckMode, asked: _Levels) -> Backbone:
         share=path.stays.to.system.slipping_share(found.sliding),
         state=state,
         masing_error=found.masing_error,
-        warnings=tuple(f"Mode {mode.number}: {note}" for note in notes),
+        notes=tuple(f"Mode {mode.number}: {note}" for note in notes),
         estimated=found.errors,
         friction=found.friction if springs else None,
         limits=found.limits if springs else None,

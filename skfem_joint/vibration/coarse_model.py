@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.reduction.basis import Options, reduced_system
-from skfem_joint.reduction.sources import make_basis
+from skfem_joint.reduction.basis import MANY_MODES, Options
+from skfem_joint.reduction.models import reduced_for_response
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.steady.correction import Correction
 from skfem_joint.steady.shooting import NEWTON
@@ -29,7 +29,6 @@ from skfem_joint.vibration.response import (
     error_of_step,
     steady_plan,
     steady_point,
-    suited_steps,
 )
 
 
@@ -60,11 +59,11 @@ class CoarseModel:
         Parameters
         ----------
         full : System
-            The full system.
+            The full system, with harmonic loads.
         frequency, level : float
             Frequency (Hz) and level that its modes are made at.
         basis : ndarray, shape (n, j), or None
-            Basis of the larger model, None for the full one. Level 1 of both is that of ``full``.
+            Basis of the larger model, None for the full one.
 
         Raises
         ------
@@ -79,15 +78,8 @@ class CoarseModel:
             return None
         if arranged(full).kind == "chain":
             return None
-        # Joint modes.
-        loaded, options = at_frequency(full, frequency, level), Options(modes=30)
-        plan = steady_plan(loaded, suited_steps(loaded, 200))
-        # Periods of the run that their basis is made for.
-        plan = replace(plan, n_steps=plan.n_steps * 8, until="end")
-        made = make_basis(loaded, options, plan)
-        small = reduced_system(loaded, made, **options.friction)
-        V, M = made.V, full.M
-        small = at_frequency(small, frequency, 1.0 / level)
+        small = reduced_for_response(full, frequency, level, Options(modes=MANY_MODES))
+        V, M = small.origin.basis.V, full.M
         cross, own = V.T @ (M @ (V if basis is None else basis)), V.T @ (M @ V)
         if basis is None:
             return CoarseModel(small, np.linalg.solve(own, np.asarray((M @ V).T)), V)

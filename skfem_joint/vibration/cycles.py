@@ -24,12 +24,12 @@ import numpy as np
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.reduction.stuck import StuckMode
 from skfem_joint.slow.levels import Level, NoLevelError, Walk
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.arrangement import Arranged
 from skfem_joint.system.contacts import Contact
 from skfem_joint.system.system import System
-from skfem_joint.vibration.stuck import StuckMode
 
 #: Levels at which half cycles are followed to check Masing's rule, or, with contact that opens, a
 #: cycle with twice the increments for the error.

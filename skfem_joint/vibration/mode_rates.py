@@ -20,9 +20,9 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, Matrix
 from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.system.sensitivity import SystemSensitivity
 from skfem_joint.system.system import System
-from skfem_joint.vibration.stuck import Stuck, StuckMode
 
 Solver = Callable[[FloatArray], FloatArray]
 

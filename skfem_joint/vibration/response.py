@@ -285,10 +285,10 @@ def response(
     Parameters
     ----------
     system : System
-        Full, condensed, or reduced for a range with ``reduce(system, range=...)``; its loads are
-        harmonic, and contact may open. A model that `skfem_joint.reduce` made without a range
-        serves its own loads only and is refused. One for a range has no points in gross slip, which
-        say so.
+        Full, condensed, or reduced by ``reduce(system, frequency=..., level=...)`` or for a range
+        by ``reduce(system, range=...)``; its loads are harmonic, and contact may open. A model that
+        `skfem_joint.reduce` made for its loads as they are, or for a curve, is refused. One for a
+        range has no points in gross slip, which say so.
     frequencies : ndarray, shape (k,)
         First harmonics of the loads, Hz, rising.
     levels : sequence of float
@@ -325,8 +325,8 @@ def response(
     Raises
     ------
     InputError
-        If there is nothing to vibrate steadily, a frequency or level is not positive, or the system
-        is a reduced model made for its own loads.
+        If there is nothing to vibrate steadily, a frequency or level is not positive, the system
+        is a reduced model made for something else, or a level is above its highest.
     ConvergenceError
         If no frequency of any level has a steady vibration.
     """
@@ -366,9 +366,9 @@ def _checked(
     system: System, frequencies: FloatArray, levels: Sequence[float], steps_per_cycle: int
 ) -> tuple[FloatArray, list[float]]:
     """Frequencies and levels of a response; InputError as `response`."""
-    system.check_any_load("response")
     check_each("response: frequencies", frequencies, POSITIVE)
     check_each("response: levels", levels, POSITIVE)
+    system.check_any_load("response", max(levels, default=0.0))
     check("response: steps_per_cycle", steps_per_cycle, COUNT)
     frequencies = np.asarray(frequencies, dtype=float)
     if np.any(np.diff(frequencies) <= 0.0):

@@ -73,7 +73,7 @@ class RingDown:
     estimated : dict of str to float
         Estimated errors of the same two by the modes of a reduced model for a range that was
         released in its mode; empty for others.
-    warnings : tuple of str
+    notes : tuple of str
         What to beware of: cycles in which other modes have nearly all the energy, or give some.
     """
 
@@ -86,7 +86,7 @@ class RingDown:
     step_error: dict[str, float]
     impact_work: float = 0.0
     estimated: dict[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def beside(self, curve: Backbone) -> Backbone:
         """The curve of the mode, which says where this ring-down differs from it.
@@ -119,7 +119,7 @@ class RingDown:
                 f"Mode {curve.mode}: impacts took {100.0 * self.impact_work / lost:.2g} % of the "
                 "energy that the ring-down lost; the curve, of slow cycles, has none."
             )
-        return replace(curve, differs=differs, warnings=(*curve.warnings, *notes))
+        return replace(curve, differs=differs, notes=(*curve.notes, *notes))
 
 
 def _compared(mode: int, name: str, ours: float, theirs: float, stated: float) -> str:
@@ -177,7 +177,7 @@ def ring_down(
     Raises
     ------
     InputError
-        If too few cycles are asked for, or the system is a reduced model made for its own loads.
+        If too few cycles are asked for, or the system is a reduced model made for something else.
     ConvergenceError
         If a step does not converge, or no cycle is left to measure.
     """
@@ -211,7 +211,7 @@ def ring_down(
         friction_work=run.joint_work[::steps_per_cycle],
         step_error=largest_apart(ours, _decay(finer.point("modal"), again), second_order),
         impact_work=run.impact_work,
-        warnings=_doubts(curve.mode, decay, energy, steps_per_cycle * plan.step),
+        notes=_doubts(curve.mode, decay, energy, steps_per_cycle * plan.step),
     )
 
 

@@ -14,7 +14,7 @@ from skfem_joint.output import report
 from skfem_joint.results.history import Results, difference, results
 from skfem_joint.scene import Scene
 from skfem_joint.study.certificate import certify, halved, make_reference
-from skfem_joint.study.scene_plan import plan_of
+from skfem_joint.study.models import plan_of
 
 
 def coarse(*run: str, **changes: Any) -> Scene:
@@ -109,19 +109,8 @@ def test_a_total_that_lacks_the_mesh_says_so_beside_the_number():
         assert content["models"][name]["estimated_total_without_mesh"] == (label != "total")
 
 
-def test_certified_errors_of_a_plate_shrink_with_its_elements():
-    time = {"cycles": 2, "steps_per_cycle": 40}
-    scenes = [plate_scene("full", mesh=plate(elements), time=time) for elements in (4, 8)]
-    coarse_mesh, fine = (certified(one).of("mesh", "friction_energy") or 0.0 for one in scenes)
-    assert coarse_mesh > 1.5 * fine > 0.0
-
-
-@pytest.mark.parametrize("dimension", [1, 2])
-def test_a_reference_is_known_better_than_its_certificate_says(dimension):
-    time = {"cycles": 2, "steps_per_cycle": 50}
-    scene = coarse(beta=1e3, time=time) if dimension == 1 else plate_scene(
-        "full", mesh=plate(3), time=time
-    )  # fmt: skip
+def test_a_reference_is_known_better_than_its_certificate_says():
+    scene = plate_scene("full", mesh=plate(3), time={"cycles": 2, "steps_per_cycle": 50})
     reference = make_reference(scene, quick=True, bound=0.2)
     finer = results(reference.grid.integrate(reference.system, 2 * reference.parts))
     off = difference(finer, reference.results)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skfem_joint.accuracy.ladder import HALVED, STEP, WHOLE, Rung, Series, errors_of
+from skfem_joint.accuracy.rungs import MODES_ADDED
 from skfem_joint.results.history import QUANTITIES, Results
 
 
@@ -54,3 +55,43 @@ def test_a_change_on_another_model_counts_as_one_on_the_ladder():
     found = errors_of(off(5e-3), [beside])
     assert found[STEP]["loop_energy"] == pytest.approx(2e-3 * 4 / 3, rel=0.3)
     assert found[STEP] == found["total"]
+
+
+@pytest.mark.parametrize(
+    ("series", "ratios"), [(MODES_ADDED, (0.1, 0.4, 0.75)), (HALVED, (0.25, 0.35, 0.5))]
+)
+def test_the_rest_of_a_geometric_series_is_exact(series: Series, ratios):
+    one = dict.fromkeys(QUANTITIES, 2.0)
+    for ratio in ratios:
+        two = dict.fromkeys(QUANTITIES, 2.0 * ratio)
+        whole = 2.0 / (1.0 - ratio)
+        for rest in series.rest([one, two]).values():
+            assert 2.0 + 2.0 * ratio + rest == pytest.approx(whole, rel=1e-12)
+    (rest,) = set(series.rest([one, dict.fromkeys(QUANTITIES, 0.0)]).values())
+    assert rest == 0.0
+
+
+def by_halved_steps(*errors: float) -> dict[str, float | None]:
+    """Stated errors of results from those with half of their step, a quarter and so on."""
+    way = rungs(("", errors[0], WHOLE), *((STEP, error, HALVED) for error in errors[1:]))
+    return errors_of(off(errors[0]), way)["total"]
+
+
+@pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
+def test_errors_that_fall_with_an_order_between_one_and_two_are_stated_exactly(order):
+    stated = by_halved_steps(*(1e-4 * 0.5 ** (k * order) for k in range(3)))
+    for name in QUANTITIES:
+        assert stated[name] == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_half_a_step_alone_is_taken_to_be_of_second_order():
+    for error in by_halved_steps(1e-4, 0.25e-4).values():
+        assert error == pytest.approx(1e-4, rel=1e-3)
+
+
+def test_a_rest_of_no_common_sign_is_added_by_squares():
+    # Changes of 1 and -2: a distance of 1, and a rest of 2 by the largest ratio of a half.
+    turning, rising = by_halved_steps(2e-4, 3e-4, 1e-4), by_halved_steps(0.0, 1e-4, 3e-4)
+    for name in QUANTITIES:
+        assert turning[name] == pytest.approx(np.hypot(1e-4, 2e-4), rel=1e-3)
+        assert rising[name] == pytest.approx(3e-4 + 2e-4, rel=1e-3)

@@ -1,15 +1,104 @@
-"""Errors of a run as `estimate` takes it: models changed by hand, joints of different laws."""
+"""Errors of runs as `estimate` takes them: distance from Coulomb's law, models changed by hand."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from bodies import MU, structure
+from joint_scenes import bar_scene, harmonic
+from reduced_joints import fig_18
 from scipy.sparse import csr_array
 
 import skfem_joint as sj
-from skfem_joint.accuracy.against_coulomb import SETTLED, against_coulomb
+from skfem_joint.output.report import estimate_table, summary
+from skfem_joint.results.history import QUANTITIES, difference, results
 
 STEPS = {"cycles": 5, "steps_per_cycle": 80}
+Case = tuple[sj.System, dict[str, Any]]
+
+
+def fig_18_of(beta: float, load: Any, **times: Any) -> Case:
+    made, _ = fig_18()
+    joints = [replace(joint, beta=beta) for joint in made.joints]
+    return replace(made, joints=joints).system([sj.Load("end", load)]), times
+
+
+def slow_plate(steps: int) -> Case:
+    """A plate that creeps: pulled at 20 Hz."""
+    mesh = sj.build_plate([("joint", 0.25, 16)], 0.05, 2)
+    made = structure(mesh, [sj.Joint("joint", 8e6, MU, beta=1e5)], stiffness_damping=1e-5)
+    load = sj.Load("right", sj.Harmonic(40e3, 20.0), (1.0, 0.0))
+    return made.system([load]), {"cycles": 2, "steps_per_cycle": steps}
+
+
+CASES: dict[str, Callable[[], Case]] = {
+    "bar": lambda: fig_18_of(1e4, sj.Harmonic(87.5e3, 500.0), cycles=4, steps_per_cycle=100),
+    "slow bar": lambda: fig_18_of(1e5, sj.Harmonic(87.5e3, 0.1), cycles=2, steps_per_cycle=100),
+    "pulse": lambda: fig_18_of(1e3, sj.Triangle(87.5e3, 4e-5), duration=2e-3, step=4e-6),
+    "plate": lambda: slow_plate(60),
+    "large plate": lambda: slow_plate(460),
+}
+
+
+EXACT, NEAR = (0.97, 1.03), (0.5, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "model", "allowed"),
+    [
+        ("bar", "full", EXACT),
+        ("bar", "reduced", NEAR),
+        ("slow bar", "full", EXACT),
+        ("slow bar", "reduced", NEAR),
+        ("slow bar", "condensed", NEAR),
+        ("pulse", "full", EXACT),
+        ("pulse", "reduced", NEAR),
+        ("plate", "full", EXACT),
+        ("plate", "reduced", NEAR),
+        ("plate", "condensed", NEAR),
+        ("large plate", "full", (0.8, 1.25)),
+    ],
+)
+def test_the_distance_from_coulombs_law_is_that_of_full_runs(name, model, allowed):
+    """A large full model is compared by a reduced one."""
+    system, times = CASES[name]()
+    coulomb, own = (sj.integrate(one, **times) for one in (system.with_beta(np.inf), system))
+    true, run = difference(results(coulomb), results(own)), own
+    if model == "condensed":
+        run = sj.integrate(sj.condense(system), **times)
+    elif model == "reduced":
+        run = sj.integrate(sj.reduce(system, duration=times.get("duration")), **times)
+    stated = sj.estimate(run)
+    assert max(error or 0.0 for error in true.values()) > 0.02
+    low, high = allowed
+    for quantity in QUANTITIES:
+        if (true[quantity] or 0.0) > 0.01:
+            found = stated.of("coulomb", quantity)
+            assert low <= found / true[quantity] <= high, (quantity, found, true[quantity])
+            assert name != "large plate" or found != true[quantity]
+
+
+def test_it_is_no_part_of_the_total_and_is_said_where_it_is_large():
+    slow = {"load": [harmonic(frequency=0.1)], "time": {"cycles": 2, "steps_per_cycle": 100}}
+    study = sj.run_scene(bar_scene("full", "reduced", reduction={}, **slow))
+    for model in study.models.values():
+        total = model.estimate.of("total", "friction_energy")
+        assert total < 0.01 < 0.5 < model.estimate.of("coulomb", "friction_energy")
+    (said,) = [warning for warning in study.notes if "creeps" in warning]
+    assert "beta = 1e+05" in said
+    assert "Leave beta out" in said
+    assert "full model, against Coulomb's law" in estimate_table(summary(study))
+
+
+def test_results_of_coulombs_law_are_compared_with_nothing_and_of_a_steep_one_with_little():
+    system, times = CASES["bar"]()
+    steep, coulomb = (
+        sj.estimate(sj.integrate(system.with_beta(beta), **times)) for beta in (1e8, np.inf)
+    )
+    assert "coulomb" not in coulomb.parts
+    assert 0.0 < steep.of("coulomb", "friction_energy") < 0.01
 
 
 def bar(*betas: float) -> sj.System:
@@ -67,9 +156,8 @@ def test_laws_are_compared_until_the_cycles_of_both_are_alike():
     laws = (system, system.with_beta(np.inf))
     run, coulomb = (sj.integrate(law, cycles=40, steps_per_cycle=60) for law in laws)
     true = run.cycles.friction[-1] / coulomb.cycles.friction[-1] - 1.0
-    stated = against_coulomb(system, run, run.plan)["friction_energy"]
     assert true > 1.0
-    assert stated == pytest.approx(true, rel=SETTLED)
+    assert sj.estimate(run).of("coulomb", "friction_energy") == pytest.approx(true, rel=0.02)
 
 
 @pytest.mark.parametrize("changed", ["C", "K"])

@@ -1,34 +1,40 @@
-"""The stated error of a full model's step: closed forms, and models in place of large ones."""
+"""The stated error of a full model's step: closed forms, runs with far smaller steps."""
 
 from dataclasses import replace
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from joint_scenes import bar_scene, harmonic, plate, plate_scene, steps_taken
+from bodies import MU, structure
 from random_contact import random_contact
+from reduced_joints import fig_18
 from stepping_systems import oscillator
 
 import skfem_joint as sj
-from skfem_joint.accuracy import estimate, rungs
-from skfem_joint.accuracy.estimate import verification_run
-from skfem_joint.accuracy.ladder import HALVED, STEP, Ladder
-from skfem_joint.accuracy.rungs import of_full
-from skfem_joint.ground.loads import Harmonic, MultiHarmonic
+from skfem_joint.accuracy.ladder import HALVED, STEP, Rung, errors_of
+from skfem_joint.ground.loads import Amplitude, Harmonic, MultiHarmonic, Triangle
 from skfem_joint.results.history import QUANTITIES, difference, results
-from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
-from skfem_joint.study.scene_plan import plan_of
-from skfem_joint.study.study import run_scene
 from skfem_joint.system.contacts import Contact
 from skfem_joint.system.system import AppliedLoad, System
 
 
 def driven(system: System, frequency: float, steps: int) -> float:
     """Stated error of the history of steady vibration."""
-    plan = Plan(1.0 / frequency / steps, steps, cycle_steps=steps, until="steady")
-    run = verification_run(system, plan)
-    return of_full(system, run, plan).of("total", "displacement_rms") or 0.0
+    period = {"step": 1.0 / frequency / steps, "n_steps": steps, "cycle_steps": steps}
+    run = sj.integrate(system, **period, until="steady")
+    return sj.estimate(run).of("total", "displacement_rms") or 0.0
+
+
+def stated(run: Run) -> tuple[dict[str, float | None], list[int]]:
+    """Total error of a run, and the steps of each run that showed it."""
+    taken = []
+
+    def told(done: int, steps: int, *_: str) -> None:
+        if done == steps:
+            taken.append(steps)
+
+    return sj.estimate(run, progress=told).parts["total"], taken
 
 
 def receptance(frequency: float, natural: float, ratio: float, step: float = 0.0) -> complex:
@@ -81,45 +87,9 @@ def test_a_higher_mode_that_twice_the_step_misses_is_stated():
     assert 0.8 * true < driven(system, base, steps) < 1.5 * true
 
 
-def by_finer_steps(run: Run, *finer: Run) -> sj.Estimate:
-    """Errors of a run from those with half of its step, a quarter and so on."""
-    way = Ladder(run)
-    for better in finer:
-        way.add(STEP, better, HALVED)
-    return way.estimate()
-
-
-def off(run: Run, error: float) -> Run:
-    """Run whose results are all too large by a relative error."""
-    cycles = replace(run.cycles, friction=run.cycles.friction * (1.0 + error))
-    cycles = replace(cycles, input=run.cycles.input * (1.0 + error))
-    cycles = replace(cycles, peak=run.cycles.peak * (1.0 + error))
-    return replace(run, point_u=run.point_u * (1.0 + error), cycles=cycles)
-
-
-@pytest.mark.parametrize("order", [1.0, 1.5, 2.0])
-def test_errors_that_fall_with_an_order_between_one_and_two_are_stated_exactly(order):
-    scene = bar_scene("full", bar="coarse", time={"cycles": 2, "steps_per_cycle": 20})
-    run, error = verification_run(scene.system(), plan_of(scene)), 1e-4
-    steps = [off(run, error * 0.5 ** (k * order)) for k in range(3)]
-    stated = by_finer_steps(*steps).parts["total"]
-    for name in QUANTITIES:
-        assert stated[name] == pytest.approx(error, rel=1e-3)
-
-
-def test_a_rest_of_no_common_sign_is_added_by_squares():
-    scene = bar_scene("full", bar="coarse", time={"cycles": 2, "steps_per_cycle": 20})
-    run = verification_run(scene.system(), plan_of(scene))
-    # Changes of 1 and -2: a distance of 1, and a rest of 2 by the largest ratio of a half.
-    turning = by_finer_steps(*(off(run, error) for error in (2e-4, 3e-4, 1e-4))).parts["total"]
-    rising = by_finer_steps(*(off(run, error) for error in (0.0, 1e-4, 3e-4))).parts["total"]
-    for name in QUANTITIES:
-        assert turning[name] == pytest.approx(np.hypot(1e-4, 2e-4), rel=1e-3)
-        assert rising[name] == pytest.approx(3e-4 + 2e-4, rel=1e-3)
-
-
 def test_where_changes_grow_an_eighth_of_the_step_counts():
-    # A mass bounces on a stop, eight steps in each touch: half of the step changes little at first.
+    # A mass bounces on a stop, eight steps in each touch: half and a quarter of the step change
+    # little, by which less than half of the error would be stated.
     scene = random_contact(34)
     system, scheme = scene.system(), sj.generalized_alpha(scene.rho)
 
@@ -127,78 +97,64 @@ def test_where_changes_grow_an_eighth_of_the_step_counts():
         plan = {"step": scene.step / parts, "n_steps": scene.n_steps * parts}
         return sj.integrate(system, **plan, scheme=scheme, save=sj.Save(every=parts))
 
-    first, truth = run(1), results(run(64))
-    true = difference(truth, results(first))["loop_energy"]
-    finer = [run(2), run(4), run(8)]
-    three, four = (
-        by_finer_steps(first, *finer[:count]).of("total", "loop_energy") for count in (2, 3)
-    )
-    assert three < 0.5 * true
-    assert four > 0.5 * true
-    assert sj.estimate(first).of("total", "loop_energy") == pytest.approx(four, rel=1e-6)
-
-
-def test_a_small_model_is_run_with_half_and_quarter_steps(monkeypatch):
-    taken = steps_taken(monkeypatch, estimate)
-    run_scene(bar_scene("full", time={"cycles": 2}))
-    assert taken[:2] == [800, 1600]
+    first = run(1)
+    true = difference(results(run(64)), results(first))["loop_energy"]
+    found, taken = stated(first)
+    assert taken == [factor * scene.n_steps for factor in (2, 4, 8)]
+    assert 0.5 * true < found["loop_energy"] < 2.0 * true
 
 
 @pytest.mark.parametrize("steps", [8, 25, 50])
 def test_the_error_of_the_time_step_of_a_resonant_joint_is_stated(steps):
-    resonant = {"load": [harmonic(frequency=2200.0)], "damping": {"stiffness": 1e-7}}
-    scene = bar_scene("full", time={"cycles": 40, "steps_per_cycle": steps}, **resonant)
-    plan, system = plan_of(scene), scene.system()
-    run = verification_run(system, plan)
-    stated = of_full(system, run, plan).of("total", "displacement_rms") or 0.0
-    truth = results(verification_run(system, plan.finer(16)))
-    true = difference(truth, results(run))["displacement_rms"] or 0.0
+    """A small model is run with half and quarter steps."""
+    made, _ = fig_18()
+    system = replace(made, stiffness_damping=1e-7).system(
+        [sj.Load("end", Harmonic(87.5e3, 2200.0))]
+    )
+    run = sj.integrate(system, cycles=40, steps_per_cycle=steps)
+    found, taken = stated(run)
+    truth = sj.integrate(system, cycles=40, steps_per_cycle=16 * steps, save=sj.Save(every=16))
+    true = difference(results(truth), results(run))["displacement_rms"] or 0.0
     assert true > 0.04
-    assert 0.5 * true < stated < 2.0 * true
+    assert 0.5 * true < found["displacement_rms"] < 2.0 * true
+    assert taken[:2] == [2 * 40 * steps, 4 * 40 * steps]
 
 
-@pytest.fixture
-def large(monkeypatch):
-    """A plate that counts as large, its run, and the unknowns and steps of all runs after it."""
-    scene = plate_scene("full", mesh=plate(10), time={"cycles": 3, "steps_per_cycle": 40})
-    system, plan = scene.system(), plan_of(scene)
-    run, taken = verification_run(system, plan), []
-    real = estimate.integrate_plan
-
-    def counted(one: System, two: Plan, **options: Any) -> Run:
-        taken.append((one.n, two.n_steps))
-        return real(one, two, **options)
-
-    monkeypatch.setattr(estimate, "integrate_plan", counted)
-    monkeypatch.setattr(rungs, "SMALL", 0.0)
-    return system, plan, run, taken
+N = 32 * 64  # steps
 
 
-def test_a_reduced_model_takes_the_steps_of_a_large_one(large):
-    system, plan, run, taken = large
-    stated = of_full(system, run, plan).parts["total"]
-    assert all(n < system.n for n, _ in taken)
-    assert [steps for _, steps in taken] == [120, 240, 480]
-    finer = (verification_run(system, plan.finer(k)) for k in (2, 4))
-    own = by_finer_steps(run, *finer).parts["total"]
+def large(load: Amplitude, damping: float = 1e-5) -> System:
+    """A plate of so many unknowns that its steps are halved by a reduced model."""
+    mesh = sj.build_plate([("joint", 0.25, 16)], 0.05, 2)
+    made = structure(mesh, [sj.Joint("joint", 8e6, MU)], stiffness_damping=damping)
+    return made.system([sj.Load("right", load, (1.0, 0.0))])
+
+
+@pytest.mark.slow
+def test_a_reduced_model_takes_the_steps_of_a_large_one():
+    """It states what the large one would by its own half and quarter steps."""
+    system = large(Harmonic(63e3, 1000.0))
+    runs = [
+        sj.integrate(system, cycles=32, steps_per_cycle=64 * k, save=sj.Save(every=k))
+        for k in (1, 2, 4)
+    ]
+    found, taken = stated(runs[0])
+    assert taken == [N, 2 * N, 4 * N]
+    way = [Rung.of(STEP, *both, HALVED) for both in pairwise(map(results, runs))]
+    own = errors_of(results(runs[0]), way)["total"]
     for name in QUANTITIES:
-        assert stated[name] == pytest.approx(own[name], rel=0.3, abs=1e-4)
+        assert found[name] == pytest.approx(own[name], rel=0.3, abs=1e-4)
 
 
 @pytest.mark.parametrize("why", ["too poor", "no friction"])
-def test_a_large_model_without_a_good_reduced_one_is_run_with_half_the_step(
-    large, why, monkeypatch
-):
-    system, plan, run, taken = large
-    if why == "too poor":
-        monkeypatch.setattr(rungs, "TRUSTED", 0.0)
-        monkeypatch.setattr(rungs, "NEGLIGIBLE", 0.0)
-    else:
+def test_a_large_model_without_a_good_reduced_one_is_run_with_half_the_step(why):
+    """Of a blow so short that it sets off all modes, or of no slips at all."""
+    system = large(Triangle(63e3, 4e-6), damping=1e-8)
+    if why == "no friction":
         system = replace(system, contact=Contact.none(system.n))
-        run = verification_run(system, plan)
-        taken.clear()
-    stated = of_full(system, run, plan).parts["total"]
-    assert taken[-1] == (system.n, 240)
-    half = results(verification_run(system, plan.finer(2)))
-    true = difference(half, results(run))["displacement_rms"] or 0.0
-    assert stated["displacement_rms"] == pytest.approx(4.0 / 3.0 * true)
+    run = sj.integrate(system, step=5e-7, n_steps=N)
+    found, taken = stated(run)
+    assert taken == [*([N, 2 * N, 4 * N] if why == "too poor" else []), 2 * N]
+    half = sj.integrate(system, step=2.5e-7, n_steps=2 * N, save=sj.Save(every=2))
+    true = difference(results(half), results(run))["displacement_rms"] or 0.0
+    assert found["displacement_rms"] == pytest.approx(4.0 / 3.0 * true)

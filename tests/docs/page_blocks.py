@@ -30,7 +30,7 @@ import ast
 import contextlib
 import importlib.util
 import io
-import itertools
+import math
 import os
 import re
 import shlex
@@ -44,9 +44,14 @@ from pathlib import Path
 from skfem_joint.cli import main
 
 SHELL = {"", "bash", "console", "sh"}
-FENCE = re.compile(r"^(?P<indent> *)(?P<fence>```+|:::+)\s*(?P<info>.*)$")
-COMMENT = re.compile(r"^\s*<!-- (?P<text>.*?) -->\s*$")
-PICTURE = re.compile(r"^!\[.*\]\((?P<target>[^)]+)\)")
+#: A fenced block, a comment, a picture, or another line that is not empty.
+PART = re.compile(
+    r"^(?P<indent> *)(?P<fence>```+) *(?P<info>.*)\n(?P<body>(?:.*\n)*?) *(?P=fence)`* *$"
+    r"|^ *<!-- (?P<comment>.*?) --> *$"
+    r"|^!\[.*\]\((?P<picture>[^)]+)\)"
+    r"|^.*\S.*$",
+    re.MULTILINE,
+)
 FILE_NAME = re.compile(r"^# (?P<name>[\w.-]+\.(?:py|toml|csv|json))$")
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:,\d{3})*(?:\.\d+)?(?:[eE][-+]?\d+)?(?![\w])")
 VARIABLE = re.compile(r"\btimes?\b(?! step)|compilation|iterations|residual|MiB|GiB| s\.?$|_s\b")
@@ -75,35 +80,32 @@ class Block:
 
 def blocks_of(page: Path) -> list[Block]:
     """Blocks of a page in their order."""
-    lines = page.read_text(encoding="utf-8").split("\n")
+    text = page.read_text(encoding="utf-8")
     blocks: list[Block] = []
     comments: list[str] = []
-    numbered = iter(enumerate(lines, 1))
-    for number, line in numbered:
-        fence, comment, picture = FENCE.match(line), COMMENT.match(line), PICTURE.match(line)
-        if comment:
-            text = comment["text"]
-            if text.startswith("test: edit"):
-                blocks.append(Block("edit", text.removeprefix("test: edit").strip(), number))
+    for part in PART.finditer(text):
+        number = text.count("\n", 0, part.start()) + 1
+        if comment := part["comment"]:
+            if comment.startswith("test: edit"):
+                blocks.append(Block("edit", comment.removeprefix("test: edit").strip(), number))
             else:
-                comments.append(text)
+                comments.append(comment)
             continue
-        if fence and fence["fence"].startswith("`"):
-            blocks += _fenced(fence, numbered, number, tuple(comments))
-        elif picture:
-            made = Block("picture", picture["target"], number, before=tuple(comments))
-            if made.note("picture"):
-                blocks.append(made)
-        if line.strip():
-            comments = []
+        if part["fence"]:
+            blocks += _fenced(part, number, tuple(comments))
+        elif part["picture"]:
+            made = Block("picture", part["picture"], number, before=tuple(comments))
+            blocks += [made] if made.note("picture") else []
+        else:
+            assert not part[0].lstrip().startswith("```"), f"line {number}: a block is not closed"
+        comments = []
     return blocks
 
 
-def _fenced(fence, numbered: Iterator, first: int, comments: tuple[str, ...]) -> list[Block]:
-    """The block that a fence opens; none if it is a directive that shows no code."""
-    indent = len(fence["indent"])
-    body = [line[indent:] for _, line in _until(numbered, fence["fence"])]
-    directive = re.match(r"\{(?P<name>[\w-]+)\}\s*(?P<argument>.*)", fence["info"])
+def _fenced(part: re.Match[str], first: int, comments: tuple[str, ...]) -> list[Block]:
+    """The block of a fence; none if it is a directive that shows no code."""
+    body = [line[len(part["indent"]) :] for line in part["body"].splitlines()]
+    directive = re.match(r"\{(?P<name>[\w-]+)\}\s*(?P<argument>.*)", part["info"])
     file, skipped = None, 0
     if directive:
         if directive["name"] not in ("code-block", "code"):
@@ -114,18 +116,9 @@ def _fenced(fence, numbered: Iterator, first: int, comments: tuple[str, ...]) ->
         skipped += skipped < len(body) and not body[skipped]
     elif body and (named := FILE_NAME.match(body[0])):
         file = named["name"]
-    language = (directive["argument"] if directive else fence["info"]).strip()
+    language = (directive["argument"] if directive else part["info"]).strip()
     text = "\n".join(body[skipped:]) + "\n"
     return [Block(language, text, first + 1 + skipped, file, comments)]
-
-
-def _until(numbered: Iterator, fence: str) -> Iterator[tuple[int, str]]:
-    """Lines until a fence is closed."""
-    for number, line in numbered:
-        if line.strip().startswith(fence) and not line.strip().strip(fence[0]):
-            return
-        yield number, line
-    raise AssertionError(f"a block that {fence} opens is not closed")
 
 
 def run_page(page: Path, folder: Path, exempt: tuple[str, ...] = ()) -> dict[str, Path]:
@@ -202,15 +195,10 @@ class Reader:
     def _python(self, block: Block) -> str:
         """Run a block; the value of an expression at its end is printed as at a prompt."""
         tree = ast.parse("\n" * (block.line - 1) + block.text)
-        last = None
-        if tree.body and isinstance(tree.body[-1], ast.Expr):
-            last = ast.Expression(tree.body.pop().value)
-        with _captured() as output:
+        last = [tree.body.pop()] if tree.body and isinstance(tree.body[-1], ast.Expr) else []
+        with contextlib.redirect_stdout(io.StringIO()) as output:
             exec(compile(tree, "page", "exec"), self.names)
-            if last is not None:
-                value = eval(compile(last, "page", "eval"), self.names)  # noqa: S307
-                if value is not None:
-                    print(repr(value))
+            exec(compile(ast.Interactive(last), "page", "single"), self.names)
         return output.getvalue()
 
     def _commands(self, block: Block) -> str:
@@ -238,7 +226,10 @@ def _run(command: list[str]) -> tuple[int, str]:
         os.chdir(arguments[0])
         return 0, ""
     if program == "skfem-joint" and "error-time" not in arguments:  # which starts a process
-        with _captured() as output, contextlib.redirect_stderr(io.StringIO()) as errors:
+        with (
+            contextlib.redirect_stdout(io.StringIO()) as output,
+            contextlib.redirect_stderr(io.StringIO()) as errors,
+        ):
             try:
                 status = main(arguments)
             except SystemExit as ended:
@@ -280,11 +271,14 @@ def alike(shown: str, line: str) -> bool:
         return False
     if VARIABLE.search(shown):
         return True
-    numbers = list(itertools.chain(*(NUMBER.findall(text) for text in shown.split("..."))))
+    numbers = [number for text in shown.split("...") for number in NUMBER.findall(text)]
+    pairs = zip(numbers, match.groups(), strict=True)
     tolerance = 0.5 if "%" in shown else 0.05
     return all(
-        _close(_value(a), _value(b), tolerance)
-        for a, b in zip(numbers, match.groups(), strict=True)
+        math.isclose(
+            *(float(text.replace(",", "")) for text in pair), rel_tol=tolerance, abs_tol=1e-12
+        )
+        for pair in pairs
     )
 
 
@@ -296,33 +290,16 @@ def _piece(text: str) -> str:
     return (r"\s*" if text[:1] == " " else "") + pattern + (r"\s*" if text[-1:] == " " else "")
 
 
-def _value(text: str) -> float:
-    return float(text.replace(",", ""))
-
-
-def _close(a: float, b: float, tolerance: float) -> bool:
-    return abs(a - b) <= tolerance * max(abs(a), abs(b)) + 1e-12
-
-
-@contextlib.contextmanager
-def _captured() -> Iterator[io.StringIO]:
-    with contextlib.redirect_stdout(io.StringIO()) as output:
-        yield output
-
-
 @contextlib.contextmanager
 def _within(folder: Path) -> Iterator[None]:
     """Work in a folder, from which Python also imports, without a display."""
-    before, path, backend = Path.cwd(), list(sys.path), os.environ.get("MPLBACKEND")
-    os.chdir(folder)
+    path, environment = list(sys.path), dict(os.environ)
     sys.path.insert(0, str(folder))
     os.environ["MPLBACKEND"] = "Agg"
     try:
-        yield
+        with contextlib.chdir(folder):
+            yield
     finally:
-        os.chdir(before)
         sys.path[:] = path
-        if backend is None:
-            del os.environ["MPLBACKEND"]
-        else:
-            os.environ["MPLBACKEND"] = backend
+        os.environ.clear()
+        os.environ.update(environment)

@@ -29,13 +29,9 @@ def test_all_kinds_of_addresses_are_found():
     assert addresses(text) == ["b.md", "e.png", "h.md", "n.md", "k.png", "q.md"]
 
 
-def test_no_picture_and_no_link_is_relative():
+def test_no_address_is_relative_and_those_in_the_repository_exist():
     targets = addresses((ROOT / "README.md").read_text(encoding="utf-8"))
     assert targets
     assert [target for target in targets if not target.startswith("https://")] == []
-
-
-def test_addresses_in_the_repository_exist():
-    targets = addresses((ROOT / "README.md").read_text(encoding="utf-8"))
     named = [match[1] for target in targets if (match := REPOSITORY.fullmatch(target))]
     assert [path for path in named if not (ROOT / path).exists()] == []

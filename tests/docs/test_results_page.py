@@ -38,32 +38,13 @@ def page():
     return set(re.findall(r"`([\w.-]+)`", text))
 
 
-@pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """What a run of a shipped scene writes, short and without pictures."""
-    folder = tmp_path_factory.mktemp("results")
-    assert main(["-q", "example", "structure_harmonic", "--out", str(folder)]) == 0
-    scene = folder / "structure_harmonic.toml"
-    text = scene.read_text(encoding="utf-8")
-    for old, new in (
-        ("cycles = 12", "cycles = 2"),
-        ("plots = true", "plots = false"),
-        ("vtk = true", "vtk = false"),
-    ):
-        assert old in text
-        text = text.replace(old, new)
-    scene.write_text(text, encoding="utf-8")
-    assert main(["-q", "run", str(scene), "--out", str(folder / "out")]) == 0
-    return folder / "out"
-
-
-@pytest.fixture(scope="module")
-def others(results):
-    """What the other commands write of the same scene, short."""
-    folder = results.parent
-    scene = folder / "structure_harmonic.toml"
-    text = scene.read_text(encoding="utf-8").replace('["full", "reduced"]', '["reduced"]')
-    text += """
+#: What makes the shipped scene short, and what its other commands need.
+SHORT = (
+    ("cycles = 12", "cycles = 2"),
+    ("plots = true", "plots = false"),
+    ("vtk = true", "vtk = false"),
+)
+MORE = """
 [backbone]
 modes = [1]
 levels = 3
@@ -78,31 +59,40 @@ levels = [0.003]
 "joint[0].friction" = [0.6, 0.7]
 results = ["peak_displacement_m"]
 """
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Folder of what each command writes of a shipped scene, short and without pictures."""
+    folder = tmp_path_factory.mktemp("results")
+    assert main(["-q", "example", "structure_harmonic", "--out", str(folder)]) == 0
+    scene = folder / "structure_harmonic.toml"
+    text = scene.read_text(encoding="utf-8")
+    for old, new in SHORT:
+        assert old in text
+        text = text.replace(old, new)
     scene.write_text(text, encoding="utf-8")
-    commands = "backbone", "response", "sweep"
-    for command in commands:
+    assert main(["-q", "run", str(scene), "--out", str(folder / "run")]) == 0
+    reduced = text.replace('["full", "reduced"]', '["reduced"]')
+    scene.write_text(reduced + MORE, encoding="utf-8")
+    for command in ("backbone", "response", "sweep"):
         workers = ["--workers", "1"] if command == "sweep" else []
         assert main(["-q", command, str(scene), "--out", str(folder / command), *workers]) == 0
-    return {command: folder / command / "summary.json" for command in commands}
+    return folder
 
 
-def test_every_key_of_the_summary_is_named(results, page):
-    content = json.loads((results / "summary.json").read_text(encoding="utf-8"))
+@pytest.mark.parametrize(
+    ("command", "least"), [("run", 60), ("backbone", 12), ("response", 14), ("sweep", 7)]
+)
+def test_every_key_of_a_summary_is_named(results, page, command, least):
+    content = json.loads((results / command / "summary.json").read_text(encoding="utf-8"))
     there = set(keys(content))
-    assert len(there) > 60
+    assert len(there) > least
     assert there <= page, sorted(there - page)
 
 
-def test_every_key_of_the_other_summaries_is_named(others, page):
-    for command, least in (("backbone", 12), ("response", 14), ("sweep", 7)):
-        content = json.loads(others[command].read_text(encoding="utf-8"))
-        there = set(keys(content))
-        assert len(there) > least, command
-        assert there <= page, (command, sorted(there - page))
-
-
 def test_every_array_of_the_history_is_named(results, page):
-    for array in np.load(results / "history.npz").files:
+    for array in np.load(results / "run" / "history.npz").files:
         if array.startswith("load_"):
             generic = re.sub(r"(load_\d+)_\w+", r"\1_LOAD", array)
         else:

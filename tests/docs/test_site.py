@@ -3,6 +3,7 @@
 import ast
 import inspect
 import io
+import pkgutil
 import re
 import tokenize
 from fnmatch import fnmatch
@@ -19,6 +20,7 @@ PYTHON = [DOCS / "reference" / "python.md", *sorted((DOCS / "reference" / "pytho
 #: Pages to look something up in, which may be long.
 LONG = {*PYTHON, *(DOCS / "reference" / f"{name}.md" for name in ("keys", "commands"))}
 _FENCED = re.compile(r"^(```+|:::+)[^\n]*\n.*?^\1[ ]*$", re.MULTILINE | re.DOTALL)
+TOCTREE = re.compile(r"^```\{toctree\}\n(.*?)^```", re.MULTILINE | re.DOTALL)
 _LINK = re.compile(r"\]\(<?([^)\s>]+)>?(?:\s+\"[^\"]*\")?\)")
 _IMAGE = re.compile(r"^```\{(?:image|figure)\} (\S+)", re.MULTILINE)
 
@@ -70,37 +72,25 @@ def sections(thing):
 
 
 @pytest.mark.parametrize(
-    "page",
-    [page for page in pages() if page not in LONG],
-    ids=lambda page: str(page.relative_to(DOCS)),
+    ("page", "most"),
+    [
+        (ROOT / "README.md", 900),
+        *((page, 2000) for page in (*pages(), *gallery()) if page not in LONG),
+    ],
+    ids=lambda page: page.name if isinstance(page, Path) else str(page),
 )
-def test_a_page_is_short(page):
-    assert len(page.read_text(encoding="utf-8").split()) <= 2000
-
-
-@pytest.mark.parametrize("script", gallery(), ids=lambda script: script.stem)
-def test_the_text_of_a_gallery_page_is_short(script):
-    assert len(text_of(script).split()) <= 2000
-
-
-def test_the_readme_is_short():
-    words = (ROOT / "README.md").read_text(encoding="utf-8").split()
-    assert len(words) <= 900
+def test_a_page_is_short(page, most):
+    text = text_of(page) if page.suffix == ".py" else page.read_text(encoding="utf-8")
+    assert len(text.split()) <= most
 
 
 def test_every_page_stands_in_a_table_of_contents():
-    listed = set()
+    listed = {DOCS / "index"}
     for page in pages():
-        for block in re.findall(
-            r"^```\{toctree\}\n(.*?)^```",
-            page.read_text(encoding="utf-8"),
-            re.MULTILINE | re.DOTALL,
-        ):
-            entries = (line.strip() for line in block.splitlines() if not line.startswith(":"))
-            listed |= {(page.parent / entry).resolve() for entry in entries if entry}
-    assert listed - {DOCS / "gallery" / "index"} == {page.with_suffix("") for page in pages()} - {
-        DOCS / "index"
-    }
+        for entries in TOCTREE.findall(page.read_text(encoding="utf-8")):
+            names = (line.strip() for line in entries.splitlines() if not line.startswith(":"))
+            listed |= {(page.parent / name).resolve() for name in names if name}
+    assert listed - {DOCS / "gallery" / "index"} == {page.with_suffix("") for page in pages()}
 
 
 @pytest.mark.parametrize(
@@ -126,26 +116,18 @@ def test_links_lead_to_files(page):
     assert not astray
 
 
-def test_the_reference_has_every_public_name_once():
+def test_the_reference_and_its_first_page_have_every_public_name_once():
     text = "\n".join(page.read_text(encoding="utf-8") for page in PYTHON[1:])
     shown = re.findall(r"^\.\. auto(?:class|function):: skfem_joint\.(\w+)$", text, re.MULTILINE)
-    assert sorted(shown) == skfem_joint.__all__
-
-
-def test_the_first_page_of_the_reference_lists_every_public_name_once():
     listed = re.findall(r"^   (\w+)$", PYTHON[0].read_text(encoding="utf-8"), re.MULTILINE)
-    assert sorted(listed) == skfem_joint.__all__
+    assert sorted(shown) == sorted(listed) == skfem_joint.__all__
 
 
 def test_members_that_the_reference_shows_exist_and_are_described():
+    classes = re.compile(r"^\.\. autoclass:: ([\w.]+)\n   :members: (.+)$", re.MULTILINE)
     for page in PYTHON[1:]:
-        for name, members in re.findall(
-            r"^\.\. autoclass:: ([\w.]+)\n   :members: (.+)$",
-            page.read_text(encoding="utf-8"),
-            re.MULTILINE,
-        ):
-            module, _, own = name.rpartition(".")
-            thing = getattr(__import__(module, fromlist=[own]), own)
+        for name, members in classes.findall(page.read_text(encoding="utf-8")):
+            thing = pkgutil.resolve_name(name)
             for member in members.split(", "):
                 assert inspect.getdoc(inspect.getattr_static(thing, member)), f"{name}.{member}"
 

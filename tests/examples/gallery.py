@@ -2,6 +2,7 @@
 
 import runpy
 import sys
+from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,15 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 SCRIPTS = tuple(sorted({path.stem for path in EXAMPLES.glob("*.py")} - {"paraview_joint"}))
 
 
-def run_script(name: str, *, short: bool = True) -> dict[str, Any]:
-    """Run a script as the command line does; returns the names that it defines."""
+def run_script(name: str, folder: Path) -> dict[str, Any]:
+    """Run the short form of a script in a folder as the command line does; returns its names."""
     from matplotlib import pyplot
 
     path, before = str(EXAMPLES / f"{name}.py"), sys.argv
-    sys.argv = [path, *["--short"] * short]
+    sys.argv = [path, "--short"]
     try:
-        return runpy.run_path(path, run_name="__main__")
+        with chdir(folder):
+            return runpy.run_path(path, run_name="__main__")
     finally:
         sys.argv = before
         pyplot.close("all")

@@ -20,15 +20,13 @@ from benchmarks import (
     steady,
 )
 from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
-from benchmarks.integrators import FORMS, Form, Solution, Task, solve
+from benchmarks.integrators import FORMS, QUICK_FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
 
 import skfem_joint as sj
-from skfem_joint.linalg import schur
 from skfem_joint.results.history import difference, results
 from skfem_joint.study import error_time as et
 from skfem_joint.study.certificate import make_reference
-from skfem_joint.study.description import describe
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 #: What the example of two plates printed when the pages were made.
@@ -111,9 +109,8 @@ def test_competitor_beyond_the_bound_is_listed_as_such(truth):
     assert not any(p.counts for p in found)
 
 
-def test_sundials_may_be_missing_and_no_integrator_takes_a_set_valued_law(truth, monkeypatch):
-    monkeypatch.setattr(ready_made.importlib.util, "find_spec", lambda _: None)
-    (job,) = ready_made.ready_made_jobs(truth, 1.0, [Form("IDA", (1e-4,))])
+def test_sundials_may_be_missing_and_no_integrator_takes_a_set_valued_law(truth):
+    (job,) = ready_made.ready_made_jobs(truth, 1.0, [Form("IDA", (1e-4,))], installed=False)
     assert "skfem-joint[bench]" in job.run().status
     coulomb = replace(truth, system=truth.system.with_beta(np.inf))
     assert list(ready_made.ready_made_jobs(coulomb, 1.0)) == []
@@ -135,26 +132,24 @@ def test_explicit_runs_are_whole_if_short_and_else_extrapolated(truth):
 
 
 @pytest.mark.slow
-def test_the_report_joins_competitors_to_our_models(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(ready_made, "load_scene", lambda _: small(beta=200.0))
-    monkeypatch.setattr(ready_made, "COARSE", (5,))
-    few = {"parts": (1, 4), "reduced_parts": (2,), "factors": (10.0,), "modes": (2,)}
-    monkeypatch.setattr(et, "QUICK", few)
-    assert ready_made.main(["a.toml", "--out", str(tmp_path), "--quick"]) == 0
+def test_the_report_joins_competitors_to_our_models(tmp_path, capsys):
+    scene = str(EXAMPLES / "lap_joint_reference.toml")
+    assert ready_made.main([scene, "--out", str(tmp_path), "--quick"]) == 0
     assert "full, arctan / ready-made, error 1e-03" in capsys.readouterr().out
     with (tmp_path / "error-time.csv").open(newline="") as stream:
         families = {row["family"] for row in csv.DictReader(stream)}
-    made = {f"ready-made {form.name}" for form in FORMS}
+    made = {f"ready-made {form.name}" for form in QUICK_FORMS}
     assert families >= {et.FULL, et.COULOMB, ready_made.MESH, ready_made.EXPLICIT, *made}
     assert "interleaved unknowns" in (tmp_path / "error-time.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
-def test_benchmarks_of_steps_run(monkeypatch, capsys):
-    monkeypatch.setattr(growth, "SIZES", ((20, 5, 1), (40, 5, 1)))
-    growth.main(["--quick"])
-    monkeypatch.setattr(plates, "QUICK", (((8, 4, 0.25), (12, 2, 0.05)),))
-    plates.main(["--quick"])
+def test_benchmarks_of_steps_run(capsys):
+    for elements in (20, 40):
+        growth.time_per_step(elements, 5, 1)
+    growth.long_structure(100, 1)
+    plates.report(8, 4, 0.25, True)
+    plates.report(12, 2, 0.05, False)
     text = capsys.readouterr().out
     assert len(re.findall(r"^\| [24]0 \| (arctan|Coulomb)", text, re.MULTILINE)) == 4
     assert "times faster; error of the free end" in text
@@ -162,9 +157,8 @@ def test_benchmarks_of_steps_run(monkeypatch, capsys):
     assert text.count("reduced, ") == 6
 
 
-def test_the_benchmark_of_solids_runs(monkeypatch, capsys):
-    monkeypatch.setitem(solids.SIZES, "--quick", ((10, 1, 2, 1), 1, 20))
-    solids.main(["--quick"])
+def test_the_benchmark_of_solids_runs(capsys):
+    solids.report(solids.plates((10, 1, 2, 1), 1, 20), 0.0)
     text = capsys.readouterr().out
     rows = {line.split()[1]: line.split("|")[2:-1] for line in text.splitlines() if line[:1] == "|"}
     assert float(rows["condensed"][4]) < 2.0  # history, percent
@@ -175,10 +169,9 @@ def test_the_benchmark_of_solids_runs(monkeypatch, capsys):
     assert "memory taken" in text
 
 
-def test_the_benchmark_of_contact_points_runs(monkeypatch, capsys):
-    monkeypatch.setattr(contact_points, "QUICK", ((6, 1, 2, 1),))
-    contact_points.main(["--quick"])
-    (cells,) = [line.split("|")[1:-1] for line in capsys.readouterr().out.splitlines()[2:]]
+def test_the_benchmark_of_contact_points_runs(capsys):
+    contact_points.report((6, 1, 2, 1))
+    cells = capsys.readouterr().out.split("|")[1:-1]
     points, unknowns = int(cells[1]), int(cells[2])
     assert unknowns == 2 * points
     assert cells[3].strip() == "yes"
@@ -202,28 +195,6 @@ def test_the_benchmarks_of_derivatives_and_solid_fits_run(capsys):
     assert len(errors) == 5 + 2 * 5 + 2 * 6
     assert max(errors) < 1e-5
     assert [int(cells[4]) < 15 for cells in rows if cells[0].strip() in ("lap joint",)] == [True]
-
-
-def test_solids_are_stepped_alike_condensed_or_not(monkeypatch):
-    system = solids.plates((6, 1, 2, 1), 1, 40, reach=0.025).system()
-    how = {"step": 1.0 / 200.0 / 40, "n_steps": 40, "save": sj.Save(fields=True)}
-    condensed = sj.integrate(system, **how)
-    monkeypatch.setattr(schur, "SETTINGS", replace(schur.SETTINGS, memory_share=0.0))
-    on_all = sj.integrate(system, **how)
-    assert condensed.friction_work.sum() > 0.0
-    assert condensed.counters.newton_iterations < on_all.counters.newton_iterations
-    np.testing.assert_allclose(condensed.u, on_all.u, atol=1e-9 * np.abs(on_all.u).max())
-    done = on_all.friction_work.sum()
-    np.testing.assert_allclose(condensed.friction_work.sum(), done, rtol=1e-7)
-
-
-def test_few_points_under_bolts_are_said_to_share_the_work():
-    """Their friction energy changes by more than a tenth on a finer mesh, not if pressed evenly."""
-    coarse = solids.plates((8, 1, 2, 1), 1, 40)
-    (note,) = [said for said in describe(coarse).doubts if "share the work of friction" in said]
-    assert "--certify" in note
-    evenly = coarse.changed(joint={"pressure": 5e6})
-    assert not any("share the work" in said for said in describe(evenly).doubts)
 
 
 @pytest.mark.slow

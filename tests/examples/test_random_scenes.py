@@ -103,24 +103,19 @@ def test_accuracies_are_met_nearly_met_missed_and_refused():
     assert "- missed by 3: bars --seed 1 --only 2, accuracy 1 %, table" in said
 
 
-def test_kept_rows_are_not_made_again(tmp_path, monkeypatch, capsys):
-    made, file = [], tmp_path / "rows.jsonl"
-
-    def measured(kind, seed, number, models):
-        made.append(number)
-        return [_row(4 * [0.01], 4 * [0.01], number=number, model=m).__dict__ for m in models]
-
-    monkeypatch.setattr(estimates, "measured", measured)
+def test_kept_rows_are_not_made_again(tmp_path, capsys):
+    file = tmp_path / "rows.jsonl"
     command = ["bars", "--seed", "1", "--out", str(file), "--model", "full"]
+    estimates.main([*command, "--count", "1"])
+    made = file.read_text()
+    file.write_text(made + '{"kind": "ba')  # it was killed here
     estimates.main([*command, "--count", "2"])
-    file.write_text(file.read_text() + '{"kind": "ba')  # it was killed here
-    estimates.main([*command, "--count", "3"])
-    assert made == [0, 1, 2]
-    assert [json.loads(line)["number"] for line in file.read_text().splitlines()] == [0, 1, 2]
-    assert capsys.readouterr().out.count("| bars | full | 3 |") == 1
+    assert file.read_text().startswith(made)  # times included
+    assert [json.loads(line)["number"] for line in file.read_text().splitlines()] == [0, 1]
+    assert capsys.readouterr().out.count("| bars | full | 2 |") == 1
 
 
-@pytest.mark.parametrize(("kind", "count"), [("bars", 5), ("matrices", 3)])
+@pytest.mark.parametrize(("kind", "count"), [("bars", 3), ("matrices", 2)])
 def test_scenes_at_random_state_their_errors(kind, count):
     rows = [
         Row(**row)

@@ -1,6 +1,6 @@
 """Measured curves: units and quantities, heads and arguments, refusals, decays of known law."""
 
-import warnings
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from skfem_joint.fitting.measured import MeasuredCurve, measured_curve
 from skfem_joint.ground.errors import InputError
 
 ROWS = {"frequency": [400.0, 398.0, 395.0], "damping": [0.002, 0.003, 0.006]}
+DATA = {"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}
 SHARES = {"relative_frequency_deviation": 1e-4, "relative_damping_deviation": 0.05}
 GOOD = "amplitude (mm), frequency (Hz), damping (%)\n1,400,0.2\n2,398,0.3\n4,395,0.6\n"
 
@@ -86,7 +87,7 @@ amplitude (m/s²), frequency (Hz), damping (%), damping_deviation (%)
 def test_units_and_quantities_become_displacements(unit, quantity, factor, name):
     raw, by_unit = np.array([1.0, 2.0, 5.0]), {"unit": unit} if name == "unit" else {}
     name = "amplitude" if by_unit else name.replace("UNIT", unit.replace(" ", ""))
-    curve = measured_curve({name: raw, **ROWS}, **by_unit, **SHARES)
+    curve = measured_curve({name: raw, **ROWS}, **by_unit, **SHARES, offset=())
     order = ["displacement", "velocity", "acceleration"].index(quantity)
     assert curve.quantity == quantity
     assert curve.amplitude == pytest.approx(factor * raw, rel=1e-15)
@@ -96,22 +97,20 @@ def test_units_and_quantities_become_displacements(unit, quantity, factor, name)
 
 
 @pytest.mark.parametrize(
-    ("columns", "frequency", "damping"),
+    "columns",
     [
-        ({"frequency (kHz)": 0.4, "damping (%)": 0.2}, 400.0, 0.002),
-        ({"Frequency (rad/s)": 800.0 * np.pi, "Damping (1)": 0.002}, 400.0, 0.002),
-        ({"frequency []": 400.0, "damping": 0.002}, 400.0, 0.002),
+        {"frequency (kHz)": 0.4, "damping (%)": 0.2},
+        {"Frequency (rad/s)": 800.0 * np.pi, "Damping (1)": 0.002},
+        {"frequency []": 400.0, "damping": 0.002},
     ],
 )
-def test_units_of_frequency_and_damping(columns, frequency, damping):
+def test_units_of_frequency_and_damping(columns):
     arrays = {name: np.full(3, value) for name, value in columns.items()}
     curve = measured_curve({"amplitude (m/s2)": [1.0, 2.0, 3.0]} | arrays)
-    assert curve.quantity == "acceleration"
-    assert curve.frequency == pytest.approx(np.full(3, frequency), rel=1e-14)
-    assert curve.damping == pytest.approx(np.full(3, damping), rel=1e-14)
-    assert [("frequency" in note, "damping" in note) for note in curve.notes] == [
-        (True, False), (False, True),
-    ]  # fmt: skip
+    assert curve.frequency == pytest.approx(np.full(3, 400.0), rel=1e-14)
+    assert curve.damping == pytest.approx(np.full(3, 0.002), rel=1e-14)
+    for note, name in zip(curve.notes, ("frequency", "damping"), strict=True):
+        assert f"deviations of the {name}" in note
 
 
 def test_arguments_win_over_the_head(tmp_path):
@@ -179,15 +178,10 @@ def test_a_curve_is_read_as_it_was_written(tmp_path, separator, end, mark):
     ("old", "new", "words"),
     [
         ("4,395", "4,39x5", ["lap.csv: line 4: frequency: found '39x5', must be a number"]),
-        ("4,395", "inf,395", ["line 4: amplitude: found inf, must be > 0, from 1e-20 to"]),
         ("4,395", ",395", ["line 4: amplitude: found '', must be a number"]),
         ("4,395", "nan,395", ["line 4: amplitude: found nan, must be > 0, from 1e-20 to"]),
-        ("4,395", "0,395", ["line 4: amplitude: found 0, must be > 0, from 1e-20 to"]),
-        ("4,395", "4,-395", ["line 4: frequency: found -395, must be > 0, from 1e-20 to"]),
         ("4,395", "4,1e-30", ["found 1e-30, must be > 0, from 1e-20 to 1e+20, or empty where it"]),
-        ("4,395", "4,inf", ["line 4: frequency: found inf"]),
-        ("0.6", "-0.6", ["line 4: damping: found -0.6, must be >= 0 and below 100, a %, or empty"]),
-        ("0.6", "600", ["line 4: damping: found 600, must be >= 0 and below 100"]),
+        ("0.6", "600", ["line 4: damping: found 600, must be >= 0 and below 100, a %, or empty"]),
         ("0.6", "0", ["line 4: damping: found 0, whose standard deviation cannot be a share"]),
         ("1,400,0.2", "-1,0,2", ["line 2: amplitude: found -1", "line 2: frequency: found 0"]),
         ("4,395,0.6", "4,,", ["line 4: found neither a frequency nor a damping"]),
@@ -199,18 +193,13 @@ def test_a_curve_is_read_as_it_was_written(tmp_path, separator, end, mark):
         ("(mm)", "(inch)", ["column 'amplitude (inch)': found unit 'inch', must be one of m, cm"]),
         (" (mm)", "_mm", ["line 1: column 'amplitude_mm': must be one of amplitude, frequency"]),
         ("(Hz)", "(V)", ["found unit 'V', must be one of Hz, kHz, rad/s"]),
-        ("(%)", "(dB)", ["found unit 'dB', must be one of 1, %"]),
-        ("frequency (Hz)", "freq", ["column 'freq': must be one of amplitude, frequency, damping"]),
         ("frequency (Hz)", "amplitude", ["line 1: found column 'amplitude' again, must be once"]),
-        ("damping (%)", "temperature", ["line 1: column 'temperature': must be one of amp"]),
         ("damping (%)", "damping_deviation", ["found column 'damping_deviation' and no 'damping'"]),
         ("amplitude (mm), ", "time, ", ["found columns time, frequency, damping; must be ampl"]),
         ("amplitude", "# Operator: A. N. Other\namplitude",
          ["line 1: operator: unknown key; allowed: name, point"]),
         ("amplitude", "# point: a\n# point: b\namplitude", ["line 2: found 'point' again"]),
-        ("amplitude", "# units: m\namplitude", ["line 1: units: unknown key; did you mean"]),
         ("amplitude", "# unit: m\namplitude", ["found m and mm of the amplitude, must be"]),
-        ("amplitude", "# unit: Hz\namplitude", ["line 1: unit: found 'Hz', must be one of m, cm"]),
         ("amplitude", "# direction: up\n# mode: 0\n# mode2\n# point:\namplitude",
          ["line 4: point: found '', must not be empty",
           "line 1: direction: found 'up', must be x, y, z, or up to three",
@@ -230,33 +219,33 @@ def test_what_is_wrong_is_refused_with_its_place(tmp_path, old, new, words):
     refused(written(tmp_path, GOOD.replace(old, new, 1)), *words)
 
 
-def test_deviations_are_of_the_unit_of_their_column(tmp_path):
-    text = "amplitude (mm), damping, damping_deviation (%)\n1,0.1,1\n2,0.1,1\n3,0.1,1\n"
-    words = "column 'damping_deviation': found unit '%', must be that of damping, '1'"
-    refused(written(tmp_path, text), words)
-    text = "# relative_damping_deviation: 0.1\n" + text.replace("deviation (%)", "deviation")
-    words = "both column 'damping_deviation' and key 'relative_damping_deviation', must be one"
-    refused(written(tmp_path, text), words)
-
-
-def test_files_that_are_no_tables_are_refused(tmp_path):
-    for content, word in (
-        (b"", "lap.csv: found no columns, must begin with their names, as in 'amplitude (mm)"),
-        (b"# nothing\n\n", "lap.csv: found no columns"),
-        (b"PK\x03\x04\x00\x00" * 9, "lap.csv: holds no text"),
+@pytest.mark.parametrize(
+    ("content", "word"),
+    [
+        (b"", "found no columns, must begin with their names, as in 'amplitude (mm)"),
+        (b"# nothing\n\n", "found no columns"),
+        (b"PK\x03\x04\x00\x00" * 9, "holds no text"),
         (b"amplitude\n\xb2\n", "line 2: not UTF-8 text; save it as UTF-8"),
-        (b"amplitude;damping\n", "lap.csv: found no unit of the amplitude"),
-        (b"amplitude (m);damping\n", "lap.csv: found 0 rows of values, must be at least 3"),
-        (b"amplitude (m), a;b\n", "line 1: found ',' and ';' between columns, must be one of them"),
+        (b"amplitude (m);damping\n", "found 0 rows of values, must be at least 3"),
+        (b"amplitude (m), a;b\n", "line 1: found ',' and ';' between columns, must be one of"),
+        (b"amplitude (m);damping\n0,1;0,5\n", "found '0,1', must be a number; decimals have a"),
         (
-            b"amplitude (m);damping\n0,1;0,5\n",
-            "found '0,1', must be a number; decimals have a point",
+            b"amplitude (mm), damping, damping_deviation (%)\n" + 3 * b"1,0.1,1\n",
+            "column 'damping_deviation': found unit '%', must be that of damping, '1'",
         ),
-    ):
-        path = written(tmp_path, content)
-        with pytest.raises(InputError) as caught:
-            measured_curve(path)
-        assert word in str(caught.value) or content == b"amplitude;damping\n"
+        (
+            b"# relative_damping_deviation: 0.1\namplitude (mm), damping, damping_deviation\n",
+            "both column 'damping_deviation' and key 'relative_damping_deviation', must be one",
+        ),
+    ],
+)
+def test_files_that_are_no_tables_are_refused(tmp_path, content, word):
+    with pytest.raises(InputError, match=re.escape(word)) as caught:
+        measured_curve(written(tmp_path, content))
+    assert "lap.csv" in str(caught.value)
+
+
+def test_files_that_are_not_there_are_refused(tmp_path):
     refused(tmp_path, "cannot be read: not a file")
     refused(tmp_path / "none.csv", "cannot be read: No such file")
 
@@ -273,69 +262,68 @@ def test_many_wrong_lines_are_counted(tmp_path):
     ("given", "word"),
     [
         ({"points": "tip"}, "points: unknown key; did you mean 'point'?"),
-        ({"point": " "}, "measured_curve: point: found '', must not be empty"),
         ({"mode": True}, "measured_curve: mode: found 'True', must be a whole number"),
-        ({"mode": "1.5"}, "mode: found '1.5', must be a whole number"),
         ({"lowest": -1.0}, "lowest: found '-1.0', must be >= 0"),
-        ({"highest": True}, "highest: found 'True', must be a number"),
         ({"direction": [1.0, np.nan]}, "direction: found '1.0, nan', must be x, y, z"),
-        ({"direction": np.eye(2)}, "direction: found"),
-        (
-            {"relative_frequency_deviation": 0.0},
-            "found '0.0', must be > 0 (share of the values, or percent",
-        ),
         ({"frequency": 0.0}, "frequency: found '0.0', must be > 0"),
         ({"unit": 1.0}, "unit: found '1.0', must be one of m"),
         ({"offset": 1}, "offset[0]: found '1', must be 'frequency' or"),
     ],
 )
 def test_wrong_arguments_are_refused_by_name(given, word):
-    refused({"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}, word, **given)
+    refused(DATA, word, **given)
 
 
-def test_wrong_arrays_are_refused():
-    good = {"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}
-    refused(good | {"damping": [0.1, 0.2]}, "data: found arrays of shapes amplitude (3,)")
-    refused(good | {"damping": [[0.1, 0.2]]}, "must be one shape (k,)")
-    refused(good | {"damping": ["a", "b", "c"]}, "damping: found <U1 values, must be real numbers")
-    refused(good | {"damping": [1.0, 1j, 0.0]}, "damping: found complex128 values, must be real")
-    refused(good | {"damping": [0.1, 0.2, 3.0]}, "must be >= 0 and below 1, a ratio, or empty")
-    refused(3.0, "found a float as the source, must be the path of a file, a mapping")
-    only = {"amplitude (g)": [1.0, 2.0, 3.0], "damping": ROWS["damping"]}
-    refused(only, "found amplitudes of acceleration and no frequency, by which they become displ")
-    refused(good | {"run": [1, 2, 3]}, "data: column 'run': must be one of amplitude, frequency")
+@pytest.mark.parametrize(
+    ("data", "word"),
+    [
+        (DATA | {"damping": [0.1, 0.2]}, "data: found arrays of shapes amplitude (3,)"),
+        (DATA | {"damping": [[0.1, 0.2]]}, "must be one shape (k,)"),
+        (DATA | {"damping": ["a", "b", "c"]}, "damping: found <U1 values, must be real numbers"),
+        (DATA | {"damping": [0.1, 0.2, 3.0]}, "must be >= 0 and below 1, a ratio, or empty"),
+        (3.0, "found a float as the source, must be the path of a file, a mapping"),
+        (
+            {"amplitude (g)": [1.0, 2.0, 3.0], "damping": ROWS["damping"]},
+            "found amplitudes of acceleration and no frequency, by which they become displ",
+        ),
+        (DATA | {"run": [1, 2, 3]}, "data: column 'run': must be one of amplitude, frequency"),
+    ],
+)
+def test_wrong_arrays_are_refused(data, word):
+    refused(data, word)
 
 
-def test_points_and_directions_are_rows_of_a_system():
-    data = {"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}
-    rows = ["base.x", "base.y", "tip.x", "tip.y"]
-    diagonal = np.sqrt(0.5)
-    for given, names, expected in (
+NAMES = ["base.x", "base.y", "tip.x", "tip.y"]
+
+
+@pytest.mark.parametrize(
+    ("given", "names", "expected"),
+    [
         ({}, ["end"], [1.0]),
-        ({"point": "end"}, ["start", "end"], [0.0, 1.0]),
         ({"point": "end", "direction": "x"}, ["start", "end"], [0.0, 1.0]),
-        ({"point": "tip.y"}, rows, [0.0, 0.0, 0.0, 1.0]),
-        ({"point": "tip", "direction": "y"}, rows, [0.0, 0.0, 0.0, 1.0]),
-        ({"point": "tip", "direction": "[1, 1]"}, rows, [0.0, 0.0, diagonal, diagonal]),
-        ({"point": "tip", "direction": (0.0, -2.0)}, rows, [0.0, 0.0, 0.0, -1.0]),
-    ):
-        weights = measured_curve(data, **given).weights(names)
-        assert weights == pytest.approx(expected, rel=1e-15)
-    for given, words in (
+        ({"point": "tip.y"}, NAMES, [0.0, 0.0, 0.0, 1.0]),
+        ({"point": "tip", "direction": "y"}, NAMES, [0.0, 0.0, 0.0, 1.0]),
+        ({"point": "tip", "direction": "[1, 1]"}, NAMES, [0.0, 0.0, 0.5**0.5, 0.5**0.5]),
+        ({"point": "tip", "direction": (0.0, -2.0)}, NAMES, [0.0, 0.0, 0.0, -1.0]),
+    ],
+)
+def test_points_and_directions_are_rows_of_a_system(given, names, expected):
+    assert measured_curve(DATA, **given).weights(names) == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
         ({}, "data: point: not given, must be one of base.x, base.y, tip.x, tip.y"),
         ({"point": "tpi.x"}, "found 'tpi.x', must be one of .*; did you mean 'tip.x'"),
         ({"point": "tip"}, "found 'tip' without a direction; give direction, such as x, or one of"),
-        (
-            {"point": "tip", "direction": "z"},
-            "as many components as the system has there, tip.x, tip.y",
-        ),
-        (
-            {"point": "tip.x", "direction": "y"},
-            "as many components as the system has there, tip.x",
-        ),
-    ):
-        with pytest.raises(InputError, match=words):
-            measured_curve(data, **given).weights(rows)
+        ({"point": "tip", "direction": "z"}, "components as the system has there, tip.x, tip.y"),
+        ({"point": "tip.x", "direction": "y"}, "components as the system has there, tip.x"),
+    ],
+)
+def test_points_that_the_system_does_not_have_are_refused(given, words):
+    with pytest.raises(InputError, match=words):
+        measured_curve(DATA, **given).weights(NAMES)
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("um", 1e-6), ("mm/s", 1e-3), ("g", 9.80665)])
@@ -390,16 +378,3 @@ def test_what_is_wrong_with_a_decay_is_refused(tmp_path):
     refused(decay | {"damping": t}, "or both, or time and signal, as in")
     text = "time,signal (mm)\n0,1\n0.1,\n0.2,nan\n"
     refused(written(tmp_path, text), "line 3: signal: found '', must be a number")
-
-
-def test_an_empty_list_of_offsets_is_none():
-    data = {"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}
-    assert measured_curve(data, offset=()).offset == ()
-    assert measured_curve(data, offset=["damping"]).offset == ("damping",)
-
-
-def test_reading_warns_of_nothing():
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        curve = measured_curve({"amplitude (mm)": [3.0, 1.0, 2.0], **ROWS})
-    assert curve.frequency.tolist() == [398.0, 395.0, 400.0]

@@ -22,7 +22,7 @@ def test_a_strip_has_a_band_as_narrow_as_itself(width, apart):
     A = sparse.csr_array(strips)[order][:, order]
     entries = A.tocoo()
     band = Band(*entries.coords, order.size)
-    assert band.height <= max(width + 5, bands.SETTINGS.narrow)
+    assert band.height <= max(width + 5, bands.NARROW)
     factor = band.factorised(entries.data)
     assert factor is not None
     x = np.sin(1.0 + np.arange(order.size))

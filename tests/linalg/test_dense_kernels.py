@@ -9,7 +9,7 @@ from skfem_joint.linalg import kernels
 
 @compiled
 def _factor_and_solve(X, Y, columns, S, x):
-    kernels.add_symmetric_product(X, Y, columns, S)
+    kernels.add_product(X, Y, columns, S, True)
     if not kernels.cholesky(S):
         return False
     kernels.solve_factorised(S, x)

@@ -20,6 +20,13 @@ KINDS: list[tuple[Any, int]] = [
     *(("tetrahedron", 1), ("tetrahedron", 2), ("hexahedron", 1), ("hexahedron", 2)),
 ]
 FLAT_AND_SOLID = KINDS[1:]
+#: Meshes of second order of scikit-fem.
+SECOND = {
+    "triangle": skfem.MeshTri2,
+    "quadrilateral": skfem.MeshQuad2,
+    "tetrahedron": skfem.MeshTet2,
+    "hexahedron": skfem.MeshHex2,
+}
 SIZES = {1: 0.6, 2: 0.6 * 0.05, 3: 0.6 * 0.05 * 0.02}
 
 

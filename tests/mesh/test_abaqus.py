@@ -27,7 +27,8 @@ def read(folder: Path, *parts: list[str]) -> NamedMesh:
     "parts",
     [
         (NODE, BLOCKS, FIXED, TIP),
-        (["** made by hand", "*HEADING", "a bar"], NODE, BLOCKS, FIXED, TIP),
+        (["** made by hand", "*HEADING", "a bar"], NODE,
+         [line.replace("B31", "T3D2") for line in BLOCKS], FIXED, TIP),
         (NODE[:4], ["** half of them"], NODE[4:], BLOCKS[:3], ["**"], BLOCKS[3:], FIXED, TIP),
         (["*Node, NSET=Nall"], NODES, [line.lower().replace("joint", "JOINT").replace("arm", "ARM")
                                       for line in BLOCKS], FIXED, TIP),
@@ -99,6 +100,7 @@ def test_elements_of_three_nodes_have_the_middle_one_between_the_others(tmp_path
         ((NODE, ["*ELEMENT, TYPE=B31", *B32]), "line 16: .ELEMENT: found 4 numbers"),
         ((NODE, ["*ELEMENT, TYPE=B31", "1, 13, 14"]), "line 16: .ELEMENT: node 14 does"),
         ((NODE, ["*ELEMENT, TYPE=B33", *B32]), "line 15: .ELEMENT: type B33: .*only bars"),
+        ((NODE, ["*ELEMENT, TYPE=S3", "1, 1, 2, 3"]), "line 15: .ELEMENT: type S3: from"),
         ((NODE, ALL, ["*NSET, NSET=NONE"], FIXED), "line 29: .NSET: .*no members"),
     ],
 )  # fmt: skip

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mesh_files import KINDS, Cells, assert_same, msh22, saved, sizes, strip, tip_compliance
 from stability.mutated import damaged
+from test_abaqus import BLOCKS, FIXED, NODE, TIP
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, build_bar, load_meshes, write_mesh
@@ -21,6 +22,7 @@ NODES = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
 NAMES = '0 3 "fixed"\n0 4 "free_end"\n1 1 "joint"\n1 2 "linear"\n'
 LINES: Cells = [(15, 3, [1]), (15, 4, [4]), (1, 1, [1, 2]), (1, 2, [2, 3]), (1, 2, [3, 4])]
 GOOD = msh22(NODES, LINES, NAMES)
+ABAQUS = "\n".join([*NODE, *BLOCKS, *FIXED, *TIP, ""]).encode()
 SMALL = build_bar([("joint", 0.1, 2), ("linear", 0.5, 2)], {"fixed": 0.0})
 
 
@@ -141,7 +143,7 @@ def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order)
     rng = random.Random(f"{kind} {order}")
     files = [(data, "mesh.msh") for data in files_of_all_kinds(strip(kind, order), tmp_path)]
     if kind == "line":
-        files.append((abaqus(), "mesh.inp"))
+        files.append((ABAQUS, "mesh.inp"))
     refused, count = 0, 25 if kind in ("tetrahedron", "hexahedron") else 60
     for data, name in files:
         assert isinstance(mesh_or_refusal(saved(tmp_path, data, name)), NamedMesh)
@@ -156,12 +158,3 @@ def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order)
                 assert tip_compliance(mesh) == pytest.approx(mesh.size, rel=1e-6)
                 assert math.dist(*mesh.coordinates[[0, -1]]) == pytest.approx(mesh.size, rel=1e-9)
     assert refused > count
-
-
-def abaqus() -> bytes:
-    text = "*HEADING\nbar\n*NODE\n"
-    text += "".join(f"{i + 1}, {0.05 * i!r}, 0.0, 0.0\n" for i in range(13))
-    text += "*ELEMENT, TYPE=T3D2\n"
-    text += "".join(f"{i}, {i}, {i + 1}\n" for i in range(1, 13))
-    text += "*NSET, NSET=fixed\n1\n*NSET, NSET=free_end\n13\n"
-    return (text + "*ELSET, ELSET=joint\n1, 2, 3,\n4, 5\n").encode()

@@ -5,17 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import skfem
-from mesh_files import FLAT_AND_SOLID, KINDS, boundary_sizes, region_sizes, sizes, strip
+from mesh_files import FLAT_AND_SOLID, KINDS, SECOND, boundary_sizes, region_sizes, sizes, strip
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, build_bar, merged, named, refined
-
-SECOND = {
-    "triangle": skfem.MeshTri2,
-    "quadrilateral": skfem.MeshQuad2,
-    "tetrahedron": skfem.MeshTet2,
-    "hexahedron": skfem.MeshHex2,
-}
 
 
 def renamed(mesh: NamedMesh, prefix: str, **options) -> NamedMesh:
@@ -65,14 +58,6 @@ def test_second_order_meshes_of_scikit_fem_are_made_straight(kind, order):
     np.testing.assert_array_equal(mesh.mesh.p, straight.p)
     np.testing.assert_array_equal(mesh.mesh.t, straight.t)
     assert named(second, order=1).order == 1
-
-    moved = second.doflocs.copy()
-    node = straight.p.shape[1] + 3
-    moved[0, node] += 1e-3
-    curved = replace(second, doflocs=moved)
-    (note,) = named(curved).notes
-    assert note.startswith("1 node of curved edges moved")
-    assert "by 0.001 m at most" in note
 
 
 @pytest.mark.parametrize(
@@ -284,15 +269,9 @@ def test_refined_mesh_has_every_element_split_and_the_same_names(kind, order):
     assert boundary_sizes(fine) == pytest.approx(boundary_sizes(mesh), rel=1e-12)
     for name, facets in mesh.boundaries.items():
         assert fine.boundaries[name].size == facets.size * parts // 2
-        centre, corners = (
-            each.mesh.p[:, each.mesh.facets[:, each.boundaries[name]]] for each in (fine, mesh)
-        )
-        # Every part lies in the box of one coarse facet, whose centre it touches or not.
-        low, high = corners.min(axis=1) - 1e-12, corners.max(axis=1) + 1e-12
-        at = centre.mean(axis=1)[:, :, np.newaxis]
-        assert (
-            ((at > low[:, np.newaxis]) & (at < high[:, np.newaxis])).all(axis=0).any(axis=1).all()
-        )
+        # Parts have the place of what they are of.
+        corners = (x.mesh.p[:, x.mesh.facets[:, x.boundaries[name]]] for x in (fine, mesh))
+        np.testing.assert_allclose(*(x.mean(axis=(1, 2)) for x in corners), atol=1e-12)
     named(fine.mesh, points=fine.points, order=order)  # it passes all checks
     if mesh.dim > 1:
         np.testing.assert_array_equal(fine.mesh.p[:, : mesh.mesh.p.shape[1]], mesh.mesh.p)

@@ -5,20 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import skfem
-from mesh_files import msh22, saved
+from mesh_files import SECOND, msh22, saved, strip
 
 from skfem_joint import Material, Structure
 from skfem_joint.mesh import load_meshes, named
 from skfem_joint.mesh.cells import cell_of
-from skfem_joint.structure.model import doubts
 
 EDGES, RADIUS, DEPTH = 7, 4.5e-3, 0.01
-MESHES = {
-    "triangle": (skfem.MeshTri1, skfem.MeshTri2),
-    "quadrilateral": (skfem.MeshQuad1, skfem.MeshQuad2),
-    "tetrahedron": (skfem.MeshTet1, skfem.MeshTet2),
-    "hexahedron": (skfem.MeshHex1, skfem.MeshHex2),
-}
 #: Gmsh types of elements of second order by number of nodes, and of their sides.
 TYPES = {("triangle", 6): 9, ("quadrilateral", 8): 16, ("quadrilateral", 9): 10}
 TYPES |= {("tetrahedron", 10): 11, ("hexahedron", 20): 17, ("hexahedron", 27): 12}
@@ -35,7 +28,7 @@ RING = 3.0 * 0.5 * EDGES * RADIUS**2 * np.sin(2.0 * np.pi / EDGES)
 
 def ring(kind: str) -> skfem.Mesh:
     """Ring of second order: a hole with parabolas through the circle, straight edges outside."""
-    first, second = MESHES[kind]
+    first, second = type(strip(kind).mesh), SECOND[kind]
     axes = [np.linspace(0.0, EDGES, EDGES + 1), np.linspace(0.0, 1.0, 2), np.array([0.0, DEPTH])]
     flat = first.init_tensor(*axes[: first.elem.refdom.dim()])
     angle, radius = 2.0 * np.pi / EDGES * flat.p[0], RADIUS * (1.0 + flat.p[1])
@@ -62,7 +55,7 @@ def changes(notes: tuple[str, ...]) -> dict[str, str]:
     return dict(each.removeprefix("the ").split(" by ") for each in said.split(" %, "))
 
 
-@pytest.mark.parametrize("kind", MESHES)
+@pytest.mark.parametrize("kind", SECOND)
 def test_sizes_lost_by_straight_edges_are_those_between_chords_and_parabolas(kind):
     mesh = named(ring(kind))
     found, whole = changes(mesh.notes), RING / (RING - EDGES * SEGMENT) - 1.0
@@ -102,7 +95,7 @@ def test_the_warning_comes_above_one_percent(bend):
     mesh = named(replace(square, doflocs=nodes, _subdomains={"all": np.array([0])}))
     steel = Material(E=200e9, density=8000.0, poisson=0.3)
     structure = Structure(mesh, steel, thickness=0.01, free=True)
-    said = doubts(structure, structure.system())
+    said = structure.system().notes
     lost = 2.0 / 3.0 * bend
     area = f"the area of the mesh by {-100.0 * lost / (1.0 + lost):.2g} %"
     assert any(area in text for text in said)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from skfem_joint.minimise import contact_newton, law
+from skfem_joint.minimise import law
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.system.unknowns import selection
@@ -145,11 +145,8 @@ def test_points_that_turn_do_not_block_the_others():
 
 
 @pytest.mark.parametrize("directions", [1, 2])
-@pytest.mark.parametrize("sweeps", [0, contact_newton.SETTINGS.sweeps])
-def test_velocities_below_the_smallest_normal_number_keep_the_law(directions, sweeps, monkeypatch):
+def test_velocities_below_the_smallest_normal_number_keep_the_law(directions):
     """Motion dies out by 1000 a point: far from the load its inverse overflows."""
-    settings = contact_newton.SETTINGS._replace(sweeps=sweeps)
-    monkeypatch.setattr(contact_newton, "SETTINGS", settings)
     n = 240
     diagonals = [np.full(n - 1, -1.0), np.full(n, 1e3), np.full(n - 1, -1.0)]
     A = sparse.csr_array(sparse.diags_array(diagonals, offsets=[-1, 0, 1]))
@@ -158,7 +155,7 @@ def test_velocities_below_the_smallest_normal_number_keep_the_law(directions, sw
     made = problem_of(A, first, second, np.full(first.size, 1e-3), np.full(first.size, 1e5))
     g = np.zeros(n)
     g[-1] = 10.0
-    found = made.minimise(g, np.zeros(n), 1e-11)
-    assert found.converged
-    if not sweeps:  # which stop before
-        assert np.any((found.v != 0.0) & (np.abs(found.v) < np.finfo(float).tiny))
+    for start in (np.zeros(n), -1e-2 * 1e3 ** -np.arange(n - 1.0, -1.0, -1.0)):
+        found = made.minimise(g, start, 1e-11)
+        assert found.converged
+    assert np.any((found.v != 0.0) & (np.abs(found.v) < np.finfo(float).tiny))

@@ -7,7 +7,7 @@ import pytest
 
 from skfem_joint.ground.compiling import compiled, compiled_for
 from skfem_joint.minimise import law
-from skfem_joint.minimise.line_search import SETTINGS, friction_slope, line_search
+from skfem_joint.minimise.line_search import BEYOND, SHORT, TRIALS, friction_slope, line_search
 
 
 class Line(NamedTuple):
@@ -41,10 +41,10 @@ def test_the_length_is_nearly_that_of_the_minimum(beta):
         at_start, (length, count, _) = search(line, linear, quadratic)
         slope = linear + length * quadratic + float(law.force(v + length * d, beta) @ d)
         assert length > 0.0
-        assert count <= SETTINGS.trials
+        assert count <= TRIALS
         if np.isfinite(beta) and beta < 1e9:
             full = length == 1.0 and slope <= 0.0
-            assert full or SETTINGS.short * at_start <= slope <= -SETTINGS.beyond * at_start
+            assert full or SHORT * at_start <= slope <= -BEYOND * at_start
         trials.append(count)
     assert np.mean(trials) < 12
 

@@ -1,5 +1,6 @@
 """Linearisations of step problems: central differences of their solutions."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -8,9 +9,9 @@ import pytest
 from scipy import sparse
 
 from skfem_joint.ground.errors import InputError
-from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.linearisation import Changes
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
+from skfem_joint.stepping.arrangement import step_problem
 from skfem_joint.system.unknowns import selection
 
 N, STEP = 12, 1e-6
@@ -34,81 +35,75 @@ def points_of(kind: str, rng: np.random.Generator, beta: float, sprung: bool) ->
     return ContactPoints(B, directions, rng.uniform(0.5, 1.0, 4), np.full(4, beta), flexible)
 
 
-@pytest.mark.parametrize("sprung", [False, True], ids=["", "springs"])
+def pressure_points(kind: str, rng: np.random.Generator) -> tuple[PressurePoints, Any]:
+    """Elastic points and, where approaches are unknowns, a rigid one; and their bounds."""
+    gain = sparse.csr_array(rng.uniform(0.2, 0.6, (4, 3)))
+    if kind == "dense":
+        rows, stiffness = rng.normal(size=(3, N)), np.array([4.0, 5.0, 2.0])
+        return PressurePoints(rows, gain, stiffness), np.array([-3.0, -3.0, 9.0])
+    rows, stiffness = selection(np.arange(6, 9), N), np.array([np.inf, 5.0, 2.0])
+    return PressurePoints(rows, gain, stiffness), np.array([-0.1, -0.2, 5.0])
+
+
 @pytest.mark.parametrize(
-    ("kind", "beta"),
-    [("chain", np.inf), ("chain", 3.0), ("contact", np.inf), ("contact", 3.0), ("dense", 3.0)],
-)
-def test_solutions_change_as_their_linearisation_says(kind, beta, sprung):
-    rng = np.random.default_rng(1)
-    problem = step_problem(matrix(kind, rng), points_of(kind, rng, beta, sprung), kind)
-    points, rows = problem.points, problem.points.B.shape[0]
+    ("kind", "beta", "sprung", "presses"),
+    [
+        *((kind, 3.0, sprung, False) for kind in ("chain", "contact", "dense")
+          for sprung in (False, True)),
+        *((kind, np.inf, sprung, False) for kind in ("chain", "contact")
+          for sprung in (False, True)),
+        ("contact", 3.0, True, True),
+        ("dense", 3.0, True, True),
+    ],
+)  # fmt: skip
+def test_solutions_change_as_their_linearisation_says(kind, beta, sprung, presses):
+    """Where points press, limits follow their forces."""
+    rng = np.random.default_rng(3 if presses else 1)
+    H, points, bound = matrix(kind, rng), points_of(kind, rng, beta, sprung), np.zeros(0)
+    if presses:
+        normal, bound = pressure_points(kind, rng)
+        points = replace(points, normal=normal)
+    problem = step_problem(H, points, kind)
+    rows, q = problem.points.B.shape[0], bound.size
     g, dg = 2.0 * rng.normal(size=(2, N))
-    on_springs = points.on_rows(points.has_spring)
-    o, do = np.where(on_springs, 0.3 * rng.normal(size=(2, rows)), 0.0)
-    w = points.on_rows(points.w)
+    g[rows : rows + q] += 2.0
+    o, do = np.where(problem.points.on_rows(problem.points.has_spring),
+                     0.3 * rng.normal(size=(2, rows)), 0.0)  # fmt: skip
+    given, d_given, d_bound = np.full(4, 0.3), rng.normal(size=4), rng.normal(size=q)
 
-    def solution(step: float) -> tuple[np.ndarray, np.ndarray]:
-        offset = o + step * do if sprung else None
-        found = problem.minimise(g + step * dg, tolerance=1e-13, offset=offset)
+    def solution(step: float) -> Any:
+        how: dict[str, Any] = {"offset": o + step * do} if sprung else {}
+        if presses:
+            how["pressed"] = Pressed(bound + step * d_bound, given + step * d_given)
+        found = problem.minimise(g + step * dg, None, 1e-13, **how)
         assert found.converged
-        return found.v, w * found.sigma
+        return found
 
-    v, _ = solution(0.0)
-    slip = np.asarray(points.B @ v) - o
+    at_rest, above, below = (solution(step) for step in (0.0, STEP, -STEP))
+
+    def change(of: Callable[[Any], Any]) -> np.ndarray:
+        return np.asarray(of(above) - of(below)) / (2.0 * STEP)
+
     linear = problem.linearisation()
-    (at,) = linear.at(slip[np.newaxis])
+    slip = np.asarray(problem.points.B @ at_rest.v) - o
+    limits = (at_rest.w[np.newaxis], at_rest.p[np.newaxis]) if presses else ()
+    (at,) = linear.at(slip[np.newaxis], *limits)
+    right, beside = linear.restrict(dg[:, np.newaxis])
+    more = (d_given[:, np.newaxis], d_bound[:, np.newaxis]) if presses else ()
+    z, normal = linear.solve(at, Changes(right, do[:, np.newaxis], *more))
+    np.testing.assert_allclose(linear.extend(z, beside)[:, 0], change(lambda x: x.v), atol=1e-7)
+    if presses:
+        assert 0 < np.count_nonzero(at_rest.p) < q
+        np.testing.assert_allclose(normal[:, 0], change(lambda x: x.p), atol=1e-7)
+        d_limits = d_given + points.normal.gain @ normal[:, 0]
+        np.testing.assert_allclose(d_limits, change(lambda x: x.w), atol=1e-7)
+        return
     if np.isinf(beta) and not sprung:
         assert 0 < at.sticks.size < rows
-    right, beside = linear.restrict(dg[:, np.newaxis])
-    z, _ = linear.solve(at, Changes(right, do[:, np.newaxis]))
-    dv = linear.extend(z, beside)[:, 0]
-    (above, more), (below, less) = solution(STEP), solution(-STEP)
-    np.testing.assert_allclose(dv, (above - below) / (2.0 * STEP), atol=1e-7)
-    known = (more - less) / (2.0 * STEP)
+    known = change(lambda x: problem.points.on_rows(problem.points.w) * x.sigma)
     d_friction = linear.friction(at, linear.B @ z - do[:, np.newaxis])[:, 0]
     moves = np.setdiff1d(np.arange(rows), at.sticks)
     np.testing.assert_allclose(d_friction[moves], known[moves], atol=1e-7)
-
-
-@pytest.mark.parametrize("kind", ["contact", "dense"])
-def test_normal_forces_change_as_the_linearisation_says(kind):
-    """Limits follow them, of elastic points and, where approaches are unknowns, of rigid ones."""
-    rng = np.random.default_rng(3)
-    points, rows, q = points_of(kind, rng, 3.0, True), 6, 3
-    N_of = selection(np.arange(rows, rows + q), N)
-    stiffness, bound = np.array([np.inf, 5.0, 2.0]), np.array([-0.1, -0.2, 5.0])
-    if kind == "dense":
-        N_of, stiffness = rng.normal(size=(q, N)), np.array([4.0, 5.0, 2.0])
-        bound = np.array([-3.0, -3.0, 9.0])
-    gain = sparse.csr_array(rng.uniform(0.2, 0.6, (4, q)))
-    points = replace(points, normal=PressurePoints(N_of, gain, stiffness))
-    problem = step_problem(matrix(kind, rng), points, kind)
-    o = np.where(points.on_rows(points.has_spring), 0.2 * rng.normal(size=rows), 0.0)
-    g, given = 2.0 * rng.normal(size=N), np.full(4, 0.3)
-    g[rows : rows + q] += 2.0
-    dg, d_bound, d_given = rng.normal(size=N), rng.normal(size=q), rng.normal(size=4)
-
-    def solution(step: float) -> tuple[np.ndarray, ...]:
-        pressed = Pressed(bound + step * d_bound, given + step * d_given)
-        found = problem.minimise(g + step * dg, None, 1e-13, offset=o, pressed=pressed)
-        assert found.converged
-        return found.v, found.p, found.w
-
-    v, p, w = solution(0.0)
-    assert 0 < np.count_nonzero(p) < q
-    linear = problem.linearisation()
-    slip = np.asarray(points.B @ v) - o
-    (at,) = linear.at(slip[np.newaxis], w[np.newaxis], p[np.newaxis])
-    right, beside = linear.restrict(dg[:, np.newaxis])
-    change = Changes(right, np.zeros((rows, 1)), d_given[:, np.newaxis], d_bound[:, np.newaxis])
-    z, normal = linear.solve(at, change)
-    dv = linear.extend(z, beside)[:, 0]
-    ends = solution(STEP), solution(-STEP)
-    of_v, of_p, of_w = ((a - b) / (2.0 * STEP) for a, b in zip(*ends, strict=True))
-    np.testing.assert_allclose(dv, of_v, atol=1e-7)
-    np.testing.assert_allclose(normal[:, 0], of_p, atol=1e-7)
-    np.testing.assert_allclose(d_given + gain @ normal[:, 0], of_w, atol=1e-7)
 
 
 def test_coulomb_friction_on_slips_that_depend_on_each_other_is_refused():

@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from opening_blocks import block, loads
 from scipy import sparse
 
-import skfem_joint as sj
 from skfem_joint.minimise import touching as module
-from skfem_joint.minimise.choice import step_problem
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
 from skfem_joint.minimise.touching import Touching
-from skfem_joint.stepping.checkpoint import Checkpoint
+from skfem_joint.stepping.arrangement import step_problem
 
 Q = 90
 
@@ -42,7 +39,7 @@ def test_the_solution_does_not_depend_on_the_points_that_are_eliminated(directio
         problem, g, bound, given = _problem(rng, directions, beta)
         whole = problem.minimise(g, pressed=Pressed(bound, given))
         assert whole.converged
-        assert 0 < np.count_nonzero(whole.p) < Q - module.SETTINGS.fewest
+        assert 0 < np.count_nonzero(whole.p) < Q - module.FEWEST
         for kept in (whole.p > 0.0, rng.random(Q) < 0.3):
             touching = Touching(kept)
             part = problem.minimise(g, pressed=Pressed(bound, given, touching=touching))
@@ -62,7 +59,7 @@ def test_the_solution_does_not_depend_on_the_points_that_are_eliminated(directio
 def test_points_long_apart_are_dropped_together_and_come_back():
     touching = Touching(np.ones(Q, dtype=bool))
     p = np.where(np.arange(Q) < 20, 1.0, 0.0)
-    for _ in range(module.SETTINGS.apart - 1):
+    for _ in range(module.APART - 1):
         touching.follow(p)
         assert touching.kept.all()
     touching.follow(p)
@@ -72,23 +69,3 @@ def test_points_long_apart_are_dropped_together_and_come_back():
     assert not touching.closes(0.9 * approach, bound)
     assert touching.closes(approach, bound)
     assert np.array_equal(np.flatnonzero(touching.kept[20:]), [10, 11])
-
-
-def test_runs_that_eliminate_points_are_taken_up_again_to_the_bit(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "SETTINGS", module.SETTINGS._replace(fewest=2))
-    system = block(elements=8).system(loads(up=230e3))
-    timing = {"cycles": 3, "steps_per_cycle": 60}
-    whole = sj.integrate(system, **timing)
-    assert np.count_nonzero(whole.opened) > 2
-
-    def kill(done, total):
-        if done >= 100:
-            raise ValueError("killed")
-
-    path = tmp_path / "run.npz"
-    with pytest.raises(ValueError, match="killed"):
-        sj.integrate(system, **timing, progress=kill, checkpoint=Checkpoint(path, "a", every=10))
-    again = sj.integrate(system, **timing, checkpoint=Checkpoint(path, "a", resume=True))
-    assert np.array_equal(again.point_u, whole.point_u)
-    assert np.array_equal(again.final[0], whole.final[0])
-    assert again.counters.factorizations == whole.counters.factorizations

@@ -2,10 +2,12 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from bodies import structure
+from scipy import io, sparse
 
 from skfem_joint.joint.joints import Joint
 from skfem_joint.mesh import build_bar, build_box, build_plate, merged
@@ -143,3 +145,17 @@ def pulled(made: Structure, names: tuple[str, ...] = ("full",)) -> Frames:
     fields = [Field(name, u, 2 * np.pi * 250 * u, slip, traction, state, work) for name in names]
     force = {"end": 60e3 * np.sin(2 * np.pi * 250 * load_times)}
     return Frames(made, times, fields, load_times, force)
+
+
+def matrices_scene(folder: Path) -> Path:
+    """Scene of matrices alone, which has no structure to draw or to fit."""
+    for name in "MK":
+        io.mmwrite(folder / f"{name}.mtx", sparse.eye_array(2))
+    path = folder / "scene.toml"
+    path.write_text(
+        '[matrices]\nM = "M.mtx"\nK = "K.mtx"\npoints = {a = 0, b = 1}\n'
+        '[[load]]\non = "a"\nkind = "harmonic"\namplitude = 1.0\nfrequency = 0.1\n'
+        '[time]\ncycles = 1\n[models]\nrun = ["full"]\n',
+        encoding="utf-8",
+    )
+    return path

@@ -5,29 +5,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+from joint_scenes import harmonic, plate_scene
 
 from skfem_joint.mesh import build_plate
 from skfem_joint.output.damping import backbone_figure, backbone_lines, write_backbone
-from skfem_joint.scene import Scene, scene_from
+from skfem_joint.scene import Scene
 from skfem_joint.study.scene_backbone import scene_backbone
 
 
 def cantilever(**backbone: Any) -> Scene:
     """Plate on a base near its held end, pulled along it; its first mode bends it across."""
-    mesh = build_plate([("joint", 0.1, 10), ("rest", 0.3, 10)], 0.05, 4)
-    tables = {
-        "mesh": {"file": "plate.msh"},
-        "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
-        "section": {"thickness": 0.01},
-        "support": {"fixed": ["left"]},
-        "joint": [{"on": "joint", "pressure": 8e6, "friction": 0.7, "law": "coulomb"}],
-        "load": [{"on": "right", "kind": "harmonic", "amplitude": 1e3, "frequency": 500.0,
-                  "direction": [1.0, 0.0]}],
-        "time": {"cycles": 1},
-        "models": {"run": ["full"]},
-        "backbone": {"modes": [1], "levels": 5, "up_to": 0.5} | backbone,
-    }  # fmt: skip
-    return scene_from(tables, mesh)
+    return plate_scene(
+        "full",
+        mesh=build_plate([("joint", 0.1, 10), ("rest", 0.3, 10)], 0.05, 4),
+        material={"E": 200e9, "density": 8000.0, "poisson": 0.3},
+        joint=[{"on": "joint", "pressure": 8e6, "friction": 0.7, "law": "coulomb"}],
+        load=[harmonic("right", 1e3, 500.0) | {"direction": [1.0, 0.0]}],
+        damping={},
+        backbone={"modes": [1], "levels": 5, "up_to": 0.5} | backbone,
+    )
 
 
 def test_a_mode_across_the_load_is_drawn_over_where_it_moves_most(tmp_path):
@@ -68,8 +64,8 @@ def test_what_not_to_rely_on_is_said_in_table_print_and_picture(tmp_path):
     assert curve.differs.any()
     line, *_ = backbone_lines(found)
     assert "Not to be relied on: 1 of 5 levels: whole slip;" in line
-    assert any("slips as a whole" in text for text in found.warnings)
-    assert any("the ring-down differs" in text for text in found.warnings)
+    assert any("slips as a whole" in text for text in found.notes)
+    assert any("the ring-down differs" in text for text in found.notes)
     panels = backbone_figure(found.models).axes
     assert {panel.get_xlabel() for panel in panels} == {"modal amplitude, m·√kg"}
     labels = panels[0].get_legend_handles_labels()[1]

@@ -6,9 +6,8 @@ import tomllib
 
 import numpy as np
 import pytest
-from scene_texts import written
-from scipy import sparse
-from scipy.io import mmwrite
+from pictured import matrices_scene
+from scene_texts import GOOD, with_changes, written
 
 from skfem_joint import __version__, cli
 from skfem_joint.fitting.fit import fit
@@ -25,53 +24,36 @@ FILES = {
     "fit.json", "fit.png", "values.csv", "residuals.csv", "curve.csv", "residuals.png",
     "fitted.toml", "summary.json",
 }  # fmt: skip
-SCENE = """\
-# a bar on a base
-[mesh]
-file = "bar.msh"  # of the paper
-[material]
-E = 200e9
-density = 8000
-[section]
-width = 0.05
-thickness = 0.01
-[support]
-fixed = ["fixed"]
-[[joint]]
-on = "joint"
-pressure = 50e6
-friction = 0.5 # a guess
-[damping]
-ratio = 0.002
-[[load]]
-on = "free_end"
-kind = "harmonic"
-amplitude = 87.5e3
-frequency = 500.0
-[time]
-cycles = 3
-[models]
-run = ["full"]
-"""
+SCENE = with_changes(
+    GOOD,
+    ("friction = 0.7", "friction = 0.5 # a guess"),
+    ("[time]", "[damping]\nratio = 0.002\n[time]"),
+    ('["full", "reduced"]', '["full"]'),
+)
 FREE = ("joint[0].friction=0.1..1.0", "damping.ratio = 1e-4 .. 1e-2")
 HEAD = "# relative_frequency_deviation: 1e-4\n# relative_damping_deviation: 3 %\n"
 
 
 @pytest.fixture(scope="module")
 def rows(tmp_path_factory):
-    """Amplitude of the free end (mm), frequency and damping (%) at friction 0.7, ratio 0.0025."""
+    """Samples at friction 0.7 and ratio 0.0025."""
     path = written(tmp_path_factory.mktemp("true"), text=SCENE)
     true = load_scene(path).changed({"joint[0].friction": 0.7, "damping.ratio": 0.0025})
-    system = true.system()
-    (curve,) = backbone(system, levels=8, up_to=0.5)
+    return rows_of(true, levels=8, up_to=0.5)
+
+
+def rows_of(scene, **options):
+    """Amplitude of the free end (mm), frequency and damping (%) on a scene's backbone."""
+    system = scene.system()
+    (curve,) = backbone(system, **options)
     moved = curve.displacement[:, system.points.index("free_end")]
     return np.column_stack([1e3 * moved, curve.frequency, 100.0 * curve.damping_ratio])
 
 
-def data(folder, rows, head="# point: free_end\n", name="measured.csv", unit="mm"):
+def data(folder, rows, head="# point: free_end\n", name="measured.csv"):
     text = "".join(f"{x:.8g}, {f:.10g}, {z:.8g}\n" for x, f, z in rows)
     path = folder / name
-    path.write_text(f"{HEAD}{head}amplitude ({unit}), frequency (Hz), damping (%)\n{text}")
+    path.write_text(f"{HEAD}{head}amplitude (mm), frequency (Hz), damping (%)\n{text}")
     return path
 
 
@@ -79,6 +61,10 @@ def arguments(scene, files, out, *more, free=FREE):
     given = [text for file in files for text in ("--data", str(file))]
     given += [text for key in free for text in ("--free", key)]
     return ["fit", str(scene), *given, "--out", str(out), *more]
+
+
+def fitted_in(out):
+    return json.loads((out / "fit.json").read_text(encoding="utf-8"))
 
 
 def table(path):
@@ -98,7 +84,7 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     assert "curves were computed in" in shown
     assert {path.name for path in out.iterdir()} == {*FILES, LIST}
 
-    found = json.loads((out / "fit.json").read_text(encoding="utf-8"))
+    found = fitted_in(out)
     assert found["version"] == __version__
     assert found["values"]["joint[0].friction"] == pytest.approx(0.7, rel=1e-3)
     assert found["values"]["damping.ratio"] == pytest.approx(0.0025, rel=2e-3)
@@ -141,24 +127,17 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
 
     text = (out / "fitted.toml").read_text(encoding="utf-8")
     assert "# a guess" in text
-    changed = [
-        (old, new)
-        for old, new in zip(scene.read_text().splitlines(), text.splitlines(), strict=True)
-        if old != new
-    ]
-    assert [old.split(" =")[0] for old, _ in changed if not old.startswith("file")] == [
-        "friction", "ratio",
-    ]  # fmt: skip
+    lines = zip(scene.read_text().splitlines(), text.splitlines(), strict=True)
+    changed = [old.split(" =")[0] for old, new in lines if old != new]
+    assert changed == ["friction", "ratio"]
     structure = load_scene(out / "fitted.toml").structure()
     assert {key: value_of(structure, key) for key in found["values"]} == found["values"]
 
     # The same command replaces its own files and keeps others.
     (out / "mine.txt").write_text("mine")
     assert cli.main(arguments(scene, [file], out)) == 0
-    assert (
-        "other files, which stay unless results replace them: mine.txt" in capsys.readouterr().out
-    )
-    assert {path.name for path in out.iterdir()} == {*FILES, LIST} | {"mine.txt"}
+    assert "which stay unless results replace them: mine.txt" in capsys.readouterr().out
+    assert {path.name for path in out.iterdir()} == {*FILES, LIST, "mine.txt"}
     (out / "fitted.toml").write_text("mine too")
     assert cli.main(arguments(scene, [file], out)) == 2
     assert (out / "fitted.toml").read_text() == "mine too"
@@ -166,19 +145,15 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
 
 def test_offsets_are_drawn(tmp_path, rows):
     scene = written(tmp_path, text=SCENE)
-    higher = rows + np.array([0.0, 3.0, 0.0])
-    other = tmp_path / "other"
-    other.mkdir()
+    higher = np.add(rows, [0.0, 3.0, 0.0])
     head = "# point: free_end\n# offset: frequency\n"
-    files = [data(tmp_path, rows, head), data(other, higher, head)]
+    (tmp_path / "other").mkdir()  # files of the same name are told apart by their folders
+    files = [data(tmp_path, rows, head), data(tmp_path / "other", higher, head)]
     out = tmp_path / "out"
     assert cli.main(arguments(scene, files, out, "-q")) == 0
-    found = json.loads((out / "fit.json").read_text(encoding="utf-8"))
+    found = fitted_in(out)
     first, second = (f"offset of {path}: frequency" for path in files)
-    assert found["offsets"] == {
-        first: pytest.approx(0.0, abs=0.2),
-        second: pytest.approx(3.0, abs=0.2),
-    }
+    assert found["offsets"] == pytest.approx({first: 0.0, second: 3.0}, abs=0.2)
     assert found["undetermined"] == []
     curve = table(out / "curve.csv")
     starts = [float(row["frequency_Hz"]) for row in curve if row["data"] == str(files[1])]
@@ -284,80 +259,56 @@ def test_one_value_of_several_bolts_goes_into_each(tmp_path):
     scene = written(tmp_path, ("pressure = 50e6", BOLTS), text=SCENE)
     key = "joint[0].pressure.bolts[*].force"
     true = load_scene(scene).changed({key.replace("*", str(k)): 24e3 for k in range(2)})
-    system = true.system()
-    (curve,) = backbone(system, levels=5, up_to=0.3)
-    moved = curve.displacement[:, system.points.index("free_end")]
-    file = data(
-        tmp_path,
-        np.column_stack([moved, curve.frequency, 100.0 * curve.damping_ratio]),
-        unit="m",
-    )
+    file = data(tmp_path, rows_of(true, levels=5, up_to=0.3))
     out = tmp_path / "out"
     assert cli.main(arguments(scene, [file], out, free=[f"{key}=5e3..50e3"])) == 0
-    found = json.loads((out / "fit.json").read_text(encoding="utf-8"))["values"]
+    found = fitted_in(out)["values"]
     assert found == {key: pytest.approx(24e3, rel=2e-3)}
-    structure = load_scene(out / "fitted.toml").structure()
-    assert value_of(structure, key) == found[key]
+    assert value_of(load_scene(out / "fitted.toml").structure(), key) == found[key]
     text = (out / "fitted.toml").read_text(encoding="utf-8")
     assert text.count(str(found[key])) == 2
     assert "# held" in text
 
 
+KEY = "joint[0].friction"
+
+
 @pytest.mark.parametrize(
     ("free", "words"),
     [
-        (["joint[0].friction"], "--free: found 'joint[0].friction', must be KEY=LOW..HIGH"),
-        (["joint[0].friction=0.1"], "must be KEY=LOW..HIGH"),
-        (["joint[0].friction=a..b"], "must be KEY=LOW..HIGH"),
-        (["=1..2"], "must be KEY=LOW..HIGH"),
-        (["damping.ratio=0..1"] * 2, "--free: found 'damping.ratio' twice"),
-        (["joint[0].friction=1..0.1"], "found bounds 1 to 0.1, must rise"),
-        (["joint[0].friction=0.6..1"], "is 0.5 in the scene, must be within the bounds 0.6 to 1"),
-        (["joint[0].friction=0.1..1", "joint[*].friction=0.1..1"], "varies the same number"),
-        (["joint[0].slip=0.6..1"], "it is no number that can be varied"),
+        *(
+            ([text], "must be KEY=LOW..HIGH")
+            for text in (KEY, f"{KEY}=0.1", f"{KEY}=a..b", "=1..2")
+        ),
+        ([f"{KEY}=0..1"] * 2, f"--free: found '{KEY}' twice"),
+        ([f"{KEY}=0.1..1", "joint[*].friction=0.1..1"], "varies the same number"),
     ],
 )
 def test_wrong_free_values_end_with_a_sentence(tmp_path, rows, free, words, capsys):
-    scene, out = written(tmp_path, text=SCENE), tmp_path / "out"
-    assert cli.main(arguments(scene, [data(tmp_path, rows)], out, free=free)) == 2
+    scene, file = written(tmp_path, text=SCENE), data(tmp_path, rows)
+    assert_refused(scene, [file], words, capsys, free=free)
+
+
+def assert_refused(scene, files, words, capsys, **free):
+    out = scene.parent / "out"
+    assert cli.main(arguments(scene, files, out, **free)) == 2
     assert words in capsys.readouterr().err
     assert not out.exists()
 
 
-@pytest.mark.parametrize(
-    ("head", "words"),
-    [
-        ("# point: tip\n", "found 'tip', must be one of"),
-        ("# point: free_end\n# mode: 0\n", "mode: found '0'"),
-        ("# point: free_end\n# unit: mile\n", "unit: found 'mile'"),
-        ("# point: free_end\n# lowest: 5\n# highest: 9\n", "found no amplitude in the range"),
-    ],
-)
-def test_wrong_data_end_with_a_sentence(tmp_path, rows, head, words, capsys):
-    scene, out = written(tmp_path, text=SCENE), tmp_path / "out"
-    assert cli.main(arguments(scene, [data(tmp_path, rows, head)], out)) == 2
-    assert words in capsys.readouterr().err
-    assert not out.exists()
-
-
-def test_data_need_a_point_where_there_are_several(tmp_path, rows, capsys):
-    scene = written(tmp_path, text=SCENE)
-    assert cli.main(arguments(scene, [data(tmp_path, rows, "")], tmp_path / "out")) == 2
-    assert "point: not given, must be one of" in capsys.readouterr().err
-
-
-def test_amplitudes_beyond_the_structure_are_refused(tmp_path, rows, capsys):
-    scene = written(tmp_path, text=SCENE)
-    file = data(tmp_path, rows * [1e3, 1.0, 1.0])
-    assert cli.main(arguments(scene, [file], tmp_path / "out")) == 2
-    assert "skfem-joint: " in capsys.readouterr().err
-
-
-def test_the_same_file_twice_is_refused(tmp_path, rows, capsys):
-    file = data(tmp_path, rows)
-    scene = written(tmp_path, text=SCENE)
-    assert cli.main(arguments(scene, [file, file], tmp_path / "out")) == 2
-    assert f"--data: found {file} twice, must be once" in capsys.readouterr().err
+def test_data_and_scenes_that_no_fit_can_have_end_with_a_sentence(tmp_path, rows, capsys):
+    scene, file = written(tmp_path, text=SCENE), data(tmp_path, rows)
+    heads = "# point: tip\n", "# point: free_end\n# unit: mile\n", "# mode: 0\n"
+    astray, mile, zero = (
+        data(tmp_path, rows, head, name=f"{k}.csv") for k, head in enumerate(heads)
+    )
+    assert_refused(scene, [astray], "found 'tip', must be one of", capsys)
+    for words in ("unit: found 'mile'", "mode: found '0'"):  # all that is wrong is said at once
+        assert_refused(scene, [mile, zero], words, capsys)
+    assert_refused(scene, [file, file], f"--data: found {file} twice, must be once", capsys)
+    slow = written(tmp_path, ("cycles = 3", "cycles = 3\nquasi_static = true"), text=SCENE)
+    assert_refused(slow, [file], "fit computes vibration", capsys)
+    assert_refused(matrices_scene(tmp_path), [file], "must be one with a mesh", capsys)
 
 
 def test_what_is_read_is_not_replaced(tmp_path, rows, capsys):
@@ -380,26 +331,6 @@ def test_offsets_of_all_data_are_determined_as_well_as_noise_allows(tmp_path, ro
     # One offset alone would be known to the deviation of a sample over the root of their number.
     alone = 1e-4 * frequency.mean() / np.sqrt(frequency.size)
     assert alone < found.deviations[found.problem.names[1]] < 4.0 * alone
-
-
-def test_matrices_and_slow_runs_are_refused(tmp_path, rows, capsys):
-    file = data(tmp_path, rows)
-    slow = written(tmp_path, ("cycles = 3", "cycles = 3\nquasi_static = true"), text=SCENE)
-    assert cli.main(arguments(slow, [file], tmp_path / "out")) == 2
-    assert "fit computes vibration" in capsys.readouterr().err
-
-    for name, A in (("K", [[2.0, -1.0], [-1.0, 1.0]]), ("M", np.eye(2))):
-        mmwrite(tmp_path / f"{name}.mtx", sparse.csr_array(A), precision=17)
-    given = tmp_path / "given.toml"
-    given.write_text(
-        '[matrices]\nM = "M.mtx"\nK = "K.mtx"\npoints = {a = 0, b = 1}\n'
-        '[[load]]\non = "a"\nkind = "harmonic"\namplitude = 1.0\nfrequency = 0.1\n'
-        '[time]\ncycles = 1\n[models]\nrun = ["full"]\n',
-        encoding="utf-8",
-    )
-    assert cli.main(arguments(given, [file], tmp_path / "out")) == 2
-    assert "must be one with a mesh" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
 
 
 def test_profiles_are_written_beside_the_other_files(tmp_path, rows, capsys):

@@ -1,8 +1,10 @@
 """Pictures of joints show what they are given, and no missing library ends the program silently."""
 
 import os
+import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import matplotlib.image
 import numpy as np
@@ -13,8 +15,8 @@ from numpy.typing import NDArray
 from pictured import BOXES, JOINT, bar, bars, blocks, box, lap, pulled, side
 
 import skfem_joint as sj
-from skfem_joint.output import offscreen, pictures
-from skfem_joint.output.series import faces_of
+from skfem_joint.output import pictures
+from skfem_joint.output.series import faces_of, write_series
 
 INCLINED = (3.0, 4.0, 0.0)
 VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
@@ -147,58 +149,74 @@ def test_the_largest_displacement_is_drawn_as_a_fiftieth_to_a_twentieth_of_the_l
     assert pictures.warp_factor(frames) == 1.0
 
 
+@draws
+def test_a_place_that_cannot_be_written_is_an_input_error(tmp_path):
+    with pytest.raises(sj.InputError, match="cannot be written"):
+        pictures.still(tmp_path / "no" / "a.png", pulled(lap()))
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(
-    ("library", "draw", "name", "message"),
+    ("library", "draw", "extra"),
     [
-        ("pyvista", pictures.still, "a.png", r"pip install 'skfem-joint\[vtk\]'"),
-        ("matplotlib", pictures.animation, "a.gif", r"pip install 'skfem-joint\[plot\]'"),
-        pytest.param("none", pictures.still, "no/a.png", "cannot be written", marks=draws),
+        ("pyvista", pictures.still, "vtk"),
+        ("matplotlib", pictures.animation, "plot"),
+        ("pyvista", write_series, "vtk"),
     ],
 )
-def test_a_missing_library_or_place_is_an_input_error(
-    library, draw, name, message, tmp_path, monkeypatch
-):
+def test_a_missing_library_is_an_input_error(library, draw, extra, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, library, None)
-    with pytest.raises(sj.InputError, match=message):
-        draw(tmp_path / name, pulled(lap()))
+    with pytest.raises(sj.InputError, match=rf"pip install 'skfem-joint\[{extra}\]'"):
+        draw(tmp_path / "a.pvd", pulled(lap()))
     assert not list(tmp_path.iterdir())
 
 
-@pytest.fixture
-def windows(monkeypatch):
-    """Nothing is known of the kinds of window that work, before and after."""
-    offscreen._working_window.cache_clear()
-    monkeypatch.delenv("DISPLAY", raising=False)
-    monkeypatch.delenv(VARIABLE, raising=False)
-    yield monkeypatch
-    offscreen._working_window.cache_clear()
+#: Stands for VTK in the process that tries a kind of window: all but one end it.
+GL = """
+import os, signal
+from unittest.mock import MagicMock as vtkRenderWindow, MagicMock as vtkRenderer
+window = os.environ.get("VTK_DEFAULT_OPENGL_WINDOW", "own choice")
+with open(os.environ["TRIED"], "a") as tried:
+    print(window, file=tried)
+if window != os.environ["WORKS"]:
+    os.kill(os.getpid(), signal.SIGSEGV)
+"""
+DRAW = """
+import os
+from skfem_joint.output.offscreen import offscreen
+for _ in range(2):
+    with offscreen():
+        print(os.environ.get("VTK_DEFAULT_OPENGL_WINDOW"))
+    print(os.environ.get("VTK_DEFAULT_OPENGL_WINDOW"))
+"""
+OS_MESA, EGL = "vtkOSOpenGLRenderWindow", "vtkEGLRenderWindow"
 
 
-def test_a_gl_library_that_ends_the_process_is_an_input_error(tmp_path, windows):
-    windows.setattr(offscreen, "_PROBE", "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
-    with pytest.raises(sj.InputError, match="libosmesa6"):
-        pictures.still(tmp_path / "a.png", pulled(lap()))
-    assert not list(tmp_path.iterdir())
-
-
-def test_the_first_kind_of_window_that_works_is_taken_but_the_users_choice_is_kept_or_named(
-    windows,
+@pytest.mark.parametrize(
+    ("works", "chosen", "tried", "said"),
+    [
+        (EGL, {}, [OS_MESA, EGL], [EGL, "None"] * 2),  # found once, then known
+        ("mine", {VARIABLE: "mine"}, ["mine"], ["mine"] * 4),
+        (EGL, {VARIABLE: "broken"}, ["broken"], "'broken' does not work"),
+        ("none", {}, [OS_MESA, EGL, "own choice"], "apt-get install libosmesa6"),
+    ],
+)
+def test_the_first_window_that_does_not_end_its_process_is_taken_but_the_users_choice_is_kept(
+    tmp_path, works, chosen, tried, said
 ):
-    tried: list[str] = []
-
-    def works(window):
-        tried.append(window)
-        return window in ("vtkEGLRenderWindow", "mine")
-
-    windows.setattr(offscreen, "_draws", works)
-    for _ in range(2):
-        with offscreen.offscreen():
-            assert os.environ[VARIABLE] == "vtkEGLRenderWindow"
-        assert VARIABLE not in os.environ
-    assert tried == ["vtkOSOpenGLRenderWindow", "vtkEGLRenderWindow"]  # found once, then known
-    windows.setenv(VARIABLE, "mine")
-    with offscreen.offscreen():
-        assert os.environ[VARIABLE] == "mine"
-    windows.setenv(VARIABLE, "broken")
-    with pytest.raises(sj.InputError, match="'broken' does not work"), offscreen.offscreen():
-        pass
+    files = {"vtkRenderingCore": GL, "vtkRenderingOpenGL2": "", "__init__": ""}
+    (tmp_path / "vtkmodules").mkdir()
+    for name, text in files.items():
+        (tmp_path / "vtkmodules" / f"{name}.py").write_text(text)
+    given = {key: value for key, value in os.environ.items() if key not in ("DISPLAY", VARIABLE)}
+    given |= {"TRIED": str(tmp_path / "tried"), "WORKS": works, **chosen}
+    given["PYTHONPATH"] = os.pathsep.join([str(tmp_path), str(Path(sj.__file__).parents[1])])
+    ended = subprocess.run(
+        [sys.executable, "-c", DRAW], env=given, capture_output=True, text=True, check=False
+    )
+    assert (tmp_path / "tried").read_text().split("\n")[:-1] == tried
+    if isinstance(said, list):
+        assert ended.stdout.split() == said
+    else:
+        assert "InputError: pictures: VTK cannot draw here" in ended.stderr
+        assert said in ended.stderr

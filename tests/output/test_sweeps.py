@@ -7,9 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +15,8 @@ import pytest
 from scene_texts import written
 
 from skfem_joint import cli
-from skfem_joint.ground.rows import Rows
 from skfem_joint.output import folder, plots, sweeps
 from skfem_joint.scene import Swept, load_sweep
-from skfem_joint.study import sweep
 from skfem_joint.study.sweep import Row
 
 PRODUCT = '"joint[0].friction" = [0.3, 0.7]\n"time.cycles" = [1, 2, 3]'
@@ -40,6 +35,12 @@ def swept_of(folder: Path, sweep: str) -> Swept:
     return load_sweep(sweep_file(folder, sweep, ("every = 1", "plots = true")))
 
 
+def read(folder: Path) -> list[dict[str, str]]:
+    """Rows of the table that is in a folder."""
+    with (folder / sweeps.TABLE).open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
 def row(number: int, peak: float | None = None, failure: str = "") -> Row:
     results: dict[str, Any] = {"dofs": 200, "wall_s": 0.1 + number, "interrupted": False}
     if peak is not None:
@@ -53,17 +54,14 @@ def test_the_table_is_in_the_order_of_the_scenes_and_has_what_is_asked_for(tmp_p
     swept = swept_of(tmp_path, PRODUCT)
     rows = [row(k, 1e-4 * k) for k in (5, 2, 0, 1, 4)] + [row(3, failure="step 3")]
     files = sweeps.write(swept, rows, tmp_path)
-    with (tmp_path / sweeps.TABLE).open(newline="") as file:
-        found = list(csv.DictReader(file))
+    found = read(tmp_path)
     assert [int(one["scene"]) for one in found] == list(range(6))
     assert [float(one["joint[0].friction"]) for one in found] == [0.3] * 3 + [0.7] * 3
     assert [one["failure"] for one in found] == ["", "", "", "step 3", "", ""]
     results = ("wall_s", "peak_displacement_m.free_end", "estimated_error.loop_energy.total")
     wanted = {f"{model}.{name}" for model in ("full", "reduced") for name in results}
-    assert (
-        set(found[0])
-        == {"scene", "joint[0].friction", "time.cycles", "warnings", "failure"} | wanted
-    )
+    always = {"scene", "joint[0].friction", "time.cycles", "warnings", "failure"}
+    assert set(found[0]) == always | wanted
     assert float(found[2]["full.peak_displacement_m.free_end"]) == 2e-4
     assert found[3]["full.peak_displacement_m.free_end"] == ""
     names = {f"sweep_{name}.png" for name in results}
@@ -104,7 +102,7 @@ def test_pictures_show_the_results_over_one_key_or_two(tmp_path):
 def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, capsys):
     sweep = '"joint[0].friction" = { from = 0.1, to = 0.8, points = 8 }'
     alone = "cycles = 150\n[accuracy]\nestimate = false"
-    path = sweep_file(tmp_path, sweep, ("cycles = 3", alone), FULL)
+    path = sweep_file(tmp_path, sweep, ("cycles = 3", alone), FULL, ("every = 1", "plots = true"))
     out, count = tmp_path / "out", 8
     journal = out / sweeps.JOURNAL
     arguments = ["sweep", str(path), "--out", str(out), "--workers", "2"]
@@ -113,12 +111,12 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, 
         return journal.read_text().splitlines(keepends=True) if journal.exists() else []
 
     def stopped(by):
-        """Status and words of a command that is stopped when it has one row more."""
-        before = len(lines())
+        """Status and words of a command that is stopped when it has kept two rows more."""
+        before = len(lines()) + 1
         command = [sys.executable, "-m", "skfem_joint", *arguments]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         end = time.monotonic() + 120.0
-        while len(lines()) == before and time.monotonic() < end:
+        while len(lines()) <= before and time.monotonic() < end:
             time.sleep(0.005)
         children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
         process.send_signal(by)
@@ -131,9 +129,9 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, 
 
     status, said = stopped(signal.SIGINT)
     assert status == cli.INTERRUPTED
-    with (out / sweeps.TABLE).open() as file:
-        ended = len(list(csv.DictReader(file)))
-    assert ended < count
+    ended = len(read(out))
+    assert ended == len(lines()) - 1 < count  # a row kept as the interrupt comes is in the table
+    assert not [*out.glob("*.png")]  # which take seconds
     assert f"{ended} of {count} scenes have ended, 0 of them failed" in said
     assert stopped(signal.SIGKILL)[0] == -signal.SIGKILL
     kept = [line for line in lines() if line.endswith("\n")]
@@ -141,12 +139,15 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, 
     with journal.open("a") as file:
         file.write(kept[0][:50])
     assert cli.main(arguments) == 0
-    assert f"{count} of {count} scenes have ended, 0 of them failed" in capsys.readouterr().out
+    shown = capsys.readouterr()
+    assert f"{len(kept) - 1} finished rows are taken up where they fit." in shown.err
+    assert f"Note: {len(kept) - 1} finished parts were taken up from" in shown.out
+    assert f"{count} of {count} scenes have ended, 0 of them failed" in shown.out
+    assert [*out.glob("*.png")]
     marks = [json.loads(line)["row"] for line in lines()[1:]]
     assert len(marks) == len(set(marks)) == count
     assert lines()[: len(kept)] == kept
-    with (out / sweeps.TABLE).open() as file:
-        assert [int(one["scene"]) for one in csv.DictReader(file)] == list(range(count))
+    assert [int(one["scene"]) for one in read(out)] == list(range(count))
     stamp = os.stat(journal).st_mtime_ns
     (out / "notes.txt").write_text("of the user")
     assert cli.main(arguments) == 0  # runs nothing
@@ -158,51 +159,10 @@ def test_an_interrupted_and_killed_sweep_goes_on_and_has_no_row_twice(tmp_path, 
         }  # fmt: skip
 
 
-def test_a_row_kept_as_the_interrupt_comes_is_in_the_table(tmp_path, capsys, monkeypatch):
-    path = sweep_file(tmp_path, ONE, ("every = 1", "plots = true"))
-    out = tmp_path / "out"
-    arguments = ["sweep", str(path), "--out", str(out)]
-
-    @contextmanager
-    def in_threads(*_):
-        yield partial(ThreadPoolExecutor, 1)
-
-    def kept_and_interrupted(self, mark, content, seconds=0.0):
-        keep(self, mark, content, seconds)
-        if self.computed == 2:
-            raise KeyboardInterrupt
-
-    keep = Rows.keep
-    monkeypatch.setattr(sweep, "executors", in_threads)
-    monkeypatch.setattr(sweep, "_run", lambda *_: (row(0, 1e-4).results, "", []))
-    with monkeypatch.context() as patched:
-        patched.setattr(Rows, "keep", kept_and_interrupted)
-        assert cli.main(arguments) == cli.INTERRUPTED
-    shown = capsys.readouterr()
-    assert "2 of 3 scenes have ended, 0 of them failed" in shown.out
-    assert "taken up" not in shown.out + shown.err
-    with (out / sweeps.TABLE).open() as file:
-        assert [int(one["scene"]) for one in csv.DictReader(file)] == [0, 1]
-    assert not [*out.glob("*.png")]  # which take seconds
-    assert cli.main(arguments) == 0
-    shown = capsys.readouterr()
-    assert "2 finished rows are taken up where they fit." in shown.err
-    assert "Note: 2 finished parts were taken up from" in shown.out
-    assert "3 of 3 scenes have ended, 0 of them failed" in shown.out
-    assert [*out.glob("*.png")]
-
-
-def test_a_table_of_other_origin_is_not_overwritten(tmp_path, capsys):
-    path, table = sweep_file(tmp_path, ONE), tmp_path / sweeps.TABLE
-    table.write_text("mine")
-    assert cli.main(["sweep", str(path), "--out", str(tmp_path)]) == 2
-    assert "give --overwrite" in capsys.readouterr().err
-    assert table.read_text() == "mine"
-
-
 def test_failed_scenes_are_reported_with_their_keys(tmp_path, capsys):
     sweep = '"reduction.reference" = ["static", "paper"]'
-    path = sweep_file(tmp_path, sweep, ("modes = 5\n", "modes = 5000\n"))
+    short = "cycles = 1\n[accuracy]\nestimate = false"
+    path = sweep_file(tmp_path, sweep, ("modes = 5\n", "modes = 5000\n"), ("cycles = 3", short))
     arguments = ["sweep", str(path), "--out", str(tmp_path / "out"), "--workers", "1"]
     assert cli.main(["check", str(path)]) == 0
     assert "The sweep has 2 scenes, each valid." in capsys.readouterr().out
@@ -216,12 +176,11 @@ def test_the_table_has_warnings_and_what_is_not_steady_and_the_summary_counts_th
     swept = swept_of(tmp_path, PRODUCT)
     steady = {0: True, 1: False, 2: None}
     rows = [
-        Row(k, {"full.dofs": 3, "full.steady_state_reached": x}, warnings=("It slid.",) * k)
+        Row(k, {"full.dofs": 3, "full.steady_state_reached": x}, notes=("It slid.",) * k)
         for k, x in steady.items()
     ]
     sweeps.write(swept, rows, tmp_path)
-    with (tmp_path / sweeps.TABLE).open(newline="") as file:
-        found = list(csv.DictReader(file))
+    found = read(tmp_path)
     assert [one["full.steady_state_reached"] for one in found] == ["True", "False", ""]
     assert [one["warnings"] for one in found] == ["", "It slid.", "It slid. It slid."]
     content = json.loads((tmp_path / "summary.json").read_text())

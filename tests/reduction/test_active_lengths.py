@@ -40,23 +40,16 @@ def test_measured_length_at_its_ends():
             measured(distance, np.ones(5), threshold)
 
 
-def slipped(
-    structure: sj.Structure, system: sj.System, steps: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Distance from the free end, and the largest displacement there, over four cycles."""
-    run = sj.integrate(system, cycles=4, steps_per_cycle=steps)
-    patch = structure.patches[0]
-    distance = structure.nodes[:, 0].max() - structure.nodes[patch.nodes, 0]
-    order = np.argsort(distance)
-    return distance[order], run.slip_peak[patch.points][order]
-
-
 def test_slow_joint_is_active_over_the_pseudo_static_slip_length():
     # Displacement falls with the square of the distance to the end of slip, so the threshold
     # cuts off its square root of the slip length, force over friction per length.
     structure = lap_joint(beta=np.inf, normal_force="consistent", elements=200)
     system = structure.system([sj.Load("free_end", sj.Harmonic(FORCE, 1.0))])
-    length = measured(*slipped(structure, system, 400), 1e-3)
+    run, patch = sj.integrate(system, cycles=4, steps_per_cycle=400), structure.patches[0]
+    x = structure.nodes[patch.nodes, 0]
+    order = np.argsort(-x)  # from the free end on
+    distance = structure.nodes[:, 0].max() - x[order]
+    length = measured(distance, run.slip_peak[patch.points][order], 1e-3)
     static = FORCE / (FRICTION * PRESSURE * WIDTH)
     assert length == pytest.approx(static * (1.0 - np.sqrt(1e-3)), rel=5e-3)
 

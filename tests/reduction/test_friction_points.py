@@ -1,18 +1,26 @@
 """Fewer friction points: points that slip alike are merged."""
 
+from typing import Any
+
 import numpy as np
 import pytest
-from reduced_joints import case, full, three_periods
+from reduced_joints import case, full
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Basis, reduced_system
-from skfem_joint.reduction.friction_points import merged_points, partition
-from skfem_joint.reduction.sources import own_basis
+from skfem_joint.reduction.basis import Basis
+from skfem_joint.reduction.friction_points import merged_points
+from skfem_joint.reduction.models import notes_of
+
+
+def of_run(name: str, modes: int, **how: Any) -> tuple[sj.System, sj.System]:
+    """A plate and the reduced model of its own run."""
+    system = case(name)[1]
+    return system, sj.reduce(system, modes, run=full(name), **how)
 
 
 def example() -> tuple[sj.System, Basis]:
-    system = case("lap")[1]
-    return system, own_basis(system, full("lap"), 8)
+    system, small = of_run("lap", 8)
+    return system, small.origin.basis
 
 
 def merged(system: sj.System, basis: Basis, count: int) -> tuple[sj.System, np.ndarray]:
@@ -45,17 +53,6 @@ def test_merged_points_carry_the_same_total_and_are_means(count):
         np.testing.assert_allclose(contact.B[2 * k : 2 * k + 2], mean, atol=1e-12)
 
 
-def test_as_many_points_as_slip_leave_the_model_as_it_is():
-    _, system, step = case("strip")
-    basis = own_basis(system, full("strip"), 5)
-    reduced = system.project(basis.V)
-    same, owner = merged(reduced, basis, system.contact.w.size)
-    assert np.array_equal(np.sort(owner), np.arange(system.contact.w.size))
-    one, other = three_periods(reduced, step), three_periods(same, step)
-    np.testing.assert_allclose(other.point_u, one.point_u, atol=1e-9 * one.peak[0])
-    np.testing.assert_allclose(other.friction_work[owner], one.friction_work, rtol=1e-6)
-
-
 def test_points_of_other_laws_or_joints_are_not_merged():
     system, basis = example()
     odd = np.arange(system.contact.w.size) % 2
@@ -71,45 +68,30 @@ def test_points_of_other_laws_or_joints_are_not_merged():
     np.testing.assert_allclose(J.sum(axis=0), 1.0, rtol=1e-12)
 
 
-def test_partition_finds_what_is_apart():
-    generator = np.random.default_rng(0)
-    truth = generator.integers(0, 5, 200)
-    x = 10.0 * np.eye(5)[truth] + 0.1 * generator.standard_normal((200, 5))
-    label = partition(x, generator.uniform(0.1, 1.0, 200), 5)
-    assert np.unique(np.stack([truth, label]), axis=1).shape[1] == 5
-    assert sorted(partition(x[:3], np.ones(3), 3)) == [0, 1, 2]
-    assert np.array_equal(partition(np.zeros((4, 2)), np.ones(4), 3), np.zeros(4))
-
-
 def test_a_reduced_system_has_the_points_and_the_beta_that_its_modes_resolve():
-    system, basis = example()
-    reduced = reduced_system(system, basis)
+    system, reduced = of_run("lap", 8)
+    velocity = reduced.origin.basis.history.slip_velocity
     assert reduced.n == 8
     assert 20 <= reduced.contact.w.size <= 24  # three a mode
     assert reduced.contact.shares.shape == (reduced.contact.w.size, system.contact.w.size)
-    np.testing.assert_allclose(
-        reduced.contact.beta, 1.0 / (1e-4 * basis.history.slip_velocity), rtol=1e-12
-    )
-    (note,) = reduced.notes
+    np.testing.assert_allclose(reduced.contact.beta, 1.0 / (1e-4 * velocity), rtol=1e-12)
+    (note,) = notes_of(reduced)
     assert "reduced model uses beta" in note
-    decay = reduced_system(system, basis, periodic=False)
-    np.testing.assert_allclose(decay.contact.beta, 1e5, rtol=1e-12)
-    chosen = reduced_system(system, basis, friction_points="all", beta=77.0)
+    _, chosen = of_run("lap", 8, friction_points="all", beta=77.0)
     assert np.all(chosen.contact.beta == 77.0)
     assert chosen.contact.w.size == system.contact.w.size
-    assert chosen.notes == ()
+    assert notes_of(chosen) == ()
 
 
 def test_fewer_points_than_asked_for_are_reported():
-    _, system, _ = case("strip")
-    basis = own_basis(system, full("strip"), 5)
-    (note,) = reduced_system(system, basis, friction_points=10_000, beta=1e4).notes
-    assert "instead of 10000" in note
+    system, small = of_run("strip", 5, friction_points=10_000, beta=1e4)
+    assert "instead of 10000" in notes_of(small)[0]
+    assert np.array_equal(np.sort(small.contact.w), np.sort(system.contact.w))  # each by itself
 
 
 def test_systems_without_friction_or_points_are_refused():
-    system, basis = example()
+    system = case("lap")[1]
     with pytest.raises(sj.InputError, match="needs friction in a joint"):
-        reduced_system(system.with_contact(given=0.0 * system.contact.w), basis)
-    with pytest.raises(sj.InputError, match="found 0, must be >= 1"):
-        reduced_system(system, basis, friction_points=0)
+        sj.reduce(system.with_contact(given=0.0 * system.contact.w), run=full("lap"))
+    with pytest.raises(sj.InputError, match="friction_points: found 0, must be"):
+        sj.reduce(system, friction_points=0)

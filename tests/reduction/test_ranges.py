@@ -150,6 +150,12 @@ def test_errors_of_a_run_in_which_a_joint_slips_as_a_whole_are_refused(small, ti
         sj.estimate(slipping)
 
 
+def test_levels_of_which_none_has_a_vibration_have_no_response(small):
+    level = 20.0 * sj.at(small, frequency=500.0, slip=0.5).serves.point.level
+    with pytest.raises(sj.ConvergenceError, match=r"level .*slips as a whole"):
+        sj.response(small, [500.0], [level], refined=False, estimated=False)
+
+
 def test_a_point_by_its_level_is_that_by_its_slip(small):
     """Under a ten-thousandth of that level all points stick but for what the law creeps."""
     one = sj.at(small, frequency=500.0, slip=0.5)
@@ -160,12 +166,13 @@ def test_a_point_by_its_level_is_that_by_its_slip(small):
     assert sticking(run(sj.at(small, frequency=500.0, level=1e-4 * level))) == 1.0
 
 
-def test_a_point_is_no_model_of_the_range(small, system):
+def test_points_are_taken_from_a_model_of_the_range_and_run(small, system):
     point = sj.at(small, frequency=500.0, slip=0.5)
-    with pytest.raises(sj.InputError, match="model of the whole range"):
-        sj.at(point, frequency=500.0, slip=0.5)
-    with pytest.raises(sj.InputError, match="without a range"):
-        sj.at(system, frequency=500.0, slip=0.5)
+    for model, words in ((point, "model of the whole range"), (system, "without a range")):
+        with pytest.raises(sj.InputError, match=words):
+            sj.at(model, frequency=500.0, slip=0.5)
+    with pytest.raises(sj.InputError, match=r"sj\.at\(model, frequency"):
+        run(small)
 
 
 @pytest.mark.parametrize(
@@ -178,16 +185,14 @@ def test_a_point_is_no_model_of_the_range(small, system):
         (ASKED | {"limits": {"middle": (0.5, 2.0)}}, "'middle'"),
         (ASKED | {"level": (1.0, 2.0)}, "'level'"),
         ("all", "mapping"),
+        (ASKED, "leave them out"),
     ],
 )
 def test_a_range_that_makes_no_sense_is_refused(system, asked, words):
+    """Friction points, which are found for the whole range, cannot be given beside one."""
+    points = 10 if words == "leave them out" else "auto"
     with pytest.raises(sj.InputError, match=words):
-        sj.reduce(system, range=asked)
-
-
-def test_a_model_of_the_whole_range_is_not_integrated_but_a_point_of_it(small):
-    with pytest.raises(sj.InputError, match=r"sj\.at\(model, frequency"):
-        run(small)
+        sj.reduce(system, range=asked, friction_points=points)
 
 
 def test_an_accuracy_that_is_not_met_is_said(system, small, caplog):
@@ -196,11 +201,6 @@ def test_an_accuracy_that_is_not_met_is_said(system, small, caplog):
     assert poor.serves.reached > 0.01
     assert "made for an accuracy of 1.00%" in poor.serves.shortfall
     assert poor.serves.shortfall in caplog.text
-
-
-def test_what_is_found_for_the_whole_range_cannot_be_given(system):
-    with pytest.raises(sj.InputError, match="leave them out"):
-        sj.reduce(system, range=ASKED, friction_points=10)
 
 
 def test_slow_vibration_without_slip_passes_the_load_to_the_joint_next_to_it(system):

@@ -98,21 +98,3 @@ def test_a_run_of_another_structure_is_refused():
     for read in (sj.active_region, sj.stress_history):
         with pytest.raises(sj.InputError, match="do not obey its supports"):
             read(fixed, run)
-
-
-def test_a_run_is_at_no_distance_from_itself_and_at_a_known_one_when_scaled():
-    _, system = jointed()
-    run = sj.integrate(system, cycles=2, steps_per_cycle=100)
-    same = sj.compare(run, run)
-    assert (same.displacement_rms, same.displacement_max, same.peak_displacement) == (0.0, 0.0, 0.0)
-    assert (same.friction_energy, same.loop_energy_per_cycle) == (0.0, 0.0)
-    more = replace(
-        run, point_u=1.1 * run.point_u, friction_work=1.3 * run.friction_work,
-        cycles=replace(run.cycles, peak=1.2 * run.cycles.peak, friction=0.5 * run.cycles.friction),
-    )  # fmt: skip
-    apart = sj.compare(run, more)
-    assert apart.displacement_rms == pytest.approx(0.1)
-    assert apart.displacement_max == pytest.approx(0.1)
-    assert apart.peak_displacement == pytest.approx(0.2)
-    assert apart.friction_energy == pytest.approx(0.3)
-    assert apart.friction_energy_per_cycle == pytest.approx(-0.5)

@@ -10,11 +10,10 @@ from paper import pseudo_static
 from stepping_systems import LapJoint, order_of, run_of, struts
 
 import skfem_joint as sj
-from skfem_joint.stepping.schemes import generalized_alpha
 
 MESHES = Path(__file__).parents[2] / "meshes"
 REFERENCE = LapJoint()
-SCHEMES = [generalized_alpha(rho) for rho in (0.0, 0.5, 0.8, 1.0)]
+SCHEMES = [sj.generalized_alpha(rho) for rho in (0.0, 0.5, 0.8, 1.0)]
 
 
 def test_structure_of_figure_18_has_the_friction_energy_of_section_7_3():

@@ -8,7 +8,6 @@ import pytest
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.stepping.recording import Counters, Cycles, Run, Steady
 
 ENTRY = re.compile(r"^    (\w+(?:, \w+)*) : (.*)$", re.M)
 SHAPE = re.compile(r"shape \(([^)]*)\)")
@@ -21,14 +20,14 @@ def described(result: type) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def run() -> Run:
+def run() -> sj.Run:
     """Three cycles of a bar, with fields and slips stored."""
     system = arm(sj.Harmonic(3e4, 500.0))
     save = sj.Save(every=2, fields=True, fields_every=5, slips=True)
     return sj.integrate(system, cycles=3, steps_per_cycle=40, save=save)
 
 
-@pytest.mark.parametrize("result", [Run, sj.Save, Cycles, Counters, Steady])
+@pytest.mark.parametrize("result", [sj.Run, sj.Save, sj.Cycles, sj.Counters, sj.Steady])
 def test_every_attribute_is_described(result):
     assert list(described(result)) == [field.name for field in fields(result)]
 

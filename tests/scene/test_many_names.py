@@ -47,12 +47,6 @@ def test_a_list_of_very_many_names_is_refused(tmp_path, names):
         sj.load_scene(path)
 
 
-def test_a_name_that_repeats_is_reported(tmp_path):
-    path = written(tmp_path, ("every = 1", 'points = ["free_end", "fixed", "free_end"]'))
-    with pytest.raises(sj.InputError, match=r"output\.points: found 'free_end' more than once"):
-        sj.load_scene(path)
-
-
 @pytest.mark.parametrize("more", [0, 1, 100_000])
 def test_names_are_no_longer_than_those_of_gmsh(tmp_path, more):
     """Archives of results cannot hold names of 65,536 characters."""

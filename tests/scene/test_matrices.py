@@ -18,7 +18,7 @@ import skfem_joint as sj
 from skfem_joint.cli import main
 from skfem_joint.scene import Scene, scene_from
 from skfem_joint.structure.matrices import MatrixModel
-from skfem_joint.study.description import describe
+from skfem_joint.study.description import description_of
 
 
 def npz(folder: Path, name: str, A: Any) -> str:
@@ -96,7 +96,7 @@ def matrix_scene(folder: Path, tables: dict[str, Any]) -> Scene:
 
 @pytest.mark.parametrize("store", [npz, mtx, mat])
 def test_bar_as_matrices_moves_and_dissipates_as_its_mesh(tmp_path, store):
-    models = ("full", "condensed", "reduced")
+    models = ("full", "condensed", "reduced") if store is npz else ("full",)
     scene, tables = bar_export(tmp_path, store, *models, reduction={})
     by_mesh, by_matrices = sj.run_scene(scene), sj.run_scene(matrix_scene(tmp_path, tables))
     for name in models:
@@ -192,7 +192,7 @@ def test_rigid_motions_are_counted_and_a_floating_structure_is_reported(tmp_path
     tables["matrices"]["fixed"] = []
     tables["joint"][0]["friction"] = 0.0
     scene = matrix_scene(tmp_path, tables)
-    description = describe(scene)
+    description = description_of(scene)
     for motions in ("rigid_motions_loose", "rigid_motions_stuck"):
         assert description.values[motions] == 1
     assert any("the structure floats" in doubt for doubt in description.doubts)
@@ -243,10 +243,6 @@ GOOD_PAIR = "0,,,1,,,0,0,1,1e-4"
         ({"K": "K.txt"}, GOOD_PAIR, r"matrices\.K: .*K\.txt: unknown ending '\.txt'.*\.mtx"),
         ({"K": "two.mat"}, GOOD_PAIR, r"matrices\.K: .*two\.mat: name one.*a, b"),
         ({"K": "two.mat:c"}, GOOD_PAIR, r"two\.mat: found no 'c'.*a, b"),
-        ({"K": "damaged.npz"}, GOOD_PAIR, r"damaged\.npz: is damaged"),
-        ({"K": "damaged.mtx"}, GOOD_PAIR, r"damaged\.mtx: is damaged"),
-        ({"K": "damaged.mat"}, GOOD_PAIR, r"damaged\.mat: is damaged"),
-        ({"K": "text.npz:text"}, GOOD_PAIR, r"text\.npz: found .* values, must be real"),
         ({"K": "flat.mtx"}, GOOD_PAIR, r"matrices\.K: flat\.mtx: found shape \(2, 3\)"),
         ({"M": "small.mtx"}, GOOD_PAIR, r"matrices\.K: K\.mtx: found shape \(3, 3\)"),
         ({"K": "skew.mtx"}, GOOD_PAIR, r"matrices\.K: skew\.mtx: is not symmetric"),
@@ -277,9 +273,6 @@ def test_what_is_wrong_with_matrices_is_reported_by_key_and_file(tmp_path, keys,
     for name, A in files.items():
         mmwrite(tmp_path / f"{name}.mtx", A)
     savemat(tmp_path / "two.mat", {"a": K, "b": K})
-    np.savez(tmp_path / "text.npz", text=np.array(["K"]))
-    for ending in ("npz", "mtx", "mat"):
-        (tmp_path / f"damaged.{ending}").write_bytes(b"PK nothing of the kind")
     (tmp_path / "lap.csv").write_text(contact)
     matrices = {"K": "K.mtx", "M": "M.mtx", "contact": {"lap": "lap.csv"}, "points": {"tip": 2}}
     tables = {
@@ -289,7 +282,7 @@ def test_what_is_wrong_with_matrices_is_reported_by_key_and_file(tmp_path, keys,
         "time": {"cycles": 1},
     }
     with pytest.raises(sj.InputError, match=message):
-        sj.load_scene(scene_file(tmp_path, tables))
+        matrix_scene(tmp_path, tables)
 
 
 REDUCED = {"models": {"run": ["reduced"]}}
@@ -353,14 +346,14 @@ def test_pairs_that_lie_on_each_other_raise_no_doubt(dim):
     some = two_bodies(dim)
     spring = sparse.coo_array(([some.K.diagonal().max()], ([0], [0])), shape=some.K.shape)
     for model in (some, two_bodies(dim, on_a_rigid_base), replace(some, K=some.K + spring)):
-        assert model.unusual(model.system()) == []
+        assert model.unusual == []
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("change", [swapped, elsewhere])
 def test_a_pair_that_slips_as_all_moves_rigidly_is_reported(dim, change):
     some = two_bodies(dim, change)
-    (doubt,) = some.unusual(some.system())
+    (doubt,) = some.unusual
     assert "pair 5 of contact.upper slips" in doubt or "pair 6 of contact.upper slips" in doubt
 
 
@@ -408,12 +401,10 @@ def test_a_chain_whose_damper_opens_runs_as_in_python(tmp_path):
     )
     known = sj.integrate(system, cycles=2, steps_per_cycle=100)
     scene = matrix_scene(tmp_path, tables)
-    study = sj.run_scene(scene)
     assert known.opened.all()
-    for name in ("full", "condensed"):
-        run = study.models[name].run
+    for run in sj.run_scene(scene).runs.values():
         assert run.peak_of("end") == pytest.approx(known.peak_of("end"), rel=1e-9)
         assert run.friction_energy["damper"] == pytest.approx(known.friction_energy["damper"])
-    facts = " ".join(describe(scene).facts)
+    facts = " ".join(description_of(scene).facts)
     assert "Contact that opens (damper)" in facts
     assert "friction limit of the points that can slip 90 N" in facts

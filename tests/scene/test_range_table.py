@@ -86,17 +86,6 @@ def test_the_force_of_bolts_is_a_factor_if_all_bolts_of_a_joint_have_it():
     table = scene.reduction.range
     assert table.limits(scene.joint)["joint"] == pytest.approx((0.5, 2.0))
     assert table.factors(scene.joint)["joint"] == pytest.approx(1.0)
-    harder = scene.joint[0].model_copy(
-        update={
-            "pressure": scene.joint[0].pressure.model_copy(
-                update={
-                    "bolts": (
-                        scene.joint[0].pressure.bolts[0],
-                        scene.joint[0].pressure.bolts[1].model_copy(update={"force": 40e3}),
-                    )
-                }
-            )
-        }
-    )
+    (harder,) = scene.changed({"joint[0].pressure.bolts[1].force": 40e3}).joint
     with pytest.raises(InputError, match="by other factors than each other"):
         table.factors((harder,))

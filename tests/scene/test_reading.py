@@ -321,28 +321,22 @@ def test_examples_are_the_systems_of_the_paper(name, share, step, n_steps, lengt
         assert (scene.reduction.reference, scene.reduction.modes) == ("paper", 5)
 
 
-BOLTED = with_changes(
-    GOOD,
-    ('"bar.msh"', '"bolted.msh"'),
-    ("density = 8000", "density = 8000\npoisson = 0.3"),
-    ("width = 0.05\n", ""),
-    ('["fixed"]', '["lower_left"]'),
-    ('on = "joint"', 'on = "face"\nagainst = "lower_face"'),
-    ('on = "free_end"', 'on = "right"\ndirection = [1, 0]'),
-    ("[reduction]\nmodes = 5\n[output]\nevery = 1\n", ""),
-)
-
-
 def test_mistakes_of_tables_and_loads_cost_no_preload(tmp_path):
     """So does what a command refuses; each is known from the tables and the mesh alone."""
     sides = {"face": "bottom", "head": "top", "right": "right"}
     upper = build_plate([("u", 0.1, 4)], 0.01, 2, origin=(0.0, 0.01), boundaries=sides)
     sides = {"lower_face": "top", "nut": "bottom", "lower_left": "left"}
-    mesh = merged([upper, build_plate([("l", 0.1, 4)], 0.01, 2, boundaries=sides)])
-    write_mesh(mesh, tmp_path / "bolted.msh")
-    bolt = '[[bolt]]\nhead = "head"\nnut = "nut"\nforce = 1e4\n'
-    text = BOLTED.replace("pressure = 50e6", 'pressure = "preload"')
-    text = text.replace("[[load]]", f"{bolt}[[load]]")
+    lower = build_plate([("l", 0.1, 4)], 0.01, 2, boundaries=sides)
+    write_mesh(merged([upper, lower]), tmp_path / "bolted.msh")
+    text = with_changes(
+        PLATES,
+        ('["lower.msh", "upper.msh"]', '"bolted.msh"'),
+        ('["left"]', '["lower_left"]'),
+        ('on = "upper_joint"\nagainst = "joint"', 'on = "face"\nagainst = "lower_face"'),
+        ("pressure = 50e6", 'pressure = "preload"'),
+        ('on = "upper_right"', 'on = "right"'),
+        ("[[load]]", '[[bolt]]\nhead = "head"\nnut = "nut"\nforce = 1e4\n[[load]]'),
+    )
     told: list[Any] = []
 
     def loaded(*changes, **options):

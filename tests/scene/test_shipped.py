@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
@@ -28,26 +29,24 @@ def test_each_scene_is_listed_with_its_question(capsys):
 
 
 @pytest.mark.parametrize("name", QUESTIONS)
-def test_each_written_scene_is_valid_and_differs_in_its_mesh_s_path_alone(
-    name, tmp_path, monkeypatch, capsys
-):
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["example", name]) == 0
-    shown = capsys.readouterr().out
-    assert QUESTIONS[name] in shown
-    (command,) = re.findall(r"^    skfem-joint (.+)$", shown, re.MULTILINE)
-    kind, scene, *rest = command.split()
-    assert kind == ("sweep" if name == "lap_joint_sweep" else "run")
-    assert rest == ["--out", str(Path(name, "out"))]
-    assert cli.main(["check", scene]) == 0
-    assert f"{scene}: valid." in capsys.readouterr().out
+def test_each_written_scene_is_valid_and_differs_in_its_mesh_s_path_alone(name, tmp_path, capsys):
+    with chdir(tmp_path):
+        assert cli.main(["example", name]) == 0
+        shown = capsys.readouterr().out
+        assert QUESTIONS[name] in shown
+        (command,) = re.findall(r"^    skfem-joint (.+)$", shown, re.MULTILINE)
+        kind, scene, *rest = command.split()
+        assert kind == ("sweep" if name == "lap_joint_sweep" else "run")
+        assert rest == ["--out", str(Path(name, "out"))]
+        assert cli.main(["check", scene]) == 0
+        assert f"{scene}: valid." in capsys.readouterr().out
 
-    text = Path(scene).read_text(encoding="utf-8")
+    text = (tmp_path / scene).read_text(encoding="utf-8")
     original = (ROOT / "examples" / f"{name}.toml").read_text(encoding="utf-8")
     assert text == original.replace("../meshes/", "")
     mesh = tomllib.loads(text)["mesh"]["file"]
     assert contents(tmp_path / name).keys() == {f"{name}.toml", mesh}
-    assert Path(name, mesh).read_bytes() == (ROOT / "meshes" / mesh).read_bytes()
+    assert (tmp_path / name / mesh).read_bytes() == (ROOT / "meshes" / mesh).read_bytes()
 
 
 @pytest.mark.parametrize("there", ["structure_impulse.toml", "structure.msh"])
@@ -67,9 +66,9 @@ def test_no_file_that_is_there_is_overwritten(there, tmp_path, capsys):
         (["two_plates", "--out", "file"], "cannot be written to"),
     ],
 )
-def test_what_cannot_be_written(arguments, says, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    Path("file").write_text("mine", encoding="utf-8")
-    assert cli.main(["example", *arguments]) == 2
+def test_what_cannot_be_written(arguments, says, tmp_path, capsys):
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    with chdir(tmp_path):
+        assert cli.main(["example", *arguments]) == 2
     assert says in capsys.readouterr().err
     assert contents(tmp_path) == {"file": b"mine"}

@@ -10,7 +10,6 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.pressure import Bolt, Bolts, PressureTable
 from skfem_joint.mesh import build_bar
 from skfem_joint.scene import Scene
-from skfem_joint.structure.model import doubts
 
 HARMONIC = 'kind = "harmonic"\namplitude = 87.5e3\nfrequency = 500.0\n'
 JOINT = '[[joint]]\non = "joint"\npressure = 50e6\nfriction = 0.7\n'
@@ -25,6 +24,9 @@ def load(kind: str, keys: str) -> str:
 def by_position(keys: str) -> str:
     return f"pressure = {{ positions = [0.0, 0.1], {keys} }}"
 
+
+REDUCED = 'cycles = 3\n[models]\nrun = ["full", "reduced"]\n[reduction]\nmodes = 5\n'
+SLOWLY = REDUCED.replace("3", "3\nquasi_static = true", 1)
 
 ON = "joint[0].pressure"
 BOLT = f"{ON}.bolts[0]"
@@ -132,6 +134,15 @@ BAD: dict[str, list[tuple[str, ...]]] = {
         ("duration = 1e-3\nstep = 2e-3", "time.step", "<= duration"),
         ("duration = 1e-1\nstep = 6e-4", "time.step", "<= 0.00025", "load[0]"),
         ("duration = 1\nstep = 1e-19", "time", "at most 1e+09 steps"),
+        ("cycles = 3\nquasi_static = true\nrho_infinity = 0.9", "time.rho_infinity", "found 0.9"),
+        ('until = "steady"\nquasi_static = true', "time.until", "'steady' beside quasi_static"),
+    ],
+    REDUCED: [
+        (SLOWLY + 'reference = "paper"\n', "reduction.reference", "'paper' beside time"),
+        (
+            SLOWLY.replace("modes = 5", "range = {slip = [0.1, 0.5], frequency = [10, 20]}"),
+            *("reduction.range", "found beside time.quasi_static"),
+        ),
     ],
     'run = ["full", "reduced"]': [('run = ["ful"]', "models.run[0]", "'condensed' or 'reduced'")],
     "modes = 5": [
@@ -270,14 +281,13 @@ def test_a_moving_base_and_a_damping_ratio_reach_the_system_and_are_said():
     assert load.on == "mass_x"
     mass = 0.6 * 0.05 * 0.01 * 8000
     assert load.amplitude.peak_value == pytest.approx(87.5e3 * mass)
-    base, ratio = doubts(scene.structure(), scene.system())[:2]
+    base, ratio = scene.system().notes[:2]
     assert "relative" in base
     assert "C = a M + b K" in ratio
 
 
-def test_table_is_found_beside_the_scene_from_anywhere(tmp_path, monkeypatch):
+def test_table_is_found_beside_the_scene_from_anywhere(tmp_path):
     (tmp_path / "force.csv").write_text("t,f\n0,0\n1e-3,5e3\n3e-3,0\n")
-    monkeypatch.chdir("/")
     table = (HARMONIC, load("table", 'file = "force.csv"'))
     scene = scene_of(table, ("cycles = 3", "duration = 1e-2\nstep = 1e-4"), folder=tmp_path)
     assert scene.loads()[0].amplitude([0.0, 5e-4, 2e-3]) == pytest.approx([0.0, 2.5e3, 2.5e3])

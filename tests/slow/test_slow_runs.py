@@ -1,16 +1,17 @@
 """Quasi-static runs: closed forms, Masing's rule, energies and loops of joints; SI units."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import LAP, WIDTH, lap, pressed, structure
+from bodies import LAP, WIDTH, lap, structure
 from clamped_plates import bolted, loads
 from stepping_systems import LapJoint, arm
 
 import skfem_joint as sj
 from skfem_joint.runs.integrate import integrate_plan
-from skfem_joint.runs.slow_run import slow_run
+from skfem_joint.runs.slow_run import REPORTED_S, slow_run
 from skfem_joint.slow.levels import Level
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
@@ -34,9 +35,11 @@ def free_bar(force, elements=20):
     return arm(force, joint, (elements, 10), fixed=(), free=True, stiffness_damping=1e-5)
 
 
-def smaller(system, model):
-    """Condensed or reduced model for a quasi-static run."""
-    return sj.condense(system) if model == "condensed" else sj.reduce(system, quasi_static=True)
+def smaller(system, model, duration=None):
+    """The system itself, or its condensed or reduced model for a quasi-static run."""
+    if model == "reduced":
+        return sj.reduce(system, duration=duration, quasi_static=True)
+    return sj.condense(system) if model == "condensed" else system
 
 
 def foot(load, beta=np.inf, stiffness=np.inf):
@@ -59,36 +62,6 @@ def test_bar_has_the_closed_form_with_second_order():
     assert orders == pytest.approx(2.0, abs=0.1)
 
 
-def test_unloading_is_the_loading_doubled():
-    """Masing's rule, exact on any mesh where levels of both paths are the same."""
-    course = sj.Table([0.0, 1.0, 3.0, 5.0], [0.0, FORCE, -FORCE, FORCE])
-    run = sj.quasi_static(lap_joint(50, load=course), duration=5.0, step=0.02)
-    for path in (run.point("free_end"), run.loops.slip[:, 0], run.loops.force[:, 0]):
-        rising, falling, back = path[:51], path[50:151], path[150:251]
-        largest = np.abs(path).max()
-        assert path[50] - falling[::2] == pytest.approx(2.0 * rising, abs=1e-9 * largest)
-        assert back == pytest.approx(-falling, abs=1e-9 * largest)
-        assert path[-1] == pytest.approx(path[50], rel=1e-9)
-
-
-def test_point_with_a_spring_goes_round_an_exact_parallelogram():
-    run = sj.quasi_static(foot(sj.Harmonic(100.0, 1.0)), cycles=3, steps_per_cycle=200)
-    peak = (100.0 - 60.0) / 4e4
-    assert run.peak_of("mass") == pytest.approx(peak, rel=1e-12)
-    f = run.loops.load_force[run.loops.last, 0]
-    u, q = run.loops.slip[run.loops.last, 0], run.loops.force[run.loops.last, 0]
-    moves = np.diff(u) != 0.0
-    assert np.abs(q[1:][moves]) == pytest.approx(60.0, rel=1e-12)
-    assert np.array_equal(np.sign(q[1:][moves]), np.sign(np.diff(u)[moves]))
-    assert f == pytest.approx(4e4 * u + q, abs=1e-9)
-    # 2 * limit * (peak to peak), less what the steps miss at both corners.
-    assert run.loops.area[0] == pytest.approx(run.cycles.friction[-1], rel=1e-12)
-    assert run.cycles.friction[-1] == pytest.approx(4.0 * 60.0 * peak, rel=1e-2)
-    assert run.loops.secant_stiffness[0] == pytest.approx(60.0 / peak, rel=1e-12)
-    assert run.loops.load_secant_stiffness[0] == pytest.approx(100.0 / peak, rel=1e-12)
-    assert run.viscous_work == run.scheme_work == 0.0
-
-
 def sprung(system, per_newton=1e3):
     """Springs in series with friction that stretch by a part of a meter under its limits."""
     return system.with_contact(
@@ -105,57 +78,78 @@ def returned(slip, spring, limit):
     return np.array(forces)
 
 
-def test_jenkins_point_goes_round_an_exact_parallelogram():
-    """All corners are levels, which are 4 N apart: u = 3, 10, 4, -10, -4 and 10 times 0.1 mm."""
-    spring, limit = 2e5, 60.0
+@pytest.mark.parametrize("stretch", [3e-4, 0.0])
+def test_a_point_on_a_spring_goes_round_an_exact_parallelogram(stretch):
+    """All corners are levels, which are 4 N apart: 3, 10, 4, -10, -4 and 10 times 0.1 mm."""
+    limit = 60.0
+    spring = limit / stretch if stretch else np.inf
     course = sj.Table([0.0, 25.0, 75.0, 125.0], [0.0, 100.0, -100.0, 100.0])
     run = sj.quasi_static(foot(course, stiffness=spring), duration=125.0, step=1.0)
     u, q = run.loops.slip[:, 0], run.loops.force[:, 0]
     peak = (100.0 - limit) / 4e4
-    corners = np.array([3.0, 10.0, 4.0, -10.0, -4.0, 10.0]) * 1e-4
-    assert u[[18, 25, 61, 75, 111, 125]] == pytest.approx(corners, rel=1e-12)
-    assert q[[18, 25, 61, 75, 111, 125]] == pytest.approx(limit * np.array([1, 1, -1, -1, 1, 1]))
-    assert q == pytest.approx(returned(u, spring, limit), rel=1e-12, abs=1e-12 * limit)
+    turns = [25, 75, 125]
+    assert u[turns] == pytest.approx([peak, -peak, peak], rel=1e-12)
+    assert run.peak_of("mass") == pytest.approx(peak, rel=1e-12)
+    assert q[turns] == pytest.approx([limit, -limit, limit])
+    if stretch:
+        assert u[[18, 61, 111]] == pytest.approx([3e-4, 4e-4, -4e-4], rel=1e-12)
+        assert q == pytest.approx(returned(u, spring, limit), rel=1e-12, abs=1e-12 * limit)
+    else:
+        moves = np.diff(u) != 0.0
+        assert q[1:][moves] == pytest.approx(limit * np.sign(np.diff(u)[moves]), rel=1e-12)
     assert run.loops.load_force[:, 0] == pytest.approx(4e4 * u + q, abs=1e-11)
     # Friction takes the slip of the slider, and the spring stores the rest.
-    loss = 4.0 * limit * (peak - limit / spring)
+    loss = 4.0 * limit * (peak - stretch)
     work = run.loops.work[:, 0]
-    assert work[25] == pytest.approx(limit * (peak - limit / spring), rel=1e-12)
+    assert work[25] == pytest.approx(limit * (peak - stretch), rel=1e-12)
     assert work[125] - work[25] == pytest.approx(loss, rel=1e-12)
     assert np.trapezoid(q[25:], u[25:]) == pytest.approx(loss, rel=1e-12)
-    assert work[:19] == pytest.approx(0.0, abs=1e-15 * loss)
-    stored = 0.5 * 4e4 * peak**2 + 0.5 * limit**2 / spring
+    assert work[:16] == pytest.approx(0.0, abs=1e-15 * loss)
+    stored = 0.5 * 4e4 * peak**2 + 0.5 * limit * stretch
     assert run.stored_energy == pytest.approx((0.0, stored), rel=1e-12)
     assert run.final_sigma == pytest.approx([1.0])
     assert run.energy_residual < 1e-13
+    assert run.viscous_work == run.scheme_work == 0.0
 
 
-@pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
-def test_bar_on_springs_unloads_by_its_loading_doubled(model):
+def test_secants_of_a_loop_go_through_its_tips():
+    run = sj.quasi_static(foot(sj.Harmonic(100.0, 1.0)), cycles=3, steps_per_cycle=200)
+    peak = (100.0 - 60.0) / 4e4
+    # 2 * limit * (peak to peak), less what the steps miss at both corners.
+    assert run.loops.area[0] == pytest.approx(run.cycles.friction[-1], rel=1e-12)
+    assert run.cycles.friction[-1] == pytest.approx(4.0 * 60.0 * peak, rel=1e-2)
+    assert run.loops.secant_stiffness[0] == pytest.approx(60.0 / peak, rel=1e-12)
+    assert run.loops.load_secant_stiffness[0] == pytest.approx(100.0 / peak, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("model", "per_newton"),
+    [("full", None), ("full", 5e4), ("condensed", 5e4), ("reduced", 5e4)],
+)
+def test_unloading_is_the_loading_doubled(model, per_newton):
+    """Masing's rule, exact on any mesh where levels of both paths are the same."""
     course = sj.Table([0.0, 1.0, 3.0, 5.0], [0.0, FORCE, -FORCE, FORCE])
-    system = sprung(lap_joint(30, load=course), 5e4)
-    exact = sj.quasi_static(system, duration=5.0, step=0.02)
-    run, near = exact, 1e-9
+    system, plan = lap_joint(30, load=course), {"duration": 5.0, "step": 0.02}
+    system = sprung(system, per_newton) if per_newton else system
+    exact = sj.quasi_static(system, **plan, save=sj.Save(fields=True))
+    run, near, round_off = exact, 1e-9, 1e-9
     if model != "full":
-        small = sj.condense(system)
-        if model == "reduced":
-            small = sj.reduce(system, duration=5.0, quasi_static=True)
-        run, near = sj.quasi_static(small, duration=5.0, step=0.02), 0.03
+        small = smaller(system, model, 5.0)
+        run, near, round_off = sj.quasi_static(small, **plan), 0.03, 1e-7
     assert run.energy_residual < 1e-9
     assert np.all(np.diff(run.loops.work[:, 0]) >= -1e-9 * run.loops.work[-1, 0])
     assert run.peak == pytest.approx(exact.peak, rel=near)
     assert run.loops.work[-1] == pytest.approx(exact.loops.work[-1], rel=near)
-    path = run.point("free_end")
-    rising, falling, back = path[:51], path[50:151], path[150:251]
-    assert path[50] - falling[::2] == pytest.approx(2.0 * rising, abs=1e-7 * np.abs(path).max())
-    assert back == pytest.approx(-falling, abs=1e-7 * np.abs(path).max())
-    # Each point is a Jenkins element of its own.
-    if model == "full":
-        fields = sj.quasi_static(system, duration=5.0, step=0.02, save=sj.Save(fields=True))
-        slips, limits = fields.u @ system.contact.B.T, system.contact.w
+    for path in (run.point("free_end"), run.loops.slip[:, 0], run.loops.force[:, 0]):
+        rising, falling, back = path[:51], path[50:151], path[150:251]
+        largest = np.abs(path).max()
+        assert path[50] - falling[::2] == pytest.approx(2.0 * rising, abs=round_off * largest)
+        assert back == pytest.approx(-falling, abs=round_off * largest)
+    if model == "full" and per_newton:  # each point is a Jenkins element of its own
+        slips, limits = run.u @ system.contact.B.T, system.contact.w
         for k in (0, 14, 29):
             own = returned(slips[:, k], system.contact.stiffness[k], limits[k])
-            assert limits[k] * fields.sigma[:, k] == pytest.approx(own, abs=1e-8 * limits[k])
+            assert limits[k] * run.sigma[:, k] == pytest.approx(own, abs=1e-8 * limits[k])
 
 
 def test_stiffer_and_stiffer_springs_tend_to_none():
@@ -167,48 +161,32 @@ def test_stiffer_and_stiffer_springs_tend_to_none():
     assert np.divide(apart[:-1], apart[1:]) == pytest.approx(10.0, rel=0.05)
 
 
-def test_balance_of_sliders_that_all_stick_is_closed_too():
-    load = sj.Harmonic(30.0, 1.0)
-    run = sj.quasi_static(foot(load, stiffness=2e5), cycles=2, steps_per_cycle=40)
-    assert run.friction_work.sum() == pytest.approx(0.0, abs=1e-15)
-    assert run.energy_residual < 1e-12
-
-
+@pytest.mark.parametrize("springs", [False, True])
 @pytest.mark.parametrize("model", ["full", "condensed"])
-def test_a_body_on_springs_slides_under_the_same_load(model):
-    """What friction holds does not depend on springs, and until then loops are closed."""
-    system = sprung(free_bar(sj.Harmonic(0.9 * FREE_LIMIT, 1.0)))
-    system = sj.condense(system) if model == "condensed" else system
+def test_a_body_that_friction_holds_goes_round_closed_loops(model, springs):
+    system = free_bar(sj.Harmonic(0.9 * FREE_LIMIT, 1.0))
+    system = smaller(sprung(system) if springs else system, model)
     run = sj.quasi_static(system, cycles=2, steps_per_cycle=64)
+    near = 1e-5 if springs else 1e-6
     assert run.energy_residual < 1e-8
-    assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=1e-5)
-    assert run.loops.opening < 1e-5
-    ramp = sprung(free_bar(sj.Table([0.0, 1.0], [0.9 * FREE_LIMIT, 1.1 * FREE_LIMIT])))
-    ramp = sj.condense(ramp) if model == "condensed" else ramp
+    assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=near)
+    assert run.loops.opening < near
+
+
+@pytest.mark.parametrize(
+    ("elements", "model"), [(20, "full"), (200, "full"), (20, "springs"), (20, "condensed")]
+)
+def test_no_level_is_a_little_beyond_slip(elements, model):
+    """Whatever the mesh and the springs: levels rise by 0.1 % of what friction holds."""
+    ramp = sj.Table([0.0, 1.0], [0.99 * FREE_LIMIT, 1.01 * FREE_LIMIT])
+    system = free_bar(ramp, elements)
+    system = smaller(system if model == "full" else sprung(system), model)
     with pytest.raises(sj.ConvergenceError, match="the structure slides") as caught:
-        sj.quasi_static(ramp, duration=1.0, step=0.05)
+        sj.quasi_static(system, duration=1.0, step=0.05)
     force = caught.value.run.loops.load_force[-1, 0]
-    assert force <= FREE_LIMIT * (1.0 + 1e-9) < force + 0.011 * FREE_LIMIT
+    assert force <= FREE_LIMIT * (1.0 + 1e-9) < force + 0.0011 * FREE_LIMIT
     assert caught.value.run.energy_residual < 1e-8
-
-
-@pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
-def test_plates_on_springs_balance_in_two_directions(model):
-    mesh = sj.build_plate([("joint", 0.1, 5), ("free", 0.1, 5)], 0.05, 2)
-    face = pressed(pressure=5e6, friction=0.5, tangential_stiffness=2e12)
-    made = structure(mesh, [face], ("right",))
-    loads = [
-        sj.Load("left", sj.Harmonic(9e3, 1.0), (-1.0, 0.0)),
-        sj.Load("left", sj.Harmonic(5e3, 2.0, 0.5), (0.0, 1.0)),
-    ]
-    system = made.system(loads, [])
-    system = system if model == "full" else smaller(system, model)
-    run = sj.quasi_static(system, cycles=2, steps_per_cycle=64)
-    assert run.energy_residual < 1e-8
-    assert run.friction_work.min() > -1e-9 * run.friction_work.sum()
-    assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=2e-2)
-    stored = run.system.contact.spring_energy(run.final_sigma)
-    assert 0.0 < stored < run.stored_energy[1]
+    assert caught.value.run.peak.max() < 1e-2
 
 
 def test_beta_counts_as_infinite_and_a_note_says_so():
@@ -221,34 +199,18 @@ def test_beta_counts_as_infinite_and_a_note_says_so():
 
 
 def test_frequency_and_damping_do_not_matter():
-    slow, fast = (
-        sj.quasi_static(
-            lap_joint(20, frequency=frequency, options={"stiffness_damping": damping}),
-            cycles=1,
-            steps_per_cycle=40,
-        )
+    systems = (
+        lap_joint(20, frequency=frequency, options={"stiffness_damping": damping})
         for frequency, damping in ((1.0, 0.0), (1e4, 1e-3))
     )
+    slow, fast = (sj.quasi_static(s, cycles=1, steps_per_cycle=40) for s in systems)
     assert fast.point_u == pytest.approx(slow.point_u, abs=1e-12 * PEAK)
     assert fast.times[-1] == pytest.approx(1e-4)
 
 
-def test_slow_vibration_tends_to_the_quasi_static_run():
-    system = lap_joint(20, frequency=1.0)
-    slow = sj.quasi_static(system, cycles=2, steps_per_cycle=100)
-    damped = sj.generalized_alpha(0.0)  # the steps follow none of the bar's own vibration
-    run = sj.integrate(system, cycles=2, steps_per_cycle=100, scheme=damped)
-    assert run.point_u == pytest.approx(slow.point_u, abs=4e-3 * PEAK)
-    assert run.cycles.friction[-1] == pytest.approx(slow.cycles.friction[-1], rel=4e-3)
-
-
 @pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
 def test_a_load_beyond_slip_keeps_the_levels_before_it(model):
-    system = free_bar(sj.Harmonic(1.2 * FREE_LIMIT, 1.0))
-    if model != "full":
-        system = (
-            sj.condense(system) if model == "condensed" else sj.reduce(system, quasi_static=True)
-        )
+    system = smaller(free_bar(sj.Harmonic(1.2 * FREE_LIMIT, 1.0)), model)
     slides = 1.2 * np.sin(2 * np.pi * np.arange(65) / 64) >= 1.0
     with pytest.raises(sj.ConvergenceError, match="the structure slides") as caught:
         sj.quasi_static(system, cycles=1, steps_per_cycle=64)
@@ -264,28 +226,6 @@ def test_a_load_beyond_slip_keeps_the_levels_before_it(model):
     # Friction holds the last load: its forces add up to it.
     load = 1.2 * FREE_LIMIT * np.sin(2 * np.pi * last / 64)
     assert run.loops.force[-1, 0] == pytest.approx(load, rel=1e-6)
-
-
-@pytest.mark.parametrize("elements", [20, 200])
-def test_no_level_is_a_little_beyond_slip(elements):
-    """Whatever the mesh: levels rise by 0.1 % of what friction holds."""
-    ramp = sj.Table([0.0, 1.0], [0.99 * FREE_LIMIT, 1.01 * FREE_LIMIT])
-    with pytest.raises(sj.ConvergenceError, match="the structure slides") as caught:
-        sj.quasi_static(free_bar(ramp, elements), duration=1.0, step=0.05)
-    force = caught.value.run.loops.load_force[:, 0]
-    assert force[-1] <= FREE_LIMIT * (1.0 + 1e-9) < force[-1] + 0.0011 * FREE_LIMIT
-    assert caught.value.run.energy_residual < 1e-8
-    assert caught.value.run.peak.max() < 1e-2
-
-
-@pytest.mark.parametrize("model", ["full", "condensed"])
-def test_a_body_that_friction_holds_goes_round_closed_loops(model):
-    system = free_bar(sj.Harmonic(0.9 * FREE_LIMIT, 1.0))
-    system = sj.condense(system) if model == "condensed" else system
-    run = sj.quasi_static(system, cycles=2, steps_per_cycle=64)
-    assert run.energy_residual < 1e-8
-    assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=1e-6)
-    assert run.loops.opening < 1e-6
 
 
 @pytest.mark.parametrize("solid", [False, True])
@@ -330,22 +270,21 @@ def test_without_any_hold_there_is_no_level():
     assert caught.value.run.counters.steps == 0
 
 
+@pytest.mark.parametrize("stiffness", [np.inf, 2e12])
 @pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
-def test_works_of_plates_balance_and_their_loops_close(model):
+def test_works_of_plates_balance_and_their_loops_close(model, stiffness):
     """Two plates, one of them held by friction alone, pulled at an angle."""
-    made = structure(lap(), [LAP], ("lower_left",), stiffness_damping=0.0)
-    load = sj.Load("upper_right", sj.Harmonic(1.0, 1.0), (1.0, 0.2))
-    system = made.system([load], [])
-    pull = 0.4 * float(system.contact.w.sum())
-    system = made.system([replace(load, amplitude=sj.Harmonic(pull, 1.0))], [])
-    full = sj.quasi_static(system, cycles=2, steps_per_cycle=40)
-    run = full
+    joint = replace(LAP, tangential_stiffness=stiffness)
+    made = structure(lap(), [joint], ("lower_left",), stiffness_damping=0.0)
+    pull = sj.Harmonic(0.4 * 28e3, 1.0)  # of what friction holds
+    system = made.system([sj.Load("upper_right", pull, (1.0, 0.2))], [])
+    full = run = sj.quasi_static(system, cycles=2, steps_per_cycle=40)
     if model != "full":
-        small = (
-            sj.condense(system) if model == "condensed" else sj.reduce(system, quasi_static=True)
-        )
-        run = sj.quasi_static(small, cycles=2, steps_per_cycle=40)
+        run = sj.quasi_static(smaller(system, model), cycles=2, steps_per_cycle=40)
     assert run.energy_residual < 1e-8
+    assert run.friction_work.min() > -1e-9 * run.friction_work.sum()
+    stored = run.system.contact.spring_energy(run.final_sigma)
+    assert 0.0 < stored < run.stored_energy[1] if stiffness < np.inf else stored == 0.0
     # What goes in comes out in the joints, as far as the last cycle is closed.
     gap, work = run.loops.opening, run.cycles.input[-1].sum()
     assert gap < 1e-3
@@ -409,12 +348,11 @@ def test_an_interrupt_keeps_finished_levels():
 
     def progress(steps, _):
         done.append(steps)
-        if steps > 5:
+        time.sleep(1.5 * REPORTED_S)
+        if steps > 3:
             raise KeyboardInterrupt
 
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("skfem_joint.runs.slow_run.REPORTED_S", 0.0)
-        run = sj.quasi_static(system, cycles=2, steps_per_cycle=40, progress=progress)
+    run = sj.quasi_static(system, cycles=2, steps_per_cycle=40, progress=progress)
     whole = sj.quasi_static(system, cycles=2, steps_per_cycle=40)
     assert run.interrupted
     steps = run.counters.steps
@@ -481,15 +419,3 @@ def test_plans_without_inertia_start_from_rest_and_are_not_resumed(tmp_path):
         integrate_plan(system, plan, checkpoint=sj.Checkpoint(tmp_path / "c.npz", 10))
     with pytest.raises(sj.InputError, match="has no vibration"):
         replace(plan, until="steady")
-
-
-def test_pressed_plate_takes_two_directions():
-    """A plate in plan, pulled back and forth: the loop of its joint is along the pull."""
-    mesh = sj.build_plate([("joint", 0.1, 5), ("free", 0.1, 5)], 0.05, 2)
-    made = structure(mesh, [pressed(pressure=5e6, friction=0.5)], ("right",))
-    system = made.system([sj.Load("left", sj.Harmonic(9e3, 1.0), (-1.0, 0.0))], [])
-    run = sj.quasi_static(system, cycles=2, steps_per_cycle=32)
-    assert np.abs(run.loops.direction[0, 0]) == pytest.approx(1.0, abs=1e-3)
-    assert run.energy_residual < 1e-10
-    total = np.abs(run.loops.force[:, 0]).max()
-    assert 0.1 * 9e3 < total <= float(system.contact.w.sum()) * (1 + 1e-9)

@@ -167,9 +167,9 @@ def order_of(errors: Sequence[float], steps: Sequence[float]) -> float:
 
 
 def differing(one: Any, other: Any, where: str = "") -> list[str]:
-    """Attributes of two results that are not equal to the bit, run times excepted."""
+    """Attributes of two results that are not equal to the bit, but for times and notes."""
     if is_dataclass(one):
-        own = ("wall_s", "preparation_s", "compilation_s", "system")
+        own = ("wall_s", "preparation_s", "compilation_s", "system", "notes")
         names = [f.name for f in fields(one) if f.name not in own]
         pairs = [(getattr(one, n), getattr(other, n), f"{where}.{n}") for n in names]
         return [name for a, b, place in pairs for name in differing(a, b, place)]

@@ -12,7 +12,6 @@ from scipy import sparse
 from scipy.integrate import trapezoid
 from stepping_systems import (
     LapJoint,
-    not_a_chain,
     reference_plate,
     relative_slips,
     run_of,
@@ -21,19 +20,6 @@ from stepping_systems import (
 
 import skfem_joint as sj
 from skfem_joint.stepping.arrangement import arranged
-from skfem_joint.stepping.recording import Run
-from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.system.slips import NormalRows
-
-
-def assert_same(one: Run, other: Run, rtol: float = 1e-9) -> None:
-    """Equal histories of the named points and equal works."""
-    scale = other.peak.max()
-    np.testing.assert_allclose(one.point_u, other.point_u, rtol=0.0, atol=rtol * scale)
-    energy = np.abs(other.input_work).sum()
-    works = [(r.viscous_work, r.scheme_work, r.friction_work.sum(), *r.input_work) for r in
-             (one, other)]  # fmt: skip
-    np.testing.assert_allclose(*works, rtol=0.0, atol=10 * rtol * energy)
 
 
 def test_each_system_gets_its_stepper():
@@ -100,41 +86,27 @@ def test_a_line_mesh_refined_by_scikit_fem_is_a_chain_as_good_as_one_in_a_row(be
 
 
 @pytest.mark.parametrize("beta", [1e3, inf])
-def test_relative_slips_are_those_of_the_same_system_in_slips(beta):
-    """More than 500 unknowns, where no dense steps are left to fall back on."""
-    system = relative_slips(270, beta)
-    assert system.n == 540
-    inner, new = system.with_slips_as_unknowns()
-    run, expected = run_of(system, 40), run_of(inner, 40)
-    assert arranged(system).kind == arranged(inner).kind == "contact"
-    assert run.system is system
-    assert run.u.shape == (41, 540)
-    scale = np.abs(run.u).max()
-    np.testing.assert_allclose(run.u, (new.forward @ expected.u.T).T, atol=1e-12 * scale)
-    np.testing.assert_allclose(run.point_u, (system.P @ run.u.T).T, atol=1e-12 * scale)
-    np.testing.assert_array_equal(run.sigma, expected.sigma)
-    np.testing.assert_array_equal(run.friction_work, expected.friction_work)
-    assert run.friction_work.sum() > 0.0
-    assert run.energy_residual < 1e-10
-    slip = (system.contact.B @ run.v.T).T
-    if np.isinf(beta):
-        assert np.abs(slip[np.abs(run.sigma) < 1.0]).max() < 1e-12 * np.abs(slip).max()
-    else:
-        np.testing.assert_allclose(run.sigma, 2 / np.pi * np.arctan(beta * slip), atol=1e-9)
+def test_equal_and_opposite_loads_on_equal_bars_slip_twice_as_far(beta):
+    """By symmetry each bar is one on a rigid base under the law of twice its velocity.
 
-
-def test_equal_and_opposite_loads_on_equal_bars_slip_twice_as_far():
-    """By symmetry each bar is one on a rigid base under the law of twice its velocity."""
-    n, beta = 20, 1e3
+    With more than 500 unknowns, where no dense steps are left to fall back on.
+    """
+    n = 270
     pair = relative_slips(n, beta)
     (load,) = pair.loads
     both = np.zeros(2 * n)
     both[n - 1], both[2 * n - 1] = 1.0, -1.0
-    run = run_of(replace(pair, loads=(replace(load, vector=both),)))
-    single = run_of(LapJoint(elements=n, beta=2 * beta).system)
+    pair = replace(pair, loads=(replace(load, vector=both),))
+    assert arranged(pair).kind == "contact"
+    run, single = run_of(pair), run_of(LapJoint(elements=n, beta=2 * beta).system)
+    np.testing.assert_allclose(run.u[:, :n], single.u, atol=1e-9 * single.peak[0])
     np.testing.assert_allclose(run.u[:, :n], -run.u[:, n:], atol=1e-10 * single.peak[0])
     np.testing.assert_allclose(run.point("one"), single.point_u[:, 0], atol=1e-9 * single.peak[0])
-    np.testing.assert_allclose(run.friction_work, 2 * single.friction_work, rtol=1e-7)
+    np.testing.assert_allclose(run.sigma, single.sigma, atol=1e-7)
+    works = 2 * single.friction_work
+    np.testing.assert_allclose(run.friction_work, works, rtol=1e-7, atol=1e-12 * works.sum())
+    assert works.sum() > 0.0
+    assert run.energy_residual < 1e-10
 
 
 def test_a_load_on_a_region_works_on_its_mean_displacement():
@@ -154,107 +126,33 @@ def test_a_load_on_a_region_works_on_its_mean_displacement():
     np.testing.assert_allclose(mean, exact, atol=1e-12 * run.peak.max())
 
 
-@pytest.mark.parametrize("scheme", [generalized_alpha(1.0), generalized_alpha(0.5)])
-def test_all_steppers_keep_the_same_books(scheme):
-    """A linear system, with friction too faint to be felt where a stepper needs some."""
-    system = LapJoint(elements=25).system
-    none = system.with_contact(given=0.0 * system.contact.w)
-    faint = system.with_contact(given=1e-18 * system.contact.w)
-    start = (np.linspace(0.0, 1e-5, 25), np.linspace(0.1, -0.1, 25))
-    options: dict[str, Any] = {"scheme": scheme, "cycle_steps": 40, "initial": start}
-    runs = {"linear": run_of(none, **options), "chain": run_of(faint, **options),
-            "dense": run_of(faint.project(np.eye(25)), **options),
-            "contact": run_of(not_a_chain(faint), **options)}  # fmt: skip
-    expected = runs.pop("linear")
-    assert expected.counters.friction_evaluations == 0
-    for kind, run in runs.items():
-        assert_same(run, expected)
-        assert run.energy_residual < 1e-10, kind
-        np.testing.assert_allclose(run.u, expected.u, atol=1e-9 * expected.peak[0])
-        for name in ("input", "viscous", "scheme", "peak"):
-            a, b = getattr(run.cycles, name), getattr(expected.cycles, name)
-            np.testing.assert_allclose(a, b, rtol=1e-7, atol=1e-9 * np.abs(b).max())
-        np.testing.assert_allclose(run.slip_peak, expected.slip_peak, rtol=1e-8)
-        np.testing.assert_allclose(run.peak, expected.peak, rtol=1e-9)
-        assert run.stored_energy == pytest.approx(expected.stored_energy, rel=1e-8)
-    if scheme.coefficients(1.0).trapezoidal:
-        assert all(run.scheme_work == 0.0 for run in (expected, *runs.values()))
-    else:
-        assert expected.scheme_work > 0.0
-
-
-@pytest.mark.parametrize("beta", [1e5, 1e9, inf])
-@pytest.mark.parametrize("normal_force", ["equal", "consistent"])
-def test_contact_steps_of_a_chain_agree_with_the_chain_s_own(beta, normal_force):
-    system = LapJoint(elements=40, beta=beta, normal_force=normal_force).system
-    chain, contact = run_of(system), run_of(not_a_chain(system))
-    assert chain.counters.linear_solves == 0
-    assert contact.counters.linear_solves > 0
-    assert_same(contact, chain, rtol=1e-8)
-    np.testing.assert_allclose(contact.u, chain.u, atol=1e-8 * np.abs(chain.u).max())
-
-
-def _stops(N: Any, gap: Any, stiffness: float = inf, **values: Any) -> sj.System:
-    """Masses of 1 kg on springs of 1 N/m beside stops, pushed to these."""
+def _stops(N: Any, gap: Any) -> sj.System:
+    """Masses of 1 kg on springs of 1 N/m beside rigid stops, pushed to these."""
     N = np.array(N, dtype=float)
     q, n = N.shape
     one = sparse.eye_array(n, format="csr")
     stops = sj.NormalPart(
-        sparse.csr_array(N), np.array(gap), np.zeros(q), np.full(q, stiffness), np.ones(q)
-    )  # fmt: skip
-    given = {"B": sparse.csr_array((0, n)), "given": [], "beta": []} | values
+        sparse.csr_array(N), np.array(gap), np.zeros(q), np.full(q, inf), np.ones(q)
+    )
     push = sj.AppliedLoad(np.ones(n), sj.Harmonic(1.0, 0.1), "all")
-    contact = sj.Contact(normal=stops, **given)
+    contact = sj.Contact(sparse.csr_array((0, n)), [], [], normal=stops)
     return sj.System(one, None, one, contact, (push,), P=one, points=tuple("abcd"[:n]))
 
 
 @pytest.mark.parametrize(
-    ("N", "stiffness"),
+    ("N", "said"),
     [
-        ([[1.0], [-1.0]], inf),
-        ([[0.5, 0.5], [0.5, 0.5]], inf),
-        ([[0.5, 0.5], [0.0, 0.0]], inf),
+        ([[1.0], [-1.0]], "approach by the same displacement, or by none"),
+        ([[0.0, 0.0]], "approach by the same displacement, or by none"),
+        ([[0.5, 0.5], [0.0, 0.0]], "approach by the same displacement, or by none"),
+        ([[1.0, 2.0], [2.0, 4.0]], "depend on each other, or no unknown moves one"),
     ],
 )
-def test_stops_of_the_same_displacement_are_refused(N, stiffness):
-    said = "approach by the same displacement|approaches of pressure points depend on each other"
+def test_stops_that_no_unknown_moves_by_itself_are_refused(N, said):
     with pytest.raises(sj.InputError, match=said):
-        sj.integrate(_stops(N, [0.1, 0.2], stiffness), step=0.1, n_steps=1)
+        sj.integrate(_stops(N, [0.1, 0.2][: len(N)]), step=0.1, n_steps=1)
 
 
 def test_stops_of_independent_means_are_not_refused():
     run = sj.integrate(_stops([[0.5, 0.5], [0.5, -0.5]], [0.1, 0.2]), step=0.01, n_steps=600)
     assert run.peak == pytest.approx([0.1, 0.1], abs=2e-3)  # half of a step
-
-
-@pytest.mark.parametrize("directions", [1, 2])
-def test_springs_share_a_node_beside_a_stop_and_a_support(directions):
-    # Degree of freedom 3 is held: the system is that without it.
-    K, rows = np.diag([1.0, 2.0, 3.0, 4.0]) + 1.0, np.eye(4)[:directions]
-    load = {"push": (np.array([1.0, 0.5, 1.0, 0.0]), sj.Harmonic(2.0, 0.1))}
-
-    def run_with(n: int, fixed: Any) -> Run:
-        one = sparse.eye_array(1, format="csr")
-        stop = sj.NormalPart(
-            one, np.array([0.05]), np.zeros(1), np.array([inf]), np.ones(1)
-        )  # fmt: skip
-        sliders = [
-            sj.point_friction(rows[:, :n], limit, stiffness=spring)
-            for limit, spring in ((0.2, 3.0), (0.4, 1.0))
-        ]
-        contact = replace(
-            sliders[0] + sliders[1],
-            normal=NormalRows(
-                sparse.csr_array(np.eye(4)[2:3, :n]), np.array([2]), stop, sparse.csr_array((2, 1))
-            ),
-        )
-        system = sj.System.from_matrices(
-            np.eye(n), K[:n, :n], fixed=fixed, contact=contact, points={"a": 0},
-            loads={name: (f[:n], a) for name, (f, a) in load.items()},
-        )  # fmt: skip
-        return sj.integrate(system, step=0.05, n_steps=200)
-
-    held, without = run_with(4, [3]), run_with(3, [])
-    assert held.impact_work > 0.0
-    assert held.friction_work.min() > 0.0
-    assert_same(held, without)

@@ -11,22 +11,53 @@ from typing import Any
 
 import numpy as np
 import pytest
+from opening_blocks import SIZE, block, loads
 from stepping_systems import STEPPERS, LapJoint, differing, of_stepper, oscillator
 
 import skfem_joint as sj
+from skfem_joint.minimise import touching
 from skfem_joint.stepping.checkpoint import Checkpoint, Checkpoints, fingerprint
 from skfem_joint.stepping.schemes import generalized_alpha
 
 JOINT = LapJoint(elements=30)
-# Jumps off the grid of steps: parts of steps, each with a matrix of its own.
-JUMP = sj.Rectangle(62e3, 3.37e-4, 1.13e-4)
-KINDS = [(kind, None) for kind in STEPPERS] + [("chain", JUMP), ("contact Coulomb", JUMP)]
 TIMING: dict[str, Any] = {
     "step": 5e-6,
     "n_steps": 120,
     "cycle_steps": 10,
-    "save": sj.Save(every=3, fields=True, fields_every=7),
+    "save": sj.Save(every=3, fields=True, fields_every=7, slips=True),
     "scheme": generalized_alpha(0.8),
+}
+
+
+def on_springs(kind: str) -> sj.System:
+    """One of the steppers' systems, on springs that stretch by 1 µm under the limits."""
+    system = of_stepper(kind)
+    return system.with_contact(stiffness=1e6 * system.contact.w)
+
+
+def opening(**joint: Any) -> sj.System:
+    return block(**joint).system(loads(up=230e3))
+
+
+def wide() -> sj.System:
+    """Block with so many points that those that are apart are left out of a step."""
+    sides = {"base": "bottom", "top": "top", "left": "left", "right": "right"}
+    mesh = sj.build_plate([("block", SIZE, 80)], SIZE, 2, boundaries=sides)
+    return replace(block(), mesh=mesh).system(loads(up=230e3))
+
+
+# Jumps off the grid of steps: parts of steps, each with a matrix of its own.
+JUMP = sj.Rectangle(62e3, 3.37e-4, 1.13e-4)
+CONSTANT: dict[str, Callable[[], sj.System]] = {
+    **{kind: lambda kind=kind: of_stepper(kind) for kind in STEPPERS},
+    **{f"{kind} on springs": lambda kind=kind: on_springs(kind) for kind in ("chain", "contact")},
+    **{f"{kind} jump": lambda kind=kind: of_stepper(kind, JUMP) for kind in ("chain", "contact")},
+}
+OPENING: dict[str, Callable[[], sj.System]] = {
+    "opens": opening,
+    "opens condensed": lambda: sj.condense(opening()),
+    "opens on springs": lambda: opening(tangential_stiffness=2e13),
+    "opens far apart": wide,
 }
 
 
@@ -46,28 +77,27 @@ def never(done: int, total: int) -> None:
     raise AssertionError(f"integrated {done} of {total} steps again")
 
 
-@pytest.mark.parametrize(("kind", "load"), KINDS)
+@pytest.mark.parametrize("kind", [*CONSTANT, *OPENING])
 @pytest.mark.parametrize("killed", [10, 70])
-def test_a_run_taken_up_again_is_the_same_to_the_bit(kind, load, killed, tmp_path):
-    system, path = of_stepper(kind, load), tmp_path / "run.npz"
-    whole = sj.integrate(system, **TIMING)
+def test_a_run_taken_up_again_is_the_same_to_the_bit(kind, killed, tmp_path):
+    opens = kind in OPENING
+    system = (OPENING if opens else CONSTANT)[kind]()
+    timing = TIMING | {"step": 1.0 / 60e3 if opens else TIMING["step"]}
+    checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=20)
+    whole = sj.integrate(system, **timing)
+    assert whole.opened.any() == opens
+    if kind == "opens far apart":
+        assert np.count_nonzero(whole.opened) > touching.FEWEST
     with pytest.raises(KilledError):
-        sj.integrate(
-            system, **TIMING, progress=kill_at(killed), checkpoint=Checkpoint(path, "a", every=20)
-        )
-    ends: list[int] = []
+        sj.integrate(system, **timing, progress=kill_at(killed), checkpoint=checkpoint)
+    checkpoint, ends = replace(checkpoint, resume=True), []
     run = sj.integrate(
-        system,
-        **TIMING,
-        progress=lambda done, total: ends.append(done),
-        checkpoint=Checkpoint(path, "a", every=20, resume=True),
+        system, **timing, progress=lambda done, total: ends.append(done), checkpoint=checkpoint
     )
     saved = killed // 20 * 20
     assert saved < ends[0] <= saved + 10
     assert differing(whole, run) == []
-    again = sj.integrate(
-        system, **TIMING, progress=never, checkpoint=Checkpoint(path, "a", resume=True)
-    )
+    again = sj.integrate(system, **timing, progress=never, checkpoint=checkpoint)
     assert differing(whole, again) == []
     assert again.wall_s == run.wall_s > 0.0
 
@@ -184,83 +214,61 @@ def test_a_checkpoint_that_cannot_be_written_leaves_the_one_before(tmp_path):
     assert os.listdir(tmp_path) == ["run.npz"]
 
 
-def forged(name: str, change: Callable[[dict[str, Any], int], int | None]) -> Any:
-    return pytest.param(change, id=name)
-
-
-def part(name: str, make: Callable[[np.ndarray], Any]) -> Callable[[dict[str, Any], int], None]:
-    where, key = name.split("/")
-
-    def change(parts: dict[str, Any], done: int) -> None:
-        parts[where][key] = np.asarray(make(parts[where][key].copy()))
-
-    return change
-
-
-def with_(place: Any, value: Any) -> Callable[[np.ndarray], np.ndarray]:
-    def change(array: np.ndarray) -> np.ndarray:
-        array[place] = value
-        return array
-
-    return change
-
-
-def without(parts: dict[str, Any], done: int) -> None:
-    del parts["recorder"]["peak"]
-
-
-def more(parts: dict[str, Any], done: int) -> None:
-    parts["stepper"]["more"] = np.zeros(3)
-
-
-def other(parts: dict[str, Any], done: int) -> None:
-    parts["other"] = {"more": np.zeros(3)}
-
-
-FORGED = [
-    forged("steps done 10^9", lambda parts, done: 10**9),
-    forged("two steps more", lambda parts, done: done + 2),
-    forged("one step less", lambda parts, done: done - 1),
-    forged("none", lambda parts, done: 0),
-    forged("negative", lambda parts, done: -5),
-    forged("no peak", without),
-    forged("an array too many", more),
-    forged("a part too many", other),
-    *(forged(name, part(name, lambda a: a[..., :-1])) for name in ("stepper/state", "recorder/u")),
-    *(
-        forged(f"{name} {value}", part(name, lambda a, value=value: a + value))
-        for name in ("recorder/rows", "recorder/field_rows", "recorder/cycles")
-        for value in (-1, 1, 10**9)
-    ),
-    forged("not finite", part("stepper/state", with_((0, 0), np.nan))),
-    forged("infinite sum", part("recorder/friction_work", with_(0, np.inf))),
-    forged("other type", part("recorder/friction_work", lambda a: a.astype(np.float32))),
-    forged("objects in place of numbers", part("stepper/counts", lambda a: a.astype(str))),
-    forged("steps without width", part("stepper/steps", lambda a: a[:, :4])),
+#: What a forged checkpoint has in place of one array, by its part and name; None: it has none.
+ARRAYS: list[tuple[str, Callable[[Any], Any]]] = [
+    ("recorder/peak", lambda a: None),
+    ("stepper/more", lambda a: np.zeros(3)),
+    ("other/more", lambda a: np.zeros(3)),
+    ("stepper/state", lambda a: a[..., :-1]),
+    ("recorder/u", lambda a: a[..., :-1]),
+    *((f"recorder/{name}", lambda a: a - 1) for name in ("rows", "field_rows", "cycles")),
+    *((f"recorder/{name}", lambda a: a + 10**9) for name in ("rows", "field_rows", "cycles")),
+    ("stepper/state", lambda a: np.where(np.arange(a.size).reshape(a.shape) == 0, np.nan, a)),
+    ("recorder/friction_work", lambda a: a + np.inf),
+    ("recorder/friction_work", lambda a: a.astype(np.float32)),
+    ("stepper/counts", lambda a: a.astype(str)),
+    ("stepper/steps", lambda a: a[:, :4]),
 ]
 
 
-@pytest.mark.parametrize("kind", ["chain", "dense", "contact", "linear"])
-@pytest.mark.parametrize("change", FORGED)
-def test_a_forged_checkpoint_of_a_valid_sum_is_refused(change, kind, tmp_path):
-    """Sizes, types and places must be those that the run would have saved."""
-    checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=20, resume=True)
-    system = of_stepper(kind)
+@pytest.fixture(scope="module", params=["chain", "dense", "contact", "linear"])
+def saved(request, tmp_path_factory):
+    """System and its checkpoint after 40 steps."""
+    system = of_stepper(request.param)
+    path = tmp_path_factory.mktemp("saved") / "run.npz"
+    checkpoint = Checkpoint(path, "a", every=20, resume=True)
     with pytest.raises(KilledError):
         sj.integrate(system, **TIMING, progress=kill_at(40), checkpoint=checkpoint)
-    _resaved(checkpoint, change)
-    with pytest.raises(sj.InputError, match=r"run\.npz: cannot be read as a checkpoint"):
-        sj.integrate(system, **TIMING, checkpoint=checkpoint)
+    return system, checkpoint
 
 
-def _resaved(checkpoint: Checkpoint, change: Callable[[dict[str, Any], int], int | None]) -> None:
+def resave(checkpoint: Checkpoint, path: Path, name: str, make: Any, steps: Any = None) -> Any:
+    """Checkpoint of a valid sum with another array, and perhaps another number of steps."""
     with np.load(checkpoint.path) as arrays:
         run = json.loads(str(arrays["notes"]))["run"]
-    saved = checkpoint.load(run)
-    assert saved is not None
-    parts, done, elapsed = saved
-    changed = change(parts, done)
-    checkpoint.save(parts, run, done if changed is None else changed, elapsed)
+    parts, done, elapsed = checkpoint.load(run)
+    part, key = name.split("/")
+    array = make(parts.setdefault(part, {}).pop(key, None))
+    if array is not None:
+        parts[part][key] = np.asarray(array)
+    forged = replace(checkpoint, path=path)
+    forged.save(parts, run, done if steps is None else steps, elapsed)
+    return forged
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "steps"),
+    [
+        *((*array, None) for array in ARRAYS),
+        *(("recorder/u", lambda a: a, steps) for steps in (10**9, 42, 39, 0, -5)),
+    ],
+)
+def test_a_forged_checkpoint_of_a_valid_sum_is_refused(name, make, steps, saved, tmp_path):
+    """Sizes, types and places must be those that the run would have saved."""
+    system, checkpoint = saved
+    forged = resave(checkpoint, tmp_path / "run.npz", name, make, steps)
+    with pytest.raises(sj.InputError, match=r"run\.npz: cannot be read as a checkpoint"):
+        sj.integrate(system, **TIMING, checkpoint=forged)
 
 
 @pytest.mark.parametrize("middle", [-1, 10**12])
@@ -268,7 +276,7 @@ def test_a_forged_place_in_a_chain_is_refused_before_compiled_code_goes_there(mi
     checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=20, resume=True)
     system = of_stepper("chain")
     sj.integrate(system, **TIMING, checkpoint=checkpoint)
-    _resaved(checkpoint, part("stepper/middle_0", with_(0, middle)))
+    resave(checkpoint, checkpoint.path, "stepper/middle_0", lambda a: np.full_like(a, middle))
     with pytest.raises(sj.InputError, match=r"cannot be read as a checkpoint.*middle"):
         sj.integrate(system, **TIMING, checkpoint=checkpoint)
 

@@ -4,12 +4,11 @@ import math
 import re
 import subprocess
 import sys
+import time
 import tracemalloc
 from dataclasses import replace
-from functools import partial
 from math import inf, pi
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,27 +28,13 @@ import skfem_joint as sj
 from skfem_joint.ground.loads import Amplitude, Scaled
 from skfem_joint.runs.resolution import check_jumps, check_resolution, longest_step
 from skfem_joint.stepping import driver
-from skfem_joint.stepping.checkpoint import Checkpoint
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.stepping.steppers import CompiledStepper, FailedStep, Stepper
 from skfem_joint.system.system import AppliedLoad
 
 REFERENCE = LapJoint()
 SMALL = LapJoint(elements=5).system
 every_stepper = pytest.mark.parametrize("kind", STEPPERS)
-
-
-def advance_by(patch: pytest.MonkeyPatch, advance: Any, **changes: Any) -> None:
-    """Let steppers advance by a function of them, of their own way and of its arguments."""
-    choose = driver.choose
-
-    def chosen(*arguments: Any) -> Stepper:
-        stepper = choose(*arguments)
-        vars(stepper).update(changes, advance=partial(advance, stepper, stepper.advance))
-        return stepper
-
-    patch.setattr(driver, "choose", chosen)
 
 
 def test_all_ways_to_give_the_steps_are_one():
@@ -71,9 +56,6 @@ def test_all_ways_to_give_the_steps_are_one():
     ("arguments", "message"),
     [
         ({}, "step and n_steps"),
-        ({"step": 1e-5}, "step and n_steps"),
-        ({"n_steps": 10}, "step and n_steps"),
-        ({"duration": 1e-3}, "step and n_steps"),
         ({"step": 1e-5, "n_steps": 10, "duration": 1e-4}, "step and n_steps"),
         ({"cycles": 3}, "steps_per_cycle"),
         ({"steps_per_cycle": 100}, "cycles"),
@@ -82,23 +64,16 @@ def test_all_ways_to_give_the_steps_are_one():
         ({"cycles": 0, "steps_per_cycle": 100}, "cycles: found 0"),
         ({"cycles": 3, "steps_per_cycle": -1}, "steps_per_cycle: found -1"),
         ({"step": 1e-5, "duration": -1.0}, "duration: found -1"),
-        ({"step": 1e-5, "duration": inf}, "duration: found inf"),
         ({"step": 0.0, "n_steps": 10}, "step: found 0"),
-        ({"step": np.nan, "n_steps": 10}, "step: found nan"),
         ({"step": inf, "n_steps": 10}, "step: found inf"),
         ({"step": 1e-5, "n_steps": 0}, "n_steps: found 0"),
         ({"step": 1e-5, "n_steps": 10, "cycle_steps": 0}, "cycle_steps: found 0"),
         ({"step": 1e-5, "n_steps": 10, "initial": (np.zeros(3), np.zeros(5))}, "initial"),
         ({"step": 1e-5, "n_steps": 10, "initial": (np.full(5, np.nan), np.zeros(5))}, "initial"),
-        (
-            {"step": 1e-5, "n_steps": 10, "initial": np.zeros(5)},
-            "initial: must be a run, or two arrays",
-        ),
         ({"step": 1e-5, "n_steps": 10, "initial": 0.0}, "initial: must be a run, or two arrays"),
         ({"step": 1e-5, "duration": 1e300}, r"n_steps: found 1e\+18, must be at most 2\^53"),
         ({"step": 1e-5, "n_steps": 2**53}, "save: 9007199254740993 rows of points"),
         ({"step": 1e-5, "n_steps": 10, "until": "stedy"}, "until: found 'stedy'"),
-        ({"steps_per_cycle": 100, "until": "stedy"}, "until: found 'stedy'"),
     ],
 )
 def test_arguments_that_do_not_fit_are_refused(arguments, message):
@@ -133,47 +108,37 @@ def test_rows_are_stored_at_the_asked_strides(kind):
 
 @every_stepper
 @pytest.mark.parametrize("jumps", [False, True])
-def test_where_chunks_end_changes_no_bit(kind, jumps, monkeypatch):
+def test_where_chunks_end_changes_no_bit(kind, jumps):
     # Jumps off the grid of steps: parts of steps, each with a matrix of its own.
     system = of_stepper(kind, sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)
     options: dict[str, Any] = {"step": 5e-6, "n_steps": 60, "save": sj.Save(every=4, fields=True),
-                               "scheme": generalized_alpha(0.8), "cycle_steps": 24}  # fmt: skip
+                               "scheme": generalized_alpha(0.8)}  # fmt: skip
     whole = sj.integrate(system, **options)
-    for most in (1, 7):
-        monkeypatch.setattr(driver, "SETTINGS", replace(driver.SETTINGS, chunk_s=1e-9))
-        monkeypatch.setattr(CompiledStepper, "most_at_once", most)
-        assert differing(whole, sj.integrate(system, **options)) == []
+    for cycle_steps in (1, 7):
+        run = sj.integrate(system, **options, cycle_steps=cycle_steps)
+        assert run.cycles.friction.size == 60 // cycle_steps
+        assert differing(whole, replace(run, plan=whole.plan, cycles=whole.cycles)) == []
 
 
-@pytest.mark.parametrize(("kind", "rest"), [("linear", 300), ("contact", 300), ("chain", 0)])
-def test_slow_steps_are_shown_and_saved_as_they_are_done(kind, rest, monkeypatch):
-    """By a clock that counts steps: 1 ms for each while at rest, 0.6 s later."""
-    slow, longest, now = 0.6, 0.0, 0.0
-    seen: list[tuple[float, int]] = []
-    saved: list[int] = []
+class Slow(Amplitude):
+    """Load with a kink in each of the first steps of 10 µs, where it takes 0.15 s."""
 
-    def slower(_, advance, h, amplitudes, first, store):
-        nonlocal now, longest
-        steps = advance(h, amplitudes, first, store)
-        took = sum(0.001 if k < rest else slow for k in range(first, first + steps))
-        now, longest = now + took, max(longest, took)
-        return steps
+    corners = tuple(1e-5 * (k + 0.5) for k in range(8))
+    peak_value = 1e3
 
-    advance_by(monkeypatch, slower, first_call=1)
-    monkeypatch.setattr(driver, "time", SimpleNamespace(perf_counter=lambda: now))
-    monkeypatch.setattr(Checkpoint, "save", lambda self, parts, run, done, took: saved.append(done))
-    run = sj.integrate(
-        of_stepper(kind), step=5e-6, n_steps=400,
-        progress=lambda done, total: seen.append((now, done)),
-        checkpoint=Checkpoint(Path("run.npz"), "a", every=10),
+    def _force(self, t: Any) -> Any:
+        time.sleep(0.075 if np.size(t) == 2 else 0.0)
+        return 1e3 * np.minimum(t / 1e-5, 1.0)
+
+
+def test_slow_steps_are_shown_as_they_are_done():
+    """Whatever else the machine does: so many of them take half a second at least."""
+    seen = [0]
+    sj.integrate(
+        of_stepper("chain", Slow()), step=1e-5, n_steps=8,
+        progress=lambda done, total: seen.append(done),
     )  # fmt: skip
-    assert run.wall_s == pytest.approx(rest * 0.001 + (400 - rest) * slow)
-    assert longest == slow  # between two checks for Ctrl-C
-    assert np.diff([0.0, *(t for t, _ in seen)]).max() <= driver.SETTINGS.chunk_s + slow
-    assert [done for _, done in seen][-90:] == list(range(311, 401))
-    late = [done for done in saved if done > rest]
-    assert set(np.diff(late[:-1])) == {10}
-    assert late[-1] == 400
+    assert np.diff(seen).max() <= math.ceil(driver.CHUNK_S / 0.15)
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.7])
@@ -192,80 +157,60 @@ def test_memory_of_a_run_that_stores_nothing_does_not_grow_with_its_steps(fricti
     assert used[2] < used[1] + 100_000
 
 
-@every_stepper
-@pytest.mark.parametrize("jumps", [False, True])
-def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind, jumps, monkeypatch):
-    """In the middle of a chunk, when rows, works and counters have gone on already."""
-    system = of_stepper(kind, sj.Rectangle(40e3, 1.37e-4, 0.613e-4) if jumps else None)
-    monkeypatch.setattr(CompiledStepper, "most_at_once", 8)
-    options = {"step": 5e-6, "save": sj.Save(every=2, fields=True), "cycle_steps": 10}
-    calls = 0
+class Kinked(Amplitude):
+    """Load with a kink inside the step 33, at which a Ctrl-C may come."""
 
-    def half(_, advance, h, amplitudes, first, store):
-        nonlocal calls
-        steps = amplitudes.shape[1] - 1
-        if steps > 0 and first >= 33:
-            calls += 1
-            advance(h, amplitudes[:, : steps // 2 + 1], first, store)
+    corners = (33.4 * 5e-6,)
+    peak_value = 40e3
+
+    def __init__(self, interrupts: bool) -> None:
+        self.interrupts = interrupts
+
+    def _force(self, t: Any) -> Any:
+        if self.interrupts and np.size(t) == 2 and t[0] == self.corners[0]:
             raise KeyboardInterrupt
-        return advance(h, amplitudes, first, store)
+        return 40e3 * np.sin(3e4 * np.minimum(t, self.corners[0]))
 
-    with monkeypatch.context() as patch:
-        advance_by(patch, half)
-        run = sj.integrate(system, n_steps=60, **options)
-    assert calls == 1
+
+@every_stepper
+def test_an_interruption_anywhere_leaves_the_steps_that_were_finished(kind):
+    """In the middle of a chunk, where rows, works and counters have gone on already."""
+    options = {"step": 5e-6, "save": sj.Save(every=2, fields=True), "cycle_steps": 10}
+    run = sj.integrate(of_stepper(kind, Kinked(True)), n_steps=60, **options)
     assert run.interrupted
-    done = run.counters.steps
-    assert 20 <= done <= 40
-    whole = sj.integrate(system, n_steps=done, **options)
+    assert run.counters.steps == 30
+    whole = sj.integrate(of_stepper(kind, Kinked(False)), n_steps=30, **options)
     assert not whole.interrupted
     # Its plan is the one that was asked for.
     assert differing(replace(run, interrupted=False, plan=whole.plan), whole) == []
 
 
-def refusing(monkeypatch: pytest.MonkeyPatch, refuses: Any) -> None:
-    """Let steps fail that ``refuses`` (first step, step size)."""
+class Unsteady(Amplitude):
+    """Load from the second step of 10 µs on; it may be no number where many are asked for."""
 
-    def maybe(stepper, advance, h, amplitudes, first, store):
-        for k in range(amplitudes.shape[1] - 1):
-            if refuses(first + k, h):
-                done = advance(h, amplitudes[:, : k + 1], first, store) if k else 0
-                stepper.failure = FailedStep(12.5, 3)
-                return done
-        return advance(h, amplitudes, first, store)
+    def __init__(self, many: float) -> None:
+        self.many = many
 
-    advance_by(monkeypatch, maybe)
+    def _force(self, t: Any) -> Any:
+        force = 63e3 * np.sin(6e3 * np.maximum(t - 1e-5, 0.0))
+        return force if np.size(t) < 3 else force * self.many
 
 
-@pytest.mark.parametrize("kind", ["chain", "Coulomb", "dense", "linear", "contact", "relative"])
-def test_steps_that_do_not_converge_are_halved(kind, monkeypatch):
-    system = of_stepper(kind)
-    fine = sj.integrate(system, step=0.5e-5, n_steps=80, save=sj.Save(every=2), cycle_steps=40)
-    refusing(monkeypatch, lambda first, h: h > 0.6e-5)
-    halved = sj.integrate(system, step=1e-5, n_steps=40, cycle_steps=20)
-    assert halved.counters.halved_steps == halved.counters.steps == 40
+@every_stepper
+def test_steps_that_do_not_converge_are_halved(kind):
+    """Steps for which loads are evaluated together fail, and their halves do not."""
+    save = sj.Save(every=2)
+    loads = Unsteady(1.0), Unsteady(np.nan)
+    whole, failing = (of_stepper(kind, load) for load in loads)
+    fine = sj.integrate(whole, step=0.5e-5, n_steps=80, save=save, cycle_steps=40)
+    halved = sj.integrate(failing, step=1e-5, n_steps=40, cycle_steps=20)
+    assert halved.counters.halved_steps == 39  # the first one is done alone
+    assert halved.counters.steps == 40
     assert halved.times.size == 41
     np.testing.assert_allclose(halved.point_u, fine.point_u, atol=1e-9 * fine.peak[0])
     np.testing.assert_allclose(halved.input_work, fine.input_work, rtol=1e-8)
     np.testing.assert_allclose(halved.cycles.friction, fine.cycles.friction, rtol=1e-7)
     assert halved.energy_residual < 1e-10
-
-
-def test_a_step_that_never_converges_is_an_error_that_says_where(monkeypatch):
-    sizes: list[float] = []
-
-    def refuses(step, h):
-        sizes.append(h)
-        return step >= 7
-
-    refusing(monkeypatch, refuses)
-    with pytest.raises(sj.ConvergenceError) as caught:
-        sj.integrate(LapJoint(elements=20).system, step=1e-5, n_steps=40)
-    message = str(caught.value)
-    for part in ("step 7 ", "7e-05 s", "12.5 N", "unknown 3"):
-        assert part in message
-    assert caught.value.exit_status == 3
-    assert min(sizes) == pytest.approx(1e-5 / 2**driver.SETTINGS.halvings, rel=1e-6)
 
 
 class Broken(Amplitude):
@@ -276,9 +221,13 @@ class Broken(Amplitude):
 
 
 @every_stepper
-def test_a_solution_that_is_not_a_number_is_never_returned(kind):
-    with pytest.raises(sj.ConvergenceError, match=r"step 15 at t = 0\.00015"):
+def test_a_step_that_never_converges_is_an_error_that_says_where(kind):
+    said = (
+        r"step 15 at t = 0\.00015.* a step of 3.91e-08 s: force residual .* N, largest at unknown"
+    )
+    with pytest.raises(sj.ConvergenceError, match=said) as caught:
         sj.integrate(of_stepper(kind, Broken()), step=1e-5, n_steps=40)
+    assert caught.value.exit_status == 3
 
 
 @every_stepper
@@ -473,28 +422,18 @@ def test_a_function_of_time_that_the_step_does_not_follow_is_refused(load, follo
     ("load", "says"),
     [
         # The run goes from 0 to 5 ms.
-        (
-            sj.Table([10.0, 10.001, 10.002], [0.0, 1.0, 0.0]),
-            "10 to 10.002 s, .* nothing of it acts",
-        ),
+        (sj.Table([10.0, 10.001], [1.0, 0.0]), "10 to 10.001 s, .* nothing of it acts"),
         (sj.Table([-2.0, -1.0], [1.0, 1.0]), "-2 to -1 s, .* nothing of it acts"),
         (sj.Table([0.0, 2.5, 5.0], [0.0, 1.0, 0.0]), r"ends before its last time, and only 0\.1 %"),
-        (
-            sj.Table([-5e-3, 0.0, 5e-3], [0.0, 1.0, 0.0]),
-            "starts after its first time, and only 50 %",
-        ),
+        (sj.Table([-5e-3, 5e-3], [0.0, 1.0]), "starts after its first time, and only 50 %"),
         (sj.Table([1e-3, 2e-3], [1.0, 0.0]), "jumps from zero at its first time"),
-        (
-            sj.Table([0.0, 2.5e-3], [0.0, 1.0]),
-            "at once zero after its last time, in 50 % of the run",
-        ),
+        (sj.Table([0.0, 2.5e-3], [0.0, 1.0]), "zero after its last time, in 50 % of the run"),
         (sj.Table([0.0, 5e-6, 9e-6], [0.0, 1.0, 0.0]), r"is zero after its last time, in 99\.8 %"),
         (Scaled(sj.Table([10.0, 11.0], [0.0, 1.0]), -3.0), "nothing of it acts"),
-        (sj.HalfSine(1.0, 1e-4, start=6e-3), "0.006 to 0.0062 s, .* nothing of it acts"),
+        (sj.HalfSine(1.0, 1e-3, start=6e-3), "0.006 to 0.008 s, .* nothing of it acts"),
         (sj.Table([0.0, 2.5e-3, 5e-3], [0.0, 1.0, 0.0]), None),
         (sj.Table([1e-3, 2e-3, 3e-3], [0.0, 1.0, 0.0]), None),
-        (sj.HalfSine(1.0, 1e-4), None),
-        (sj.RampAndHold(1.0, 1e-3), None),
+        (sj.HalfSine(1.0, 1e-3), None),
         (sj.Harmonic(1.0, 100.0), None),
     ],
 )

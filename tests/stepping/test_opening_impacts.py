@@ -15,34 +15,29 @@ from skfem_joint.stepping.schemes import generalized_alpha
 
 
 @pytest.mark.parametrize("rho", [1.0, 0.8])
-def test_bar_of_lumped_mass_hits_a_wall_as_waves_say(rho):
-    run, energy = hit(100, rho, lumped=True)
+@pytest.mark.parametrize("elements", [25, 100])
+def test_bar_of_lumped_mass_hits_a_wall_as_waves_say(elements, rho):
+    run, energy = hit(elements, rho, lumped=True)
     assert energy.max() < 1.0 + 1e-12
     if rho == 1.0:  # else what a scheme dissipates is not monotone in this energy
         assert np.all(np.diff(energy) < 1e-12)
-    assert 0.99 < energy[-1] < 1.0
+        # The last mass stops at once: half of its energy is lost, a share that falls with the mesh.
+        assert run.impact_work / run.stored_energy[0] == pytest.approx(0.5 / elements, rel=0.05)
+        assert 1.0 - energy[-1] == pytest.approx(0.5 / elements, rel=0.05)
     force, t = run.normal_force[:, 0] / WALL_FORCE, run.field_times / PASSAGE
     assert force.min() >= 0.0
-    assert t[np.flatnonzero(force)[-1]] == pytest.approx(2.0, abs=0.02)
-    during = (t > 0.2) & (t < 1.8)
-    np.testing.assert_allclose(force[during], 1.0, atol=0.005)
-    assert np.all(force[t > 2.1] == 0.0)
-    # momentum: the impulse of the wall turns the bar around
-    mass = BAR["density"] * BAR["area"] * BAR["length"]
-    assert force.sum() * WALL_FORCE * PASSAGE / 400 == pytest.approx(
-        2.0 * mass * BAR["speed"], rel=0.01
-    )
     assert run.energy_residual < 1e-10
     assert np.all(run.u[:, -1] <= BAR["speed"] * PASSAGE / 400)
-
-
-def test_energy_that_an_impact_takes_is_that_of_the_last_mass():
-    # It stops at once: half of its kinetic energy is lost, a share that falls with the mesh.
-    for elements in (25, 50):
-        run, energy = hit(elements, 1.0, lumped=True, steps=200)
-        lost = 0.5 / elements
-        assert run.impact_work / run.stored_energy[0] == pytest.approx(lost, rel=0.05)
-        assert 1.0 - energy[-1] == pytest.approx(lost, rel=0.05)
+    if elements == 100:
+        assert t[np.flatnonzero(force)[-1]] == pytest.approx(2.0, abs=0.02)
+        during = (t > 0.2) & (t < 1.8)
+        np.testing.assert_allclose(force[during], 1.0, atol=0.005)
+        assert np.all(force[t > 2.1] == 0.0)
+        # momentum: the impulse of the wall turns the bar around
+        mass = BAR["density"] * BAR["area"] * BAR["length"]
+        assert force.sum() * WALL_FORCE * PASSAGE / 400 == pytest.approx(
+            2.0 * mass * BAR["speed"], rel=0.01
+        )
 
 
 def test_bar_of_consistent_mass_keeps_the_energy_but_its_force_oscillates():
@@ -168,31 +163,6 @@ def test_a_spring_in_series_takes_up_no_impulse_unless_it_is_stiffer_than_steps_
     np.testing.assert_allclose(np.divide(lost[:-1], lost[1:]), 4.0, rtol=0.01)
 
 
-@pytest.mark.parametrize("rho", [1.0, 0.8])
-def test_a_plate_that_slides_through_its_impacts_loses_friction_times_what_it_gains(rho):
-    plate, _ = _thrown(np.random.default_rng(3), order=1)
-    friction = 0.4
-    plate = replace(plate, joints=(replace(plate.joints[0], friction=friction, beta=np.inf),))
-    system = plate.system([])
-    T = system.expand(np.eye(system.n)).reshape(system.n, -1).T
-    v = np.tile([5.0, -1.0], len(plate.nodes))
-    start = np.zeros(system.n), np.linalg.lstsq(T, v)[0]
-    along, across = (
-        np.linalg.lstsq(T, np.tile(d, len(plate.nodes)))[0] for d in ([1.0, 0.0], [0.0, 1.0])
-    )
-    errors = []
-    for step in (1e-5, 2e-6):  # an element's wave takes 3e-5 s
-        run = sj.integrate(
-            system, step=step, n_steps=int(4e-4 / step), initial=start,
-            scheme=generalized_alpha(rho),
-        )  # fmt: skip
-        change = system.M @ (run.final[1] - start[1])
-        assert across @ change > 0.5 * abs(across @ (system.M @ start[1]))
-        errors.append(abs(-(along @ change) / (across @ change) / friction - 1.0))
-    assert errors[0] < 0.015
-    assert errors[1] < 0.2 * errors[0]
-
-
 @pytest.mark.parametrize("rho", [1.0, 0.5])
 def test_friction_under_a_smooth_normal_force_is_of_second_order(rho):
     """Mass that slides under 100 - 60 cos(w t) N: its velocity in closed form."""
@@ -219,9 +189,9 @@ def test_energy_that_steps_add_where_they_cannot_follow_elastic_contact_is_said(
         run = sj.integrate(
             system.with_contact(normal=elastic), step=step, n_steps=int(3e-4 / step), initial=start
         )
-        said[step] = run.doubts
+        said[step] = run.notes
         warned = [record.message for record in caplog.records if record.levelname == "WARNING"]
-        assert tuple(warned) == run.doubts
-    assert "time steps added" in said[1e-5][0]
+        assert tuple(warned) == run.notes
+    assert "by its time steps" in said[1e-5][0]
     assert said[2.5e-7] == ()
     assert run.final[1] == pytest.approx([0.4, -1.0], abs=2e-3)

@@ -12,11 +12,11 @@ MASS, STIFFNESS, GAP, SPEED = 2.0, 8e4, 1e-3, 0.5
 OMEGA, TOUCH = np.sqrt(STIFFNESS / MASS), GAP / SPEED
 
 
-def _system(stiffness, loads=(), held=0.0, gap=GAP, force=0.0):
-    """Mass that a base stops at the gap; a spring may hold it."""
+def _system(loads=(), held=0.0, gap=GAP, force=0.0):
+    """Mass that an elastic base stops at the gap; a spring may hold it."""
     contact = NormalPart(
         sparse.csr_array(np.eye(1)), np.array([gap]), np.array([force]),
-        np.array([stiffness]), np.ones(1),
+        np.array([STIFFNESS]), np.ones(1),
     )  # fmt: skip
     M, K = sparse.csr_array([[MASS]]), sparse.csr_array([[held]])
     B, none = sparse.csr_array((0, 1)), np.zeros(0)
@@ -27,20 +27,13 @@ def _system(stiffness, loads=(), held=0.0, gap=GAP, force=0.0):
     )
 
 
-def _thrown(stiffness, steps):
-    """Run of the mass thrown on the base: there, in contact and back."""
-    end = 2.0 * TOUCH + np.pi / OMEGA
-    start = np.zeros(1), np.array([SPEED])
-    return sj.integrate(
-        _system(stiffness), step=end / steps, n_steps=steps, initial=start,
-        save=sj.Save(fields=True),
-    )  # fmt: skip
-
-
 def test_mass_bounces_off_a_spring_as_a_half_sine():
-    errors = []
+    errors, end = [], 2.0 * TOUCH + np.pi / OMEGA  # there, in contact and back
+    start = np.zeros(1), np.array([SPEED])
     for steps in (500, 1000):
-        run = _thrown(STIFFNESS, steps)
+        run = sj.integrate(
+            _system(), step=end / steps, n_steps=steps, initial=start, save=sj.Save(fields=True)
+        )
         t = run.field_times - TOUCH
         depth = SPEED / OMEGA
         touches = (t > 0.0) & (t < np.pi / OMEGA)
@@ -55,26 +48,13 @@ def test_mass_bounces_off_a_spring_as_a_half_sine():
     assert errors[1] < 0.35 * errors[0]
 
 
-def test_stiffer_springs_tend_to_a_rigid_stop():
-    # a rigid stop takes the energy: of a spring the mass comes back the sooner the stiffer it is
-    for stiffness in (1e6, 1e8):
-        omega = np.sqrt(stiffness / MASS)
-        run = _thrown(stiffness, 4000)
-        assert run.u.max() - GAP == pytest.approx(SPEED / omega, rel=0.01)
-        assert run.v[-1, 0] == pytest.approx(-SPEED, rel=1e-3)
-    stopped = _thrown(np.inf, 400)
-    assert stopped.u.max() - GAP <= SPEED * stopped.plan.step
-    assert abs(stopped.v[-1, 0]) < 1e-9
-    assert stopped.impact_work == pytest.approx(0.5 * MASS * SPEED**2, rel=1e-9)
-
-
 @pytest.mark.parametrize("force", [0.0, 30.0])
 def test_slow_force_on_a_spring_of_contact_is_shared_by_stiffness(force):
     # A holding spring and one of contact side by side: beyond the gap both carry, and contact that
     # is pressed at rest carries until its force has gone.
     held, gap = 2e4, 0.0 if force else GAP
     table = sj.Table([0.0, 1.0, 3.0], [0.0, 100.0, -200.0])
-    system = _system(STIFFNESS, [table], held, gap, force)
+    system = _system([table], held, gap, force)
     run = sj.quasi_static(system, step=0.1, n_steps=30, save=sj.Save(fields=True))
     load, end = table(run.field_times), gap - force / STIFFNESS  # where contact ends
     touched = (load + STIFFNESS * gap) / (held + STIFFNESS)

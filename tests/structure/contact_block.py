@@ -7,7 +7,7 @@ its top presses it (Raous, Chabrand, Lebon, 1988; code_aster SSNV128).
 
 import numpy as np
 import skfem
-from benchmarks.contact import BLOCK, PRESSURES, SIDE, block
+from benchmarks.contact import BLOCK, SIDE, block
 from scipy import sparse
 from skfem.helpers import ddot, eye, sym_grad, trace
 
@@ -50,7 +50,7 @@ class OwnBlock:
         self.F = F[kept] - coupling.T @ solve(F[inner])
         self.n = base.size  # of which the last one cannot slide
 
-    def follow(self, steps, table=PRESSURES):
+    def follow(self, steps, table):
         """Displacements (levels, n, 2) and friction work (levels,) at times 0, 1, ..."""
         n = self.n
         u, work, force = np.zeros(2 * n - 1), 0.0, np.zeros(n - 1)

@@ -6,7 +6,6 @@ from bodies import block, pressed, structure
 from scipy import linalg, sparse
 
 import skfem_joint as sj
-from skfem_joint.ground.loads import Amplitude
 
 RATIO = 0.02
 
@@ -16,7 +15,7 @@ def some(shape: str, **changes: object) -> sj.Structure:
     return structure(body, [pressed("joint" if shape == "line" else "pressed")], **changes)
 
 
-def loaded(structure: sj.Structure, amplitude: Amplitude) -> sj.System:
+def loaded(structure: sj.Structure, amplitude: sj.Amplitude) -> sj.System:
     direction = (1.0, *[0.0] * (structure.dim - 1))
     return structure.system([sj.Load("right", amplitude, direction)])
 
@@ -46,7 +45,7 @@ def test_the_ratio_is_exact_at_the_two_frequencies_of_the_fit(shape):
         _, ratio = free_decay(system)
         np.testing.assert_allclose(ratio[[0, second]], RATIO, rtol=1e-6)
         assert np.all(ratio[1:second] < RATIO)
-        assert len(system.notes) == 1
+        assert sum(note.startswith("Damping of ratio") for note in system.notes) == 1
     slow = loaded(body, sj.Harmonic(1.0, 0.2 * frequency[0]))
     _, ratio = free_decay(slow)
     np.testing.assert_allclose(ratio[0], RATIO, rtol=1e-6)

@@ -1,51 +1,17 @@
-"""Structures in motion: the strut without contraction, the rigid base, closed forms, balances."""
+"""Structures in motion: closed forms, the rigid base, meshes that do not match."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from bodies import EA, LAP, SIDE, STEEL, THICKNESS, WIDTH, lap, pressed, side, structure, two_bars
+from bodies import EA, LAP, SIDE, STEEL, THICKNESS, WIDTH, lap, side, structure, two_bars
 
 import skfem_joint as sj
-from skfem_joint.results.history import compare
-from skfem_joint.stepping.recording import Run
-
-STEPS = 100
-REFERENCE = sj.Harmonic(63e3, 1000.0)
 
 
-def cycle(system: sj.System, cycles: int = 1, steps: int = STEPS) -> Run:
+def cycle(system: sj.System, cycles: int = 1, steps: int = 100) -> sj.Run:
     """The first periods from rest, in which the joint slips there, back and there again."""
     return sj.integrate(system, cycles=cycles, steps_per_cycle=steps, save=sj.Save(fields=True))
-
-
-@cache
-def strut() -> Run:
-    body = sj.build_bar([("joint", 0.25, 400)], {"left": 0.0, "right": 0.25})
-    some = structure(body, [pressed(normal_force="consistent")], stiffness_damping=1e-5)
-    return cycle(some.system([sj.Load("right", REFERENCE)]), cycles=2)
-
-
-@cache
-def reference_plate(kind: str, order: int, poisson: float, cells: tuple[int, int]) -> Run:
-    """The paper's reference system as a plate of (along, across) elements."""
-    body = sj.build_plate([("joint", 0.25, cells[0])], WIDTH, cells[1], kind=kind, order=order)
-    material = replace(STEEL, poisson=poisson)
-    some = structure(body, [pressed()], material=material, stiffness_damping=1e-5)
-    return cycle(some.system([sj.Load("right", REFERENCE, (1.0, 0.0))], []), cycles=2)
-
-
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("kind", ["triangle", "quadrilateral"])
-def test_any_plate_without_contraction_is_the_strut_and_no_mesh_changes_its_friction(kind, order):
-    """With 40 nodes along the joint; those that contract across are compared with a finer one."""
-    finest = reference_plate("quadrilateral", 2, 0.3, (24, 3))
-    for exact, poisson, across in ((strut(), 0.0, 2), (finest, 0.3, 4 // order)):
-        errors = compare(exact, reference_plate(kind, order, poisson, (40 // order, across)))
-        assert errors.displacement_max < 1e-3
-        assert errors.displacement_rms < 1e-3
-        assert abs(errors.friction_energy) < 1e-3 * (1 + (poisson > 0.0))
 
 
 def damped_bars(above: int, below: int, arm: int = 20) -> sj.Structure:
@@ -92,7 +58,7 @@ def test_on_a_body_a_million_times_stiffer_it_moves_as_on_a_rigid_base(pair, bet
         body, [replace(joint, against=None)], [*fixed, *under], stiffness_damping=1e-5
     )
     base, moved = (cycle(s.system(load, [])) for s in (on_base, on_body))
-    errors = compare(base, moved)
+    errors = sj.compare(base, moved)
     assert base.friction_work.sum() > 0.01 * base.input_work.sum()
     assert errors.displacement_max < 1e-4
     assert abs(errors.friction_energy) < 1e-4

@@ -5,8 +5,13 @@ import pytest
 from benchmarks.contact import PLACES, PRESSURES, PUBLISHED, block, pushed
 from contact_block import OwnBlock
 
-#: Of 32 x 32 bilinear elements by Lagrange multipliers, as published within 5 %; micrometres.
-KNOWN = np.array([28.59, 27.22, 22.85, 19.80, 15.41, 6.45])
+#: Of 32 x 32 bilinear elements by Lagrange multipliers: displacement at 0, 5, 10 and 20 mm, um.
+KNOWN = [
+    [28.594, 22.850, 16.838, 6.449],
+    [28.474, 21.605, 16.500, 6.449],
+    [28.634, 22.887, 16.880, 6.522],
+    [28.516, 21.658, 16.549, 6.522],
+]
 
 
 @pytest.fixture(scope="module")
@@ -15,26 +20,16 @@ def cycle():
     return pushed(block(32), 20)
 
 
-def test_pushed_block_moves_as_published(cycle):
-    x, u, work, _ = cycle
-    found = 1e6 * np.interp(PLACES, x, u[1, :, 0])
-    np.testing.assert_allclose(found, KNOWN, rtol=2e-3)
-    np.testing.assert_allclose(found[:5], PUBLISHED["published (1988)"][:5], rtol=0.05)
-    assert work[1] == pytest.approx(4.401, rel=1e-3)
-
-
-def test_cycle_of_the_block_is_that_of_lagrange_multipliers(cycle):
-    x, u, work, _ = cycle
-    known = [
-        [28.594, 22.850, 16.838, 6.449],
-        [28.474, 21.605, 16.500, 6.449],
-        [28.634, 22.887, 16.880, 6.522],
-        [28.516, 21.658, 16.549, 6.522],
-    ]
-    for k, row in enumerate(known, start=1):
+def test_cycle_of_the_block_is_that_of_lagrange_multipliers_and_as_published(cycle):
+    x, u, work, run = cycle
+    for k, known in enumerate(KNOWN, start=1):
         found = 1e6 * np.interp(np.array([0.0, 5.0, 10.0, 20.0]) * 1e-3, x, u[k, :, 0])
-        np.testing.assert_allclose(found, row, rtol=1e-4)
+        np.testing.assert_allclose(found, known, rtol=1e-4)
     np.testing.assert_allclose(work[1:], [4.401, 4.863, 5.165, 5.555], rtol=2e-4)
+    found = 1e6 * np.interp(PLACES, x, u[1, :, 0])
+    np.testing.assert_allclose(found[:5], PUBLISHED["published (1988)"][:5], rtol=0.05)
+    assert run.energy_residual < 1e-8
+    assert abs(run.impact_work) < 1e-3 * run.friction_work.sum()
 
 
 def test_edge_of_the_block_lifts_off_and_closes_again(cycle):
@@ -50,47 +45,23 @@ def test_edge_of_the_block_lifts_off_and_closes_again(cycle):
     assert slipping.sum() == 21
 
 
-def test_energy_of_the_cycle_balances(cycle):
-    run = cycle[3]
-    assert run.energy_residual < 1e-8
-    assert abs(run.impact_work) < 1e-3 * run.friction_work.sum()
+LIFTED = np.array([[0.0, 150e6, -30e6, 150e6, 0.0], [0.0, 50e6, 100e6, 20e6, 50e6]])
+CASES = [(PRESSURES, 16, friction, 5) for friction in (0.2, 0.5, 1.0)]
+CASES += [(LIFTED, 12, friction, 3) for friction in (0.5, 1.0)]
+SLOW = [(LIFTED, 12, 0.5, 7), (LIFTED, 12, 1.0, 7), (PRESSURES, 64, 1.0, 20)]
 
 
-@pytest.mark.parametrize("friction", [0.2, 0.5, 1.0])
-def test_block_is_that_of_an_own_solver(friction):
-    _, u, work, _ = pushed(block(16, friction=friction), 5)
-    other, other_work = OwnBlock(16, friction).follow(5)
-    np.testing.assert_allclose(u, other, atol=1e-9 * np.abs(other).max())
+@pytest.mark.parametrize(
+    ("table", "n", "friction", "steps"),
+    [*CASES, *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)],
+)
+def test_block_is_that_of_an_own_solver(table, n, friction, steps):
+    """Also where it lifts off and slides back."""
+    _, u, work, _ = pushed(block(n, friction=friction), steps, table)
+    other, other_work = OwnBlock(n, friction).follow(steps, table)
+    share = 3e-9 if n > 16 else 1e-9
+    np.testing.assert_allclose(u, other, atol=share * np.abs(other).max())
     np.testing.assert_allclose(work, other_work, rtol=1e-7)
-
-
-@pytest.mark.parametrize("steps", [3, pytest.param(7, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("friction", [0.5, 1.0])
-def test_block_that_lifts_off_and_slides_back_is_that_of_an_own_solver(friction, steps):
-    table = np.array([[0.0, 150e6, -30e6, 150e6, 0.0], [0.0, 50e6, 100e6, 20e6, 50e6]])
-    _, u, work, _ = pushed(block(12, friction=friction), steps, table)
-    other, other_work = OwnBlock(12, friction).follow(steps, table)
-    np.testing.assert_allclose(u, other, atol=1e-9 * np.abs(other).max())
-    np.testing.assert_allclose(work, other_work, rtol=1e-7)
-
-
-@pytest.mark.slow
-def test_block_of_a_fine_mesh_is_that_of_an_own_solver():
-    _, u, work, _ = pushed(block(64), 20)
-    other, other_work = OwnBlock(64, 1.0).follow(20)
-    np.testing.assert_allclose(u, other, atol=3e-9 * np.abs(other).max())
-    np.testing.assert_allclose(work, other_work, rtol=1e-7)
-
-
-def test_stiff_normal_contact_of_the_block_tends_to_rigid():
-    table = PRESSURES[:, :2]
-    _, rigid, _, _ = pushed(block(8), 5, table)
-    errors = []
-    for stiffness in (1e15, 1e16):
-        _, u, _, _ = pushed(block(8, normal_stiffness=stiffness), 5, table)
-        errors.append(np.abs(u[-1] - rigid[-1]).max())
-    assert errors[1] < 0.15 * errors[0]
-    assert errors[1] < 1e-3 * np.abs(rigid).max()
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks.slider import HOLDS, MASS, MU, PRESSED, SPRING, X, followed, loop_energy, slider
+from benchmarks.slider import HOLDS, MASS, MU, PRESSED, SPRING, X, followed, loop_energy
 from opening_blocks import block, loads
 
 import skfem_joint as sj
@@ -42,90 +42,6 @@ def test_a_slider_that_lifts_off_as_it_moves_back_loses_its_force(model):
     _, energy = followed(varies, 0.0, 2, steps)
     assert run.opened.all()
     assert run.cycles.friction[-1] == pytest.approx(energy, rel=5e-3)
-
-
-def test_rows_give_the_system_that_is_made_by_hand():
-    known = slider(350.0, 1.0)
-    foot = sj.point_contact([1.0, 0.0], [0.0, 1.0], friction=MU, force=PRESSED, stiffness=SPRING)
-    applied = {load.on: (load.vector, load.amplitude) for load in known.loads}
-    system = sj.System.from_matrices(known.M, known.K, known.C, contact=foot, loads=applied)
-    runs = [sj.quasi_static(s, cycles=2, steps_per_cycle=50) for s in (known, system)]
-    assert np.array_equal(runs[0].point_u, runs[1].point_u)
-    assert np.array_equal(runs[0].friction_work, runs[1].friction_work)
-
-
-#: Two masses along x, the second one also across, y, where it is pressed on a rigid base.
-K_CHAIN = np.array([[8e4, -4e4, 0.0], [-4e4, 4e4, 0.0], [0.0, 0.0, 2e5]])
-M_CHAIN, C_CHAIN = np.diag([1.0, 1.0, 0.5]), 3e-4 * K_CHAIN + np.diag([0.0, 0.0, 60.0])
-HOLD, ACROSS, SLIDER, PULL, LIFT = 300.0, 2e5, 2e5, 150.0, 800.0
-
-
-def chain() -> sj.System:
-    """Two masses with an elastic dry friction element that is lifted off twice a period."""
-    foot = sj.point_contact(
-        [0.0, 1.0, 0.0],
-        [0.0, 0.0, 1.0],
-        friction=0.3,
-        force=HOLD,
-        normal_stiffness=ACROSS,
-        stiffness=SLIDER,
-        name="foot",
-    )
-    pull, lift = (0, sj.Harmonic(PULL, 15.0)), (2, sj.Harmonic(LIFT, 30.0))
-    return sj.System.from_matrices(
-        M_CHAIN,
-        K_CHAIN,
-        C_CHAIN,
-        contact=foot,
-        loads={"pull": pull, "lift": lift},
-        points={"end": 1},
-    )
-
-
-def stepped(cycles: int, steps: int) -> tuple[np.ndarray, float]:
-    """The chain in small central steps: its displacements, and the friction energy of the end.
-
-    In each step the spring is stretched by the slip and its force cut to the limit of the time.
-    """
-    h, u, v, q, energy = 1.0 / (15.0 * steps), np.zeros(3), np.zeros(3), 0.0, 0.0
-    history = np.zeros((cycles * steps + 1, 3))
-    inverse = np.linalg.inv(M_CHAIN + 0.5 * h * C_CHAIN)
-    slows = M_CHAIN - 0.5 * h * C_CHAIN
-    for j in range(cycles * steps):
-        turn = 2.0 * np.pi * 15.0 * h * j
-        p = max(HOLD + ACROSS * u[2], 0.0)
-        force = np.array([PULL * np.sin(turn), -q, LIFT * np.sin(2.0 * turn) - (p - HOLD)])
-        v = inverse @ (slows @ v + h * (force - K_CHAIN @ u))
-        u = u + h * v
-        limit = 0.3 * max(HOLD + ACROSS * u[2], 0.0)
-        tried = q + SLIDER * h * v[1]
-        q = min(max(tried, -limit), limit)
-        if j >= (cycles - 1) * steps:
-            energy += q * (tried - q) / SLIDER
-        history[j + 1] = u
-    return history, energy
-
-
-@pytest.mark.parametrize("model", [lambda s: s, sj.condense])
-def test_a_chain_with_an_elastic_slider_that_is_lifted_off_moves_as_in_small_steps(model):
-    cycles, steps, fine = 2, 800, 25
-    run = sj.integrate(model(chain()), cycles=cycles, steps_per_cycle=steps)
-    known, energy = stepped(cycles, steps * fine)
-    assert run.opened.all()
-    assert run.friction_energy["foot"] > 1.5 * run.cycles.friction[0]
-    end, lift = run.point("end"), run.point("lift")
-    assert np.abs(end - known[::fine, 1]).max() < 2e-3 * np.abs(end).max()
-    assert np.abs(lift - known[::fine, 2]).max() < 2e-3 * np.abs(lift).max()
-    assert run.cycles.friction[-1] == pytest.approx(energy, rel=3e-3)
-    assert run.energy_residual < 1e-9
-
-
-def test_a_saved_model_whose_point_slips_as_it_approaches_runs_to_the_same_bits(tmp_path):
-    system = wedge(3.5e5)
-    same = sj.load(sj.save(system, tmp_path / "wedge.npz"))
-    runs = [sj.integrate(s, cycles=1, steps_per_cycle=50) for s in (system, same)]
-    assert np.array_equal(runs[0].point_u, runs[1].point_u)
-    assert np.array_equal(runs[0].friction_work, runs[1].friction_work)
 
 
 def stops(masses: int = 1, stiffness: float = 3.0) -> sj.System:
@@ -242,57 +158,42 @@ def changed(column: int, value: float) -> np.ndarray:
     return pairs
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"pairs": changed(10, -1.0)}, "contact.foot: pair 1, found .*gap must be a finite number"),
-        ({"pairs": changed(10, 0.1), "contact": "constant"}, "a gap needs contact = 'unilateral'"),
-        ({"gap": 0.1}, "joint 'foot': found a pressure beside gap = 0.1 m"),
-        ({"fixed": [1]}, "no pair with an area has a degree of freedom along its normal"),
-        (
-            {"pairs": PAIR[:, [*range(11), 10]]},
-            "must have 10 columns.*one more where pairs have ga",
-        ),
-        ({"pairs": np.vstack([PAIR, PAIR])}, "slips depend on each other|slip rows depend"),
-    ],
-)
-def test_what_is_wrong_with_pairs_that_open_is_reported(given, said):
-    with pytest.raises(sj.InputError, match=said):
-        model(**given)
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"approach": [0.0, 0.0]}, "approach: found a row of shape"),
-        ({"approach": [[0.0, 1.0]]}, "approach: found a row of shape"),
-        ({"approach": [np.nan, 1.0]}, "approach: found a row of shape"),
-        ({"slip": [0.0, 0.0]}, "found rows of shape"),
-        ({"friction": -0.1}, "friction: found -0.1, must be >= 0"),
-        ({"slip": None}, "friction: found 0.3 without a slip"),
-        ({"force": -1.0}, "force: found -1.0, must be >= 0"),
-        ({"gap": np.inf}, "gap: found inf, must be >= 0"),
-        ({"force": 1.0, "gap": 1e-3}, "found force = 1 N beside gap = 0.001 m"),
-        ({"normal_stiffness": 0.0}, "normal_stiffness: found 0.0, must be > 0"),
-        ({"stiffness": 0.0}, "stiffness: found 0.0, must be > 0"),
-        ({"name": ""}, "found name ''"),
-    ],
-)
-def test_what_a_point_contact_cannot_have_is_refused(given, said):
+def point(**given: Any) -> sj.System:
     values = {"slip": [1.0, 0.0], "approach": [0.0, 1.0], "friction": 0.3} | given
-    with pytest.raises(sj.InputError, match=said):
-        sj.point_contact(**values)
+    return sj.System.from_matrices(np.eye(2), np.eye(2), contact=sj.point_contact(**values))
+
+
+SHARED = "give all that open a finite normal_stiffness"
 
 
 @pytest.mark.parametrize(
-    "contact",
+    ("make", "given", "said"),
     [
-        sj.point_contact([1.0, 0.0], [1.0, 0.0], friction=0.3, stiffness=1.0),
-        sj.point_contact(None, [1.0, 0.0], friction=0.0, gap=0.1)
-        + sj.point_contact(None, [-1.0, 0.0], friction=0.0, gap=0.1),
+        (model, {"pairs": changed(10, -1.0)},
+         "contact.foot: pair 1, found .*gap must be a finite number"),
+        (model, {"pairs": changed(10, 0.1), "contact": "constant"}, "needs contact = 'unilateral'"),
+        (model, {"gap": 0.1}, "joint 'foot': found a pressure beside gap = 0.1 m"),
+        (model, {"fixed": [1]}, "no pair with an area has a degree of freedom along its normal"),
+        (model, {"pairs": PAIR[:, [*range(11), 10]]},
+         "must have 10 columns.*one more where pairs have ga"),
+        (model, {"pairs": np.vstack([PAIR, PAIR])},
+         "slips depend on each other|slip rows depend"),
+        (point, {"approach": [0.0, 0.0]}, "approach: found a row of shape"),
+        (point, {"approach": [[0.0, 1.0]]}, "approach: found a row of shape"),
+        (point, {"approach": [np.nan, 1.0]}, "approach: found a row of shape"),
+        (point, {"slip": [0.0, 0.0]}, "found rows of shape"),
+        (point, {"friction": -0.1}, "friction: found -0.1, must be >= 0"),
+        (point, {"slip": None}, "friction: found 0.3 without a slip"),
+        (point, {"force": -1.0}, "force: found -1.0, must be >= 0"),
+        (point, {"gap": np.inf}, "gap: found inf, must be >= 0"),
+        (point, {"force": 1.0, "gap": 1e-3}, "found force = 1 N beside gap = 0.001 m"),
+        (point, {"normal_stiffness": 0.0}, "normal_stiffness: found 0.0, must be > 0"),
+        (point, {"stiffness": 0.0}, "stiffness: found 0.0, must be > 0"),
+        (point, {"name": ""}, "found name ''"),
+        (point, {"approach": [1.0, 0.0], "stiffness": 1.0}, SHARED),
+        (stops, {"stiffness": np.inf}, SHARED),
     ],
-    ids=["slip", "other side"],
-)
-def test_rigid_points_that_share_a_displacement_are_refused_with_the_cure(contact):
-    with pytest.raises(sj.InputError, match="give all that open a finite normal_stiffness"):
-        sj.System.from_matrices(np.eye(2), np.eye(2), contact=contact)
+)  # fmt: skip
+def test_contact_at_points_that_cannot_be_is_refused(make, given, said):
+    with pytest.raises(sj.InputError, match=said):
+        make(**given)

@@ -8,19 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 import skfem
-from bodies import DENSITY, NU, PLANE, SOLID, THICKNESS, E, block, mapped, section
+from bodies import NU, PLANE, SOLID, STEEL, THICKNESS, E, block, mapped, section
 from clamped_plates import bolted
 
-from skfem_joint.body.body import Material
-from skfem_joint.ground.errors import InputError
-from skfem_joint.joint.clamps import Clamp
-from skfem_joint.joint.joints import Joint
+import skfem_joint as sj
 from skfem_joint.mesh import NamedMesh, merged, named
-from skfem_joint.results.natural_modes import natural_modes
-from skfem_joint.structure.structure import Structure
 
-STEEL, FORCE = Material(E, DENSITY, NU), 1e5
-JOINT, BOLT = Joint("u_base", "preload", 0.3, against="l_top"), Clamp(FORCE, "u_top", "l_base")
+FORCE = 1e5
+JOINT = sj.Joint("u_base", "preload", 0.3, against="l_top")
+BOLT = sj.Clamp(FORCE, "u_top", "l_base")
 
 
 def at(body: NamedMesh, prefix: str, *shift: float) -> NamedMesh:
@@ -38,27 +34,18 @@ def stacked(shape: str, order: int, upper: int = 2, lower: int = 2) -> NamedMesh
     return merged([at(first, "u_", *origin[1:], 1.0), at(second, "l_", *origin)])
 
 
-def clamped(mesh: NamedMesh, joints: Any = (JOINT,), bolts: Any = (BOLT,), **how: Any) -> Structure:
+def clamped(
+    mesh: NamedMesh, joints: Any = (JOINT,), bolts: Any = (BOLT,), **how: Any
+) -> sj.Structure:
     values = {"material": STEEL, "free": True, **section(mesh), **how}
-    return Structure(mesh, joints=joints, bolts=bolts, **values)
+    return sj.Structure(mesh, joints=joints, bolts=bolts, **values)
 
 
-def pressure(structure: Structure) -> tuple[Any, Any, Any]:
+def pressure(structure: sj.Structure) -> tuple[Any, Any, Any]:
     """Nodes of the first joint that may touch, their pressure and gap."""
-    assert structure.preload is not None
     found = structure.preload.joints[0]
-    assert found is not None
     nodes = np.flatnonzero(found.area)
     return nodes, found.force[nodes] / found.area[nodes], found.gap[nodes]
-
-
-def contact_forces(structure: Structure) -> Any:
-    """What contact does to each node, (N, dim), N, and the whole force of the joint."""
-    found = structure.preload
-    assert found is not None
-    assert found.joints[0] is not None
-    inner = structure.matrices()[1] @ found.displacement.ravel()
-    return inner.reshape(found.force.shape) - found.force, found.joints[0].force.sum()
 
 
 @pytest.mark.parametrize(("shape", "order"), [*PLANE, *SOLID])
@@ -71,7 +58,6 @@ def test_blocks_pressed_evenly_have_the_even_pressure(shape, order):
     assert structure.patches[0].clamping_force == pytest.approx(FORCE, rel=1e-10)
     assert np.abs(gap).max() < 1e-15
     # The stress in every element is that of the press.
-    assert structure.preload is not None
     stress = structure.stress(structure.preload.displacement)[:, structure.dim - 1]
     assert stress == pytest.approx(-FORCE / area, rel=1e-11)
 
@@ -79,14 +65,14 @@ def test_blocks_pressed_evenly_have_the_even_pressure(shape, order):
 @pytest.mark.parametrize(("shape", "order"), [("tri", 2), ("quad", 1), ("tet", 1), ("hex", 2)])
 def test_forces_and_moments_balance_on_faces_that_do_not_match(shape, order):
     structure = clamped(stacked(shape, order, 3, 2))
-    force, whole = contact_forces(structure)
-    assert whole == pytest.approx(FORCE, rel=1e-10)
-    upper = (
-        structure.body.body_of_node == structure.body.body_of_node[structure.nodes[:, -1].argmax()]
-    )
+    found = structure.preload
+    assert found.joints[0].force.sum() == pytest.approx(FORCE, rel=1e-10)
+    inner = structure.matrices()[1] @ found.displacement.ravel()
+    force, x = inner.reshape(found.force.shape) - found.force, structure.nodes
+    bodies = structure.body.body_of_node
+    upper = bodies == bodies[x[:, -1].argmax()]
     assert force[upper].sum(axis=0)[-1] == pytest.approx(FORCE, rel=1e-10)
     assert force.sum(axis=0) == pytest.approx(0.0, abs=1e-12 * FORCE)
-    x = structure.nodes
     moments = np.einsum("ni,nj->ij", x, force)
     assert moments - moments.T == pytest.approx(0.0, abs=1e-12 * FORCE)
     _, p, _ = pressure(structure)  # by quadrature over the other face's kinks
@@ -94,7 +80,7 @@ def test_forces_and_moments_balance_on_faces_that_do_not_match(shape, order):
     assert p == pytest.approx(FORCE / area, rel=0.03)
 
 
-def pushed_at(offset: float, n: int) -> Structure:
+def pushed_at(offset: float, n: int) -> sj.Structure:
     """Stiff block on a thin soft layer on a fixed base, pressed at a distance from its middle."""
     half, thin = 0.5, 0.005
     upper, lower = block("quad", 1, n, (1.0, 0.5)), block("quad", 1, n, (1.0, thin))
@@ -107,8 +93,8 @@ def pushed_at(offset: float, n: int) -> Structure:
         pushed[name] = body.mesh.with_boundaries({f"{name}_part": facets[near]})
     mesh = merged([named(pushed["u_top"]), named(pushed["l_base"])])
     return clamped(
-        mesh, bolts=[Clamp(FORCE, "u_top_part", "l_base_part")], fixed=["l_base"],
-        material=Material(1e15, DENSITY, 0.0), free=True,
+        mesh, bolts=[sj.Clamp(FORCE, "u_top_part", "l_base_part")], fixed=["l_base"],
+        material=sj.Material(1e15, 8e3, 0.0), free=True,
         regions={name: {"E": 1e8} for name in ("l_joint", "l_rest")},
     )  # fmt: skip
 
@@ -144,24 +130,32 @@ def cylinder(n: int) -> NamedMesh:
     return merged([named(replace(upper, doflocs=bent)), named(lower)])
 
 
-def test_a_cylinder_on_a_flat_tends_to_hertz():
-    """Peak 2 F / (pi a) and half-width a of a^2 = 8 F R (1 - nu^2) / (pi E), by length, R = 1 m."""
-    force = 2e7 * THICKNESS
+SECOND = pytest.param(2, 1.9, 1e-2, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize(("order", "rate", "share"), [(1, 1.4, 5e-3), SECOND])
+def test_a_cylinder_on_a_flat_tends_to_hertz(order, rate, share):
+    """Peak 2 F / (pi a) and half-width a of a^2 = 8 F R (1 - nu^2) / (pi E), by length, R = 1 m.
+
+    Errors in the mean square fall as fast as the root at the edge of the ellipse lets them.
+    """
+    force, errors = 2e7 * THICKNESS, []
     half = np.sqrt(8 * 2e7 * (1 - NU**2) / (np.pi * E))
-    peak, errors = 2 * 2e7 / (np.pi * half), []
+    peak = 2 * 2e7 / (np.pi * half)
     for n in (8, 16, 32):
-        bolts = [Clamp(force, "u_top", "l_base")]
-        structure = clamped(cylinder(n), bolts=bolts, plane="strain")
+        bolts = [sj.Clamp(force, "u_top", "l_base")]
+        structure = clamped(named(cylinder(n).mesh, order=order), bolts=bolts, plane="strain")
         nodes, p, _ = pressure(structure)
         x = structure.nodes[nodes, 0]
         assert structure.patches[0].clamping_force == pytest.approx(force, rel=1e-10)
         exact = peak * np.sqrt(np.maximum(0.0, 1.0 - (x / half) ** 2))
         area = structure.preload.joints[0].area[nodes] / THICKNESS
         errors.append(np.sqrt(area @ (p - exact) ** 2 / (area @ exact**2)))
-    assert errors[0] > 1.4 * errors[1] > 2 * errors[2]  # towards its root at the edge
-    assert p.max() == pytest.approx(peak, rel=5e-3)
-    touching = structure.patches[0].area.sum() / THICKNESS
-    assert touching == pytest.approx(2 * half, rel=0.08)
+    assert errors[0] > rate * errors[1] > rate**2 * errors[2]
+    assert p.max() == pytest.approx(peak, rel=share)
+    if order == 1:
+        touching = structure.patches[0].area.sum() / THICKNESS
+        assert touching == pytest.approx(2 * half, rel=0.08)
 
 
 def three_feet() -> NamedMesh:
@@ -183,8 +177,8 @@ def three_feet() -> NamedMesh:
 
 
 def test_a_cut_shank_pulls_its_bodies_together_and_moves_as_one_afterwards():
-    joints = [Joint(f"u_{x}", "preload", 0.3, against=f"l_{x}") for x in ("left", "right")]
-    structure = clamped(three_feet(), joints, [Clamp(FORCE, shank=("u_cut", "l_cut"))])
+    joints = [sj.Joint(f"u_{x}", "preload", 0.3, against=f"l_{x}") for x in ("left", "right")]
+    structure = clamped(three_feet(), joints, [sj.Clamp(FORCE, shank=("u_cut", "l_cut"))])
     pressed = [patch.clamping_force for patch in structure.patches]
     assert pressed == pytest.approx([FORCE / 2, FORCE / 2], rel=1e-12)
     u = structure.expand(np.random.default_rng(1).normal(size=structure.T.shape[1]))
@@ -199,14 +193,14 @@ MESH = stacked("quad", 1)
 @pytest.mark.parametrize(
     ("how", "sentence"),
     [
-        ({"bolts": [Clamp(FORCE, "u_tpo", "l_base")]}, r"bolt\[0\]\.head: found 'u_tpo'.*'u_top'"),
-        ({"bolts": [Clamp(FORCE, "u_top", "u_base")]}, r"does not go through a joint.*'u_base'"),
-        ({"bolts": [Clamp(FORCE, "u_top")]}, "acts from .* on the rigid base"),
-        ({"bolts": [Clamp(FORCE)]}, "must have head"),
-        ({"bolts": [Clamp(FORCE, "u_top", shank=("u_top", "l_base"))]}, "or shank alone"),
-        ({"bolts": [Clamp(-1.0, "u_top", "l_base")]}, r"bolt\[0\]\.force: found -1"),
-        ({"bolts": [Clamp(FORCE, "u_left", "l_base")]}, "does not press at 'u_left'"),
-        ({"bolts": [Clamp(FORCE, shank=("u_top", "l_base"))]}, "does not pull the faces"),
+        ({"bolts": [sj.Clamp(FORCE, "u_tpo", "l_base")]}, r"bolt\[0\]\.head: found 'u_tpo'.*top'"),
+        ({"bolts": [sj.Clamp(FORCE, "u_top", "u_base")]}, r"does not go through a joint.*'u_base'"),
+        ({"bolts": [sj.Clamp(FORCE, "u_top")]}, "acts from .* on the rigid base"),
+        ({"bolts": [sj.Clamp(FORCE)]}, "must have head"),
+        ({"bolts": [sj.Clamp(FORCE, "u_top", shank=("u_top", "l_base"))]}, "or shank alone"),
+        ({"bolts": [sj.Clamp(-1.0, "u_top", "l_base")]}, r"bolt\[0\]\.force: found -1"),
+        ({"bolts": [sj.Clamp(FORCE, "u_left", "l_base")]}, "does not press at 'u_left'"),
+        ({"bolts": [sj.Clamp(FORCE, shank=("u_top", "l_base"))]}, "does not pull the faces"),
         ({"bolts": []}, "found 'preload', but no bolt presses it"),
         ({"joints": [replace(JOINT, pressure=1e6)]}, "no joint with pressure = 'preload'"),
         ({"joints": [replace(JOINT, normal_force="equal")]}, "normal_force: found 'equal'"),
@@ -216,11 +210,11 @@ MESH = stacked("quad", 1)
     ],
 )  # fmt: skip
 def test_what_presses_nothing_is_refused(how, sentence):
-    with pytest.raises(InputError, match=sentence):
+    with pytest.raises(sj.InputError, match=sentence):
         _ = clamped(MESH, **how).patches
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_coordinates_that_a_file_rounds_change_nothing(order):
     """Bolted plates turned in space, 1.2 m from the origin, in mm with three decimals.
 
@@ -239,7 +233,7 @@ def test_coordinates_that_a_file_rounds_change_nothing(order):
         some = replace(exact, mesh=mesh)
         assert some.patches[0].clamping_force == pytest.approx(16e3, rel=1e-5)
         assert some.at_rest()[-1].startswith("Friction alone holds the body with the regions 'u1'")
-        frequencies.append(natural_modes(some.system(), 4).frequencies)
+        frequencies.append(sj.natural_modes(some.system(), 4).frequencies)
     np.testing.assert_allclose(*frequencies, rtol=1e-4, atol=1e-3)
 
 
@@ -260,7 +254,7 @@ def test_what_is_known_to_be_wrong_is_refused_before_bolts_are_tightened():
         ({"joints": joints}, "unilateral' needs nodes of its own"),
         ({"joints": [unilateral], "fixed": ["u_top", "u_left"]}, "of its nodes are supported"),
     ):
-        with pytest.raises(InputError, match=says):
+        with pytest.raises(sj.InputError, match=says):
             clamped(halves(MESH), **wrong).tighten(lambda *news: told.append(news))
         assert told == []
     held = {"free": False, "fixed": ["l_base"], "joints": [unilateral]}

@@ -7,10 +7,9 @@ import pytest
 from bodies import STEEL
 
 import skfem_joint as sj
-from skfem_joint.structure.structure import Structure
 
 
-def plates(part: bool, order: int, along: int, contact: str) -> Structure:
+def plates(part: bool, order: int, along: int, contact: str) -> sj.Structure:
     """Two plates pressed on each other, pulled apart on both sides; a quarter of them or all."""
     times, bodies = 1 if part else 2, []
     for y, name, (inner, outer), n in (
@@ -24,7 +23,7 @@ def plates(part: bool, order: int, along: int, contact: str) -> Structure:
         options = {"origin": origin, "boundaries": groups, "order": order}
         bodies.append(sj.build_box(strips, size, (1, 2 * times), **options))
     held = {"fixed_x": ["low_near", "up_near"], "fixed_z": ["low_middle", "up_middle"]}
-    return Structure(
+    return sj.Structure(
         sj.merged(bodies),
         STEEL,
         fixed_y=["low_out"],

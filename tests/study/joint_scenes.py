@@ -3,8 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-import pytest
-
 from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged
 from skfem_joint.scene import Scene, scene_from
 
@@ -28,19 +26,6 @@ BARS: dict[str, tuple[list[tuple[str, float, int]], dict[str, float]]] = {
     "lap_joint": ([("joint", LENGTH, 100)], {"fixed": 0.0, "free_end": LENGTH}),
     "short_lap_joint": ([("joint", LENGTH, 40)], {"fixed": 0.0, "free_end": LENGTH}),
 }
-
-
-def steps_taken(patch: pytest.MonkeyPatch, module: Any) -> list[int]:
-    """Steps of each run that a module makes from now on."""
-    taken, real = [], module.integrate_plan
-
-    def counted(*arguments: Any, **options: Any) -> Any:
-        run = real(*arguments, **options)
-        taken.append(run.counters.steps)
-        return run
-
-    patch.setattr(module, "integrate_plan", counted)
-    return taken
 
 
 def harmonic(

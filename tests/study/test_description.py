@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,15 +13,14 @@ from scipy.integrate import trapezoid
 
 from skfem_joint.mesh import build_bar, build_plate, merged
 from skfem_joint.output.damping import backbone_lines, write_backbone
+from skfem_joint.reduction.stuck import Stuck
 from skfem_joint.results.gross_slip import sticking_share
 from skfem_joint.results.normal_force import normal_change_of_mode
 from skfem_joint.scene import Scene, load_scene
 from skfem_joint.slow.quasi_static import QuasiStatic
-from skfem_joint.structure.model import doubts
-from skfem_joint.study.description import alike, describe
+from skfem_joint.study.description import alike, description_of
 from skfem_joint.study.scene_backbone import scene_backbone
 from skfem_joint.study.study import run_scene
-from skfem_joint.vibration.stuck import Stuck
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.toml"))
 STEEL = {"E": 200e9, "density": 8000.0}
@@ -30,13 +30,27 @@ IN_MILLIMETRES = build_bar(
 )
 
 
+def block_scene(load: dict[str, Any], **changes: Any) -> Scene:
+    """Block of 0.1 m on its base, of triangles of second order, loaded on its top."""
+    sides = {"base": "bottom", "top": "top"}
+    block = build_plate([("all", 0.1, 4)], 0.1, 4, kind="triangle", order=2, boundaries=sides)
+    values: dict[str, Any] = {
+        "material": STEEL | {"poisson": 0.0},
+        "joint": [{"on": "base", "pressure": 1e6, "friction": MU, "law": "coulomb"}],
+        "load": [harmonic("top", 1e3, 1.0) | load],
+        "support": {},
+        "time": {"cycles": 1, "steps_per_cycle": 40},
+    }
+    return plate_scene("full", mesh=block, **values | changes)
+
+
 def said(scene: Scene) -> list[str]:
-    return [*doubts(scene.structure(), scene.system()), *describe(scene).doubts]
+    return [*scene.system().notes, *description_of(scene).doubts]
 
 
 def test_a_bar_has_the_figures_of_its_closed_forms():
     """Stuck, 0.5 m are left of it; the force at its end is amplified by 1 / cos(k 0.5 m)."""
-    values = describe(bar_scene()).values
+    values = description_of(bar_scene()).values
     c, area, force, limit = 5000.0, WIDTH * THICKNESS, 87.5e3, MU * 50e6 * WIDTH * 0.1
     assert values["mass_kg"] == pytest.approx(8000.0 * area * 0.6, rel=1e-12)
     for name, length in (("stuck", 0.5), ("loose", 0.6)):
@@ -54,7 +68,7 @@ def test_a_bar_has_the_figures_of_its_closed_forms():
 
 def test_stuck_modes_are_compared_with_loose_ones_by_their_shapes():
     """Sines of bars of 0.5 m and 0.6 m that end at the same place, of unit mass."""
-    found = describe(bar_scene())
+    found = description_of(bar_scene())
     x = np.linspace(0.0, 0.6, 20_001)
     waves = np.pi * (np.arange(12) + 0.5)
     loose = np.sqrt(2.0 / 0.6) * np.sin(np.outer(waves / 0.6, x))
@@ -94,7 +108,7 @@ def test_moments_count_and_friction_alone_may_hold_a_body(law):
         load=[harmonic("right", 0.1 * limit, 1.0) | {"direction": [0.0, 1.0]}],
         time={"cycles": 1, "steps_per_cycle": 40},
     )
-    found, path = describe(scene), QuasiStatic(scene.system())
+    found, path = description_of(scene), QuasiStatic(scene.system())
     a, half = 1.5 * length, 0.5 * length
     turns_at = 2.0 * limit / length * (np.hypot(a, half) - a)
     force = scene.system().load_vectors()[:, 0]
@@ -122,7 +136,7 @@ def test_of_a_body_held_by_two_joints_the_stated_level_is_that_of_the_first_that
         load=[harmonic("right", 500.0, 1.0) | {"direction": [0.4, 1.0]}],
         time={"cycles": 1, "steps_per_cycle": 40},
     )
-    system, level = scene.system(), 1.0 / describe(scene).values["load_over_limit"]
+    system, level = scene.system(), 1.0 / description_of(scene).values["load_over_limit"]
     force = 500.0 * system.load_vectors()[:, 0]
     assert level < 0.95 * QuasiStatic(system).limit(force)  # the whole body slides later
 
@@ -139,16 +153,7 @@ def test_of_a_body_held_by_two_joints_the_stated_level_is_that_of_the_first_that
 
 def test_a_longitudinal_mode_changes_the_normal_force_by_its_inertia():
     """Of a block of nu = 0 on its base, q omega² Gamma over all; beside the corners, as above."""
-    block = build_plate(
-        [("all", 0.1, 4)], 0.1, 4, kind="triangle", order=2,
-        boundaries={"base": "bottom", "top": "top"},
-    )  # fmt: skip
-    scene = plate_scene(
-        "full", mesh=block, load=[harmonic("top", 1e3, 1.0) | {"direction": [0.0, 1.0]}],
-        support={}, material=STEEL | {"poisson": 0.0},
-        joint=[{"on": "base", "pressure": 1e6, "friction": MU, "law": "coulomb"}],
-        time={"cycles": 1, "steps_per_cycle": 40},
-    )  # fmt: skip
+    scene = block_scene({"direction": [0.0, 1.0]})
     structure, system = scene.structure(), scene.system()
     frequencies, shapes = Stuck(system).modes(6)
     up = system.load_vectors()[:, 0] @ shapes
@@ -165,12 +170,7 @@ def test_a_longitudinal_mode_changes_the_normal_force_by_its_inertia():
 
 
 def test_a_damping_curve_says_how_its_highest_level_changes_the_normal_force(tmp_path):
-    block = build_plate([("all", 0.1, 4)], 0.1, 4, boundaries={"base": "bottom", "top": "top"})
-    scene = plate_scene(
-        "full", mesh=block, load=[harmonic("top", 1e3, 1.0) | {"direction": [1.0, 0.0]}],
-        support={}, joint=[{"on": "base", "pressure": 1e6, "friction": MU, "law": "coulomb"}],
-        time={"cycles": 1, "steps_per_cycle": 40}, backbone={"levels": 3},
-    )  # fmt: skip
+    scene = block_scene({"direction": [1.0, 0.0]}, backbone={"levels": 3})
     found = scene_backbone(scene)
     change, (curve,) = found.normal[1], found.models[0].curves
     expected = normal_change_of_mode(
@@ -179,7 +179,7 @@ def test_a_damping_curve_says_how_its_highest_level_changes_the_normal_force(tmp
     )  # fmt: skip
     assert change == expected
     assert change.share > 0.1  # a block as tall as wide rocks before it slides
-    assert any("Mode 1: at the highest level vibration" in one for one in found.warnings)
+    assert any("Mode 1: at the highest level vibration" in one for one in found.notes)
     write_backbone(tmp_path, found)
     (mode,) = json.loads((tmp_path / "summary.json").read_text())["models"]["full"]["modes"]
     assert mode["normal_force_change"] == change.share
@@ -197,7 +197,8 @@ def test_a_damping_curve_says_how_its_highest_level_changes_the_normal_force(tmp
 def test_sound_scenes_raise_no_doubt(path):
     """But of first-order elements, where lapped solids are bent, and where few points rub."""
     scene = load_scene(path)
-    raised = [text for text in said(scene) if text not in scene.system().notes]
+    told = ("Damping of ratio", "The pressure on", "The base is")  # no doubts
+    raised = [text for text in said(scene) if not text.startswith(told)]
     mesh = scene.named_mesh
     known = ["they lock"] * (mesh.dim > 1 and mesh.order == 1)
     if path.stem.startswith("solid_lap_joint"):
@@ -209,17 +210,8 @@ def test_sound_scenes_raise_no_doubt(path):
 @pytest.mark.parametrize("share", [0.05, 0.3])
 def test_an_even_traction_changes_the_normal_force_by_its_share_of_the_pressure(share):
     """On top of a block of nu = 0 far below its natural frequency; said beyond a tenth."""
-    block = build_plate(
-        [("all", 0.1, 4)], 0.1, 4, kind="triangle", order=2,
-        boundaries={"base": "bottom", "top": "top"},
-    )  # fmt: skip
-    pull = harmonic("top", share * 1e6, 1.0) | {"direction": [0.0, 1.0], "quantity": "traction"}
-    scene = plate_scene(
-        "full", mesh=block, load=[pull], support={}, material=STEEL | {"poisson": 0.0},
-        joint=[{"on": "base", "pressure": 1e6, "friction": MU}],
-        time={"cycles": 1, "steps_per_cycle": 40},
-    )  # fmt: skip
-    found = describe(scene)
+    pull = {"amplitude": share * 1e6, "direction": [0.0, 1.0], "quantity": "traction"}
+    found = description_of(block_scene(pull))
     # Reactions of nodes at the corners, whose elements end there, are lumped otherwise.
     assert found.values["normal_force_change"] == pytest.approx(share, rel=0.2)
     assert any("doubtful" in one for one in found.doubts) == (share > 0.1)
@@ -239,7 +231,6 @@ def test_an_even_traction_changes_the_normal_force_by_its_share_of_the_pressure(
         ({"load": [harmonic(amplitude=2e7)]}, "more than a tenth of its 0.6 m"),
         ({"load": [harmonic(amplitude=2e5)]}, r"1\.\d* times what makes the first joint slip"),
         ({"load": [harmonic(frequency=200e3)]}, "elements in the length of the slowest wave"),
-        ({"joint": [joint(pressure=0.0)]}, "carries no friction"),
         ({"load": [harmonic(amplitude=0.0)]}, "load on 'free_end' is zero at all times"),
         ({"joint": []}, "There is no joint"),
     ],
@@ -248,7 +239,7 @@ def test_what_is_implausible_is_said_and_runs(changes, sentence):
     scene = bar_scene("full", **({"time": {"cycles": 1}} | changes))
     notes = said(scene)
     assert any(re.search(sentence, note) for note in notes)
-    assert set(notes) <= set(run_scene(scene).warnings)
+    assert set(notes) <= set(run_scene(scene).notes)
 
 
 def test_what_depends_on_the_mesh_of_a_bent_lap_is_said_with_the_figures_of_this_case():
@@ -270,7 +261,7 @@ def test_what_depends_on_the_mesh_of_a_bent_lap_is_said_with_the_figures_of_this
             load=[harmonic("right", 40.0, 50.0) | {"direction": [0.0, 1.0]}],
             time={"cycles": 1, "steps_per_cycle": 40},
         )  # fmt: skip
-        found = describe(scene)
+        found = description_of(scene)
         shares.append(found.values["normal_force_change"])
         means.append(found.values["normal_force_change_mean"])
         over.append(found.values["load_over_limit"])

@@ -144,15 +144,18 @@ def test_what_does_not_converge_is_a_point_all_the_same(truth):
     assert not found.counts
 
 
-def test_wrong_options_and_scenes_without_friction_or_load_are_refused():
-    with pytest.raises(InputError, match=r"--bound: found 0, must be"):
-        et.error_time(small(), bound=0.0)
-    with pytest.raises(InputError, match=r"--repeats: found 0, must be"):
-        et.error_time(small(), repeats=0)
-    with pytest.raises(InputError, match="nothing slips"):
-        et.error_time(small(joint=[joint(friction=0.0)]))
-    with pytest.raises(InputError, match="no load acts"):
-        et.error_time(small(load=[harmonic(amplitude=0.0)]))
+@pytest.mark.parametrize(
+    ("changes", "options", "words"),
+    [
+        ({}, {"bound": 0.0}, "--bound: found 0, must be"),
+        ({}, {"repeats": 0}, "--repeats: found 0, must be"),
+        ({"joint": [joint(friction=0.0)]}, {}, "nothing slips"),
+        ({"load": [harmonic(amplitude=0.0)]}, {}, "no load acts"),
+    ],
+)
+def test_wrong_options_and_scenes_without_friction_or_load_are_refused(changes, options, words):
+    with pytest.raises(InputError, match=words):
+        et.error_time(small(**changes), **options)
 
 
 def test_report_is_written(report, tmp_path):

@@ -10,11 +10,12 @@ import pytest
 from joint_scenes import bar_scene, harmonic, joint
 
 import skfem_joint as sj
+from skfem_joint.ground.rows import Rows
 from skfem_joint.output.damping import write_response
 from skfem_joint.scene import Scene
 from skfem_joint.study import scene_range
 from skfem_joint.study.scene_range import of_scene, point_of, range_model, served_scene
-from skfem_joint.study.scene_response import scene_response
+from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
 from skfem_joint.study.study import run_scene
 from skfem_joint.study.sweep import Row, sweep
 
@@ -49,13 +50,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def rows(folder):
-    """Rows of a sweep of scenes inside and outside of the range, and reductions to a range."""
-    made = []
-    with pytest.MonkeyPatch.context() as patch:
-        real = scene_range.reduce
-        patch.setattr(scene_range, "reduce", lambda *a, **b: made.append(b) or real(*a, **b))
-        found = swept([*INSIDE, OUTSIDE], folder)
-    return found, len(made)
+    """Rows of a sweep of scenes inside and outside of the range."""
+    return swept([*INSIDE, OUTSIDE], folder)
 
 
 def swept(scenes: list[Scene], folder: Path) -> list[Row]:
@@ -70,9 +66,7 @@ def model(rows, folder):
 
 
 def test_a_sweep_makes_one_model_and_keeps_it_in_its_folder(rows, folder):
-    found, made = rows
-    assert made == 1
-    assert not any(row.failure for row in found)
+    assert not any(row.failure for row in rows)
     assert [path.name for path in folder.glob("range_*.npz")] == [
         served_scene(other).file(folder).name for other in INSIDE[:1]
     ]
@@ -80,7 +74,7 @@ def test_a_sweep_makes_one_model_and_keeps_it_in_its_folder(rows, folder):
 
 
 def test_rows_are_points_of_the_model_and_state_their_errors(rows, model):
-    for row, (friction, amplitude, frequency) in zip(rows[0], VALUES, strict=False):
+    for row, (friction, amplitude, frequency) in zip(rows, VALUES, strict=False):
         # By hand: the middle of friction is sqrt(0.4 * 1.0), the loads of the model are 1 N.
         limits = {"joint": friction / np.sqrt(0.4)}
         point = sj.at(model, frequency=frequency, level=amplitude, limits=limits)
@@ -89,14 +83,14 @@ def test_rows_are_points_of_the_model_and_state_their_errors(rows, model):
         assert row.results[ENERGY] == pytest.approx(run.cycles.friction[-1], rel=1e-6)
         stated = row.results["reduced.estimated_error.friction_energy_per_cycle.total"]
         assert stated == pytest.approx(sj.estimate(run).of("total", "friction_energy"), rel=1e-3)
-        assert not [text for text in row.warnings if "does not serve" in text]
+        assert not [text for text in row.notes if "does not serve" in text]
         # Eight modes were given, which are few.
-        (note,) = [text for text in row.warnings if "range" in text]
+        (note,) = [text for text in row.notes if "range" in text]
         assert note.startswith("The reduced model for the range was made for an accuracy of 1.00%")
 
 
 def test_points_err_as_they_say(rows):
-    for row, inside in zip(rows[0], INSIDE, strict=False):
+    for row, inside in zip(rows, INSIDE, strict=False):
         run = sj.integrate(inside.system(), cycles=2, steps_per_cycle=400)
         error = abs(row.results[ENERGY] / run.cycles.friction[-1] - 1.0)
         stated = row.results["reduced.estimated_error.friction_energy_per_cycle.total"]
@@ -104,35 +98,36 @@ def test_points_err_as_they_say(rows):
 
 
 def test_a_scene_outside_has_a_model_of_its_own_and_says_so(rows):
-    (warning,) = [text for text in rows[0][-1].warnings if "range" in text]
+    (warning,) = [text for text in rows[-1].notes if "range" in text]
     assert "found frequency 2600 Hz, outside the range" in warning
     own = run_scene(OUTSIDE.changed(reduction={"range": None})).models["reduced"].run
-    assert rows[0][-1].results[PEAK] == pytest.approx(own.cycles.peak[-1].max(), rel=1e-9)
+    assert rows[-1].results[PEAK] == pytest.approx(own.cycles.peak[-1].max(), rel=1e-9)
 
 
-def test_a_sweep_taken_up_again_loads_the_model(rows, folder, monkeypatch):
+def test_a_sweep_taken_up_again_loads_the_model(rows, folder):
+    file = served_scene(INSIDE[0]).file(folder)
     scene_range._kept.cache_clear()
-    monkeypatch.setattr(scene_range, "reduce", None)
-    new = scene(0.7, 160e3, 2000.0)
+    made, new = file.stat().st_mtime_ns, scene(0.7, 160e3, 2000.0)
     again = swept([*INSIDE, new], folder)
-    assert [row.results for row in again[:3]] == [row.results for row in rows[0][:3]]
+    assert file.stat().st_mtime_ns == made
+    assert [row.results for row in again[:3]] == [row.results for row in rows[:3]]
     assert again[3].results["reduced.dofs"] == again[0].results["reduced.dofs"]
     assert not again[3].failure
 
 
 def test_gross_slip_is_refused_and_has_a_model_of_its_own(folder, model):
     study = run_scene(scene(amplitude=450e3), folder=folder, described=False)
-    assert any("does not serve this scene" in text for text in study.warnings)
+    assert any("does not serve this scene" in text for text in study.notes)
     assert study.models["reduced"].run.system.serves is None
 
 
-def test_an_accuracy_that_the_range_does_not_meet_gives_a_model_of_its_own(folder, monkeypatch):
+def test_an_accuracy_that_the_range_does_not_meet_gives_a_model_of_its_own(folder, tmp_path):
     asked = scene(accuracy={"displacement": 1e-4})
     assert served_scene(asked).mark != served_scene(INSIDE[0]).mark  # made for that accuracy
     rough = range_model(served_scene(INSIDE[0]), folder)
-    monkeypatch.setattr("skfem_joint.study.range_choice.range_model", lambda *given: rough)
-    study = run_scene(asked, folder=folder)
-    assert any("errs by an estimated" in text for text in study.warnings)
+    sj.save(rough, served_scene(asked).file(tmp_path))
+    study = run_scene(asked, folder=tmp_path)
+    assert any("errs by an estimated" in text for text in study.notes)
     assert study.models["reduced"].run.system.serves is None
 
 
@@ -156,11 +151,11 @@ def test_a_response_by_one_model_is_as_far_from_the_full_one_as_it_says(model):
     assert (error < 2.0 * found.column("model_error") + 1e-3).all()
 
 
-def test_the_table_of_a_response_has_the_errors_of_its_model(model, tmp_path, monkeypatch):
+def test_the_table_of_a_response_has_the_errors_of_its_model(model, tmp_path):
     frequencies = {"from": 1300.0, "to": 2000.0, "points": 2}
     asked = scene(response={"frequencies": frequencies})
-    monkeypatch.setattr("skfem_joint.study.scene_response.range_model", lambda *given: model)
-    response = scene_response(asked)
+    sj.save(model, served_scene(asked).file(tmp_path))
+    response = scene_response(asked, rows=Rows(tmp_path / "rows.jsonl", RESPONSE_ROWS))
     write_response(tmp_path, response)
     with (tmp_path / "response.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
 from contextlib import closing
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from joint_scenes import bar_scene, harmonic, joint
@@ -17,7 +17,6 @@ from joint_scenes import bar_scene, harmonic, joint
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import holding
 from skfem_joint.scene import Scene
-from skfem_joint.study import sweep as module
 from skfem_joint.study.study import run_scene
 from skfem_joint.study.sweep import Row, executors, processes, sweep
 
@@ -45,48 +44,50 @@ def assert_all_there(rows: list[Row], scenes: list[Scene]) -> None:
         assert row.results[PEAK] == run.peak_of("free_end")
 
 
-class Pool(ThreadPoolExecutor):
-    """Two threads that break together, as processes do."""
+class Recording(ThreadPoolExecutor):
+    """One thread that says what each scene gives, without a run, and notes which were run."""
 
+    def __init__(self, gives: Callable[[float], Any], workers: int = 1) -> None:
+        super().__init__(workers)
+        self.gives, self.ran = gives, list[float]()
+
+    def submit(self, _: Any, scene: Scene, folder: Any) -> Future[Any]:
+        return super().submit(self._give, scene.joint[0].friction)
+
+    def _give(self, friction: float) -> Any:
+        self.ran.append(friction)
+        return self.gives(friction)
+
+
+class Pool(Recording):
+    """Two threads that break together, as processes do; 0.3 breaks them."""
+
+    runs: ClassVar[Counter[float]] = Counter()
     broken = False
 
     def __init__(self) -> None:
-        super().__init__(2)
+        super().__init__(lambda _: ({"full.dofs": 1}, ""), 2)
 
     def submit(self, *call: Any) -> Future[Any]:
         if self.broken:
             raise BrokenExecutor
-        return super().submit(self._call, *call)
+        return super().submit(*call)
 
-    def _call(self, run: Callable[..., Any], *arguments: Any) -> Any:
-        try:
-            return run(*arguments)
-        except SystemExit:
-            self.broken = True
-        finally:
-            time.sleep(0.05)
-            if self.broken:
-                raise BrokenExecutor
+    def _give(self, friction: float) -> Any:
+        self.runs[friction] += 1
+        self.broken |= friction == 0.3
+        time.sleep(0.05)
+        if self.broken:
+            raise BrokenExecutor
+        return super()._give(friction)
 
 
-def test_only_what_was_in_a_broken_pool_is_run_again_and_only_the_culprit_fails(
-    scenes, monkeypatch
-):
-    runs: Counter[float] = Counter()
-
-    def run(one, folder):
-        friction = one.joint[0].friction
-        runs[friction] += 1
-        if friction == 0.3:
-            raise SystemExit
-        return {"full.dofs": 1}, ""
-
-    monkeypatch.setattr(module, "_run", run)
+def test_only_what_was_in_a_broken_pool_is_run_again_and_only_the_culprit_fails(scenes):
     rows = list(sweep(scenes, Pool))
     assert sorted(row.number for row in rows) == list(range(6))
     assert [row.number for row in rows if row.failure] == [2]
-    assert runs[0.3] == 2
-    assert sum(runs.values()) in (7, 8)  # with one neighbour in the pool, or with none
+    assert Pool.runs[0.3] == 2
+    assert sum(Pool.runs.values()) in (7, 8)  # with one neighbour in the pool, or with none
 
 
 def test_what_goes_wrong_is_a_row_and_what_went_well_is_kept():
@@ -98,20 +99,15 @@ def test_what_goes_wrong_is_a_row_and_what_went_well_is_kept():
     assert rows[1].results[PEAK] == rows[0].results[PEAK]
 
 
-def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(
-    scenes, tmp_path, monkeypatch
-):
-    ran: list[float] = []
-
-    def run(one, folder):
-        ran.append(one.joint[0].friction)
-        if ran[-1] == 0.2:
+def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(scenes, tmp_path):
+    def gives(friction):
+        if friction == 0.2:
             raise MemoryError("for want of memory")
-        return {"full.dofs": len(ran)}, "step 3" * (ran[-1] == 0.3)
+        return {"full.dofs": 1}, "step 3" * (friction == 0.3)
 
-    monkeypatch.setattr(module, "_run", run)
     journal = tmp_path / "deep" / "rows.jsonl"
-    with ThreadPoolExecutor(1) as executor:
+    with Recording(gives) as executor:
+        ran = executor.ran
         with closing(sweep(scenes, executor, journal)) as rows:
             stopped = [next(rows) for _ in range(4)]
             with pytest.raises(InputError, match="another run"), holding(journal.parent):
@@ -185,9 +181,9 @@ def test_a_joint_that_slides_away_is_a_row_with_the_warnings_of_its_run(tmp_path
     with ThreadPoolExecutor(1) as executor:
         (row,) = sweep([slides], executor, journal)
         (again,) = sweep([slides], executor, journal)
-    assert any("not reached a steady state" in text for text in row.warnings)
-    assert any(text.startswith("Every point of joint") for text in row.warnings)
-    assert tuple(row.warnings) == run_scene(slides).warnings
+    assert any("not reached a steady state" in text for text in row.notes)
+    assert any(text.startswith("Every point of joint") for text in row.notes)
+    assert tuple(row.notes) == run_scene(slides).notes
     assert not row.steady
     assert row.results["full.steady_state_reached"] is False
-    assert (again.results, list(again.warnings)) == (row.results, list(row.warnings))
+    assert (again.results, list(again.notes)) == (row.results, list(row.notes))

@@ -15,6 +15,7 @@ from stepping_systems import arm
 import skfem_joint as sj
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Harmonic
+from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.structure.parameters import value_of, with_values
 from skfem_joint.structure.sensitivities import sensitivities
 from skfem_joint.system.sensitivity import OpeningSensitivity, SystemSensitivity
@@ -22,7 +23,6 @@ from skfem_joint.vibration import backbone as curves
 from skfem_joint.vibration.backbone import Backbone, backbone
 from skfem_joint.vibration.backbone_sensitivity import BackboneSensitivity, backbone_sensitivity
 from skfem_joint.vibration.mode_rates import mode_rates
-from skfem_joint.vibration.stuck import Stuck, StuckMode
 
 CURVES = "amplitude", "frequency", "friction_damping", "viscous_damping", "displacement"
 #: Relative step of central differences, and tolerance of levels, whose noise is over the step.
@@ -84,16 +84,12 @@ CASES = {
         in_plan(tangential_stiffness=3e12), along("upper_right", 0.0, 1.0), (FRICTION, E, SPRING)
     ),
     "plates": Case(plates(False, "constant"), ACROSS, BOLTED),
-    "plates on springs": Case(plates(False, "constant", **STIFF), ACROSS, (*BOLTED, SPRING)),
     "open": Case(plates(False, "unilateral"), ACROSS, BOLTED, 4),
     "open on springs": Case(
         plates(False, "unilateral", **ELASTIC),
         ACROSS, (*BOLTED, SPRING, "joint[0].normal_stiffness"), 4,
     ),
     "open, sticking at first": Case(pressed_evenly, ACROSS, (E, FRICTION), 6),
-    "solid": Case(plates(True, "constant"), SOLID, BOLTED, 6),
-    "solid on springs": Case(plates(True, "constant", **STIFF), SOLID, (*BOLTED, SPRING), 6),
-    "open solid": Case(plates(True, "unilateral"), SOLID, (FRICTION, PUSH, E), 3),
     "open solid on springs": Case(
         plates(True, "unilateral", **ELASTIC), SOLID, (SPRING, "joint[0].normal_stiffness"), 3
     ),
@@ -128,16 +124,32 @@ def sets(curve: Backbone) -> np.ndarray:
     return np.hstack(parts)
 
 
-@pytest.mark.parametrize(
-    ("name", "key"), [(name, key) for name, case in CASES.items() for key in case.keys]
-)
-def test_derivatives_are_central_differences_at_fixed_levels(name, key):
-    case, (given, found, rates) = CASES[name], differentiated(name)
-    value, column = value_of(given, key), case.keys.index(key)
+def beside(name: str, key: str | None, moves: Any = 0.0) -> list[Backbone]:
+    """Curves with a value a little above and below its own, and levels that move by the step."""
+    case, (given, found, _) = CASES[name], differentiated(name)
     ends = []
     for step in (STEP, -STEP):
-        system = with_values(given, {key: value * (1.0 + step)}).system(case.loads)
-        ends += backbone(system, case.modes, found.level)
+        values = {} if key is None else {key: value_of(given, key) * (1.0 + step)}
+        system = with_values(given, values).system(case.loads)
+        ends += backbone(system, case.modes, found.level * np.exp(step * moves))
+    return ends
+
+
+BY_LEVEL = ["bar on springs", "in plan", "plates", "open"]
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [(name, key) for name, case in CASES.items() for key in case.keys]
+    + [(name, None) for name in BY_LEVEL],
+)
+def test_derivatives_are_central_differences(name, key):
+    """By a value at fixed levels; by the logarithm of the levels in the last column."""
+    given, found, rates = differentiated(name)
+    value, column = (
+        (1.0, -1) if key is None else (value_of(given, key), CASES[name].keys.index(key))
+    )
+    ends = beside(name, key, moves=float(key is None))
     same = (sets(ends[0]) == sets(ends[1])).all(axis=1)
     assert same.mean() > 0.7
     for kind in CURVES:
@@ -146,7 +158,8 @@ def test_derivatives_are_central_differences_at_fixed_levels(name, key):
         noise = NOISE * getattr(found, kind).max() / value
         atol = 5e-6 * np.abs(known).max() + noise
         np.testing.assert_allclose(rate, known, rtol=0.0, atol=atol, err_msg=kind)
-    assert rates.parameters[column] == key
+    assert rates.parameters[: len(CASES[name].keys)] == CASES[name].keys
+    assert not rates.stuck_frequency[-1]
 
 
 TANGENTIAL, NORMAL = {"tangential_stiffness": 3e11}, {"normal_stiffness": 2e12}
@@ -190,22 +203,7 @@ def test_derivatives_from_a_thousandth_of_slip_on(joint):
         assert smooth.mean() > 0.8, kind
 
 
-@pytest.mark.parametrize("name", ["bar on springs", "in plan", "plates", "open", "solid"])
-def test_the_last_column_is_the_derivative_by_the_levels(name):
-    case, (given, found, rates) = CASES[name], differentiated(name)
-    system = given.system(case.loads)
-    ends = [backbone(system, case.modes, found.level * np.exp(h))[0] for h in (STEP, -STEP)]
-    same = (sets(ends[0]) == sets(ends[1])).all(axis=1)
-    assert same.mean() > 0.7
-    for kind in CURVES:
-        known = (getattr(ends[0], kind) - getattr(ends[1], kind))[same] / (2.0 * STEP)
-        atol = 5e-6 * np.abs(known).max() + NOISE * getattr(found, kind).max()
-        rate = getattr(rates, kind)[same][..., -1]
-        np.testing.assert_allclose(rate, known, rtol=0.0, atol=atol, err_msg=kind)
-    assert not rates.stuck_frequency[-1]
-
-
-@pytest.mark.parametrize("name", ["bar", "in plan", "plates on springs", "open"])
+@pytest.mark.parametrize("name", ["bar", "open"])
 def test_derivatives_do_not_change_the_curve(name):
     case, (given, found, _) = CASES[name], differentiated(name)
     (plain,) = backbone(given.system(case.loads), case.modes, case.levels, 0.6)
@@ -217,14 +215,10 @@ def test_derivatives_do_not_change_the_curve(name):
 @pytest.mark.parametrize(("name", "key"), [("bar on springs", FRICTION), ("plates", E)])
 def test_derivatives_at_a_fixed_amplitude(name, key):
     """Levels that keep the amplitude to first order have differences of that derivative."""
-    case, (given, found, rates) = CASES[name], differentiated(name)
-    column, value = case.keys.index(key), value_of(given, key)
+    given, _, rates = differentiated(name)
+    column, value = CASES[name].keys.index(key), value_of(given, key)
     point = rates.displacement[:, 0]
-    moves = -point[:, column] / point[:, -1]
-    ends = []
-    for h in (STEP * value, -STEP * value):
-        system = with_values(given, {key: value + h}).system(case.loads)
-        ends += backbone(system, case.modes, found.level * np.exp(h * moves))
+    ends = beside(name, key, moves=-value * point[:, column] / point[:, -1])
     np.testing.assert_allclose(ends[0].displacement[:, 0], ends[1].displacement[:, 0], rtol=1e-7)
     for kind in ("frequency", "damping_ratio"):
         known = (getattr(ends[0], kind) - getattr(ends[1], kind)) / (2.0 * STEP * value)
@@ -232,7 +226,7 @@ def test_derivatives_at_a_fixed_amplitude(name, key):
         np.testing.assert_allclose(held, known, rtol=0.0, atol=5e-6 * np.abs(known).max())
 
 
-@pytest.mark.parametrize("name", ["bar", "in plan", "plates", "solid"])
+@pytest.mark.parametrize("name", ["bar", "in plan"])
 def test_limits_and_levels_times_a_factor_leave_frequency_and_damping(name):
     """With constant normal force, exactly: the derivative by friction is minus that by levels."""
     case, (given, found, rates) = CASES[name], differentiated(name)
@@ -244,14 +238,6 @@ def test_limits_and_levels_times_a_factor_leave_frequency_and_damping(name):
         np.testing.assert_allclose(by_logarithm, -both[:, -1], rtol=0.0, atol=atol)
     amplitude = value_of(given, FRICTION) * rates.amplitude[:, column] + rates.amplitude[:, -1]
     np.testing.assert_allclose(amplitude, found.amplitude, rtol=1e-9)
-
-
-def test_friction_and_pressure_act_alike():
-    given, _, rates = differentiated("bar")
-    for kind in CURVES:
-        by = getattr(rates, kind)
-        friction, pressure = (value_of(given, key) * by[..., k] for k, key in enumerate(OF_BAR[:2]))
-        np.testing.assert_allclose(friction, pressure, atol=1e-12 * np.abs(by).max() or 1e-30)
 
 
 # %% A bar of a free length beyond a joint of constant friction: a quarter wave
@@ -350,8 +336,6 @@ def test_rates_of_modes_of_one_frequency():
     of_frequency, of_shape = rates({(0, 0): 1.0, (1, 1): 3.0, (0, 2): 0.6})
     np.testing.assert_allclose(of_frequency, [0.5 / (2.0 * np.pi)])
     np.testing.assert_allclose(of_shape[:, 0], [0.0, 0.0, -0.2, 0.0], atol=1e-14)
-    with pytest.raises(InputError, match="make the structure less symmetric"):
-        rates({(0, 1): 0.1})
 
 
 # %% What is refused
@@ -360,36 +344,25 @@ def test_rates_of_modes_of_one_frequency():
 @pytest.mark.parametrize(
     ("part", "words"),
     [
-        ({"w": np.ones(3)}, r"parameter p: w: found shape \(3,\), must be \(6,\)"),
+        ({"w": np.ones(3)}, r"parameter p: w: found shape \(3,\), must be"),
         ({"K": sparse.eye_array(3)}, r"K: found shape \(3, 3\)"),
         ({"stiffness": np.ones(2)}, r"stiffness: found shape \(2,\)"),
+        ({"opening": OpeningSensitivity(gap=np.ones(2))}, r"gap: found shape \(2,\)"),
+        ({"opening": OpeningSensitivity(force=np.ones(2))}, r"force: found shape \(2,\)"),
+        ({"opening": OpeningSensitivity(stiffness=np.ones(2))}, r"stiffness: found shape \(2,\)"),
     ],
 )
 def test_derivatives_of_another_system_are_refused(part, words):
-    (found,) = backbone(bolted().system(), levels=2, keep_path=True)
-    with pytest.raises(InputError, match=words):
-        backbone_sensitivity(found, [SystemSensitivity("p", **part)])
-
-
-def test_derivatives_of_another_contact_are_refused():
     system = bolted(joint={"contact": "unilateral"}).system()
     (found,) = backbone(system, levels=2, up_to=0.1, keep_path=True)
-    for name in ("gap", "force", "stiffness"):
-        opening = OpeningSensitivity(**{name: np.ones(2)})
-        with pytest.raises(InputError, match=rf"{name}: found shape \(2,\)"):
-            backbone_sensitivity(found, [SystemSensitivity("p", opening=opening)])
+    with pytest.raises(InputError, match=words):
+        backbone_sensitivity(found, [SystemSensitivity("p", **part)])
 
 
 def test_a_curve_without_its_path_has_no_derivatives():
     (found,) = backbone(bolted().system(), levels=2)
     with pytest.raises(InputError, match="found no path; give backbone keep_path = True"):
         backbone_sensitivity(found, [])
-
-
-@pytest.mark.parametrize("levels", [[], [0.0, 1.0], [2.0, 1.0], [[1.0]], [1.0, 1.0]])
-def test_levels_that_do_not_rise_are_refused(levels):
-    with pytest.raises(InputError, match="levels that rise from above zero"):
-        backbone(bar().system(), levels=levels)
 
 
 def test_sliders_that_share_a_slip_add_up():

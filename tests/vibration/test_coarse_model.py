@@ -8,64 +8,62 @@ from bodies import pressed, structure
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.reduction.condensed import condensed_basis, condensed_system
-from skfem_joint.steady import shooting
-from skfem_joint.vibration import coarse_model
 from skfem_joint.vibration.coarse_model import CoarseModel
 from skfem_joint.vibration.response import response, steady_point
 
 FIRST = 1062.0  # Hz, the first resonance if all sticks
 
 
-@pytest.fixture
-def small_matrices(monkeypatch):
-    """Newton's method for the smallest systems alone, so that those of tests count as large."""
-    settings = shooting.ShootingSettings(dense=10)
-    for module in (shooting, coarse_model):
-        monkeypatch.setattr(module, "NEWTON", settings)
+def plate(free: int = 50) -> sj.System:
+    """A plate that bends in its plane, of more unknowns than Newton's method takes by itself.
 
-
-@pytest.fixture(scope="module")
-def plate():
-    """A plate that bends in its plane; a fifth to a quarter of its friction limit slips."""
-    mesh = sj.build_plate([("joint", 0.1, 6), ("free", 0.2, 6)], 0.05, 2)
+    A fifth to a quarter of its friction limit slips.
+    """
+    mesh = sj.build_plate([("joint", 0.1, 6), ("free", 0.2, free)], 0.05, 2)
     made = structure(mesh, [pressed(pressure=8e6, friction=0.5)], stiffness_damping=1e-6)
     return made.system([sj.Load("right", sj.Harmonic(1e3, FIRST), (1.0, 0.2))])
 
 
-@pytest.mark.parametrize("name", ["full", "condensed"])
-def test_the_vibration_is_the_same_and_found_in_fewer_periods(name, plate, small_matrices):
-    basis = condensed_basis(plate).V if name == "condensed" else None
-    model = plate if basis is None else condensed_system(plate, basis)
-    coarse = CoarseModel.of(plate, FIRST, 1.0, basis)
+def test_the_vibration_is_the_same_and_found_in_fewer_periods():
+    system = plate()
+    coarse = CoarseModel.of(system, FIRST, 1.0, None)
     assert coarse is not None
     led, plain = [], []
     for frequency in (0.9 * FIRST, 0.95 * FIRST, FIRST):
         guide = coarse.guide(frequency, 1.0, 100, None)
         start = (led[-1].state, plain[-1].state) if led else (None, None)
-        led.append(steady_point(model, frequency, 1.0, 100, start[0], correction=guide.correction))
-        plain.append(steady_point(model, frequency, 1.0, 100, start[1]))
+        led.append(steady_point(system, frequency, 1.0, 100, start[0], correction=guide.correction))
+        plain.append(steady_point(system, frequency, 1.0, 100, start[1]))
         np.testing.assert_allclose(led[-1].amplitude, plain[-1].amplitude, rtol=1e-4)
         assert led[-1].friction_energy == pytest.approx(plain[-1].friction_energy, rel=1e-3)
     assert sum(p.periods for p in led) < 0.75 * sum(p.periods for p in plain)
 
 
-def test_the_error_of_the_step_is_that_of_the_larger_model(plate, small_matrices):
-    coarse = CoarseModel.of(plate, FIRST, 1.0, None)
+def test_the_error_of_the_step_is_that_of_the_larger_model():
+    system = plate()
+    coarse = CoarseModel.of(system, FIRST, 1.0, None)
     f, own = np.array([0.95 * FIRST, FIRST]), {"steps_per_cycle": 40, "refined": False}
-    (led,) = response(plate, f, (1.0,), coarse=coarse, **own)
-    (plain,) = response(plate, f, (1.0,), **own)
+    (led,) = response(system, f, (1.0,), coarse=coarse, **own)
+    (plain,) = response(system, f, (1.0,), **own)
     assert led.column("step_error") == pytest.approx(plain.column("step_error"), rel=0.5)
     far = replace(coarse, system=replace(coarse.system, P=1.2 * coarse.system.P))
-    (other,) = response(plate, f, (1.0,), coarse=far, **own)
+    (other,) = response(system, f, (1.0,), coarse=far, **own)
     np.testing.assert_allclose(other.column("step_error"), plain.column("step_error"), rtol=1e-2)
 
 
-def test_chains_small_systems_and_loads_that_are_not_odd_need_none(plate, small_matrices):
+def test_chains_small_systems_and_loads_that_are_not_odd_need_none():
+    system = plate()
     two = sj.MultiHarmonic((sj.Harmonic(1e3, FIRST), sj.Harmonic(1e2, 2.0 * FIRST)))
-    uneven = replace(plate, loads=(replace(plate.loads[0], amplitude=two),))
-    bar = arm(sj.Harmonic(1e4, 1000.0), elements=(60, 60))
-    basis = condensed_basis(plate).V[:, :10]
-    assert CoarseModel.of(uneven, FIRST, 1.0, None) is None
-    assert CoarseModel.of(bar, 1000.0, 1.0, None) is None
-    assert CoarseModel.of(plate, FIRST, 1.0, basis) is None
+    uneven = replace(system, loads=(replace(system.loads[0], amplitude=two),))
+    bar = arm(sj.Harmonic(1e4, 1000.0), elements=(200, 200))
+    for none in (uneven, bar, plate(free=6)):
+        assert CoarseModel.of(none, FIRST, 1.0, None) is None
+
+
+def test_in_a_basis_of_all_unknowns_it_is_that_of_the_full_model():
+    system = plate()
+    basis = np.random.default_rng(0).normal(size=(system.n, system.n))
+    one, other = (CoarseModel.of(system, FIRST, 1.0, V) for V in (None, basis))
+    np.testing.assert_allclose(basis @ other.up, one.up, atol=1e-8 * np.abs(one.up).max())
+    down = one.down @ basis
+    np.testing.assert_allclose(other.down, down, atol=1e-8 * np.abs(down).max())

@@ -40,7 +40,7 @@ def test_a_mass_on_a_preloaded_spring_has_the_secant_of_two_stiffnesses():
     assert curve.frequency == pytest.approx(np.sqrt(2.0 * F / (up + down)) / (2 * np.pi))
     assert np.abs(curve.offset) == pytest.approx(0.5 * (down - up), abs=1e-12)
     assert np.array_equal(curve.opened, lifts < F)
-    assert any("what impacts take" in text for text in curve.warnings)
+    assert any("what impacts take" in text for text in curve.notes)
     assert np.all(curve.friction_damping == 0.0)
     assert max(curve.estimated.values()) < 1e-6
 
@@ -78,8 +78,9 @@ def loop_of_the_slider(F: float) -> tuple[float, float]:
 
 
 def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_form(monkeypatch):
+    """Four times as many increments leave less than a quarter of the error."""
     slips = MU * PRESSED * (K0 + K1 + K2) / K1
-    errors, stated = [], []
+    errors = []
     for increments in (8, 16, 32):
         monkeypatch.setattr(cycles, "INCREMENTS", increments)
         (curve,) = sj.backbone(slider(), slips_at=slips, levels=3, up_to=3.0)
@@ -88,10 +89,9 @@ def test_a_slider_under_a_normal_force_that_varies_has_the_loop_of_its_closed_fo
         exact = work / (2.0 * np.pi * curve.level[-1] * q)
         assert curve.amplitude[-1] == pytest.approx(q, rel=1e-9)
         errors.append(abs(curve.friction_damping[-1] / exact - 1.0))
-        stated.append(curve.estimated["damping_ratio"])
+        assert errors[-1] < 3.0 * curve.estimated["damping_ratio"]
     assert errors[0] < 0.03
     assert errors[2] < 0.25 * errors[0]
-    assert all(true < 3.0 * said for true, said in zip(errors, stated, strict=True))
 
 
 def test_normal_forces_that_cannot_vary_have_the_curve_of_constant_ones():
@@ -118,7 +118,7 @@ def test_normal_forces_that_cannot_vary_have_the_curve_of_constant_ones():
     assert other.masing_error is None
     assert max(other.estimated.values()) < 1e-6
     (own,) = sj.backbone(opens.with_contact(beta=np.full(m, 1e3)), levels=2)
-    assert any("the curve is of Coulomb's law" in text for text in own.warnings)
+    assert any("the curve is of Coulomb's law" in text for text in own.notes)
 
 
 def with_gaps(order: int) -> sj.System:
@@ -136,11 +136,6 @@ def with_gaps(order: int) -> sj.System:
 def test_small_vibration_has_the_stuck_frequency(order):
     """Also where a mean over a hat has nodes of pressed points and of others."""
     system = with_gaps(order)
-    pressed = np.flatnonzero(system.contact.normal.force > 0.0)
-    motions = system.contact.normal.closed_motions()
-    held = sparse.csr_array(system.contact.normal.N)[pressed]
-    assert np.abs((held @ motions).toarray()).max() < 1e-12
-    assert motions.shape[1] == system.n - pressed.size
     (curve,) = sj.backbone(system, levels=2, up_to=1e-3)
     assert curve.state == ("stick", "stick")
     assert curve.frequency == pytest.approx(curve.stuck_frequency, rel=1e-6)
@@ -161,21 +156,9 @@ def test_what_lifts_off_ends_the_curve():
     (curve,) = sj.backbone(system, levels=8, up_to=0.7)
     assert 0 < curve.level.size < 8
     assert len(curve.state) == len(curve.states) == len(curve.middle) == curve.level.size
-    assert any("the curve ends at" in text and "lifts off" in text for text in curve.warnings)
+    assert any("the curve ends at" in text and "lifts off" in text for text in curve.notes)
     with pytest.raises(sj.ConvergenceError, match="there is no cycle at 1 of the highest level"):
         sj.backbone(system, levels=1, up_to=0.7)
-
-
-def test_turning_points_are_the_middle_and_half_of_the_way():
-    """Both obey the equation of a level, and a static state of them closes the path."""
-    system = oscillator([[K0, 0.0], [0.0, K2]], [1.0, 0.0], [0.0, 1.0], K1)
-    (curve,) = sj.backbone(system, slips_at=PRESSED, levels=3, up_to=4.0)
-    load = curve.level[:, np.newaxis] * (system.M @ curve.shape)
-    for sign in (1.0, -1.0):
-        u = curve.middle + sign * curve.states
-        normal = np.array([system.contact.normal.elastic_forces(x) for x in u])
-        left = u @ system.K.toarray() + (normal - PRESSED) @ system.contact.normal.N - sign * load
-        assert np.abs(left).max() < 1e-5 * np.abs(load).max()
 
 
 def frequency_of_two_stiffnesses(amplitude: float) -> float:
@@ -216,17 +199,3 @@ def test_a_ring_down_has_the_frequency_of_two_stiffnesses_at_each_amplitude():
     assert errors[1] < 5e-4
     assert errors[1] < 0.35 * errors[0]
     assert rung.damping_ratio[2:] == pytest.approx(ratio, rel=0.15)
-
-
-@pytest.mark.parametrize("model", [lambda s: s, sj.condense], ids=["full", "condensed"])
-def test_a_ring_down_ends_in_the_stuck_mode_and_loses_what_it_had(model):
-    system = model(block().system(loads(up=1e3, across=1e3)))
-    (curve,) = sj.backbone(system, levels=2, up_to=0.05)
-    assert curve.opened[-1] > 0.0
-    rung = sj.ring_down(system, curve, 12, 100)
-    assert rung.frequency[-1] == pytest.approx(curve.stuck_frequency, rel=5e-4)
-    assert rung.damping_ratio[-1] == pytest.approx(curve.viscous_damping[0], rel=2e-3)
-    assert rung.damping_ratio[0] > 1.1 * rung.damping_ratio[-1]
-    assert np.all(np.diff(rung.energy) < 0.0)
-    lost = rung.energy[0] - rung.energy[-1]
-    assert 0.0 < rung.friction_work[-1].sum() + rung.impact_work < lost

@@ -11,7 +11,7 @@ the loads and the preload where contact opens, then rescales the solution exactl
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,45 +26,8 @@ from skfem_joint.system.served import Point, Served
 from skfem_joint.system.slips import WHOLE_SHARE
 from skfem_joint.system.system import System
 
-
-@dataclass(frozen=True)
-class PointSettings:
-    """Numbers of points.
-
-    Attributes
-    ----------
-    steeper : float
-        Steepness of the larger model's law over that of the model.
-    cycles, steps : int
-        Cycles from rest within which a joint may slip as a whole, and fewest steps of each.
-    still : float
-        Share of the largest slip of a run below which a point counts as sticking. In reduced models
-        points that stick move a little: with a hundredth the level was 8 % low to 3 % high beside
-        condensed models, where it was a thousandth; with a thousandth here it was half of it.
-    near : float
-        The level is found to this, relative.
-    raised : float
-        Factor of the level from one trial to the next.
-    trials : int
-        Most trials.
-    tolerance : float
-        Relative distance from a range that is round-off.
-    least_energy : float
-        Share of the energy in play, see `least_energy`.
-    """
-
-    steeper: float = 5.0
-    cycles: int = 4
-    steps: int = 50
-    still: float = 1e-2
-    near: float = 0.03
-    raised: float = 1.3
-    trials: int = 16
-    tolerance: float = 1e-9
-    least_energy: float = 1e-3
-
-
-SETTINGS = PointSettings()
+# Relative distance from a range that is round-off.
+_TOLERANCE = 1e-9
 
 
 def at(
@@ -153,7 +116,8 @@ def point_of(system: System, point: Point) -> System:
     def there(model: System, law: float) -> System:
         return placed(model, point).no_steeper(law)
 
-    larger = replace(there(serves.larger, SETTINGS.steeper * law), serves=None)
+    # The larger model's law is steeper than that of the model.
+    larger = replace(there(serves.larger, 5.0 * law), serves=None)
     return replace(
         there(system, law),
         made_for="one point of its range",
@@ -178,7 +142,10 @@ def loaded_at(system: System, frequency: float, level: float) -> System:
         parts = load.amplitude.harmonics
         changed = (Harmonic(level * a.amplitude, faster * a.frequency, a.phase) for a in parts)
         loads.append(replace(load, amplitude=MultiHarmonic(tuple(changed))))
-    return replace(system, loads=tuple(loads))
+    origin = system.origin
+    if origin is not None:  # so that errors can still be estimated
+        origin = replace(origin, system=loaded_at(origin.system, frequency, level))
+    return replace(system, loads=tuple(loads), origin=origin)
 
 
 def period_of(system: System) -> float:
@@ -201,7 +168,7 @@ def check_within(system: System, point: Point) -> None:
     """
     serves, joints, frequency = Served.by(system), system.contact.joints, point.frequency
     low, high = serves.range.frequency
-    near = SETTINGS.tolerance
+    near = _TOLERANCE
     if not low * (1.0 - near) <= frequency <= high * (1.0 + near):
         raise InputError(
             f"at: found frequency {frequency:g} Hz, outside the range of the reduced model, "
@@ -222,7 +189,7 @@ def check_within(system: System, point: Point) -> None:
 
 
 def _check_slip(serves: Served, share: float) -> None:
-    (low, high), near = serves.range.slip, SETTINGS.tolerance
+    (low, high), near = serves.range.slip, _TOLERANCE
     if low * (1.0 - near) <= share <= high * (1.0 + near):
         return
     whole = "a joint slips as a whole there; " if share >= 1.0 else ""
@@ -241,7 +208,10 @@ def sticking(run: Run) -> float:
     system = run.system
     slip = run.slider_peak
     period = period_of(system)
-    still = slip <= np.maximum(SETTINGS.still * slip.max(initial=0.0), period / system.contact.beta)
+    # In reduced models points that stick move a little, up to a hundredth of the largest slip. With
+    # a hundredth the level was 8 % low to 3 % high beside condensed models, where it was a
+    # thousandth; with a thousandth here it was half of it.
+    still = slip <= np.maximum(1e-2 * slip.max(initial=0.0), period / system.contact.beta)
     return system.contact.least_share(still)
 
 
@@ -313,7 +283,7 @@ def least_energy(run: Run) -> float:
 
     Where hardly anything slips, elastic contact in place of a rigid one moves as much as slips.
     """
-    return SETTINGS.least_energy * run.in_play if run.system.contact.opens else 0.0
+    return 1e-3 * run.in_play if run.system.contact.opens else 0.0
 
 
 def found_level(there: Callable[[float], System], guess: float) -> float | None:
@@ -322,19 +292,19 @@ def found_level(there: Callable[[float], System], guess: float) -> float | None:
     ``there`` makes the model at a level, ``guess`` is where the search begins. None if no joint
     slips as a whole within the trials.
     """
-    settings, low, high, level = SETTINGS, 0.0, np.inf, guess
-    for _ in range(settings.trials):
+    low, high, level = 0.0, np.inf, guess
+    for _ in range(16):  # trials
         model = there(level)
         period = period_of(model)
-        steps = max(settings.steps, int(np.ceil(period / longest_step(model, period) - 1e-9)))
-        if sticking(from_rest(model, settings.cycles, steps)) <= 1.0 - WHOLE_SHARE:
+        steps = max(50, int(np.ceil(period / longest_step(model, period) - 1e-9)))
+        if sticking(from_rest(model, 4, steps)) <= 1.0 - WHOLE_SHARE:
             high = level
         else:
             low = level
-        if high <= low * (1.0 + 2.0 * settings.near):
-            return 0.5 * (low + high)
+        if high <= low * (1.0 + 2.0 * 0.03):
+            return 0.5 * (low + high)  # to 3 %
         if low > 0.0 and np.isfinite(high):
             level = float(np.sqrt(low * high))
         else:
-            level *= settings.raised if low > 0.0 else 1.0 / settings.raised
+            level *= 1.3 if low > 0.0 else 1.0 / 1.3
     return None

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.reduction.basis import SETTINGS as BASIS
+from skfem_joint.reduction.basis import MERGED_IF_OPEN
 from skfem_joint.reduction.elastic_contact import strain_norm
 from skfem_joint.reduction.friction_points import few_points
 from skfem_joint.reduction.pod import ProperModes, orthonormal, proper_decomposition, thinned
@@ -23,73 +23,8 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.system.served import Point, Range
 from skfem_joint.system.system import System
 
-
-@dataclass(frozen=True)
-class TrainingSettings:
-    """Numbers of training.
-
-    Attributes
-    ----------
-    first, more : int
-        Points whose levels come from the stuck vibration, and further ones, whose levels come from
-        the model of the first. The first ones are followed until all slips. With 6 and 8 in place
-        of 3 and 5, 40 modes of a bracket's pool served low shares of slip worse: 7 of 12 points
-        within 1 and 3 %, in place of 11.
-    rounds, candidates, followed : int
-        Where these do not suffice, models are compared at so many new points in each round, and
-        paths are followed at those where they differ most. On a bolted solid 56 modes of 8 paths
-        served 39 of 46 points within 1 and 3 %, 84 modes of 20 paths 42.
-    raised : float
-        Factor on the level of the stuck vibration from one of the first points to the next, while
-        more than ``still`` of each joint sticks; its root while less than a tenth of that does.
-    still : float
-        Share of a joint's limit.
-    missed : float
-        Factor on the guess of a level where the model of the first points lets no joint slip as a
-        whole.
-    beyond : float
-        Highest share of slip that is trained, over the highest of the range.
-    cycles, steps : int
-        Cycles of the run to come that a path follows, and steps of each.
-    modes : int
-        Number that `slip_path` is asked for: more than its levels tell apart, so that it follows
-        the path through time too.
-    rough : int
-        Joint modes of the model that the levels of further points come from.
-    kept : int
-        Proper orthogonal modes that stand for a path's snapshots in the pool.
-    times : int
-        Velocities that are kept of each path.
-    interface : int
-        Most fixed-interface modes.
-    resolved : float
-        Share of the largest slip velocity down to which the law resolves velocities.
-    points : int
-        Merged friction points for each vector of a basis with constant limits; with contact that
-        opens they are as many as a model for one load would have.
-    """
-
-    first: int = 3
-    more: int = 5
-    rounds: int = 2
-    candidates: int = 12
-    followed: int = 6
-    raised: float = 1.5
-    still: float = 0.1
-    missed: float = 1.5
-    beyond: float = 1.1
-    cycles: int = 3
-    steps: int = 200
-    modes: int = 30
-    rough: int = 14
-    kept: int = 40
-    times: int = 60
-    interface: int = 16
-    resolved: float = 2e-7
-    points: int = 3
-
-
-SETTINGS = TrainingSettings()
+# Proper orthogonal modes that stand for a path's snapshots in the pool.
+_KEPT = 40
 
 
 def spread(joints: Sequence[str], range_: Range, count: int) -> list[Point]:
@@ -105,7 +40,7 @@ def spread(joints: Sequence[str], range_: Range, count: int) -> list[Point]:
     numbers = engine.random(1 << max(count - 1, 1).bit_length())[:count]
     places = []
     (low, high), (slow, fast) = range_.slip, range_.frequency
-    high = SETTINGS.beyond * high
+    high = 1.1 * high  # trained a little beyond the range
     for x in numbers.tolist():
         shares = zip(free, x[2:], strict=True)
         limits = {name: pair[0] * (pair[1] / pair[0]) ** share for (name, pair), share in shares}
@@ -144,7 +79,8 @@ class Pool:
     @staticmethod
     def of(system: System, range_: Range) -> Pool:
         """Pool without paths."""
-        stuck = StuckVibration.of(system.closed(), range_.frequency[1], SETTINGS.interface)
+        interface_modes = 16  # at most
+        stuck = StuckVibration.of(system.closed(), range_.frequency[1], interface_modes)
         return Pool(system, QuasiStatic(system, 3e-5), stuck, strain_norm(system))
 
     def nominal(self, place: Point) -> float:
@@ -154,12 +90,13 @@ class Pool:
     def follow(self, place: Point) -> StaticPath:
         """Static slip path of a point; it is added to the pool."""
         there = placed(self.system, place)
-        period, cycles = 1.0 / place.frequency, SETTINGS.cycles
-        step = min(period / SETTINGS.steps, longest_step(there, cycles * period))
+        period, cycles = 1.0 / place.frequency, 3
+        step = min(period / 200, longest_step(there, cycles * period))
         plan = Plan(step, round(cycles * period / step))
-        found = slip_path(there, plan, SETTINGS.modes, self.path.with_limits(there.contact))
+        # More modes than its levels tell apart, so that it follows the path through time too.
+        found = slip_path(there, plan, 30, self.path.with_limits(there.contact))
         own = proper_decomposition(found.snapshots, self.energy)
-        kept = own.modes[:, : SETTINGS.kept] * own.singular_values[: SETTINGS.kept]
+        kept = own.modes[:, :_KEPT] * own.singular_values[:_KEPT]
         self.snapshots.append(kept.T)
         self.paths.append(replace(found, snapshots=kept.T[:0]))
         self.places.append(place)
@@ -180,11 +117,13 @@ class Pool:
         """Reduced system on a basis with merged contact points."""
         rates, states, MV = [], [], self.system.M @ V
         for path in self.paths:
-            u, v = (thinned(x, SETTINGS.times) @ (path.V.T @ MV) for x in (path.run.u, path.run.v))
+            u, v = (thinned(x, 60) @ (path.V.T @ MV) for x in (path.run.u, path.run.v))
             states.append(u)
             rates.append(v / max(float(np.abs(v).max()), 1e-300))
         contact = self.system.contact
-        each = BASIS.merged_if_open if contact.opens else (SETTINGS.points,)
+        # With constant limits three merged friction points for each vector of a basis; with contact
+        # that opens they are as many as a model for one load would have.
+        each = MERGED_IF_OPEN if contact.opens else (3,)
         numbers = [number * V.shape[1] for number in each]
         points = np.flatnonzero(contact.rubs)
         known = np.vstack(rates), np.vstack(states)
@@ -199,4 +138,5 @@ class Pool:
             velocity = float(contact.slip_norm(slips).max(initial=0.0))
             velocities.append(velocity / place.mean_factor(self.system.contact.joints))
         # The median: preliminary models of some paths may slip as a whole.
-        return 1.0 / (SETTINGS.resolved * max(float(np.median(velocities)), 1e-12))
+        # The law resolves velocities down to this share of the largest slip velocity.
+        return 1.0 / (2e-7 * max(float(np.median(velocities)), 1e-12))

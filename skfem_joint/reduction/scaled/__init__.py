@@ -5,6 +5,6 @@ of joints where force enters and their active lengths, `estimated_length` Eqs. (
 `basis` the modes scaled along each zone, and `gauss` the friction points along lines.
 
 All this holds for loads that pull along the axes of the joints: the joints do not bend. The default
-basis, of the static slip path, knows no such limit. Only `skfem_joint.study.scene_plan` uses
+basis, of the static slip path, knows no such limit. Only `skfem_joint.study.models` uses
 this folder.
 """

@@ -98,8 +98,7 @@ def paper_basis(
 ) -> Basis:
     """Basis of the paper's modes by options; makes the reference run and the probe run.
 
-    Parameters, notes and errors are those of `skfem_joint.reduction.sources.make_basis`, and those
-    of `active_zones` and `zone_lengths`.
+    Notes and errors are those of `active_zones`, `zone_lengths` and `Basis.judged`.
     """
     meshed = structure.meshed(
         "reduction.reference: found 'paper', whose modes are laid along a mesh; take 'static' "
@@ -119,7 +118,7 @@ def paper_basis(
         modes=options.mode_count,
         interface_modes=options.interface_modes,
     )
-    return basis.judged(options, notes, enriched)
+    return replace(basis, notes=tuple(notes)).judged(options, enriched)
 
 
 def scaled_basis(

@@ -110,7 +110,7 @@ def estimate_active_length(system: System, zone: ContactPart) -> ActiveLengthEst
     linear = np.setdiff1d(np.arange(system.n), slipping)
     at_end = float(force[unknowns[0]])
     if linear.size:
-        K_rest = shifted(K[linear][:, linear], M[linear][:, linear], shifts.SETTINGS.least)
+        K_rest = shifted(K[linear][:, linear], M[linear][:, linear], shifts.LEAST)
         u = factorised(K_rest)(force[linear])
         at_end += abs(float((K[unknowns[:1]][:, linear] @ u)[0]))
 

@@ -7,7 +7,8 @@ import pytest
 from reduced_joints import fig_18
 
 import skfem_joint as sj
-from skfem_joint.reduction.basis import Options, reduced_system
+from skfem_joint.reduction.basis import Options
+from skfem_joint.reduction.models import reduced_on
 from skfem_joint.reduction.scaled.basis import ScaledBasis, paper_basis
 from skfem_joint.reduction.scaled.gauss import gauss_points, gauss_rule
 from skfem_joint.stepping.plan import Plan
@@ -80,7 +81,7 @@ def test_all_points_as_gauss_points_give_the_model_of_all_nodes():
 
 def test_a_reduced_system_has_gauss_points_of_each_line():
     line, basis = fig_18()[1], on_a_line()[1]
-    assert reduced_system(line, basis).contact.w.size == 4 * 5  # Gauss: of each stretch
-    assert reduced_system(line, basis, friction_points=7).contact.w.size == 7
+    assert reduced_on(line, basis).contact.w.size == 4 * 5  # Gauss: of each stretch
+    assert reduced_on(line, basis, friction_points=7).contact.w.size == 7
     with pytest.raises(sj.InputError, match="found 0, must be"):
-        reduced_system(line, basis, friction_points=0)
+        reduced_on(line, basis, friction_points=0)

@@ -1,11 +1,12 @@
 """Active zones: where force enters joints, and how far in it reaches."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from bodies import structure
-from reduced_joints import bar, case, fig_18
+from reduced_joints import TAU, bar, case, fig_18
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Harmonic
@@ -30,22 +31,12 @@ def ends(structure: Structure, system: System) -> list[tuple[str, float, float]]
     return found
 
 
-PARTS = {"left": 0.1, "right": 0.1, "joint": 0.1, "a": 0.2, "b": 0.2}
-
-
-@pytest.mark.parametrize(
-    ("regions", "on", "fixed", "expected"),
-    [
-        ("left a b right", "after a", ["start", "end"], [("left", 0.1, 0.0), ("right", 0.5, 0.6)]),
-        ("a joint b", "end", ["start"], [("joint", 0.2, 0.3), ("joint", 0.3, 0.2)]),
-        # The last part ends the bar where nothing pulls: force enters at its first end alone.
-        ("joint a joint", "after a", ["start"], [("joint", 0.1, 0.0), ("joint", 0.3, 0.4)]),
-    ],
-)
-def test_joints_of_bars_have_a_zone_at_each_end_where_force_enters(regions, on, fixed, expected):
-    parts = [(name, PARTS[name], round(100 * PARTS[name])) for name in regions.split()]
+def bar_of(regions: str, on: str, fixed: tuple[str, ...] = ("start",)) -> tuple[Structure, System]:
+    """Bar of regions, of which those with long names are joints, loaded on one or at a point."""
+    lengths = {"left": 0.1, "right": 0.1, "joint": 0.1, "a": 0.2, "b": 0.2}
+    parts = [(name, lengths[name], round(100 * lengths[name])) for name in regions.split()]
     joints = sorted({name for name in regions.split() if len(name) > 1})
-    assert ends(*bar(parts, joints, [(on, PULL)], fixed=fixed)) == expected
+    return bar(parts, joints, [(on, PULL)], fixed=fixed)
 
 
 def two_bars() -> tuple[Structure, System]:
@@ -53,6 +44,49 @@ def two_bars() -> tuple[Structure, System]:
     upper = build_bar([("arm", 0.2, 10), ("joint", 0.1, 15)], {"end": 0.0}, origin=(-0.2, 0.0, 0.0))
     made = structure(merged([lower, upper]), [Joint("joint", 50e6, 0.7, against="under")], ["held"])
     return made, made.system([Load("end", PULL)])
+
+
+def solid() -> tuple[Structure, System]:
+    """Box on its foot, whose arm is pulled along; its axis is named."""
+    sides = {"left": "left", "right": "right", "joint": ("bottom", "foot")}
+    strips = [("foot", 0.1, 5), ("arm", 0.2, 4)]
+    box = build_box(strips, (0.05, 0.02), (2, 2), boundaries=sides)
+    made = structure(box, [Joint("joint", 8e6, 0.7, axis=(2.0, 0.0, 0.0))])
+    return made, made.system([Load("right", PULL, (1.0, 0.0, 0.0))])
+
+
+ONE_END, BOTH_ENDS = [("joint", 0.1, 0.0)], [("joint", 0.0, 0.1), ("joint", 0.1, 0.0)]
+#: Structure and system, friction limit (N/m) of the first joint, and what `ends` finds.
+ZONES = {
+    "two joints": (
+        lambda: bar_of("left a b right", "after a", ("start", "end")),
+        TAU,
+        [("left", 0.1, 0.0), ("right", 0.5, 0.6)],
+    ),
+    "inside": (lambda: bar_of("a joint b", "end"), TAU, [("joint", 0.2, 0.3), ("joint", 0.3, 0.2)]),
+    # The last part ends the bar where nothing pulls: force enters at its first end alone.
+    "two parts": (
+        lambda: bar_of("joint a joint", "after a"),
+        TAU,
+        [("joint", 0.1, 0.0), ("joint", 0.3, 0.4)],
+    ),
+    "fig 18": (fig_18, TAU, ONE_END),
+    "two bars": (two_bars, TAU, BOTH_ENDS),
+    "two plates": (lambda: case("two")[:2], TAU, BOTH_ENDS),
+    "lap": (lambda: case("lap")[:2], 0.7 * 8e6 * 0.05, [("joint", 0.25, 0.0)]),
+    "edge": (lambda: case("edge")[:2], 0.5 * 100e6 * 0.01, ONE_END),
+    "solid": (solid, 0.7 * 8e6 * 0.02, ONE_END),
+}
+
+
+@pytest.mark.parametrize("name", ZONES)
+def test_joints_have_a_zone_at_each_end_where_force_enters(name):
+    make, tau, expected = ZONES[name]
+    structure, system = make()
+    assert ends(structure, system) == expected
+    zone = active_zones(structure, system)[0]
+    assert zone.tau == pytest.approx(tau, rel=1e-12)
+    assert zone.is_line == (name not in ("two plates", "lap", "solid"))
 
 
 def test_numbering_of_the_mesh_does_not_matter():
@@ -75,52 +109,24 @@ def test_numbering_of_the_mesh_does_not_matter():
     assert zone.tau == pytest.approx(expected.tau, rel=1e-12)
 
 
+def changed(name: str, **joint: Any) -> tuple[Structure, System]:
+    made, system = fig_18() if name == "fig 18" else case(name)[:2]
+    return replace(made, joints=[replace(one, **joint) for one in made.joints]), system
+
+
 @pytest.mark.parametrize(
-    ("name", "expected"),
+    ("make", "words"),
     [
-        ("lap", [(0.25, 0.0)]),
-        ("strip", [(0.1, 0.0)]),
-        ("edge", [(0.1, 0.0)]),
-        ("two", [(0.0, 0.1), (0.1, 0.0)]),
-        ("bars", [(0.0, 0.1), (0.1, 0.0)]),
-        ("fig 18", [(0.1, 0.0)]),
+        (lambda: bar_of("joint b", "joint"), "'joint': a load acts inside it"),
+        (lambda: bar_of("left right", "end"), "'left' touches another joint"),
+        (lambda: changed("strip", axis=None), "'joint': no axis is named"),
+        (lambda: changed("fig 18", friction=0.0), "no friction acts in it"),
+        (lambda: fig_18(force=0.0), "no force enters any joint"),
     ],
 )
-def test_zones_of_plates_and_of_two_bodies(name, expected):
-    make = {"bars": two_bars, "fig 18": fig_18}.get(name, lambda: case(name)[:2])
-    structure, system = make()
-    assert ends(structure, system) == [("joint", *zone) for zone in expected]
-    zone = active_zones(structure, system)[0]
-    limit = 0.7 * structure.patches[0].clamping_force if name != "edge" else 0.5 * 100e6 * 1e-3
-    assert zone.tau * zone.length == pytest.approx(limit, rel=1e-12)
-    assert zone.is_line == (name in ("edge", "bars", "fig 18"))
-
-
-def test_solid_on_its_foot_has_a_zone_where_the_arm_begins():
-    sides = {"left": "left", "right": "right", "joint": ("bottom", "foot")}
-    strips = [("foot", 0.1, 5), ("arm", 0.2, 4)]
-    box = build_box(strips, (0.05, 0.02), (2, 2), boundaries=sides)
-    made = structure(box, [Joint("joint", 8e6, 0.7, axis=(2.0, 0.0, 0.0))])
-    system = made.system([Load("right", PULL, (1.0, 0.0, 0.0))])
-    assert ends(made, system) == [("joint", 0.1, 0.0)]
-
-
-def test_scaled_modes_that_cannot_follow_are_refused():
-    inside = bar([("joint", 0.1, 10), ("linear", 0.2, 10)], ["joint"], [("joint", PULL)])
-    with pytest.raises(InputError, match="'joint': a load acts inside it"):
-        active_zones(*inside)
-    touching = bar([("one", 0.1, 10), ("two", 0.1, 10)], ["one", "two"], [("end", PULL)])
-    with pytest.raises(InputError, match="'one' touches another joint"):
-        active_zones(*touching)
-    structure, system, _ = case("strip")
-    joints = [replace(joint, axis=None) for joint in structure.joints]
-    with pytest.raises(InputError, match="'joint': no axis is named"):
-        active_zones(replace(structure, joints=joints), system)
-    free = [replace(joint, friction=0.0) for joint in fig_18()[0].joints]
-    with pytest.raises(InputError, match="no friction acts in it"):
-        active_zones(replace(fig_18()[0], joints=free), fig_18()[1])
-    with pytest.raises(InputError, match="no force enters any joint"):
-        active_zones(*fig_18(force=0.0))
+def test_scaled_modes_that_cannot_follow_are_refused(make, words):
+    with pytest.raises(InputError, match=words):
+        active_zones(*make())
 
 
 @pytest.mark.parametrize("length", [0.0, -0.01, 0.1001, np.nan])

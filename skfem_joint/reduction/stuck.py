@@ -62,7 +62,7 @@ class Stuck:
         solve = None if self.path is None else self.path.stuck(self.F)
         if self.path is not None and solve is not None:
             return solve, self.path.shift
-        shift = shifts.SETTINGS.least * shifts.mean_square_frequency(self.K, self.M)
+        shift = shifts.LEAST * shifts.mean_square_frequency(self.K, self.M)
         return factorised(self.K + shift * self.M), shift
 
     def modes(self, count: int) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,114 @@
+"""What to beware of in a run, in whole sentences: its `Run.notes`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.runs.last_cycle import peaks, steady_state
+from skfem_joint.runs.resolution import unfit_times
+from skfem_joint.stepping.loops import Loops
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Run
+
+#: Difference of a joint's loop from its energy, over this; share of its friction limit that its
+#: loop leaves out.
+_APART = 0.01
+
+
+def notes_of_run(run: Run, plan: Plan) -> Iterator[str]:
+    """Sentences about a run by a plan.
+
+    They are about times of loads that do not fit the run, steady vibration, loops, cycles that are
+    not steady, and energy.
+    """
+    yield from unfit_times(run.system, plan)
+    if run.steady is not None:
+        yield from run.steady.notes
+        yield from _free_offset(run)
+    state = steady_state(run)
+    if run.loops is not None:
+        yield from _of_loops(run, run.loops)
+    elif state is not None and not state.reached:
+        yield (
+            "The run has not reached a steady state: the last cycle differs by "
+            f"{100 * state.energy_change:.2g} % in energy and {100 * state.peak_change:.2g} % in "
+            "peaks from the one before. Energies and peaks per cycle are those of the last cycle. "
+            "For the steady state give more cycles, or time.until = 'steady' in place of cycles."
+        )
+    yield from wrong_energy(run)
+
+
+def wrong_energy(run: Run) -> Iterator[str]:
+    """Sentences about energy that steps add, and about a balance of energy that is open."""
+    # Residual of the energy balance over the energy that was converted.
+    if np.any(peaks(run) > 0.0) and run.energy_residual > 1e-8:
+        yield (
+            f"The run has an energy balance that is open by {run.energy_residual:.2g} of the "
+            "energy in play."
+        )
+    # Energy that the steps of elastic contact may add, over the energy in play.
+    rigid = run.system.contact.normal.rigid.all()
+    if not rigid and -run.scheme_work > 1e-3 * run.in_play:
+        yield (
+            f"The run gained {-run.scheme_work:.3g} J by its time steps, "
+            f"{-100.0 * run.scheme_work / run.in_play:.2g} % of the energy in play: elastic "
+            "contact (normal_stiffness, or of a reduced model) that opens or closes is faster than "
+            "they follow. Take a shorter step, or rigid contact in a full or condensed model: its "
+            "impacts cannot add energy."
+        )
+
+
+def _free_offset(run: Run) -> Iterator[str]:
+    """Sentence about steady vibration whose offset depends on how it began."""
+    steady = run.steady
+    if steady is None or not steady.unstrained:
+        return
+    size, most = np.abs(steady.drift), int(np.abs(steady.drift).argmax()) if run.peak.size else 0
+    # Drift in a period over the amplitude.
+    if size.size and size[most] > 1e-3 * steady.amplitude.max():
+        yield (
+            f"The run drifts: '{run.system.points[most]}' goes on by "
+            f"{steady.drift[most]:.3g} m in each period, for under this load neither a support nor "
+            "friction holds it. It has a steady velocity and no steady displacement: amplitudes "
+            "are those about its drift, offsets and peaks those of one period."
+        )
+        return
+    yield (
+        "The run is of what friction alone holds and no support does: amplitudes (half of "
+        "peak to peak) are those of its steady vibration, but its offset depends on how that "
+        "began. The offsets and peaks given are those of vibration about the place without strain "
+        "under loads that change their sign every half period, else from the place of the start; "
+        "to follow the transient to its own offset give cycles in place of until = 'steady'."
+    )
+
+
+def _of_loops(run: Run, loops: Loops) -> Iterator[str]:
+    """Sentences about loops that are open, or whose area is not the energy."""
+    gap, contact = loops.opening, run.system.contact
+    # Gap of the last cycle of a quasi-static run over its width.
+    if gap is not None and gap > 2e-3:
+        yield (
+            f"The run ends with a cycle that is not closed, {100 * gap:.2g} % of its "
+            "width away from its start. The first cycle, from rest, never is; energies and "
+            "stiffnesses per cycle are those of the last one. Give more cycles."
+        )
+    shares = sparse.csr_array(np.eye(1) if contact.shares is None else contact.shares)
+    merged = np.diff(shares.indptr).max(initial=0) > 1  # points that may have slipped apart
+    for joint, area, energy, covered in zip(
+        contact.joints, loops.area, loops.energy, loops.covered, strict=True
+    ):
+        if covered < 1.0 - _APART:
+            yield (
+                f"The loop of joint '{joint}' leaves out points with {100 * (1 - covered):.2g} % "
+                "of its friction limit, which supports leave only one direction of slip: they "
+                "count in its energy alone."
+            )
+        if energy > 0.0 and abs(area - energy) > _APART * energy and not merged:
+            yield (
+                f"The points of joint '{joint}' slip by different amounts: the loop of its force "
+                f"over its mean slip has an area of {area:.3g} J, its friction takes "
+                f"{energy:.3g} J, the sum over its points. The energy is exact, the area is not."
+            )

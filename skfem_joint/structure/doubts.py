@@ -1,0 +1,80 @@
+"""Reasons to doubt a structure under its loads: the last notes of its system."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from skfem_joint.body.body import Body
+from skfem_joint.joint.doubts import coarse_for_waves, oscillating_impacts
+from skfem_joint.joint.patch import Patch
+from skfem_joint.joint.pressure import Bolts
+from skfem_joint.mesh.cells import spot
+from skfem_joint.system.system import System
+
+
+def doubted(
+    system: System,
+    unusual: Sequence[str],
+    patches: Sequence[Patch],
+    body: Body | None = None,
+    *,
+    quasi_static: bool = False,
+) -> System:
+    """System whose notes also say which values, sizes, loads and joints suggest a mistake.
+
+    Parameters
+    ----------
+    system : System
+    unusual : sequence of str
+        Sentences about mesh, values and size, or about given matrices.
+    patches : sequence of Patch
+        Contact points of each joint.
+    body : Body, optional
+    quasi_static : bool
+        Whether the loads change slowly: then they excite no waves that elements should follow.
+    """
+    sentences = [*system.notes, *unusual]
+    if not quasi_static and body is not None:
+        sentences += coarse_for_waves(body, system)
+        sentences += oscillating_impacts(body, patches)
+    if not patches:
+        sentences.append("There is no joint: nothing slips, the structure is linear.")
+    for patch in patches:
+        joint = patch.joint
+        if not np.any(system.contact.rubs[patch.points]) or joint.friction == 0.0:
+            sentences.append(
+                f"Joint '{joint.name}' carries no friction: its pressure or friction is 0."
+            )
+        if isinstance(joint.pressure, Bolts) and body is not None:
+            sentences += _bolt_doubts(body, patch, joint.pressure)
+        force, area = patch.clamping_force, float(patch.area.sum()) + patch.held_area
+        if force > 0.0 and not 1e3 <= force / area <= 1e10:
+            sentences.append(
+                f"Joint '{joint.name}' is pressed by {force / area:.4g} Pa; bolts press by "
+                "1e6 to 1e9 Pa: is it in Pa?"
+            )
+        if joint.friction > 2.0:
+            sentences.append(
+                f"Joint '{joint.name}' has a coefficient of friction of "
+                f"{joint.friction:.4g}; dry metals have 0.1 to 1: is it in percent?"
+            )
+    return replace(system, notes=tuple(dict.fromkeys(sentences)))
+
+
+def _bolt_doubts(body: Body, patch: Patch, bolts: Bolts) -> Iterator[str]:
+    """Sentences about bolts whose ring leaves the joint or is poorly resolved by the mesh."""
+    for bolt, share in zip(bolts.bolts, patch.bolt_shares, strict=True):
+        where = f"The bolt at {spot(np.array(bolt.at))} in joint '{patch.joint.name}'"
+        if bolt.force == 0.0:
+            yield f"{where} has a force of 0 N: it presses nothing."
+            continue
+        if share < 0.99:
+            yield f"{where} has {100 * share:.3g} % of its ring on the joint, and its whole force."
+        centre = np.asarray(bolt.at[: body.dim])
+        distance = np.linalg.norm(body.nodes[patch.nodes] - centre, axis=1)
+        points = int(np.count_nonzero(distance <= bolts.outer_radius(bolt)))
+        if points < 12:
+            yield f"{where} presses only {points} nodes within its ring: refine the mesh around it."
