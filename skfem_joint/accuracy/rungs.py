@@ -57,7 +57,7 @@ from skfem_joint.accuracy.ladder import (
 )
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.reduction.basis import MANY_MODES, Basis, Options
+from skfem_joint.reduction.basis import Basis, Options
 from skfem_joint.reduction.condensed import carrying, condense, interface_modes_in
 from skfem_joint.reduction.friction_points import MANY, MERGED
 from skfem_joint.reduction.missing_modes import Residual, stride
@@ -187,7 +187,7 @@ def model_beside(system: System, plan: Plan, beta: str | float = "auto") -> tupl
     # With 12, 20 and 30 modes the friction energy of a plate with two bolts is 1.5, 0.4 and 0.2 %
     # off the full model's.
     duration = None if plan.until == "steady" else plan.duration
-    many = Options(modes=MANY_MODES, friction_points="all")
+    many = Options(modes=20, friction_points="all")
     basis = reduced(system, many, duration, plan.step, enriched=True).origin.basis
     V = orthonormal(np.hstack([basis.V, _natural_modes(system)]), system.M)
     wide = replace(basis, V=orthonormal(V, system.M))

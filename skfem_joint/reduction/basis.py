@@ -21,7 +21,7 @@ from skfem_joint.reduction.pod import ProperModes, orthonormal, thinned
 from skfem_joint.system.system import System
 
 #: Joint modes if their number is "auto": of a path or run; of the states of a damping curve, or
-#: beside another model, where levels and frequencies are many; of each zone of the paper's.
+#: beside a response, where levels and frequencies are many; of each zone of the paper's.
 JOINT_MODES, MANY_MODES, SCALED_MODES = 12, 24, 5
 #: Most times of a run that its modes, and the friction points, are made from.
 MOST_TIMES = 300

@@ -239,7 +239,9 @@ def backbone(
     ConvergenceError
         If a level does not converge, or with contact that opens the first one has no state.
     """
-    asked = _Levels.of(levels, up_to, slips_at or getattr(system.origin, "slips_at", None))
+    if slips_at is None:
+        slips_at = getattr(system.origin, "slips_at", None)
+    asked = _Levels.of(levels, up_to, slips_at)
     system.check_any_load("backbone", float(asked.shares[-1]) * (asked.slips_at or 0.0))
     if not system.contact.count:
         why = "frequency and damping do not depend on amplitude"
