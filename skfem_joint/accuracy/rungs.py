@@ -188,7 +188,7 @@ def model_beside(system: System, plan: Plan, beta: str | float = "auto") -> tupl
     # off the full model's.
     duration = None if plan.until == "steady" else plan.duration
     many = Options(modes=20, friction_points="all")
-    basis = reduced(system, many, duration, plan.step, enriched=True).origin.basis
+    basis = reduced(system, many, duration, plan.step, plan.scheme, enriched=True).origin.basis
     V = orthonormal(np.hstack([basis.V, _natural_modes(system)]), system.M)
     wide = replace(basis, V=orthonormal(V, system.M))
     small = reduced_on(system, wide, friction_points="all", beta=beta)

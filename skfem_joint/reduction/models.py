@@ -31,6 +31,7 @@ from skfem_joint.runs.resolution import longest_step
 from skfem_joint.runs.slow_run import rate_independent
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
+from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.system.served import Range
 from skfem_joint.system.system import System
 
@@ -48,6 +49,7 @@ def reduce(
     interface_modes: str | int = "auto",
     duration: float | None = None,
     step: float | None = None,
+    scheme: Scheme | None = None,
     run: Run | None = None,
     frequency: float | None = None,
     level: float = 1.0,
@@ -76,6 +78,8 @@ def reduce(
         vibration is steady; others need it.
     step : float, optional
         Time step of that run, s; if it is not given, one that tells how the loads change.
+    scheme : Scheme, optional
+        Integration scheme of that run; average acceleration if not given.
     run : Run, optional
         Own run with stored fields, ``save=Save(fields=True)``, to take modes of instead.
     frequency, level : float, optional
@@ -123,11 +127,12 @@ def reduce(
     check("modes", modes, COUNT, "auto")
     if range is not None:
         automatic = interface_modes, friction_points, beta
-        others = duration, step, run, frequency, curve
+        others = duration, step, scheme, run, frequency, curve
         if quasi_static or {*automatic} != {"auto"} or any(x is not None for x in others):
             raise InputError(
-                "reduce: with range, interface_modes, friction_points, beta, duration, step, run, "
-                "frequency and curve are found for the whole range, which is one of vibration; "
+                "reduce: with range, interface_modes, friction_points, beta, duration, step, "
+                "scheme, run, frequency and curve are found for the whole range, which is one of "
+                "vibration; "
                 "leave them out, and quasi_static too"
             )
         return reduced_for_range(system, range, accuracy=accuracy, modes=modes)
@@ -144,7 +149,8 @@ def reduce(
         return reduced_for_mode(system, curve, options)
     if frequency is not None:
         return reduced_for_response(system, frequency, level, options)
-    return reduced(system, options, duration, step, quasi_static=quasi_static, run=run)
+    times = duration, step, scheme
+    return reduced(system, options, *times, quasi_static=quasi_static, run=run)
 
 
 def reduced(
@@ -152,6 +158,7 @@ def reduced(
     options: Options | None = None,
     duration: float | None = None,
     step: float | None = None,
+    scheme: Scheme | None = None,
     *,
     quasi_static: bool = False,
     run: Run | None = None,
@@ -164,7 +171,7 @@ def reduced(
     ----------
     system : System
     options : Options, optional
-    duration, step, quasi_static, run
+    duration, step, scheme, quasi_static, run
         As for `reduce`.
     path : QuasiStatic, optional
         A quasi-static path of the system, whose factors are used.
@@ -184,7 +191,7 @@ def reduced(
     if quasi_static:  # whose law does not depend on velocity
         system, friction["beta"] = rate_independent(system), np.inf
     if run is None:
-        plan = run_to_come(system, duration, step, quasi_static=quasi_static)
+        plan = run_to_come(system, duration, step, scheme, quasi_static=quasi_static)
         basis = sources.path_basis(elastic(system), options, plan, path)
     else:
         check_reference(system, "self")
@@ -284,6 +291,7 @@ def run_to_come(
     system: System,
     duration: float | None = None,
     step: float | None = None,
+    scheme: Scheme | None = None,
     *,
     quasi_static: bool = False,
 ) -> Plan:
@@ -302,7 +310,8 @@ def run_to_come(
     if step is None:
         step = duration / 2000 if period is None else min(period / 200, duration)
         step = min(step, longest_step(system, duration, vibrates=not quasi_static))
-    return Plan(step, max(1, round(duration / step)), quasi_static=quasi_static)
+    count, scheme = max(1, round(duration / step)), scheme or generalized_alpha()
+    return Plan(step, count, scheme, quasi_static=quasi_static)
 
 
 def _loading(system: System) -> str:

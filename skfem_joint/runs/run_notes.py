@@ -95,8 +95,9 @@ def _of_loops(run: Run, loops: Loops) -> Iterator[str]:
             "width away from its start. The first cycle, from rest, never is; energies and "
             "stiffnesses per cycle are those of the last one. Give more cycles."
         )
-    shares = sparse.csr_array(np.eye(1) if contact.shares is None else contact.shares)
-    merged = np.diff(shares.indptr).max(initial=0) > 1  # points that may have slipped apart
+    merged = contact.shares is not None and (
+        np.diff(sparse.csr_array(contact.shares).indptr).max(initial=0) > 1
+    )
     for joint, area, energy, covered in zip(
         contact.joints, loops.area, loops.energy, loops.covered, strict=True
     ):

@@ -154,9 +154,10 @@ def model_of(
     duration = None if scene.time.until == "steady" else scene.n_steps * scene.time_step
     if options.reference != "paper":
         run = _training(scene, system) if options.reference == "self" else None
-        times = duration, scene.time_step
-        given = {"quasi_static": slow, "enriched": enriched}
-        return reduced(system, options, *times, run=run, path=path, **given)
+        times = duration, scene.time_step, plan_of(scene).scheme
+        return reduced(
+            system, options, *times, quasi_static=slow, run=run, path=path, enriched=enriched
+        )
     from skfem_joint.reduction.scaled.basis import paper_basis  # few scenes need it
 
     basis = paper_basis(scene.structure(), system, options, plan_of(scene), enriched=enriched)
