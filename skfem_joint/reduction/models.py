@@ -213,9 +213,7 @@ def reduced_for_response(
     return replace(small, loads=loads, made_for=made_for, origin=origin)
 
 
-def reduced_for_mode(
-    system: System, curve: sources.ModeStates, options: Options | None = None
-) -> System:
+def reduced_for_mode(system: System, curve: Any, options: Options | None = None) -> System:
     """Reduced model for a mode, of states of the system's own damping curve."""
     options = options or Options()
     basis = sources.mode_basis(system, curve, options).for_decay()

@@ -8,11 +8,10 @@ paper's scaled modes have a folder of their own, `skfem_joint.reduction.scaled`.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.reduction import static_path
 from skfem_joint.reduction.basis import MANY_MODES, MOST_TIMES, Basis, Options, basis_of
@@ -43,42 +42,6 @@ if TYPE_CHECKING:
 
 #: Singular values below this share of the largest are what the tolerance of paths leaves.
 _LEAST_SINGULAR = 1e-7
-
-
-class ModeStates(Protocol):
-    """A damping curve of one mode, as far as a basis needs it: see `Backbone`."""
-
-    @property
-    def mode(self) -> int:
-        """Its number, from 1."""
-
-    @property
-    def shape(self) -> FloatArray:
-        """Mode with the contact stuck, (n,), kg^(-1/2)."""
-
-    @property
-    def stuck_frequency(self) -> float:
-        """Its frequency, Hz."""
-
-    @property
-    def level(self) -> FloatArray:
-        """Rising levels, (levels,)."""
-
-    @property
-    def slips_at(self) -> float:
-        """Level at which the first joint slips as a whole."""
-
-    @property
-    def share(self) -> FloatArray:
-        """Share of the friction limits whose points slip, (levels,)."""
-
-    @property
-    def states(self) -> FloatArray:
-        """Displacements, (levels, n), m."""
-
-    @property
-    def loops(self) -> FloatArray:
-        """Increments of displacement along half cycles, (increments, n), m."""
 
 
 def path_basis(
@@ -210,8 +173,8 @@ def static_basis(
     return replace(basis, history=history, stiffness=path.stiffness)
 
 
-def mode_basis(system: System, curve: ModeStates, options: Options) -> Basis:
-    """Modes with the contact stuck, and proper orthogonal modes of what slips on a damping curve.
+def mode_basis(system: System, curve: Any, options: Options) -> Basis:
+    """Modes with the contact stuck, and proper orthogonal modes of what slips on a `Backbone`.
 
     Each state of the curve counts as much as the others, however far it slips. With contact that
     opens these are states of slow cycles of elastic contact at three of the levels, and rigid
