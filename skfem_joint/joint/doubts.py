@@ -115,10 +115,9 @@ def locking(body: Body) -> Iterator[str]:
     """Sentence about elements of first order, which are too stiff in bending."""
     if body.dim == 1 or body.mesh.order > 1:
         return
-    each = f"{body.cell.name}s".replace("hedrons", "hedra")
     yield (
-        f"The elements are {each} of first order, which bend too stiffly by tens of per cent (they "
-        "lock): where parts bend, frequencies are too high, displacements and friction "
-        "energies too small by as much, which no estimated total counts but that of a full model "
-        "with --certify. Take elements of second order (in Gmsh Mesh.ElementOrder = 2)."
+        f"The elements are {body.cell.plural} of first order, which bend too stiffly by tens of "
+        "per cent (they lock): where parts bend, frequencies are too high, displacements and "
+        "friction energies too small by as much, which no estimated total counts but that of a "
+        "full model with --certify. Take elements of second order (mesh.order = 2)."
     )

@@ -68,6 +68,11 @@ class Cell:
         return int(self.elements[0].refdom.dim())
 
     @property
+    def plural(self) -> str:
+        """Name of several of them."""
+        return f"{self.name}s".replace("hedrons", "hedra")
+
+    @property
     def measure(self) -> str:
         """Word for the size of an element."""
         return ("length", "area", "volume")[self.dim - 1]

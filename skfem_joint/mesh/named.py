@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 import skfem
+from scipy import sparse
+from skfem.assembly import Dofs
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.linalg.fill import fill
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
 from skfem_joint.mesh.straightening import straightening
@@ -80,6 +83,24 @@ class NamedMesh:
         """Arrays and names that distinguish this mesh from another."""
         geometry = [self.mesh.p, self.mesh.t, self.order, self.coordinates]
         return [geometry, [self.regions, self.boundaries, self.points]]
+
+    @cached_property
+    def other_order(self) -> NamedMesh:
+        """The same straight mesh with displacements of the other order, 2 or 1."""
+        return replace(self, order=3 - self.order)
+
+    @cached_property
+    def factor_bytes(self) -> float:
+        """Memory of a factor of the stiffness, bytes; 0 below 50,000 unknowns, which always fit."""
+        nodes = Dofs(self.mesh, cell_of(self.mesh)[0].elements[self.order - 1]())
+        if self.dim * nodes.N < 50_000:
+            return 0.0
+        of_element = nodes.element_dofs
+        element = np.broadcast_to(np.arange(self.n_elements), of_element.shape)
+        entries = np.ones(of_element.size), (of_element.ravel(), element.ravel())
+        beside = sparse.csr_array(entries, shape=(nodes.N, self.n_elements))
+        # SuperLU keeps both triangles.
+        return 2.0 * 8.0 * self.dim**2 * fill(beside @ beside.T).entries
 
     @property
     def n_elements(self) -> int:

@@ -167,6 +167,7 @@ class Scene(SceneTable):
             **common,
             bolts=[Clamp(**bolt.model_dump()) for bolt in self.bolt],
             mass=material.mass_matrix,
+            order="auto" if self.mesh is None else self.mesh.order,
             regions=regions,
             progress=progress,
         )

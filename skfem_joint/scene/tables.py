@@ -51,6 +51,11 @@ class MeshTable(SceneTable):
         ".msh of format 2.2 or 4.1, ASCII or binary; for bars also Abaqus .inp"
     )
     scale: Positive = key("length of the mesh's unit, m", 1.0)
+    order: Literal["auto", 1, 2] = key(
+        'order of the displacement; "auto" computes triangles and tetrahedra of first order, which '
+        "bend too stiffly, with quadratic displacements on the same mesh",
+        "auto",
+    )
 
     def paths(self, folder: Path) -> list[Path]:
         """Mesh files of a scene that lies in ``folder``."""

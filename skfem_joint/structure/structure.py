@@ -29,6 +29,7 @@ from skfem_joint.joint.preload import Preload, TouchingFaces, preload
 from skfem_joint.joint.pressure_space import PressureSpace, pressure_space
 from skfem_joint.joint.rigid import loose_bodies
 from skfem_joint.mesh import NamedMesh, load_meshes, named
+from skfem_joint.mesh.order import of_order
 from skfem_joint.structure.doubts import doubted
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
 from skfem_joint.structure.reactions import Reactions, reactions
@@ -55,6 +56,9 @@ class Structure:
         Of a bar, m; a joint on a bar has this width.
     thickness : float, optional
         Of a bar or a plate, m.
+    order : {"auto", 1, 2}
+        Order of the displacement. "auto" computes triangles and tetrahedra of first order, which
+        bend too stiffly, with quadratic displacements on the same mesh; see `mesh.order.of_order`.
     plane : {"stress", "strain"}
         State of a plate across its plane: stress for plates that are thin and loaded in their
         plane, strain for slices of bodies that are long across it.
@@ -108,10 +112,12 @@ class Structure:
     mass: str = "consistent"
     regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     free: bool = False
+    order: int | str = "auto"
     like: InitVar[Structure | None] = None
     progress: InitVar[Progress] = silent
     body: Body = field(init=False, repr=False, compare=False)
     fitted: KnownFit = field(init=False, repr=False, compare=False, default_factory=KnownFit)
+    _order_notes: list[str] = field(init=False, repr=False, compare=False, default_factory=list)
     _faces: TouchingFaces | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self, like: Structure | None, progress: Progress) -> None:
@@ -120,6 +126,9 @@ class Structure:
             object.__setattr__(self, "mesh", load_meshes(given))
         elif not isinstance(given, NamedMesh):
             object.__setattr__(self, "mesh", named(given))
+        mesh, notes = of_order(self.mesh, self.order, lumped=self.mass == "lumped")
+        object.__setattr__(self, "mesh", mesh)
+        self._order_notes.extend(notes)
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         wrong: list[str] = []
@@ -274,6 +283,7 @@ class Structure:
         """Sentences about mesh, values and size that suggest a mistake of the user."""
         return [
             *self.mesh.notes,
+            *self._order_notes,
             *doubts.unusual_values(self.body),
             *doubts.locking(self.body),
         ]

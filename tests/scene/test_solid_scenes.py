@@ -93,7 +93,17 @@ def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(tmp_pa
     blocks = [f"{model}: {name}" for model in ("full", "reduced") for name in names]
     assert pyvista.PVDReader(index).read()[0].keys() == blocks
     locks = [sentence for sentence in study.notes if "they lock" in sentence]
-    assert len(locks) == (kind in ("tet4", "hex8"))
+    assert len(locks) == (kind == "hex8")
+
+
+def test_tetrahedra_of_first_order_are_computed_as_those_of_second_order_on_the_same_mesh(tmp_path):
+    runs, path = {}, tmp_path / "scene.toml"
+    for kind in ("tet4", "tet10"):
+        path.write_text(SCENE.format(folder=FILES.as_posix(), kind=kind))
+        runs[kind] = run_scene(load_scene(path)).models["full"].run
+    raised, given = runs["tet4"], runs["tet10"]
+    np.testing.assert_allclose(raised.peak, given.peak, rtol=1e-7)
+    assert raised.friction_energy == pytest.approx(given.friction_energy, rel=1e-7)
 
 
 TWICE = '[[joint]]\non = "lower above"\npressure = 1e6\nfriction = 0.3\n[damping]'

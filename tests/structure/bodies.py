@@ -85,8 +85,9 @@ def section(body: NamedMesh) -> dict[str, float]:
 def structure(
     body: NamedMesh, joints: Any = (), fixed: Any = ("left",), **changes: Any
 ) -> Structure:
-    """Structure of steel."""
-    values = {"material": STEEL, **section(body), "fixed": fixed, "joints": joints, **changes}
+    """Structure of steel, computed with the order that its mesh has."""
+    values = {"material": STEEL, "order": body.order, "fixed": fixed, "joints": joints}
+    values |= {**section(body), **changes}
     return Structure(body, **values)
 
 

@@ -37,7 +37,7 @@ def stacked(shape: str, order: int, upper: int = 2, lower: int = 2) -> NamedMesh
 def clamped(
     mesh: NamedMesh, joints: Any = (JOINT,), bolts: Any = (BOLT,), **how: Any
 ) -> sj.Structure:
-    values = {"material": STEEL, "free": True, **section(mesh), **how}
+    values = {"material": STEEL, "free": True, "order": mesh.order, **section(mesh), **how}
     return sj.Structure(mesh, joints=joints, bolts=bolts, **values)
 
 

@@ -1,0 +1,67 @@
+"""Order of the elements that a mesh is computed with: second order where the first one locks.
+
+A triangle or tetrahedron of first order has one strain in all of it, and bends too stiffly by tens
+of per cent on any mesh that can be paid for. Its displacement may be quadratic on the same straight
+mesh, since scikit-fem keeps mesh and element apart: that makes 4 (plates) to 7 times (solids) as
+many unknowns and errs by less than one per cent. Quadrilaterals and hexahedra have incompatible
+modes instead (`skfem_joint.body.incompatible`).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from skfem_joint.ground.errors import InputError
+from skfem_joint.linalg.schur import physical_memory
+from skfem_joint.mesh.cells import cell_of
+from skfem_joint.mesh.named import NamedMesh
+
+
+def of_order(mesh: NamedMesh, order: Any, *, lumped: bool = False) -> tuple[NamedMesh, list[str]]:
+    """Mesh with elements of the order asked for, and sentences on what that changed.
+
+    Parameters
+    ----------
+    mesh : NamedMesh
+    order : {"auto", 1, 2}
+        With "auto" triangles and tetrahedra of first order get quadratic displacements, unless the
+        mass is lumped, which second order does not allow, or a factor of their matrix would take
+        more than half of the memory. All other elements stay as they are.
+    lumped : bool
+        Whether the mass is lumped.
+
+    Raises
+    ------
+    InputError
+        For another order, and for bars of second order.
+    """
+    if isinstance(order, bool) or order not in ("auto", 1, 2):
+        raise InputError(f"mesh.order: found {order!r}, must be 'auto', 1 or 2")
+    if order == 2 and mesh.dim == 1:
+        raise InputError(
+            "mesh.order: found 2 for a bar, whose elements are of first order; leave it out"
+        )
+    cell, many = cell_of(mesh.mesh)[0], cell_of(mesh.mesh)[0].plural
+    if order == mesh.order:
+        return mesh, []
+    if order == 1:
+        return mesh.other_order, [
+            f"The {many} of second order are computed with linear displacements, as mesh.order = 1 "
+            "asks for."
+        ]
+    if order == 2:
+        return mesh.other_order, []
+    locks = mesh.order == 1 and mesh.dim > 1 and len(mesh.mesh.t) == cell.dim + 1
+    if not locks or lumped:
+        return mesh, []
+    needed, there = mesh.other_order.factor_bytes, physical_memory()
+    if needed > 0.5 * there:
+        return mesh, [
+            f"The {many} stay of first order, which bend too stiffly: with quadratic displacements "
+            f"a factor would take {needed / 2**30:.2g} GiB of the {there / 2**30:.2g} GiB of "
+            "memory. Mesh with fewer elements, computed with quadratic displacements they err less."
+        ]
+    return mesh.other_order, [
+        f"The {many} of first order are computed with quadratic displacements on the same mesh, "
+        "since linear ones bend too stiffly; mesh.order = 1 keeps them linear."
+    ]
