@@ -52,9 +52,9 @@ LEAST_SPRING = 1e-06
 NEGLIGIBLE = 1e-08
 
 
-def stride(n_steps: int, cycle_steps: int | None) -> int:
-    """Steps between the instants of a run, so that these meet many phases of a cycle."""
-    every = max(1, n_steps // INSTANTS)
+def stride(n_steps: int, cycle_steps: int | None, instants: int = INSTANTS) -> int:
+    """Steps between so many instants of a run, so that these meet many phases of a cycle."""
+    every = max(1, n_steps // instants)
     while cycle_steps is not None and every > 1 and gcd(every, cycle_steps) > 1:
         every += 1
     return every

@@ -97,7 +97,8 @@ class StaticPath:
     loads : Excitation
         Loads that act.
     stiffness : Uncondensed, optional
-        Stiffness with its Schur complement, if the path had it.
+        Stiffness with its Schur complement, if the path had it; shifted a little by the mass where
+        bodies can move rigidly.
     newly_slipping : float
         Share of the points that slip on the last path, by friction limits, that stuck on all paths
         before: preliminary runs did not know that they slip.
@@ -193,7 +194,7 @@ def slip_path(
         V=V,
         run=run,
         loads=loads,
-        stiffness=path.unshifted,
+        stiffness=path.schur,
         newly_slipping=newly_slipping,
         work={
             "quasi-static states": path.solves,

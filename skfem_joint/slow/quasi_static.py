@@ -275,9 +275,17 @@ class QuasiStatic:
         return cast("Callable[[FloatArray], FloatArray]", schur.solve_interior)
 
     @property
+    def schur(self) -> SchurComplement | None:
+        """Schur complement of the stiffness in the system's own unknowns, if it exists already.
+
+        Where bodies can move rigidly it has a small multiple of the mass.
+        """
+        return None if self.to.maps or self.whole is None else self.whole.schur
+
+    @property
     def unshifted(self) -> SchurComplement | None:
-        """Schur complement of the stiffness in the system's own unknowns, if it exists already."""
-        return None if self.shift or self.to.maps or self.whole is None else self.whole.schur
+        """The Schur complement of the stiffness alone, if it exists already."""
+        return None if self.shift else self.schur
 
     def follow(
         self,
