@@ -109,15 +109,3 @@ def faces_apart(grid: Nodes, patches: Sequence[Patch]) -> Iterator[str]:
                 "distance as if they touched: move the bodies on each other, or let bolts close "
                 "the gap (pressure = 'preload')."
             )
-
-
-def locking(body: Body) -> Iterator[str]:
-    """Sentence about elements of first order, which are too stiff in bending."""
-    if body.dim == 1 or body.mesh.order > 1:
-        return
-    yield (
-        f"The elements are {body.cell.plural} of first order, which bend too stiffly by tens of "
-        "per cent (they lock): where parts bend, frequencies are too high, displacements and "
-        "friction energies too small by as much, which no estimated total counts but that of a "
-        "full model with --certify. Take elements of second order (mesh.order = 2)."
-    )

@@ -12,7 +12,43 @@ from skfem_joint.joint.doubts import coarse_for_waves, oscillating_impacts
 from skfem_joint.joint.patch import Patch
 from skfem_joint.joint.pressure import Bolts
 from skfem_joint.mesh.cells import spot
+from skfem_joint.structure.mesh_error import MeshError
 from skfem_joint.system.system import System
+
+#: Share by which a first frequency is too high by the mesh, from which on that is said.
+_TOO_STIFF = 0.03
+
+
+def stiff(body: Body, error: MeshError | None) -> Iterator[str]:
+    """Sentence about elements of first order that are too stiff, or that are too many to know."""
+    if body.dim == 1 or body.mesh.order > 1:
+        return
+    if error is None:
+        yield (
+            "How much too stiff the elements are is not known: they are so many that its matrices "
+            f"would take a large part of this machine's memory. {_CURES[body.is_simplex]}"
+        )
+    elif error.largest > _TOO_STIFF:
+        joints = "with the joints stuck " if error.joints == "stuck" else ""
+        most = int(np.argmax(error.shares))
+        now, better = error.frequencies[most], error.better[most]
+        yield (
+            f"The mesh is too stiff: {joints}it has {now:.4g} Hz where elements of "
+            f"second order have {better:.4g} Hz, {100.0 * error.largest:.2g} % too high, the "
+            "most of its first frequencies. Stiffness is too high by about twice as much, "
+            "displacements and friction energies err accordingly, and no estimated total counts "
+            f"that but that of a full model with --certify. {_CURES[body.is_simplex]}"
+        )
+
+
+#: What to do about elements that are too stiff, by whether they are simplices.
+_CURES = {
+    True: "Take elements of second order: mesh.order = 2, or in Gmsh Mesh.ElementOrder = 2.",
+    False: (
+        "Leave out mesh.incompatible = false if it is there; if it is not, take smaller elements, "
+        "above all across the thickness and where they are distorted, or mesh.order = 2."
+    ),
+}
 
 
 def doubted(

@@ -114,6 +114,14 @@ class MatrixModel:
     def body(self) -> None:
         """None: the positions of the nodes are unknown."""
 
+    @property
+    def mesh_error(self) -> None:
+        """None: so are the elements."""
+
+    @property
+    def loose_mesh_error(self) -> None:
+        """None as well."""
+
     def meshed(self, purpose: str) -> NoReturn:
         """Refuse, because geometry is needed for the purpose.
 

@@ -30,8 +30,9 @@ from skfem_joint.joint.pressure_space import PressureSpace, pressure_space
 from skfem_joint.joint.rigid import loose_bodies
 from skfem_joint.mesh import NamedMesh, load_meshes, named
 from skfem_joint.mesh.order import of_order
-from skfem_joint.structure.doubts import doubted
+from skfem_joint.structure.doubts import doubted, stiff
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
+from skfem_joint.structure.mesh_error import KnownMeshError, MeshError, Straight
 from skfem_joint.structure.reactions import Reactions, reactions
 from skfem_joint.system.modes import KnownFit, ratio_problems
 from skfem_joint.system.slips import SlipRows
@@ -87,6 +88,8 @@ class Structure:
         The elastic bodies alone, made from the values above.
     fitted : KnownFit
         The last frequencies at which damping had its ratio.
+    erring : KnownMeshError
+        The last error by the mesh.
 
     Raises
     ------
@@ -118,6 +121,9 @@ class Structure:
     body: Body = field(init=False, repr=False, compare=False)
     fitted: KnownFit = field(init=False, repr=False, compare=False, default_factory=KnownFit)
     _order_notes: list[str] = field(init=False, repr=False, compare=False, default_factory=list)
+    erring: KnownMeshError = field(
+        init=False, repr=False, compare=False, default_factory=KnownMeshError
+    )
     _faces: TouchingFaces | None = field(init=False, repr=False, compare=False, default=None)
 
     def __post_init__(self, like: Structure | None, progress: Progress) -> None:
@@ -167,7 +173,8 @@ class Structure:
 
     def _hand_over(self, other: Structure) -> None:
         """Give another structure what is known already and the same for both."""
-        object.__setattr__(other, "fitted", self.fitted)
+        for name in ("fitted", "erring"):
+            object.__setattr__(other, name, getattr(self, name))
 
         def pressed(structure: Structure) -> list[Any]:
             joints = ((j.on, j.against, j.gap, j.pressed_by_bolts) for j in structure.joints)
@@ -285,8 +292,38 @@ class Structure:
             *self.mesh.notes,
             *self._order_notes,
             *doubts.unusual_values(self.body),
-            *doubts.locking(self.body),
+            *stiff(self.body, self.mesh_error),
         ]
+
+    @cached_property
+    def mesh_error(self) -> MeshError | None:
+        """Error of the first frequencies by the mesh, with the joints stuck.
+
+        With the joints loose where none carries friction, or where they hold everything. None of
+        bars, of elements of second order, whose errors are small, and of meshes so large that it
+        would take much memory.
+        """
+        return self._erring("stuck")
+
+    @cached_property
+    def loose_mesh_error(self) -> MeshError | None:
+        """The same with the joints loose."""
+        return self._erring("loose")
+
+    def _erring(self, joints: str) -> MeshError | None:
+        """Error of the first frequencies by the mesh, with the joints stuck or loose."""
+        if self.dim == 1 or self.mesh.order > 1:
+            return None
+        every, mesh = tuple(range(self.dim)), self.mesh
+        straight = [Straight(name, every) for name in self.fixed]
+        for component, names in enumerate((self.fixed_x, self.fixed_y, self.fixed_z)):
+            straight += [Straight(name, (component,)) for name in names]
+        for joint in self.joints:
+            faces = [name for name in (joint.on, joint.against) if name is not None]
+            # Loose joints of faces hold them across the face, those of regions not at all.
+            straight += [Straight(name, every, name in mesh.boundaries) for name in faces]
+        straight += [Straight(name, every) for bolt in self.bolts for name in bolt.shank or ()]
+        return self.erring(self.body, self.unloaded.closed(), straight, joints)
 
     def spot(self, dof: int) -> str:
         """The node of a degree of freedom in a message."""

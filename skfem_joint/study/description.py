@@ -141,6 +141,7 @@ def _described(
             f"Contact that opens ({', '.join(opens)}): frequencies and responses below are those "
             "with the contact closed where it is pressed at rest, and with the normal forces there."
         )
+    _mesh(structure, draft)
     still = [load.on for load in system.loads if load.amplitude.peak_value == 0.0]
     draft.doubts += [f"The load on {on!r} is zero at all times." for on in still]
     draft.doubts += unfit_times(system, plan)
@@ -284,6 +285,30 @@ def _frequencies(
                 f"structure floats. {cure}"
             )
     return rigid[1] > 0, stuck
+
+
+def _mesh(structure: AnyStructure, draft: Description) -> None:
+    """Add how much too high the mesh of first order makes the first frequencies."""
+    both = {e.joints: e for e in (structure.mesh_error, structure.loose_mesh_error) if e}
+    if not both:
+        return
+    largest = 100.0 * max(error.largest for error in both.values())
+    draft.values["mesh"] = {"frequency_error_percent": largest}
+    parts = []
+    for joints, error in both.items():
+        draft.values["mesh"][joints] = {
+            "frequency_error_percent": (100.0 * error.shares).tolist(),
+            "frequencies_Hz": error.frequencies.tolist(),
+            "frequencies_of_second_order_Hz": error.better.tolist(),
+        }
+        count = error.frequencies.size
+        parts.append(
+            f"with the joints {joints} they are {_listed(error.frequencies, count)} where elements "
+            f"of second order on it have {_listed(error.better, count)}"
+        )
+    draft.facts.append(
+        f"The mesh makes the first frequencies up to {largest:.2g} % too high: {'; '.join(parts)}."
+    )
 
 
 def _normal(
@@ -456,7 +481,5 @@ def _compared(number: IntArray, share: FloatArray) -> str:
     return f". By their shapes those with the joints stuck are {', '.join(words)}"
 
 
-def _listed(frequencies: FloatArray) -> str:
-    return (
-        ", ".join(f"{f:.5g}" for f in frequencies[:_SHOWN]) + " Hz" if frequencies.size else "none"
-    )
+def _listed(frequencies: FloatArray, most: int = _SHOWN) -> str:
+    return ", ".join(f"{f:.5g}" for f in frequencies[:most]) + " Hz" if frequencies.size else "none"
