@@ -64,6 +64,8 @@ LEAST, MOST, ENOUGH = 3, 50, 0.5
 # Models. Bars, plates and solids are small, and damped in proportion to their stiffness.
 
 DAMPED = {"stiffness_damping": 1e-6}
+#: Quadrilaterals and hexahedra are plain: the numbers are older than incompatible modes.
+PLAIN = DAMPED | {"incompatible": False}
 EVERY_STEP = {"scheme": sj.generalized_alpha(1.0), "tolerance": 1e-11}
 DAMPING_SCHEME = EVERY_STEP | {"scheme": sj.generalized_alpha(0.7)}
 
@@ -88,7 +90,7 @@ def plan(**joint):
     """Plate in plan that lies on a base, so that its points slip in two directions."""
     mesh = sj.build_plate([("joint", 0.06, 6), ("free", 0.12, 8)], 0.04, 4)
     structure = sj.Structure(
-        mesh, steel(), fixed=["left"], thickness=0.01, **DAMPED,
+        mesh, steel(), fixed=["left"], thickness=0.01, **PLAIN,
         joints=[sj.Joint("joint", pressure=50e6, friction=0.7, **joint)],
     )  # fmt: skip
     load = sj.Load("right", sj.Harmonic(30e3, 400.0), direction=(1.0, 0.1))
@@ -105,7 +107,7 @@ def lap(bent=True, **joint):
     above = sj.build_plate(strips, 0.01, 2, origin=(0.0, 0.01), boundaries=upper)
     below = sj.build_plate(others, 0.01, 2, origin=(0.06, 0.0), boundaries=lower)
     structure = sj.Structure(
-        sj.merged([above, below]), steel(), thickness=0.03, **DAMPED,
+        sj.merged([above, below]), steel(), thickness=0.03, **PLAIN,
         fixed=["lower_end"], fixed_y=["upper_end"],
         joints=[sj.Joint("upper_face", 30e6, 0.5, against="lower_face", **joint)],
     )  # fmt: skip
@@ -123,7 +125,7 @@ def block(lift=0.15, made=lambda peak: sj.Harmonic(peak, 2000.0), **joint):
     mesh = sj.build_plate([("block", 0.08, 12)], 0.03, 4, boundaries=sides)
     values = {"contact": "unilateral"} | joint
     structure = sj.Structure(
-        mesh, steel(), thickness=0.1, fixed_x=["right"], **DAMPED,
+        mesh, steel(), thickness=0.1, fixed_x=["right"], **PLAIN,
         joints=[sj.Joint("base", 50e6, 0.5, **values)],
     )  # fmt: skip
     pressed = 50e6 * 0.08 * 0.1
@@ -149,7 +151,7 @@ def solid(held=False, **joint):
         )
     )
     structure = sj.Structure(
-        sj.merged([above, below]), steel(), fixed=["held", "end"][: 1 + held], **DAMPED,
+        sj.merged([above, below]), steel(), fixed=["held", "end"][: 1 + held], **PLAIN,
         joints=[sj.Joint("face", "preload", 0.5, against="other", **joint)],
         bolts=[sj.Clamp(20e3, head="head", nut="nut")],
     )  # fmt: skip

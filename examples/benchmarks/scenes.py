@@ -717,8 +717,8 @@ def draw(kind: str, seed: int, number: int, folder: Path) -> Drawn:
     parts = CLASSES[kind](rng, folder)
     share, others = _share(rng, kind), {"damping": _damping(rng)} | parts.tables
     rho, reduction = _rho(rng), _reduction(rng, kind)
-    if parts.mesh is not None:
-        others |= {"mesh": {"file": "drawn"}}
+    if parts.mesh is not None:  # of plain elements, with which the published tables were measured
+        others |= {"mesh": {"file": "drawn", "incompatible": False}}
     if parts.observed:
         others["output"] = {"points": list(parts.observed)}
 

@@ -13,7 +13,8 @@ stiffness falls apart into scalar blocks
                                 + delta_ij mu grad psi . grad phi),
 
 each a sum of the products ``d_i psi d_j phi`` that `skfem.asm` assembles. Degrees of freedom are
-``dim * node + component``.
+``dim * node + component``. Quadrilaterals and hexahedra of first order may also have inner modes,
+which :mod:`skfem_joint.body.incompatible` takes out of the matrix again, element by element.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import numpy as np
 from scipy import sparse
 from skfem import BilinearForm, asm
 
+from skfem_joint.body.incompatible import softening
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.mesh.cells import same_columns
 
@@ -44,7 +46,12 @@ def mass(basis: Any, density: FloatArray) -> sparse.csr_array:
 
 
 def stiffness(
-    basis: Any, first: FloatArray, second: FloatArray, elements: IntArray | None = None
+    basis: Any,
+    first: FloatArray,
+    second: FloatArray,
+    elements: IntArray | None = None,
+    *,
+    incompatible: bool = False,
 ) -> sparse.csr_array:
     """Stiffness matrix, N/m, shape (dim N, dim N), exactly symmetric.
 
@@ -56,6 +63,8 @@ def stiffness(
         The constants lambda and mu times the extent across the mesh; mu is zero for bars.
     elements : ndarray of int, optional
         Elements that count, which the constants belong to; all if not given.
+    incompatible : bool
+        Whether the elements, quadrilaterals or hexahedra of first order, have incompatible modes.
     """
     axes = range(int(basis.mesh.dim()))
     sums: dict[tuple[int, int], Any] = {}
@@ -71,6 +80,9 @@ def stiffness(
             if i == j and mu != 0.0:
                 block += mu * sum((products[k, k] for k in axes if k != i), product)
             sums[i, j] = sums[i, j] + block if part else block
+    if incompatible:
+        for (i, j), block in softening(basis, first, second, elements).items():
+            sums[i, j] = sums[i, j] - block
     blocks = {
         (i, j): _symmetric(A) if i == j else sparse.csr_array(A) for (i, j), A in sums.items()
     }

@@ -21,7 +21,7 @@ from scipy import sparse
 from skfem_joint.body import assembly
 from skfem_joint.body.checks import one_of, overlap, wrong_name
 from skfem_joint.body.nodes import Nodes
-from skfem_joint.ground.arrays import BoolArray, FloatArray, Matrix
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import refuse
 from skfem_joint.ground.values import POISSON, POSITIVE, problems
 from skfem_joint.mesh import NamedMesh, named
@@ -70,6 +70,10 @@ class Body(Nodes):
         Integrals of products of shape functions, or their row sums on the diagonal.
     regions : mapping
         ``{region: {"E": ..., "thickness": ...}}``: values that differ in a region.
+    incompatible : bool
+        Whether quadrilaterals and hexahedra of first order have incompatible modes, without which
+        they bend too stiffly. Other elements have none: it does nothing for bars, triangles,
+        tetrahedra and elements of second order.
 
     Raises
     ------
@@ -81,6 +85,7 @@ class Body(Nodes):
     plane: str = "stress"
     mass: str = "consistent"
     regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    incompatible: bool = True
     _last: list[Matrix] = field(init=False, repr=False, compare=False, default_factory=list)
 
     def __post_init__(self) -> None:
@@ -152,7 +157,21 @@ class Body(Nodes):
         if self.dim > 1:
             mass = sparse.csr_array(sparse.kron(mass, sparse.eye_array(self.dim)))
         first, second = (constant * self.across for constant in self.lame())
-        return mass, assembly.stiffness(self._strain_basis, first, second)
+        return mass, self._stiffness(first, second)
+
+    def _stiffness(
+        self, first: FloatArray, second: FloatArray, elements: IntArray | None = None
+    ) -> sparse.csr_array:
+        """Stiffness of elements, by default all, with their constants times ``across``."""
+        constants = first, second, elements
+        return assembly.stiffness(
+            self._strain_basis, *constants, incompatible=self.has_incompatible_modes
+        )
+
+    @property
+    def has_incompatible_modes(self) -> bool:
+        """Whether the elements have incompatible modes: such as can have them, unless unwanted."""
+        return self.incompatible and not self.is_simplex and self.mesh.order == 1
 
     def in_unknowns(self, T: sparse.csr_array) -> tuple[Matrix, Matrix]:
         """Mass and stiffness in the unknowns q of u = T q; those of the last T are kept."""
@@ -186,7 +205,7 @@ class Body(Nodes):
             return sparse.csr_array(self._matrices[1].shape)
         elements = np.flatnonzero(own)
         first, second = ((c * self.across)[own] for c in self.lame(np.ones_like(modulus)))
-        return assembly.stiffness(self._strain_basis, first, second, elements)
+        return self._stiffness(first, second, elements)
 
     @property
     def _strain_basis(self) -> skfem.Basis:
@@ -236,6 +255,8 @@ class Body(Nodes):
 
     def stress(self, displacement: FloatArray) -> FloatArray:
         """Mean elastic stress of each element in space, from the displacement of all nodes.
+
+        Incompatible modes add nothing: the mean of their gradients over the element is zero.
 
         Parameters
         ----------

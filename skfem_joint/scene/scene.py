@@ -169,6 +169,7 @@ class Scene(SceneTable):
             mass=material.mass_matrix,
             order="auto" if self.mesh is None else self.mesh.order,
             regions=regions,
+            incompatible=self.mesh is None or self.mesh.incompatible,
             progress=progress,
         )
         made.tighten(progress)

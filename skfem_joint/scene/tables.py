@@ -56,6 +56,11 @@ class MeshTable(SceneTable):
         "bend too stiffly, with quadratic displacements on the same mesh",
         "auto",
     )
+    incompatible: bool = key(
+        "whether quadrilaterals and hexahedra of first order have incompatible modes, without "
+        "which they bend too stiffly; other elements have none",
+        True,
+    )
 
     def paths(self, folder: Path) -> list[Path]:
         """Mesh files of a scene that lies in ``folder``."""

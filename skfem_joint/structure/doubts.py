@@ -26,7 +26,7 @@ def stiff(body: Body, error: MeshError | None) -> Iterator[str]:
     if error is None:
         yield (
             "How much too stiff the elements are is not known: they are so many that its matrices "
-            f"would take a large part of this machine's memory. {_CURES[body.is_simplex]}"
+            f"would take a large part of this machine's memory. {_cure(body)}"
         )
     elif error.largest > _TOO_STIFF:
         joints = "with the joints stuck " if error.joints == "stuck" else ""
@@ -37,18 +37,20 @@ def stiff(body: Body, error: MeshError | None) -> Iterator[str]:
             f"second order have {better:.4g} Hz, {100.0 * error.largest:.2g} % too high, the "
             "most of its first frequencies. Stiffness is too high by about twice as much, "
             "displacements and friction energies err accordingly, and no estimated total counts "
-            f"that but that of a full model with --certify. {_CURES[body.is_simplex]}"
+            f"that but that of a full model with --certify. {_cure(body)}"
         )
 
 
-#: What to do about elements that are too stiff, by whether they are simplices.
-_CURES = {
-    True: "Take elements of second order: mesh.order = 2, or in Gmsh Mesh.ElementOrder = 2.",
-    False: (
-        "Leave out mesh.incompatible = false if it is there; if it is not, take smaller elements, "
-        "above all across the thickness and where they are distorted, or mesh.order = 2."
-    ),
-}
+def _cure(body: Body) -> str:
+    """What to do about elements that are too stiff."""
+    if body.is_simplex:
+        return "Take elements of second order: mesh.order = 2, or in Gmsh Mesh.ElementOrder = 2."
+    if not body.has_incompatible_modes:
+        return "Leave out mesh.incompatible = false."
+    return (
+        "Take smaller elements, above all across the thickness and where they are distorted, or "
+        "mesh.order = 2."
+    )
 
 
 def doubted(

@@ -76,6 +76,9 @@ class Structure:
         Integrals of products of shape functions, or their row sums on the diagonal.
     regions : mapping
         ``{region: {"E": ..., "thickness": ...}}``: values that differ in a region.
+    incompatible : bool
+        Whether quadrilaterals and hexahedra of first order have incompatible modes, without which
+        they bend too stiffly; see `Body`.
     free : bool
         Whether bodies may float; otherwise bodies without any support are refused.
     like : Structure, optional
@@ -114,6 +117,7 @@ class Structure:
     damping_ratio: float | None = None
     mass: str = "consistent"
     regions: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    incompatible: bool = True
     free: bool = False
     order: int | str = "auto"
     like: InitVar[Structure | None] = None
@@ -146,6 +150,7 @@ class Structure:
                 self.plane,
                 self.mass,
                 self.regions,
+                self.incompatible,
                 width=self.width,
                 thickness=self.thickness,
             )
@@ -167,7 +172,7 @@ class Structure:
 
     def _body_for(self, other: Structure) -> Body | None:
         """Body of this structure, if another one has the same; else None."""
-        names = "material", "width", "thickness", "plane", "mass", "regions"
+        names = "material", "width", "thickness", "plane", "mass", "regions", "incompatible"
         same = all(getattr(self, name) == getattr(other, name) for name in names)
         return self.body if same and self.mesh is other.mesh else None
 

@@ -178,6 +178,7 @@ def scene_file(tmp_path):
         """
 [mesh]
 file = "block.msh"
+incompatible = false  # the levels below are those at which plain elements let it open
 [material]
 E = 200e9
 density = 8000

@@ -20,7 +20,8 @@ def plate(free: int = 50) -> sj.System:
     A fifth to a quarter of its friction limit slips.
     """
     mesh = sj.build_plate([("joint", 0.1, 6), ("free", 0.2, free)], 0.05, 2)
-    made = structure(mesh, [pressed(pressure=8e6, friction=0.5)], stiffness_damping=1e-6)
+    plain = {"stiffness_damping": 1e-6, "incompatible": False}  # elements of which FIRST is
+    made = structure(mesh, [pressed(pressure=8e6, friction=0.5)], **plain)
     return made.system([sj.Load("right", sj.Harmonic(1e3, FIRST), (1.0, 0.2))])
 
 

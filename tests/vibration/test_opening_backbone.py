@@ -1,10 +1,11 @@
 """Backbones with contact that opens: closed forms of oscillators, limits, stated errors."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-from opening_blocks import block, loads, opening_system
+from opening_blocks import block, loads
 from scipy import sparse
 from scipy.optimize import brentq
 from test_backbone import bar
@@ -121,9 +122,14 @@ def test_normal_forces_that_cannot_vary_have_the_curve_of_constant_ones():
     assert any("the curve is of Coulomb's law" in text for text in own.notes)
 
 
+def plain_block(**values: Any) -> sj.Structure:
+    """The block of plain elements, whose base opens at the levels of the tests."""
+    return replace(block(**values), incompatible=False)
+
+
 def with_gaps(order: int) -> sj.System:
     """Block two of whose pressure points are apart at rest."""
-    system = opening_system(order=order)
+    system = plain_block(order=order).system(loads())
     contact = system.contact.normal
     apart = np.arange(contact.gap.size) < 2
     contact = replace(
@@ -144,7 +150,7 @@ def test_small_vibration_has_the_stuck_frequency(order):
 
 
 def test_a_condensed_model_has_the_curve_of_the_full_one():
-    system = block().system(loads())
+    system = plain_block().system(loads())
     full, small = (sj.backbone(s, levels=4, up_to=0.05)[0] for s in (system, sj.condense(system)))
     assert full.opened[-1] > 0.0
     for name in ("frequency", "amplitude"):
