@@ -190,7 +190,7 @@ def _equal(a: NDArray[Any], b: NDArray[Any]) -> bool:
 def _bytes(body: Body) -> float:
     """Memory of the enriched stiffness while it is made."""
     functions = int(_second(body).doflocs.shape[0])
-    return 16.0 * body.mesh.n_elements * (body.dim * functions) ** 2
+    return 32.0 * body.mesh.n_elements * (body.dim * functions) ** 2
 
 
 def mesh_error(
@@ -218,6 +218,8 @@ def mesh_error(
     K, held = system.K, np.zeros(0, dtype=np.intp)
     if joints == "stuck":
         K, _, held, _ = system.stuck_problem
+    own = [part for part in straight if part.loose or joints == "stuck"]
+    enriched = _Enriched(body, system.T, K, own)  # before the factor: both need much memory
     free = np.setdiff1d(np.arange(system.n), held)
     A, M = (sparse.csr_array(A)[free][:, free] for A in (K, system.M))
     shift = shifts.LEAST * shifts.mean_square_frequency(A, M)
@@ -227,8 +229,6 @@ def mesh_error(
     now = unshifted(now, shift)
     rigid = int(np.count_nonzero(now == 0.0))
     now, modes = now[rigid : rigid + COMPARED], modes[:, : rigid + COMPARED]
-    own = [part for part in straight if part.loose or joints == "stuck"]
-    enriched = _Enriched(body, system.T, K, own)
 
     def of_vertices(x: FloatArray) -> FloatArray:
         """Vectors of free unknowns with products, as those of q and m."""
