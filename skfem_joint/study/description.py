@@ -289,7 +289,8 @@ def _frequencies(
 
 def _mesh(structure: AnyStructure, draft: Description) -> None:
     """Add how much too high the mesh of first order makes the first frequencies."""
-    both = {e.joints: e for e in (structure.mesh_error, structure.loose_mesh_error) if e}
+    found = structure.mesh_error, structure.loose_mesh_error
+    both = {error.joints: error for error in found if error and error.frequencies.size}
     if not both:
         return
     largest = 100.0 * max(error.largest for error in both.values())

@@ -158,6 +158,20 @@ def test_the_error_is_taken_over_where_it_is_the_same():
     assert np.all(sprung.frequencies < known.frequencies)
 
 
+def test_a_lumped_mass_does_not_hide_the_error_of_the_stiffness():
+    """Lumped masses lower frequencies, by as much as the elements raise them here."""
+    body = beam("triangle", 30, 1)
+    lumped, consistent = (structure(body, mass=mass) for mass in ("lumped", "consistent"))
+    shares = lumped.mesh_error.shares
+    np.testing.assert_allclose(shares, consistent.mesh_error.shares, rtol=1e-6)
+
+
+def test_a_structure_that_is_held_throughout_errs_by_nothing():
+    some = structure(block("quad"), fixed=("joint", "rest"))
+    assert some.mesh_error.largest == 0.0
+    assert not any("stiff" in note for note in some.system().notes)
+
+
 def test_bars_and_elements_of_second_order_are_not_compared():
     bar = build_bar([("all", 1.0, 10)], {"end": 0.0})
     steel = structure(bar, fixed=["end"])
