@@ -246,6 +246,14 @@ CLAIMS = {
         short=f"{BENCHMARKS}/sweep.py --range plate_reference --quick",
         timed=True,
     ),
+    "elements": Claim(
+        f"{BENCHMARKS}/elements.py cantilever preload opens lap --out {{out}}",
+        400,
+        {"elements": printed},
+        {"elements": "elements.png"},
+        short=f"{BENCHMARKS}/elements.py cantilever --kind triangles quadrilaterals --out {{out}}",
+        timed=True,
+    ),
     "solids": Claim(f"{BENCHMARKS}/solids.py", 260, {"solids": printed}, timed=True),
     "contact-points": Claim(
         f"{BENCHMARKS}/contact_points.py", 240, {"contact-points": printed}, timed=True
