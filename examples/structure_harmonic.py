@@ -43,7 +43,7 @@ full, reduced = study.runs["full"], study.runs["reduced"]
 # %%
 # Peaks and energies, each with its estimated error. The estimate of the reduced model is made
 # without the full one; as both were run here, the measured error stands beside it, and the larger
-# one counts as the total.
+# one counts in the total, with the error by the mesh, which both have alike.
 for name, model in study.models.items():
     run, error = model.run, model.estimate.parts["total"]
     peak, friction = 1e6 * run.peak_of("free_end"), run.cycles.friction[-1]

@@ -3,11 +3,14 @@
     python examples/benchmarks/estimates.py plates-bolted --seed clock --count 40 --jobs 2
     python examples/benchmarks/estimates.py bars solids --seed 7 --model full reduced
     python examples/benchmarks/estimates.py plates-bolted --seed 7 --model accuracy
+    python examples/benchmarks/estimates.py plates-side solids --seed 7 --model mesh
     python examples/benchmarks/estimates.py bars --seed 7 --only 12
     python examples/benchmarks/estimates.py all --out rows.jsonl
 
 Each model of a scene is run alone, as its user would, and compared with the truth: the full model
-at 8 times the steps, extrapolated from half as many.
+at 8 times the steps, extrapolated from half as many. That is on the mesh of the scene: errors by
+the mesh are judged apart, with ``--model mesh``, by quadratic elements on a mesh refined once, in
+the same steps.
 With ``--out`` rows are kept as they come; scenes that the file has are not run again.
 """
 
@@ -19,7 +22,7 @@ import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -33,11 +36,19 @@ from skfem_joint import run_scene
 from skfem_joint.accuracy.estimate import verification_run
 from skfem_joint.ground.errors import JointError
 from skfem_joint.ground.processes import Spawn
+from skfem_joint.mesh import refined
+from skfem_joint.reduction.condensed import condense
 from skfem_joint.results.history import QUANTITIES, Results, difference, extrapolation, results
 from skfem_joint.scene import Scene
 from skfem_joint.study.models import plan_of
 
 MODELS = ("full", "reduced", "condensed")
+#: What else ``--model`` takes.
+OTHERS = ("accuracy", "mesh")
+#: Errors by the mesh are stated for the full model; those above this are judged.
+OF_MESH, COARSE = "mesh", 2e-2
+#: Contact points up to which a condensed model is faster than a full one.
+FEW = 300
 #: Largest errors that are asked for with ``--model accuracy``.
 ASKED = (0.02, 0.01, 0.005)
 #: True errors above the first are judged; those down to the second, and above the third, apart.
@@ -132,10 +143,27 @@ def truth_of(scene: Scene) -> Truth:
     return Truth(best, difference(best, fine))
 
 
-def judged(scene: Scene, truth: Truth | None = None) -> Row:
+def truth_of_mesh(scene: Scene) -> Truth:
+    """Results on far smaller elements of second order, or, of bars, of first order."""
+    mesh, plan = scene.named_mesh, plan_of(scene)
+    fine = refined(refined(mesh)) if mesh.dim == 1 else replace(mesh, order=2)
+    tables = {"output": {"points": scene.output_points}}
+    if mesh.dim > 1:  # elements of second order are not lumped
+        tables["material"] = {"mass_matrix": "consistent"}
+    systems = (scene.changed(mesh=m, **tables).system() for m in (fine, refined(fine)))
+    rough, best = (
+        results(verification_run(condense(s) if s.contact.count < FEW else s, plan))
+        for s in systems
+    )
+    change = difference(best, rough)  # about half of which is left
+    return Truth(best, {name: None if e is None else 0.5 * e for name, e in change.items()})
+
+
+def judged(scene: Scene, truth: Truth | None = None, of_mesh: bool = False) -> Row:
     """Run the only model of a scene and compare its stated errors with the truth.
 
-    The truth is computed if it is not given, with the steps that the model took.
+    Errors ``of_mesh`` are those of the mesh alone, others those without it. The truth is computed
+    if it is not given, with the steps that the model took.
     """
     (name,) = scene.models.run
     begin = time.process_time()
@@ -148,7 +176,9 @@ def judged(scene: Scene, truth: Truth | None = None) -> Row:
     truth = truth or truth_of(scene)
     every = (len(model.run.point_u) - 1) // max(len(truth.results.point_u) - 1, 1)
     found = results(model.run, max(every, 1))  # steps that were halved for an accuracy
-    stated = {q: model.estimate and model.estimate.of("total", q) for q in QUANTITIES}
+    stated = {} if model.estimate is None else model.estimate.on_its_mesh
+    if of_mesh:
+        stated = {} if model.estimate is None else model.estimate.parts.get(OF_MESH, {})
     return Row(
         *("", 0, 0, name, "", 0.0),
         stated=stated,
@@ -159,19 +189,28 @@ def judged(scene: Scene, truth: Truth | None = None) -> Row:
     )
 
 
+def judged_mesh(scene: Scene) -> Row:
+    """The same for errors by the mesh alone; of no scene whose steps a finer mesh does not take."""
+    try:
+        truth = truth_of_mesh(scene)
+    except JointError as error:
+        return Row("", 0, 0, OF_MESH, "", 0.0, refused=f"{type(error).__name__}: {error}")
+    return judged(scene, truth, of_mesh=True)
+
+
 def measured(kind: str, seed: int, number: int, models: tuple[str, ...]) -> list[dict]:
     """Rows of one scene, as dictionaries."""
     with TemporaryDirectory() as folder:
         begin = time.process_time()
         try:
             drawn = draw(kind, seed, number, Path(folder))
-            truth = truth_of(drawn.scene)
+            truth = truth_of(drawn.scene) if {*models} - {OF_MESH} else None
         except JointError as error:
             refused = f"{type(error).__name__}: {error}"
             return [asdict(Row(kind, seed, number, m, "", 0.0, refused=refused)) for m in models]
         spent, rows = time.process_time() - begin, []
         for name, scene in _variants(drawn, models):
-            values = asdict(judged(scene, truth))
+            values = asdict(judged_mesh(scene) if name == OF_MESH else judged(scene, truth))
             values |= {"kind": kind, "seed": seed, "number": number, "model": name}
             values |= {"load": drawn.load, "share": drawn.share, "truth_seconds": spent}
             rows.append(values)
@@ -181,6 +220,9 @@ def measured(kind: str, seed: int, number: int, models: tuple[str, ...]) -> list
 def _variants(drawn: Drawn, models):
     """Names and scenes of a model each; for accuracies the reduced model, once for each."""
     for name in models:
+        if name == OF_MESH:
+            yield name, drawn.scene.changed(models={"run": ["full"]})
+            continue
         if name != "accuracy":
             yield name, drawn.scene.changed(models={"run": [name]})
             continue
@@ -274,6 +316,39 @@ def accuracies(rows: list[Row]) -> list[str]:
     return lines
 
 
+def meshes(rows: list[Row]) -> list[str]:
+    """Table in Markdown of errors by the mesh, of all quantities and of friction energy."""
+    columns = ("class", "scenes", "refused", "too large to be stated", "errors above 2 %")
+    columns += ("stated at 0.5 to 3 times the truth", "below 0.5", "above 3")
+    columns += ("friction energy: errors above 2 %", "stated there", "truth in doubt")
+    lines = [_cells(columns), _cells(["---"] * len(columns))]
+    for kind in [*dict.fromkeys(row.kind for row in rows), "all"]:
+        of = [row for row in rows if kind in (row.kind, "all")]
+        pairs = [pair for row in of for pair in row.pairs(COARSE)]
+        ratios = np.array([a / b for _, a, b in pairs])
+        energy = [_good(a, b) for name, a, b in pairs if name == "friction_energy"]
+        doubtful = [
+            name
+            for row in of
+            for name in QUANTITIES
+            if (row.true.get(name) or 0.0) > COARSE and not row.is_sure(name)
+        ]
+        cells = [
+            len(of),
+            sum(bool(row.refused) for row in of),
+            sum(not row.refused and not row.stated for row in of),
+            ratios.size,
+            _percent(np.sum((ratios >= GOOD[0]) & (ratios <= GOOD[1])), ratios.size),
+            _percent(np.sum(ratios < GOOD[0]), ratios.size),
+            _percent(np.sum(ratios > GOOD[1]), ratios.size),
+            len(energy),
+            _percent(sum(energy), len(energy)),
+            len(doubtful),
+        ]
+        lines.append(_cells([kind, *cells]))
+    return lines
+
+
 def _excess(row):
     """Largest true error over the accuracy asked for, of quantities with a sure truth."""
     asked = float(row.model.split()[1]) / 100.0
@@ -331,13 +406,16 @@ def parts(rows: list[Row]) -> list[str]:
 
 def report(rows: list[Row]) -> list[str]:
     """All tables and cases of rows."""
-    plain = [row for row in rows if not row.model.startswith("accuracy")]
+    plain = [row for row in rows if not row.model.startswith(OTHERS)]
+    coarse = [row for row in rows if row.model == OF_MESH]
     asked = [row for row in rows if row.model.startswith("accuracy")]
     lines = []
     if plain:
         lines += [*table(plain), "", *parts(plain)]
     if asked:
         lines += [*([""] if lines else []), *accuracies(asked), ""]
+    if coarse:
+        lines += [*([""] if lines else []), *meshes(coarse), ""]
     return lines + cases(rows)
 
 
@@ -379,7 +457,7 @@ def main(arguments=None):
     parser.add_argument("--seed", nargs="+", type=_seed, default=[1], metavar="SEED", help=clock)
     parser.add_argument("--count", type=int, default=40, help="scenes of each class and seed")
     parser.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="only these scenes")
-    parser.add_argument("--model", nargs="+", choices=(*MODELS, "accuracy"), default=MODELS)
+    parser.add_argument("--model", nargs="+", choices=(*MODELS, *OTHERS), default=MODELS)
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, help="file of rows, a JSON object in each line")
     options = parser.parse_args(arguments)

@@ -84,7 +84,7 @@ def report(scene, made):
         cells += [percent(getattr(model.errors, kind, None)) for kind in kinds]
         estimate = model.estimate
         # Estimated without the full model, although it was run beside this one.
-        known = {} if estimate is None else estimate.unmeasured or estimate.parts["total"]
+        known = {} if estimate is None else estimate.unmeasured or estimate.on_its_mesh
         stated = [known.get(kind) for kind in ("displacement_rms", "friction_energy")]
         cells += [*map(percent, stated), f"{model.estimate_s:.1f}"]
         row(*cells)

@@ -89,6 +89,23 @@ class Estimate:
             joints[name] = _larger(measured, joints.get(name, (None, None)))
         return replace(self, parts=parts, unmeasured=dict(stated), by_joint=joints)
 
+    def with_mesh(self, errors: Parts) -> Estimate:
+        """Copy with the errors by the mesh, which its total then has too."""
+        total = {
+            name: None if error is None else error + (errors[name] or 0.0)
+            for name, error in self.parts.get("total", {}).items()
+        }
+        return replace(self, parts={**self.parts, "mesh": errors, "total": total})
+
+    @property
+    def on_its_mesh(self) -> Parts:
+        """Total against the exact solution on the same mesh."""
+        mesh = self.parts.get("mesh", {})
+        return {
+            name: None if error is None else error - (mesh.get(name) or 0.0)
+            for name, error in self.parts.get("total", {}).items()
+        }
+
     @property
     def lacks_mesh(self) -> bool:
         """Whether the total leaves out what the size and order of the elements do."""

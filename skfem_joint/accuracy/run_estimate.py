@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.accuracy import range_modes, rungs
+from skfem_joint.accuracy import halved_mesh, range_modes, rungs
 from skfem_joint.accuracy.against_coulomb import against_coulomb
 from skfem_joint.accuracy.estimate import Estimate
 from skfem_joint.ground.arrays import FloatArray
@@ -23,7 +23,9 @@ from skfem_joint.system.system import System
 _log = logging.getLogger(__name__)
 
 
-def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estimate:
+def estimate(
+    run: Run, *, finer: System | None = None, progress: Callable[..., None] | None = None
+) -> Estimate:
     """Estimate the errors of a run: of a full model, or one that `reduce` or `condense` made.
 
     A full model is judged by its time step, a reduced or condensed one by its basis, its law, its
@@ -35,6 +37,10 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
     ----------
     run : Run
         From rest, to its end, with the named points stored.
+    finer : System, optional
+        The full system on a mesh whose elements are halved, under the same loads and with the same
+        points; then the error by the mesh is estimated too, with two more runs at most.
+        ``sj.refined(mesh)`` halves elements.
     progress : callable, optional
         As `integrate` takes it, called in every run that this takes.
 
@@ -49,8 +55,9 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
     ConvergenceError
         If a step of a verification run does not converge.
     InputError
-        If the run was interrupted, began in motion or stored no named points, or if its system was
-        changed after it was reduced, or loaded from a file, so that the full one is not known.
+        If the run was interrupted, began in motion or stored no named points, if its system was
+        changed after it was reduced, or loaded from a file, so that the full one is not known, or
+        if the finer system has other points or loads.
     KeyboardInterrupt
         If a verification run is interrupted.
     """
@@ -74,7 +81,11 @@ def estimate(run: Run, *, progress: Callable[..., None] | None = None) -> Estima
             "from a file or projected by hand. Give a run of a model as reduce or condense return "
             "it"
         )
+    if finer is not None:
+        _check_finer(full_of(system), finer)
     errors = of_run(run, plan, progress)
+    if finer is not None:
+        errors = errors.with_mesh(halved_mesh.of_run(run, plan, full_of(system), finer, progress))
     try:
         apart = against_coulomb(full_of(system), run, plan, errors, progress)
     except ConvergenceError as error:
@@ -106,6 +117,17 @@ def _check_origin(system: System, origin: Origin) -> None:
             "estimate: the matrices, the loads or the friction limits of this model are not those "
             "of the full system that it was made from; change them there, and reduce or condense "
             "it again"
+        )
+
+
+def _check_finer(system: System, finer: System) -> None:
+    """Refuse a system that cannot be another one on a finer mesh."""
+    loads, others = ([load.on for load in each.loads] for each in (system, finer))
+    if finer.points != system.points or others != loads or finer.n <= system.n:
+        raise InputError(
+            f"estimate: finer: found {finer.n} unknowns, points {finer.points} and loads {others}, "
+            f"must have more than {system.n} unknowns, points {system.points} and loads {loads}: "
+            "build it as the system itself, on sj.refined(mesh)"
         )
 
 

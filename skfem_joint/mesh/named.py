@@ -447,6 +447,14 @@ def refined(mesh: NamedMesh) -> NamedMesh:
     Element e becomes the elements ``2**dim * e`` and following. Vertices keep their numbers, except
     in bars, whose nodes ascend. scikit-fem's own ``refined`` is not used because it mixes up the
     regions of line meshes and drops the boundaries of solids.
+
+    Parameters
+    ----------
+    mesh : NamedMesh
+
+    Returns
+    -------
+    NamedMesh
     """
     number = np.arange(2**mesh.dim * mesh.n_elements).reshape(mesh.n_elements, -1)
     places = np.vstack([mesh.mesh.p, mesh.coordinates.T])

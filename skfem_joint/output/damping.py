@@ -51,6 +51,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
             "state": c.state[k], "doubt": c.doubts[k],
             **({} if c.offset is None else {"modal_offset": c.offset[k]}),
             **({} if c.opened is None else {"opened_share": c.opened[k]}),
+            **_by_mesh(backbone, c.mode, k),
             **_active_lengths(structure, c.slip[k]),
         }
         for model in backbone.models
@@ -78,6 +79,14 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     return _written(folder, figures, {"models": models, "warnings": [*backbone.notes]}, tables)
 
 
+def _by_mesh(backbone: SceneBackbone, mode: int, level: int) -> dict[str, float]:
+    """Cells of a row with the errors of a mode by the mesh at a level; none if not known."""
+    if mode not in backbone.mesh:
+        return {}
+    errors = backbone.mesh[mode]._asdict()
+    return {f"mesh_error_{name}": float(error[level]) for name, error in errors.items()}
+
+
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
     """What is printed of damping against amplitude: the ends of each curve, and largest errors."""
     lines = []
@@ -96,11 +105,21 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"{worst['damping_ratio']:.2g} % in damping at most."
             )
     lines += [
+        f"Mode {mode}: the mesh errs by an estimated {_to(errors.frequency)} % in frequency and "
+        f"{_to(errors.damping_ratio)} % in damping, from the lowest level to the highest."
+        for mode, errors in backbone.mesh.items()
+    ]
+    lines += [
         f"Mode {mode} at its highest level changes the normal force by {change.text}. "
         f"{change.of_the_mesh}"
         for mode, change in backbone.normal.items()
     ]
     return lines
+
+
+def _to(errors: FloatArray) -> str:
+    """First and last of some errors, percent."""
+    return " to ".join(f"{100.0 * error:.2g}" for error in (errors[0], errors[-1]))
 
 
 def _doubtful(curve: Backbone) -> str:
@@ -159,6 +178,9 @@ def _mode(backbone: SceneBackbone, model: ModelBackbone, k: int) -> dict[str, An
     }
     if c.estimated:
         content["estimated_error"] = dict(c.estimated)
+    if c.mode in backbone.mesh:
+        mesh = backbone.mesh[c.mode]._asdict()
+        content["mesh_error"] = {name: float(np.nanmax(e)) for name, e in mesh.items()}
     if c.opened is not None:
         content["opened_share"] = float(c.opened.max())
     if c.mode in backbone.normal:

@@ -36,8 +36,8 @@ def stiff(body: Body, error: MeshError | None) -> Iterator[str]:
             f"The mesh is too stiff: {joints}it has {now:.4g} Hz where elements of "
             f"second order have {better:.4g} Hz, {100.0 * error.largest:.2g} % too high, the "
             "most of its first frequencies. Stiffness is too high by about twice as much, "
-            "displacements and friction energies err accordingly, and no estimated total counts "
-            f"that but that of a full model with --certify. {_cure(body)}"
+            "displacements and friction energies err accordingly, which no estimated total "
+            f'"without mesh" counts. {_cure(body)}'
         )
 
 

@@ -32,14 +32,13 @@ from skfem_joint.accuracy.ladder import Rung, Series, errors_of
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.mesh import refined
 from skfem_joint.results.history import QUANTITIES, Results, difference, extrapolation, results
 from skfem_joint.runs.resolution import longest_step
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.study.models import origin_of, plan_of
+from skfem_joint.study.models import finer_mesh, origin_of, plan_of
 from skfem_joint.study.results import Model, Study
 from skfem_joint.system.system import System
 
@@ -122,8 +121,7 @@ def mesh_and_law(
     halvings = {1: 2, 2: 1, 3: 1}[scene.named_mesh.dim] if scene.matrices is None else 0
     scenes, runs = [scene], [base]
     for _ in range(halvings):
-        points: dict[str, Any] = {"points": scene.output_points}
-        scenes.append(scene.changed(mesh=refined(scenes[-1].named_mesh), output=points))
+        scenes.append(finer_mesh(scenes[-1]))
     if steep:
         scenes.append(scene.changed(joint={"law": "coulomb"}))
     tally = Tally(partial(progress, "certifying the full model"), len(scenes) - 1)

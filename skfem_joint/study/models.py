@@ -14,10 +14,11 @@ Only this module knows the paper's scaled modes, which it imports where a scene 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from skfem_joint.ground.array_files import fingerprint
 from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.mesh import refined
 from skfem_joint.reduction.basis import Options
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.elastic_contact import check_reference
@@ -92,6 +93,12 @@ def origin_of(scene: Scene) -> str:
         [load.amplitude for load in scene.loads()],
         *scene.structure().identity,
     )
+
+
+def finer_mesh(scene: Scene) -> Scene:
+    """Scene on its mesh with all elements halved, with the same points observed."""
+    points: dict[str, Any] = {"points": scene.output_points}
+    return scene.changed(mesh=refined(scene.named_mesh), output=points)
 
 
 def options_of(scene: Scene, reference: str | None = None) -> Options:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from skfem_joint.accuracy.halved_mesh import affords
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.errors import InputError, JointError
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.models import notes_of, reduced_for_mode
@@ -19,10 +20,11 @@ from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.study.models import options_of, other_reference
+from skfem_joint.study.models import finer_mesh, options_of, other_reference
 from skfem_joint.study.scene_range import of_scene, range_model, served_scene
 from skfem_joint.system.system import System
 from skfem_joint.vibration.backbone import Backbone, backbone
+from skfem_joint.vibration.mesh_of_curve import MeshOfCurve, mesh_of_curve
 from skfem_joint.vibration.ring_down import RingDown, ring_down
 
 #: Displacement (m) and velocity (m/s), each of shape (n,), and friction as `integrate` takes it.
@@ -69,6 +71,9 @@ class SceneBackbone:
     normal : dict of int to NormalChange
         Change of the normal force at the highest level of each mode; none where no contact is
         closed.
+    mesh : dict of int to MeshOfCurve
+        Errors of each mode's curves by the mesh, which are the same for all models; none where a
+        finer mesh would cost much.
     """
 
     scene: Scene
@@ -76,6 +81,7 @@ class SceneBackbone:
     models: list[ModelBackbone]
     notes: tuple[str, ...]
     normal: dict[int, NormalChange]
+    mesh: dict[int, MeshOfCurve] = field(default_factory=dict)
 
 
 def scene_backbone(
@@ -111,6 +117,8 @@ def scene_backbone(
         if change is not None:
             normal[c.mode] = change
             warnings += change.doubts(f"Mode {c.mode}: at the highest level ")
+    mesh, why = _by_mesh(scene, system, full, partial(progress, "error of the mesh"))
+    warnings += why
     released = _released(scene, system)
     models = []
     for name in scene.models.run:
@@ -136,7 +144,25 @@ def scene_backbone(
                 warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
                 warnings += _doubts(model, curve.mode)
         models.append(model)
-    return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal)
+    return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal, mesh)
+
+
+def _by_mesh(
+    scene: Scene, system: System, curves: Sequence[Backbone], report: Progress
+) -> tuple[dict[int, MeshOfCurve], list[str]]:
+    """Errors of curves by the mesh, by mode, and why they are not known where they should be.
+
+    With contact that opens cycles on a finer mesh would cost too much.
+    """
+    if not scene.accuracy.estimate or scene.matrices is not None or system.contact.opens:
+        return {}, []
+    if not affords(system, scene.named_mesh.dim):
+        return {}, []
+    try:
+        finer = finer_mesh(scene).system()
+        return {curve.mode: mesh_of_curve(curve, finer, report) for curve in curves}, []
+    except JointError as error:
+        return {}, [f"The errors by the mesh are not estimated: {error}"]
 
 
 def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]:

@@ -3,9 +3,9 @@
 Structure and system follow from the scene. `describe` states what they are and how they respond to
 static loads; `choose` finds time steps and a reduced model for an accuracy, if the scene asks for
 one. Then, for each model of the scene, `make_model` runs it, `compare_with_full` compares it with
-the full model, `estimate_errors` estimates its errors, `compare_with_coulomb` says how far an
-arctan law takes it from Coulomb's. Each takes a study, which is frozen, and returns one that says
-more.
+the full model, `estimate_errors` estimates its errors, `count_mesh` adds those by the mesh,
+`compare_with_coulomb` says how far an arctan law takes it from Coulomb's. Each takes a study, which
+is frozen, and returns one that says more.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.accuracy import run_estimate
+from skfem_joint.accuracy import halved_mesh, run_estimate
 from skfem_joint.accuracy.against_coulomb import against_coulomb
 from skfem_joint.accuracy.estimate import Estimate
 from skfem_joint.ground.arrays import FloatArray
@@ -40,7 +40,7 @@ from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.study.accuracy import Choice, choose, shortened_steps, stated
 from skfem_joint.study.description import description_of
-from skfem_joint.study.models import model_of, origin_of, plan_of, with_friction
+from skfem_joint.study.models import finer_mesh, model_of, origin_of, plan_of, with_friction
 from skfem_joint.study.range_choice import choose_in_range
 from skfem_joint.study.results import Failure, Model, Study
 from skfem_joint.study.scene_range import served_scene, structure_of
@@ -130,6 +130,7 @@ def _with_models(
         study = make_model(name, study, choice, path, integrate)
         study = compare_with_full(study, name)
         study = estimate_errors(study, name, progress)
+        study = count_mesh(study, name, progress)
         study = compare_with_coulomb(study, name, progress)
         if (model := study.whole(name)) is not None:
             study = study.noting(*violated(study, model))
@@ -229,6 +230,32 @@ def estimate_errors(study: Study, name: str, progress: Progress) -> Study:
     joints = joint_differences(*runs, study.system.contact.joints)
     beside = model.estimate.beside(difference(*runs), joints)
     return study.holding(replace(model, estimate=beside))
+
+
+def count_mesh(study: Study, name: str, progress: Progress) -> Study:
+    """Add the error by the mesh to a model's estimated errors, where a finer mesh costs little.
+
+    It is found once, beside the first model, and is the same for all.
+    """
+    model, scene = study.whole(name), study.scene
+    if model is None or model.estimate is None or study.interrupted:
+        return study
+    first = next(iter(study.models.values())).estimate
+    known = None if first is None else first.parts.get("mesh")
+    if known is not None:
+        return study.holding(replace(model, estimate=model.estimate.with_mesh(known)))
+    served = model.run.system.serves is not None  # no full model is assembled
+    if name != next(iter(study.models)) or served or scene.matrices is not None:
+        return study
+    if not halved_mesh.affords(study.system, scene.named_mesh.dim):
+        return study
+    errors, report = model.estimate, partial(progress, "error of the mesh")
+
+    def compute() -> Estimate:
+        finer, plan = finer_mesh(scene).system(), plan_of(scene)
+        return errors.with_mesh(halved_mesh.of_run(model.run, plan, study.system, finer, report))
+
+    return _with_estimate(study, model, "errors by the mesh", compute)
 
 
 def compare_with_coulomb(study: Study, name: str, progress: Progress) -> Study:

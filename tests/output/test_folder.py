@@ -66,7 +66,7 @@ def test_summary_has_the_keys_that_others_rely_on(study):
     for errors in models["full"]["estimated_error"].values():
         assert set(errors) >= sources
         known = {source for source, error in errors.items() if error is not None}
-        assert known == {"time_step", "total", "coulomb"}
+        assert known == {"time_step", "mesh", "total", "coulomb"}
     assert set(models["full"]["estimated_error"]) == QUANTITIES
 
 
@@ -115,8 +115,9 @@ def test_an_estimated_error_stands_by_quantity_and_source(study):
     shown = report.estimate_table(content).splitlines()[2:]
     rows = {line[:33].strip(): line[33:].split() for line in shown}
     total = content["models"]["full"]["estimated_error"]["displacement_rms"]["total"]
-    assert rows["full model, total without mesh"][0] == f"{100 * total:.2g}"
-    assert content["models"]["full"]["estimated_total_without_mesh"]
+    assert rows["full model, total"][0] == f"{100 * total:.2g}"
+    assert "full model, mesh" in rows
+    assert not content["models"]["full"]["estimated_total_without_mesh"]
     assert ("reduced model, basis" in rows, "full model, basis" in rows) == (True, False)
     alone = report.summary(sj.run_scene(scene(accuracy={"estimate": False})))
     assert "not estimated" in report.estimate_table(alone)

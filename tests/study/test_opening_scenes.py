@@ -73,7 +73,7 @@ def test_stated_errors_of_the_step_are_those_against_a_fine_step(study):
     )
     stated, run = study.models["full"].estimate, study.runs["full"]
     true = abs(run.cycles.friction[-1] / fine.runs["full"].cycles.friction[-1] - 1.0)
-    assert 0.5 < stated.of("total", "friction_energy") / true < 3.0
+    assert 0.5 < stated.on_its_mesh["friction_energy"] / true < 3.0
 
 
 def test_summary_has_impacts_normal_forces_and_openings(study):

@@ -122,7 +122,7 @@ def test_facts_leave_inertia_out():
 def test_errors_meet_the_accuracy_asked_for():
     study = run_scene(slow_bar("full", accuracy={"energy": 5e-3}))
     model = study.models["full"]
-    assert model.estimate.of("total", "friction_energy") <= 5e-3
+    assert model.estimate.on_its_mesh["friction_energy"] <= 5e-3
     fine = run_scene(slow_bar(time=SLOW | {"steps_per_cycle": 1280}, accuracy={"estimate": False}))
     true = fine.runs["full"].cycles.friction[-1]
     assert model.run.cycles.friction[-1] == pytest.approx(true, rel=5e-3)
