@@ -210,6 +210,12 @@ CLAIMS = {
         {"estimates-clock": lines(r"^\| (class|---|plates-bolted|all) |^Seeds ")},
         short=f"{ESTIMATES} bars plates-bolted --seed clock --count 1",
     ),
+    "estimates-mesh": Claim(
+        f"{ESTIMATES} plates-side two-bodies plates bars --seed 7 --count 12 --model mesh {ROWS}",
+        1200,
+        {"estimates-mesh": lines(r"^\| |^Seeds ")},
+        short=f"{ESTIMATES} bars --seed 7 --count 1 --model mesh",
+    ),
     "estimates-accuracy": Claim(
         f"{ESTIMATES} plates-bolted --model accuracy --seed 2029 --count 20 --jobs 1 {ROWS}",
         1300,
