@@ -211,7 +211,7 @@ CLAIMS = {
         short=f"{ESTIMATES} bars plates-bolted --seed clock --count 1",
     ),
     "estimates-mesh": Claim(
-        f"{ESTIMATES} plates-side two-bodies plates bars --seed 7 --count 12 --model mesh {ROWS}",
+        f"{ESTIMATES} plates-side two-bodies plates bars --seed 7 --count 10 --model mesh {ROWS}",
         1200,
         {"estimates-mesh": lines(r"^\| |^Seeds ")},
         short=f"{ESTIMATES} bars --seed 7 --count 1 --model mesh",

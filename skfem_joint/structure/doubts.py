@@ -28,6 +28,12 @@ def stiff(body: Body, error: MeshError | None) -> Iterator[str]:
             "How much too stiff the elements are is not known: they are so many that its matrices "
             f"would take a large part of this machine's memory. {_cure(body)}"
         )
+    elif not error.is_known:
+        yield (
+            "How much too stiff the elements are is not known: they bend better than those that "
+            "they are compared with, as in elements much longer than thick. Compare with "
+            "mesh.order = 2."
+        )
     elif error.largest > _TOO_STIFF:
         joints = "with the joints stuck " if error.joints == "stuck" else ""
         most = int(np.argmax(error.shares))
@@ -43,13 +49,15 @@ def stiff(body: Body, error: MeshError | None) -> Iterator[str]:
 
 def _cure(body: Body) -> str:
     """What to do about elements that are too stiff."""
+    lumped = " Elements of second order need mass_matrix = 'consistent'."
+    also = lumped if body.mass == "lumped" else ""
     if body.is_simplex:
-        return "Take elements of second order: mesh.order = 2, or in Gmsh Mesh.ElementOrder = 2."
+        return f"Take elements of second order: leave mesh.order out, or let it be 2.{also}"
     if not body.has_incompatible_modes:
         return "Leave out mesh.incompatible = false."
     return (
         "Take smaller elements, above all across the thickness and where they are distorted, or "
-        "mesh.order = 2."
+        f"mesh.order = 2.{also}"
     )
 
 

@@ -116,6 +116,15 @@ class MeshError:
         """Largest of the shares; a stiffness errs by about twice that."""
         return float(self.shares.max(initial=0.0))
 
+    @property
+    def is_known(self) -> bool:
+        """Whether the steps found nothing that is stiffer than the mesh by more than 5 %.
+
+        Incompatible modes may bend better than functions of second order that stay straight in
+        joints, or that lock themselves in elements much longer than thick.
+        """
+        return bool(np.all(self.better <= 1.05 * self.frequencies))
+
 
 class _Hierarchical(skfem.ElementH1):  # type: ignore[misc]
     """Element of first order, with functions of one of second order for the middles of edges."""

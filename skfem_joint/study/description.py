@@ -307,9 +307,10 @@ def _mesh(structure: AnyStructure, draft: Description) -> None:
             f"with the joints {joints} they are {_listed(error.frequencies, count)} where elements "
             f"of second order on it have {_listed(error.better, count)}"
         )
-    draft.facts.append(
-        f"The mesh makes the first frequencies up to {largest:.2g} % too high: {'; '.join(parts)}."
-    )
+    what = f"The mesh makes the first frequencies up to {largest:.2g} % too high"
+    if unknown := [joints for joints, error in both.items() if not error.is_known]:
+        what += f", as far as is known: not of those with the joints {' and '.join(unknown)}"
+    draft.facts.append(f"{what}; {'; '.join(parts)}.")
 
 
 def _normal(
@@ -438,10 +439,16 @@ def _forces(plan: Plan, system: System, held: Any, modes: NaturalModes) -> _Vibr
     return _Vibration(static, dynamic, amplified, both, inertia, x, most)
 
 
+#: Most repeated solves, and the share of the displacement that the last may change.
+_REPEATED, _SMALL = 60, 1e-3
+
+
 def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
     """Static displacements, m, with some unknowns held, and sliders on springs.
 
-    Rigid motions are held a little: some may be left where joints stick.
+    Rigid motions are held a little: some may be left where joints stick. Repeated solves take the
+    little hold away from what strains the structure, however slender it is, where no rigid motion
+    is loaded.
 
     Of a force (n,), N, or of each column of them.
     """
@@ -449,8 +456,16 @@ def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
     u = np.zeros(force.shape)
     if free.size:
         K, M = (sparse.csr_array(A)[free][:, free] for A in (system.stuck_stiffness, system.M))
-        share = shifts.LEAST if held.size else shifts.SAFE
-        u[free] = factorised(shifted(K, M, share))(force[free])
+        solve, f = factorised(shifted(K, M, shifts.LEAST)), force[free]
+        x = solve(f)
+        for _ in range(_REPEATED):
+            change = solve(f - K @ x)
+            x = x + change
+            if np.abs(change).max() <= _SMALL * np.abs(x).max():
+                break
+        else:  # a rigid motion is loaded
+            x = factorised(shifted(K, M))(f)
+        u[free] = x
     return u
 
 

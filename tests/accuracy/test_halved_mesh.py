@@ -155,3 +155,10 @@ def test_a_finer_system_of_another_structure_is_refused():
     other = pulled_bar(400).system([sj.Load("end", PULL)])
     with pytest.raises(sj.InputError, match="points"):
         sj.estimate(run, finer=other)
+
+
+def test_a_finer_system_under_another_load_is_refused():
+    mesh = lap(3)
+    run = sj.integrate(lapped(mesh, 2e3), cycles=1, steps_per_cycle=20)
+    with pytest.raises(sj.InputError, match="loads of other amplitudes than those of the run"):
+        sj.estimate(run, finer=lapped(refined(mesh), 4e3))
