@@ -188,7 +188,7 @@ def draw(found, file):
             of = [each[2:] for each in found if each[:2] == (kind, name)]
             look = {"marker": "osD^"[number], "color": f"C{number}"}
             look |= {"markerfacecolor": "white", "linestyle": ":"} if name == "plain" else {}
-            label = f"{kind}, {'as they were' if name == 'plain' else 'by default'}"
+            label = f"{kind}, {'plain' if name == 'plain' else 'by default'}"
             panel.loglog(*zip(*of, strict=True), label=label, **look)
     panel.axhline(2.0, color="0.7", linewidth=0.8)
     panel.set(

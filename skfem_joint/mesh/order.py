@@ -41,7 +41,8 @@ def of_order(mesh: NamedMesh, order: Any, *, lumped: bool = False) -> tuple[Name
         raise InputError(
             "mesh.order: found 2 for a bar, whose elements are of first order; leave it out"
         )
-    cell, many = cell_of(mesh.mesh)[0], cell_of(mesh.mesh)[0].plural
+    cell = cell_of(mesh.mesh)[0]
+    many = cell.plural
     if order == mesh.order:
         return mesh, []
     if order == 1:

@@ -439,8 +439,9 @@ def _forces(plan: Plan, system: System, held: Any, modes: NaturalModes) -> _Vibr
     return _Vibration(static, dynamic, amplified, both, inertia, x, most)
 
 
-#: Most repeated solves, and the share of the displacement that the last may change.
-_REPEATED, _SMALL = 60, 1e-3
+#: Share of the displacement that the last of repeated solves may change, and the share of the
+#: change before above which they lead nowhere.
+_SMALL, _FALLING = 1e-3, 0.9
 
 
 def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
@@ -457,14 +458,13 @@ def _solve(system: System, force: FloatArray, held: Any) -> FloatArray:
     if free.size:
         K, M = (sparse.csr_array(A)[free][:, free] for A in (system.stuck_stiffness, system.M))
         solve, f = factorised(shifted(K, M, shifts.LEAST)), force[free]
-        x = solve(f)
-        for _ in range(_REPEATED):
+        x = last = solve(f)
+        while np.abs(last).max() > _SMALL * np.abs(x).max():
             change = solve(f - K @ x)
-            x = x + change
-            if np.abs(change).max() <= _SMALL * np.abs(x).max():
+            if np.abs(change).max() > _FALLING * np.abs(last).max():  # a rigid motion is loaded
+                x = factorised(shifted(K, M))(f)
                 break
-        else:  # a rigid motion is loaded
-            x = factorised(shifted(K, M))(f)
+            x, last = x + change, change
         u[free] = x
     return u
 

@@ -11,6 +11,7 @@ from joint_scenes import BARS, MU, THICKNESS, WIDTH, bar_scene, harmonic, joint,
 from scipy import sparse
 from scipy.integrate import trapezoid
 
+import skfem_joint as sj
 from skfem_joint.mesh import build_bar, build_plate, merged
 from skfem_joint.output.damping import backbone_lines, write_backbone
 from skfem_joint.reduction.stuck import Stuck
@@ -283,3 +284,20 @@ def test_what_depends_on_the_mesh_of_a_bent_lap_is_said_with_the_figures_of_this
     assert "0.5, 1, 2 and 4 %" in said
     assert f"it is {100.0 * means[-1]:.2g} % on average" in said
     assert means[2] / means[1] < 0.5 * shares[2] / shares[1]
+
+
+@pytest.mark.parametrize("height", [1e-3, 5e-4])
+def test_slender_bodies_bend_at_rest_and_vibrate_as_beams(height):
+    """F L^3 / (3 E I) and 1.8751^2 / (2 pi L^2) sqrt(E I / (rho A)); anticlastic bending aside."""
+    E, density, length, width = 200e9, 7800.0, 0.3, 0.03
+    body = sj.build_box(
+        [("all", length, 30)], (width, height), (3, 1), boundaries={"wall": "left", "end": "right"}
+    )
+    steel = sj.Material(E, density, 0.0)
+    made = sj.Structure(body, steel, fixed=["wall"])
+    found = sj.describe(made, [sj.Load("end", sj.Harmonic(1.0, 1.0), (0.0, 0.0, 1.0))]).values
+    tip = length**3 / (3.0 * E * width * height**3 / 12.0)
+    first = 1.875104**2 / (2.0 * np.pi * length**2) * np.sqrt(E / density / 12.0) * height
+    assert found["static_displacement_m"]["end"] == pytest.approx(tip, rel=5e-3)
+    assert found["frequencies_loose_Hz"][0] == pytest.approx(first, rel=5e-3)
+    assert found["rigid_motions_loose"] == 0
