@@ -129,9 +129,9 @@ def _check_finer(system: System, finer: System, times: FloatArray) -> None:
             f"must have more than {system.n} unknowns, points {system.points} and loads {loads}: "
             "build it as the system itself, on sj.refined(mesh)"
         )
-    own, others = (each.load_amplitudes(times) for each in (system, finer))
+    own, theirs = (each.load_amplitudes(times) for each in (system, finer))
     # Inertia forces and tractions on curved borders are not quite the same on both meshes.
-    if np.abs(own - others).max(initial=0.0) > 0.05 * np.abs(own).max(initial=0.0):
+    if np.abs(own - theirs).max(initial=0.0) > 0.05 * np.abs(own).max(initial=0.0):
         raise InputError(
             "estimate: finer: found loads of other amplitudes than those of the run, must be the "
             "same: build it as the system itself, on sj.refined(mesh)"

@@ -11,7 +11,15 @@ from inspect import signature
 from pathlib import Path
 from typing import Annotated, Literal, Self, TypeAlias
 
-from pydantic import AfterValidator, Field, PrivateAttr, Tag, ValidationInfo, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    Tag,
+    ValidationInfo,
+    model_validator,
+)
 
 from skfem_joint.ground import loads
 from skfem_joint.ground.errors import InputError
@@ -39,6 +47,13 @@ from skfem_joint.scene.values import (
 )
 
 
+def _is_no_truth_value(value: object) -> object:
+    """Refuse true and false, which are 1 and 0 in Python."""
+    if isinstance(value, bool):
+        raise mistake(f"found {str(value).lower()}, must be 'auto', 1 or 2")
+    return value
+
+
 class MeshTable(SceneTable):
     """``[mesh]``: the files of the mesh."""
 
@@ -51,7 +66,7 @@ class MeshTable(SceneTable):
         ".msh of format 2.2 or 4.1, ASCII or binary; for bars also Abaqus .inp"
     )
     scale: Positive = key("length of the mesh's unit, m", 1.0)
-    order: Literal["auto", 1, 2] = key(
+    order: Annotated[Literal["auto", 1, 2], BeforeValidator(_is_no_truth_value)] = key(
         'order of the displacement; "auto" computes triangles and tetrahedra of first order, which '
         "bend too stiffly, with quadratic displacements on the same mesh",
         "auto",

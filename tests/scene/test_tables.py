@@ -55,7 +55,10 @@ BAD: dict[str, list[tuple[str, ...]]] = {
         ('[section.regions."a b"]\nplane = ""\n[section]', 'section.regions."a b".plane', "width"),
     ],
     "width = 0.05": [('plane = "flat"', "section.plane", "'stress' or 'strain'")],
-    'file = "bar.msh"': [('file = "a\\u0000b"', "mesh.file", "the name of a file")],
+    'file = "bar.msh"': [
+        ('file = "a\\u0000b"', "mesh.file", "the name of a file"),
+        ('file = "bar.msh"\norder = true', "mesh.order", "found true, must be 'auto', 1 or 2"),
+    ],
     '[mesh]\nfile = "bar.msh"': [('mesh = "bar.msh"', "mesh", "a table"), ("", "mesh", "missing")],
     "[support]\n": [("[supports]\n", "supports", "unknown key", "did you mean 'support'")],
     'fixed = ["fixed"]': [
