@@ -260,6 +260,7 @@ CLAIMS = {
         short=f"{BENCHMARKS}/elements.py cantilever --kind triangles quadrilaterals --out {{out}}",
         timed=True,
     ),
+    "bricks": Claim(f"{BENCHMARKS}/bricks.py", 30, {"bricks": printed}),
     "solids": Claim(f"{BENCHMARKS}/solids.py", 260, {"solids": printed}, timed=True),
     "contact-points": Claim(
         f"{BENCHMARKS}/contact_points.py", 240, {"contact-points": printed}, timed=True
