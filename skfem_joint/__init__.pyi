@@ -97,9 +97,9 @@ from skfem_joint.vibration.backbone_sensitivity import (
 from skfem_joint.vibration.backbone_sensitivity import (
     backbone_sensitivity as backbone_sensitivity,
 )
-from skfem_joint.vibration.response import Curve as Curve
-from skfem_joint.vibration.response import SteadyPoint as SteadyPoint
 from skfem_joint.vibration.response import response as response
+from skfem_joint.vibration.response_curve import Curve as Curve
+from skfem_joint.vibration.response_curve import SteadyPoint as SteadyPoint
 from skfem_joint.vibration.ring_down import RingDown as RingDown
 from skfem_joint.vibration.ring_down import ring_down as ring_down
 

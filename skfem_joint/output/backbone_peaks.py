@@ -12,7 +12,7 @@ from skfem_joint.output.plots import new_figure, prefixed_unit
 from skfem_joint.study.backbone_peaks import BackbonePeak, backbone_errors
 from skfem_joint.study.scene_response import SceneResponse
 from skfem_joint.vibration.backbone import Backbone
-from skfem_joint.vibration.response import Curve
+from skfem_joint.vibration.response_curve import Curve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

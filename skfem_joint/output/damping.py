@@ -28,7 +28,8 @@ from skfem_joint.study.backbone_peaks import backbone_peaks
 from skfem_joint.study.scene_backbone import ModelBackbone, SceneBackbone
 from skfem_joint.study.scene_response import SceneResponse
 from skfem_joint.vibration.backbone import Backbone
-from skfem_joint.vibration.response import HARMONICS, Curve
+from skfem_joint.vibration.response import HARMONICS
+from skfem_joint.vibration.response_curve import Curve
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -37,7 +37,7 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.results.peaks import parabola_vertex
 from skfem_joint.study.scene_response import ModelResponse
 from skfem_joint.vibration.backbone import Backbone
-from skfem_joint.vibration.response import Curve
+from skfem_joint.vibration.response_curve import Curve
 
 #: Instants of half a period at which the force of a loop is evaluated.
 _INSTANTS = 201

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,14 +30,12 @@ from skfem_joint.system.system import System
 from skfem_joint.vibration.coarse_model import CoarseModel
 from skfem_joint.vibration.linear_response import linear_response
 from skfem_joint.vibration.response import (
-    Curve,
-    State,
-    SteadyPoint,
     at_frequency,
     response,
     steady_plan,
     suited_steps,
 )
+from skfem_joint.vibration.response_curve import Curve, State, SteadyPoint
 
 #: What the response of a reduced model says that has contact that opens.
 CREPT = (
@@ -50,8 +48,6 @@ RESPONSE_ROWS = (SteadyPoint,)
 #: Frequencies of the linear limits beside those asked for, and entries that the stiffness may have
 #: in all of them together. Their factors take some ten seconds so, of plates and of solids.
 BETWEEN, ENTRIES = 400, 10_000_000
-#: Relative error of an amplitude by its time step that is doubtful.
-DOUBTFUL = 0.05
 
 
 @dataclass(frozen=True)
@@ -208,9 +204,10 @@ def scene_response(
         wall, compiled = watch.read()
         if name == "reduced":
             notes += [*notes_of(model), *[CREPT] * scene.opens]
-        notes += [note for curve in curves for note in _whole_slip(name, curve)]
+        for curve in curves:
+            level = f"Level {curve.level:g}"
+            notes += [note.replace(level, f"{level}, {name} model", 1) for note in curve.notes]
         curves = [curve for curve in curves if curve.found]
-        notes += [note for curve in curves for note in _frequencies_without(name, curve)]
         estimates: list[Estimate] = []
         if scene.accuracy.estimate:
             report = partial(progress, f"errors of the {name} model")
@@ -312,69 +309,7 @@ def _estimates(
                 f"not estimated: {error}"
             )
         estimates.append(Estimate(parts))
-        notes += _step_error_notes(name, curve, steps)
     return estimates, notes
-
-
-def _step_error_notes(name: str, curve: Curve, steps_per_cycle: int) -> Iterator[str]:
-    """Sentences about where the time step makes a curve doubtful, and the cure.
-
-    A sentence also says where the error is not estimated. The steps are exact at the driven
-    frequency: what errs are the harmonics of friction, where they meet higher modes.
-
-    Parameters
-    ----------
-    name : str
-        Of the model, for the sentences.
-    curve : Curve
-        With its estimated errors of the step.
-    steps_per_cycle : int
-    """
-    error = curve.column("step_error")
-    failed = np.array([point.failure is not None for point in curve.points])
-    if not (np.isfinite(error) | failed).all():
-        yield (
-            f"The {name} model at level {curve.level:g} has no steady vibration with half the "
-            "step at every frequency: where step_error is empty in response.csv the error of the "
-            "step is not known."
-        )
-    error = np.nan_to_num(error)
-    doubtful = error > DOUBTFUL
-    if doubtful.any():
-        frequency = curve.column("frequency")[doubtful]
-        # Errors fall with the square of the step: so many steps leave one percent, in whole
-        # fifties.
-        enough = 50 * np.ceil(steps_per_cycle * np.sqrt(error.max() / 0.01) / 50)
-        yield (
-            f"The {name} model at level {curve.level:g}: the time step alone errs by up to "
-            f"{100 * error.max():.2g} % of the amplitude, and by more than {100 * DOUBTFUL:g} % at "
-            f"{frequency.size} frequencies from {frequency[0]:.6g} to {frequency[-1]:.6g} Hz, "
-            "where harmonics of friction meet higher modes; see column step_error of "
-            f"response.csv. Set time.steps_per_cycle = {enough:.0f}."
-        )
-
-
-def _whole_slip(name: str, curve: Curve) -> Iterator[str]:
-    """Note of where on a curve a joint slips as a whole, and of what is left out for that."""
-    if curve.gross.size:
-        low, high = curve.gross.min(), curve.gross.max()
-        where = f"{low:.6g} Hz" if low == high else f"{low:.6g} to {high:.6g} Hz"
-        note = f"The {name} model at level {curve.level:g}: a joint slips as a whole at {where}"
-        given_up = [p.failure for p in curve.points if p.failure is not None and p.periods > 0]
-        if given_up:
-            what = "the curve ends there" if curve.found else "the level has no curve"
-            note += f"; {what}: {given_up[0]}"
-        yield f"{note}."
-
-
-def _frequencies_without(name: str, curve: Curve) -> Iterator[str]:
-    """Note of the frequencies of a curve that have no steady vibration."""
-    without = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
-    if without:
-        yield (
-            f"The {name} model at level {curve.level:g} has no steady vibration at "
-            f"{', '.join(without)} Hz: these are no points of its curve."
-        )
 
 
 def _errors(

@@ -24,12 +24,12 @@ from skfem_joint.stepping.recording import Save
 from skfem_joint.system.system import System
 from skfem_joint.vibration.response import (
     Guide,
-    SteadyPoint,
     at_frequency,
     error_of_step,
     steady_plan,
     steady_point,
 )
+from skfem_joint.vibration.response_curve import SteadyPoint
 
 
 @dataclass(frozen=True)

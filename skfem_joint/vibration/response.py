@@ -14,7 +14,6 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
-from operator import itemgetter
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
@@ -28,7 +27,6 @@ from skfem_joint.ground.rows import Rows
 from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at
 from skfem_joint.results.history import relative
-from skfem_joint.results.peaks import parabola_vertex
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.steady.correction import Correction
 from skfem_joint.steady.steady import odd_loads
@@ -36,11 +34,9 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Save
 from skfem_joint.system.served import Served
 from skfem_joint.system.system import System
+from skfem_joint.vibration.response_curve import Curve, State, SteadyPoint, nothing_found
 
 _log = logging.getLogger(__name__)
-
-State = tuple[FloatArray, FloatArray]
-
 
 #: Harmonics of the steady vibration that results report.
 HARMONICS = 5
@@ -81,145 +77,6 @@ class Guiding(Protocol):
         self, frequency: float, level: float, steps_per_cycle: int, finer: int | None
     ) -> Guide:
         """What it says at a frequency (Hz) and level, with ``finer`` steps too unless None."""
-
-
-@dataclass(frozen=True)
-class SteadyPoint:
-    """Steady vibration at one frequency.
-
-    Where none was found ``failure`` says why, and all other results are nan.
-
-    Attributes
-    ----------
-    frequency : float
-        First harmonic of the loads, Hz.
-    amplitude : ndarray, shape (points,)
-        Half of peak to peak of each named point, m.
-    offset : ndarray, shape (points,)
-        Mean of the two peaks, m.
-    harmonics : ndarray of complex, shape (points, 5)
-        Factors of ``exp(i k omega t)``, m; nan where a period has too few steps for them.
-    phase : ndarray, shape (points,)
-        Phase of the first harmonic after that of the first load, rad.
-    slip : ndarray, shape (m,)
-        Largest slip of each contact point, m.
-    friction_energy : float
-        Dissipated by friction in a period, J.
-    input_energy : float
-        Work of the loads in a period, J.
-    share : float
-        Share of the friction limits, with contact that opens of those at rest, whose points slip
-        in the period, see `System.slipping`; 0 where all stick, wherever they came to rest before.
-    periods : int
-        Periods that the search took.
-    change : float
-        Change of the state over the last of them, relative.
-    state : tuple of ndarray, shape (n,), optional
-        Displacement (m) and velocity (m/s) at the end of the period.
-    course : ndarray, shape (steps + 1, n), optional
-        Displacement over the period, m; of dense systems only.
-    step_error : float
-        Estimated relative error of the largest amplitude by the time step; nan if it is not
-        estimated.
-    model_error : float
-        Estimated relative error of the largest amplitude by the modes of a reduced model for a
-        range; nan for other models.
-    failure : str, optional
-        Why no steady vibration was found.
-    gross : bool
-        Whether a joint slips as a whole: in the vibration, or in the search that was given up.
-    """
-
-    frequency: float
-    amplitude: FloatArray
-    offset: FloatArray
-    harmonics: FloatArray
-    phase: FloatArray
-    slip: FloatArray
-    friction_energy: float = np.nan
-    input_energy: float = np.nan
-    share: float = np.nan
-    periods: int = 0
-    change: float = np.nan
-    state: State | None = None
-    course: FloatArray | None = None
-    step_error: float = np.nan
-    model_error: float = np.nan
-    failure: str | None = None
-    gross: bool = False
-
-
-@dataclass(frozen=True)
-class Curve:
-    """Response at one level of load.
-
-    Attributes
-    ----------
-    level : float
-        Factor of the loads' amplitudes.
-    points : tuple of SteadyPoint
-        At rising frequencies.
-    """
-
-    level: float
-    points: tuple[SteadyPoint, ...]
-
-    def column(self, name: str) -> FloatArray:
-        """A quantity of `SteadyPoint` at all frequencies, by its name."""
-        return np.array([getattr(point, name) for point in self.points])
-
-    @property
-    def found(self) -> bool:
-        """Whether a steady vibration was found at any frequency."""
-        return any(point.failure is None for point in self.points)
-
-    @property
-    def gross(self) -> FloatArray:
-        """Frequencies, Hz, at which a joint slips as a whole.
-
-        Where the search was given up for that, at the last of them, higher ones were not tried.
-        """
-        return np.array([point.frequency for point in self.points if point.gross])
-
-    @property
-    def largest(self) -> int:
-        """Number of the named point that moves most."""
-        return int(np.nan_to_num(self.column("amplitude")).max(axis=0).argmax())
-
-    @property
-    def known(self) -> tuple[FloatArray, FloatArray]:
-        """Frequencies (Hz) with a steady vibration, and amplitudes (m) of the largest there."""
-        f, A = self.column("frequency"), self.column("amplitude")[:, self.largest]
-        return f[np.isfinite(A)], A[np.isfinite(A)]
-
-    @property
-    def peak(self) -> tuple[float, float]:
-        """Frequency (Hz) and amplitude (m) of the peak, by a parabola through the three highest.
-
-        The highest point itself where it is the first or the last. ConvergenceError where no
-        vibration was found.
-        """
-        f, A = self.known
-        if not f.size:
-            raise ConvergenceError(_nothing(self))
-        k = int(A.argmax())
-        if not 0 < k < f.size - 1:
-            return float(f[k]), float(A[k])
-        frequency, amplitude = parabola_vertex(f[k - 1 : k + 2], A[k - 1 : k + 2])
-        return float(frequency), float(amplitude)
-
-    @property
-    def start(self) -> State:
-        """State from which a search at the peak may start: of the nearest vibration kept."""
-        peak, _ = self.peak
-        kept = ((abs(p.frequency - peak), p.state) for p in self.points if p.state is not None)
-        return min(kept, key=itemgetter(0))[1]
-
-
-def _nothing(curve: Curve) -> str:
-    """Why a curve has no vibration."""
-    tried = "at every frequency" if len(curve.gross) == 0 else "no vibration was found"
-    return f"response: level {curve.level:g}, {tried}: {curve.points[-1].failure}"
 
 
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
@@ -356,7 +213,7 @@ def response(
     ]
     curves = _curves(searches, system, coarse, executor, workers, tally, rows)
     if not any(curve.found for curve in curves):
-        raise ConvergenceError("; ".join(_nothing(curve) for curve in curves))
+        raise ConvergenceError("; ".join(nothing_found(curve) for curve in curves))
     if not by_model:
         return curves
     return [_with_model_errors(c, system, steps_per_cycle, tally, rows) for c in curves]

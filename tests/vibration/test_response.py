@@ -17,7 +17,8 @@ from skfem_joint.mesh import build_bar
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.study.scene_response import scene_response
 from skfem_joint.vibration.linear_response import linear_response
-from skfem_joint.vibration.response import SteadyPoint, at_frequency, steady_plan, steady_point
+from skfem_joint.vibration.response import at_frequency, steady_plan, steady_point
+from skfem_joint.vibration.response_curve import SteadyPoint
 
 
 def bar() -> sj.System:
@@ -114,6 +115,23 @@ def test_a_search_is_given_up_where_a_joint_slips_as_a_whole_for_so_many_periods
     assert low.gross.size == 0
     assert high.gross == pytest.approx([1900.0])
     assert "a joint slips as a whole at 1900 Hz" in caplog.text
+    assert low.notes == ()
+    assert high.notes[0].startswith(f"Level {levels[1]:g}: a joint slips as a whole at 1900 Hz")
+
+
+def test_a_curve_says_where_its_peak_may_be_missing_and_where_its_step_is_coarse():
+    rising, level = np.array([300.0, 600.0, 900.0]), 0.1 * float(bar().contact.w.sum())
+    (curve,) = sj.response(bar(), rising, [level], refined=False, estimated=False)
+    (note,) = curve.notes
+    end = curve.known[0][int(curve.known[1].argmax())]
+    assert end in (300.0, 900.0)
+    assert f"the largest amplitude is at {end:g} Hz, the" in note
+    errors = [0.0, 0.09, np.nan]
+    points = [replace(p, step_error=e) for p, e in zip(curve.points, errors, strict=True)]
+    _, unknown, coarse = replace(curve, points=tuple(points)).notes
+    assert "the error of the step is not known" in unknown
+    assert "errs by up to 9 % of the amplitude, and by more than 5 % at 1 freq" in coarse
+    assert "3.0 times as many steps_per_cycle" in coarse  # sqrt(9)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,242 @@
+"""A response over frequency at one level of load: its points, its peak and what to beware of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from operator import itemgetter
+
+import numpy as np
+
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.results.peaks import parabola_vertex
+
+State = tuple[FloatArray, FloatArray]
+
+#: Error of the largest amplitude by the time step alone from which on a note says so.
+DOUBTFUL = 0.05
+
+
+@dataclass(frozen=True)
+class SteadyPoint:
+    """Steady vibration at one frequency.
+
+    Where none was found ``failure`` says why, and all other results are nan.
+
+    Attributes
+    ----------
+    frequency : float
+        First harmonic of the loads, Hz.
+    amplitude : ndarray, shape (points,)
+        Half of peak to peak of each named point, m.
+    offset : ndarray, shape (points,)
+        Mean of the two peaks, m.
+    harmonics : ndarray of complex, shape (points, 5)
+        Factors of ``exp(i k omega t)``, m; nan where a period has too few steps for them.
+    phase : ndarray, shape (points,)
+        Phase of the first harmonic after that of the first load, rad.
+    slip : ndarray, shape (m,)
+        Largest slip of each contact point, m.
+    friction_energy : float
+        Dissipated by friction in a period, J.
+    input_energy : float
+        Work of the loads in a period, J.
+    share : float
+        Share of the friction limits, with contact that opens of those at rest, whose points slip
+        in the period, see `System.slipping`; 0 where all stick, wherever they came to rest before.
+    periods : int
+        Periods that the search took.
+    change : float
+        Change of the state over the last of them, relative.
+    state : tuple of ndarray, shape (n,), optional
+        Displacement (m) and velocity (m/s) at the end of the period.
+    course : ndarray, shape (steps + 1, n), optional
+        Displacement over the period, m; of dense systems only.
+    step_error : float
+        Estimated relative error of the largest amplitude by the time step; nan if it is not
+        estimated.
+    model_error : float
+        Estimated relative error of the largest amplitude by the modes of a reduced model for a
+        range; nan for other models.
+    failure : str, optional
+        Why no steady vibration was found.
+    gross : bool
+        Whether a joint slips as a whole: in the vibration, or in the search that was given up.
+    """
+
+    frequency: float
+    amplitude: FloatArray
+    offset: FloatArray
+    harmonics: FloatArray
+    phase: FloatArray
+    slip: FloatArray
+    friction_energy: float = np.nan
+    input_energy: float = np.nan
+    share: float = np.nan
+    periods: int = 0
+    change: float = np.nan
+    state: State | None = None
+    course: FloatArray | None = None
+    step_error: float = np.nan
+    model_error: float = np.nan
+    failure: str | None = None
+    gross: bool = False
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Response at one level of load.
+
+    Attributes
+    ----------
+    level : float
+        Factor of the loads' amplitudes.
+    points : tuple of SteadyPoint
+        At rising frequencies.
+    """
+
+    level: float
+    points: tuple[SteadyPoint, ...]
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to beware of, in whole sentences."""
+        return tuple(_notes(self))
+
+    def column(self, name: str) -> FloatArray:
+        """A quantity of `SteadyPoint` at all frequencies, by its name."""
+        return np.array([getattr(point, name) for point in self.points])
+
+    @property
+    def found(self) -> bool:
+        """Whether a steady vibration was found at any frequency."""
+        return any(point.failure is None for point in self.points)
+
+    @property
+    def gross(self) -> FloatArray:
+        """Frequencies, Hz, at which a joint slips as a whole.
+
+        Where the search was given up for that, at the last of them, higher ones were not tried.
+        """
+        return np.array([point.frequency for point in self.points if point.gross])
+
+    @property
+    def largest(self) -> int:
+        """Number of the named point that moves most."""
+        return int(np.nan_to_num(self.column("amplitude")).max(axis=0).argmax())
+
+    @property
+    def known(self) -> tuple[FloatArray, FloatArray]:
+        """Frequencies (Hz) with a steady vibration, and amplitudes (m) of the largest there."""
+        f, A = self.column("frequency"), self.column("amplitude")[:, self.largest]
+        return f[np.isfinite(A)], A[np.isfinite(A)]
+
+    @property
+    def peak(self) -> tuple[float, float]:
+        """Frequency (Hz) and amplitude (m) of the peak, by a parabola through the three highest.
+
+        The highest point itself where it is the first or the last. ConvergenceError where no
+        vibration was found.
+        """
+        f, A = self.known
+        if not f.size:
+            raise ConvergenceError(nothing_found(self))
+        k = int(A.argmax())
+        if not 0 < k < f.size - 1:
+            return float(f[k]), float(A[k])
+        frequency, amplitude = parabola_vertex(f[k - 1 : k + 2], A[k - 1 : k + 2])
+        return float(frequency), float(amplitude)
+
+    @property
+    def start(self) -> State:
+        """State from which a search at the peak may start: of the nearest vibration kept."""
+        peak, _ = self.peak
+        kept = ((abs(p.frequency - peak), p.state) for p in self.points if p.state is not None)
+        return min(kept, key=itemgetter(0))[1]
+
+
+def nothing_found(curve: Curve) -> str:
+    """Why a curve has no vibration."""
+    tried = "at every frequency" if len(curve.gross) == 0 else "no vibration was found"
+    return f"response: level {curve.level:g}, {tried}: {curve.points[-1].failure}"
+
+
+def _notes(curve: Curve) -> Iterator[str]:
+    """Sentences about a curve, each after its level.
+
+    They are about joints that slip as a whole, frequencies without a steady vibration, a peak that
+    may lie outside of the frequencies, and the time step.
+    """
+    notes = [*_whole_slip(curve)]
+    if curve.found:
+        notes += [*_without(curve), *_largest_at_an_end(curve), *_time_step(curve)]
+    yield from (f"Level {curve.level:g}: {note}" for note in notes)
+
+
+def _whole_slip(curve: Curve) -> Iterator[str]:
+    """Where a joint slips as a whole, and what is left out for that."""
+    if curve.gross.size:
+        low, high = curve.gross.min(), curve.gross.max()
+        where = f"{low:.6g} Hz" if low == high else f"{low:.6g} to {high:.6g} Hz"
+        note = f"a joint slips as a whole at {where}"
+        given_up = [p.failure for p in curve.points if p.failure is not None and p.periods > 0]
+        if given_up:
+            what = "the curve ends there" if curve.found else "there is no curve"
+            note += f"; {what}: {given_up[0]}"
+        yield f"{note}."
+
+
+def _without(curve: Curve) -> Iterator[str]:
+    """Frequencies that have no steady vibration."""
+    without = [f"{p.frequency:.6g}" for p in curve.points if p.failure is not None]
+    if without:
+        yield (
+            f"there is no steady vibration at {', '.join(without)} Hz: these are no points of the "
+            "curve."
+        )
+
+
+def _largest_at_an_end(curve: Curve) -> Iterator[str]:
+    """Whether the largest amplitude is that of the lowest or the highest frequency of several.
+
+    Where a joint slips as a whole the curve may end before its peak, which another note says.
+    """
+    f, amplitude = curve.known
+    end = int(amplitude.argmax())
+    if f.size > 1 and end in (0, f.size - 1) and not curve.gross.size:
+        lowest = end == 0
+        yield (
+            f"the largest amplitude is at {f[end]:.6g} Hz, the {'lowest' if lowest else 'highest'} "
+            "frequency of the curve: a peak may lie "
+            f"{'below' if lowest else 'above'}. Take a wider range if you look for one."
+        )
+
+
+def _time_step(curve: Curve) -> Iterator[str]:
+    """Where the time step makes the curve doubtful, and the cure; where its error is not known.
+
+    The steps are exact at the driven frequency: what errs are the harmonics of friction, where they
+    meet higher modes.
+    """
+    error = curve.column("step_error")
+    known = np.isfinite(error)
+    failed = np.array([point.failure is not None for point in curve.points])
+    if known.any() and not (known | failed).all():
+        yield (
+            "there is no steady vibration with half the step at every frequency: where step_error "
+            "is empty in response.csv, nan in Python, the error of the step is not known."
+        )
+    error = np.nan_to_num(error)
+    doubtful = error > DOUBTFUL
+    if doubtful.any():
+        frequency = curve.column("frequency")[doubtful]
+        # Errors fall with the square of the step: so many times the steps leave one per cent.
+        times = np.sqrt(error.max() / 0.01)
+        yield (
+            f"the time step alone errs by up to {100 * error.max():.2g} % of the amplitude, and by "
+            f"more than {100 * DOUBTFUL:g} % at {frequency.size} frequencies from "
+            f"{frequency[0]:.6g} to {frequency[-1]:.6g} Hz, where harmonics of friction meet "
+            "higher modes; see column step_error of response.csv. Take "
+            f"{times:.1f} times as many steps_per_cycle."
+        )
