@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from skfem import BilinearForm, LinearForm, asm
+from skfem import BilinearForm, asm
 
-from skfem_joint.body.incompatible import Blocks, inertia, softening
+from skfem_joint.body.incompatible import softening
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.mesh.cells import same_columns
 
@@ -43,21 +43,6 @@ def mass(basis: Any, density: FloatArray) -> sparse.csr_array:
     """
     form = BilinearForm(lambda u, v, w: w.density * (u * v))
     return _symmetric(asm(form, basis, density=density[:, np.newaxis]))
-
-
-def nodal_masses(basis: Any, density: FloatArray) -> FloatArray:
-    """Sums of the rows of `mass`, (N,): ``integral of density psi``, from the same parameters."""
-    return np.asarray(asm(LinearForm(lambda v, w: w.density * v), basis, density=density[:, None]))
-
-
-def mass_of_modes(
-    basis: Any, density: FloatArray, first: FloatArray, second: FloatArray
-) -> sparse.csr_array:
-    """Mass that incompatible modes add, kg, shape (dim N, dim N), exactly symmetric.
-
-    Parameters as for `mass` and `stiffness`; all elements have modes.
-    """
-    return _matrix(inertia(basis, density, first, second))
 
 
 def stiffness(
@@ -82,7 +67,7 @@ def stiffness(
         Whether the elements, quadrilaterals or hexahedra of first order, have incompatible modes.
     """
     axes = range(int(basis.mesh.dim()))
-    sums: Blocks = {}
+    sums: dict[tuple[int, int], Any] = {}
     firsts, part_of = same_columns(np.stack([first, second]))
     for part, element in enumerate(firsts):
         of_part = basis
@@ -98,7 +83,11 @@ def stiffness(
     if incompatible:
         for (i, j), block in softening(basis, first, second, elements).items():
             sums[i, j] = sums[i, j] - block
-    return _matrix(sums)
+    blocks = {
+        (i, j): _symmetric(A) if i == j else sparse.csr_array(A) for (i, j), A in sums.items()
+    }
+    blocks |= {(j, i): sparse.csr_array(A.T) for (i, j), A in blocks.items() if i < j}
+    return interleaved([[blocks[i, j] for j in axes] for i in axes])
 
 
 def gradient_products(basis: Any) -> dict[tuple[int, int], sparse.csr_array]:
@@ -114,16 +103,6 @@ def gradient_products(basis: Any) -> dict[tuple[int, int], sparse.csr_array]:
 def _gradient_product(i: int, j: int) -> BilinearForm:
     """The form ``d_i v d_j u``."""
     return BilinearForm(lambda u, v, _: u.grad[j] * v.grad[i])
-
-
-def _matrix(sums: Blocks) -> sparse.csr_array:
-    """Symmetric matrix on ``dim * node + component`` from its blocks (i, j) with i <= j."""
-    blocks = {
-        (i, j): _symmetric(A) if i == j else sparse.csr_array(A) for (i, j), A in sums.items()
-    }
-    blocks |= {(j, i): sparse.csr_array(A.T) for (i, j), A in blocks.items() if i < j}
-    axes = range(max(blocks)[0] + 1)
-    return interleaved([[blocks[i, j] for j in axes] for i in axes])
 
 
 def interleaved(blocks: Sequence[Sequence[sparse.csr_array]]) -> sparse.csr_array:

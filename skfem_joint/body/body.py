@@ -127,17 +127,7 @@ class Body(Nodes):
     @cached_property
     def total_mass(self) -> float:
         """Mass of all bodies, kg."""
-        return float(self.basis.dx.sum(axis=1) @ self._density)
-
-    @cached_property
-    def mass_shares(self) -> FloatArray:
-        """Shares of the nodes in the mass, (N,): integrals of their shape functions."""
-        return assembly.nodal_masses(self.basis, self._density) / self.total_mass
-
-    @property
-    def _density(self) -> FloatArray:
-        """Mass by length, area or volume of the mesh, (elements,): kg/m, kg/m2 or kg/m3."""
-        return self.properties["density"] * self.across
+        return float(self.basis.dx.sum(axis=1) @ (self.properties["density"] * self.across))
 
     def lame(self, E: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
         """Elastic constants lambda and mu for this dimension, Pa, shape (elements,) each.
@@ -161,14 +151,12 @@ class Body(Nodes):
 
     @cached_property
     def _matrices(self) -> tuple[sparse.csr_array, sparse.csr_array]:
-        first, second = (constant * self.across for constant in self.lame())
-        mass = assembly.mass(self.basis, self._density)
+        mass = assembly.mass(self.basis, self.properties["density"] * self.across)
         if self.mass == "lumped":
             mass = sparse.csr_array(sparse.diags_array(np.asarray(mass.sum(axis=1)).ravel()))
         if self.dim > 1:
             mass = sparse.csr_array(sparse.kron(mass, sparse.eye_array(self.dim)))
-        if self.mass == "consistent" and self.has_incompatible_modes:
-            mass += assembly.mass_of_modes(self.basis, self._density, first, second)
+        first, second = (constant * self.across for constant in self.lame())
         return mass, self._stiffness(first, second)
 
     def _stiffness(

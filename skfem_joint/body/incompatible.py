@@ -12,33 +12,23 @@ so that the integral of the gradient over the element vanishes whatever its shap
 work of a constant stress on the modes: the patch test holds (Taylor, Beresford and Wilson, 1976).
 In the weak form of :mod:`skfem_joint.body.assembly` the modes stand beside the corners' functions,
 with the matrices K_ua between corners and modes, and K_aa of the modes alone. No force acts on the
-modes, K_au u + K_aa a = 0 or a = A u, which leaves to the corners
+modes, K_au u + K_aa a = 0, which leaves to the corners
 
     K_uu - K_ua K_aa^-1 K_au,
 
-whose second part `softening` gives. The modes move with the corners and have inertia, of which
-`inertia` gives, as Guyan (1965) condenses it,
-
-    M_ua A + A^T M_au + A^T M_aa A.
-
-Without it frequencies of coarse meshes are too high. Loads, also those of an accelerated
-base, act on the corners alone.
+whose second part `softening` gives. Inertia and loads act on the corners alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import combinations_with_replacement
 from math import ceil
 from typing import Any
 
 import numpy as np
 from scipy import sparse
-from skfem.quadrature import get_quadrature
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
-
-Blocks = dict[tuple[int, int], sparse.csr_array]
 
 #: Elements whose matrices are in memory at the same time.
 _PIECE = 4096
@@ -46,7 +36,7 @@ _PIECE = 4096
 
 def softening(
     basis: Any, first: FloatArray, second: FloatArray, elements: IntArray | None = None
-) -> Blocks:
+) -> dict[tuple[int, int], sparse.csr_array]:
     """Stiffness that the modes take away, ``K_ua K_aa^-1 K_au``, N/m.
 
     Parameters
@@ -59,50 +49,11 @@ def softening(
     dict
         Scalar blocks, shape (N, N) each, of component i of v and j of u by (i, j) with i <= j.
     """
-
-    def of(own: IntArray, part: IntArray) -> FloatArray:
-        K_ua, amplitudes = _amplitudes(basis, first[own], second[own], part)
-        return np.asarray(-np.einsum("eaimk,emkbj->eaibj", K_ua, amplitudes, optimize=True))
-
-    return _blocks(basis, elements, of)
-
-
-def inertia(basis: Any, density: FloatArray, first: FloatArray, second: FloatArray) -> Blocks:
-    """Mass that the modes add, ``M_ua A + A^T M_au + A^T M_aa A``, kg; blocks as in `softening`.
-
-    Parameters
-    ----------
-    basis, density, first, second
-        As for `skfem_joint.body.assembly.mass` and `skfem_joint.body.assembly.stiffness`.
-    """
-    X, W = get_quadrature(basis.elem, 4)  # exact for squares of the modes on parallelepipeds
-    modes = 4.0 * X * (1.0 - X)  # 1 - xi_k^2, (modes, points)
-    corners = np.array([basis.elem.lbasis(X, k)[0] for k in range(basis.Nbfun)])
-
-    def of(own: IntArray, part: IntArray) -> FloatArray:
-        _, amplitudes = _amplitudes(basis, first[own], second[own], part)
-        dx = np.abs(basis.mapping.detDF(X, part)) * W * density[own, np.newaxis]
-        M_ua = np.einsum("aq,mq,eq->eam", corners, modes, dx, optimize=True)
-        M_aa = np.einsum("mq,nq,eq->emn", modes, modes, dx, optimize=True)
-        moved = np.einsum("eam,emibj->eaibj", M_ua, amplitudes)
-        alone = np.einsum("emkai,emn,enkbj->eaibj", amplitudes, M_aa, amplitudes, optimize=True)
-        return np.asarray(moved + moved.transpose(0, 3, 4, 1, 2) + alone)
-
-    return _blocks(basis, None, of)
-
-
-def _blocks(
-    basis: Any, elements: IntArray | None, of: Callable[[IntArray, IntArray], FloatArray]
-) -> Blocks:
-    """Sums of matrices (elements, corners, dim, corners, dim) over the elements.
-
-    ``of`` gives the matrices from places in ``elements`` and the elements there.
-    """
     if elements is None:
         elements = np.arange(basis.mesh.nelements)
     blocks: dict[tuple[int, int], Any] = {}
     for piece in np.array_split(np.arange(elements.size), ceil(elements.size / _PIECE)):
-        of_elements = of(piece, elements[piece])
+        of_elements = _of_elements(basis, first[piece], second[piece], elements[piece])
         nodes = basis.element_dofs[:, elements[piece]].T
         rows, columns = (
             at.ravel() for at in np.broadcast_arrays(nodes[:, :, None], nodes[:, None])
@@ -114,18 +65,19 @@ def _blocks(
     return blocks
 
 
-def _amplitudes(
+def _of_elements(
     basis: Any, first: FloatArray, second: FloatArray, elements: IntArray
-) -> tuple[FloatArray, FloatArray]:
-    """``K_ua`` (elements, corners, dim, modes, dim) and ``A = -K_aa^-1 K_au`` of a = A u."""
+) -> FloatArray:
+    """Matrices ``K_ua K_aa^-1 K_au`` by element, (elements, corners, dim, corners, dim)."""
     of_corners = np.array([shape.grad[:, elements] for (shape,) in basis.basis])
     of_modes, dx = mode_gradients(basis, elements), basis.dx[elements]
     K_ua = _between(of_corners, of_modes, dx, first, second)
     K_aa = _between(of_modes, of_modes, dx, first, second)
     n, corners, dim, modes, _ = K_ua.shape
-    K_au = K_ua.reshape(n, corners * dim, modes * dim).transpose(0, 2, 1)
-    amplitudes = -np.linalg.solve(K_aa.reshape(n, modes * dim, modes * dim), K_au)
-    return K_ua, np.asarray(amplitudes.reshape(n, modes, dim, corners, dim))
+    K_ua = K_ua.reshape(n, corners * dim, modes * dim)
+    K_aa = K_aa.reshape(n, modes * dim, modes * dim)
+    condensed = K_ua @ np.linalg.solve(K_aa, K_ua.transpose(0, 2, 1))
+    return np.asarray(condensed.reshape(n, corners, dim, corners, dim))
 
 
 def mode_gradients(basis: Any, elements: IntArray) -> FloatArray:

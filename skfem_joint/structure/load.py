@@ -11,7 +11,7 @@ import numpy as np
 
 from skfem_joint.body.body import Body
 from skfem_joint.body.checks import KINDS, one_of, wrong_name
-from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray, Matrix
 from skfem_joint.ground.loads import as_amplitude
 from skfem_joint.ground.values import FINITE
 from skfem_joint.joint.patch import Patch, shares_of
@@ -104,20 +104,21 @@ def under_loads(
     return system if damping_ratio is None else system.with_damping_ratio(damping_ratio, fitted)
 
 
-def acting(body: Body, load: Load) -> tuple[FloatArray, float, list[str]]:
+def acting(body: Body, load: Load, M: Matrix) -> tuple[FloatArray, float, list[str]]:
     """Load vector of a unit amplitude, the factor of the amplitude, and notes for users.
 
     The vector, shape (dim N,), times the factor times the load's amplitude is the force of all
-    nodes, N.
+    nodes, N. ``M`` is the mass of all nodes.
     """
     on = load.on or f"mass_{load.base}"
     if load.on is None:
-        mass = body.total_mass
+        inertia = M @ np.tile(load.unit(body.dim), body.n_nodes)
+        mass = float(inertia.sum())
         note = (
             f"The base is accelerated along {load.base}: displacements are relative to it, "
             f"and the load on {on} is the inertia force of all {mass:.6g} kg."
         )
-        return np.outer(body.mass_shares, load.unit(body.dim)).ravel(), -mass, [note]
+        return inertia / mass, -mass, [note]
     if load.quantity == "force":
         return np.outer(body.even_shares(on), load.unit(body.dim)).ravel(), 1.0, []
     mean, area = _spread(body, load)

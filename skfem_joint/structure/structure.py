@@ -470,14 +470,14 @@ class Structure:
             For unknown names, directions that do not fit, and loads on parts that cannot move.
         """
         refuse(load_problems(self.mesh, loads, points))
-        T = self.T
+        T, (M, _) = self.T, self.matrices()
         wrong: list[str] = []
         rows: dict[str, FloatArray] = {}
         applied: list[AppliedLoad] = []
         notes = [*doubts.faces_apart(self.body, self.patches)]
         for load in loads:
             on = load.on or f"mass_{load.base}"
-            vector, scale, note = acting(self.body, load)
+            vector, scale, note = acting(self.body, load, M)
             vector, amplitude = T.T @ vector, load.amplitude
             if note:
                 notes += note
@@ -511,7 +511,7 @@ class Structure:
         if rows.pivots is None or not rows.clamped.any():
             return None
         M, K = self.matrices()
-        F = np.stack([acting(self.body, load)[0] for load in loads], axis=1)
+        F = np.stack([acting(self.body, load, M)[0] for load in loads], axis=1)
         cells = np.vstack([patch.cells for patch in self.patches if patch.normal is not None])
         # Stand for each node by the degree of freedom that closed contact determines.
         dof = np.arange(self.n_nodes) * self.dim
