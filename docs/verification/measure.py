@@ -261,6 +261,13 @@ CLAIMS = {
         timed=True,
     ),
     "bricks": Claim(f"{BENCHMARKS}/bricks.py", 30, {"bricks": printed}),
+    "condensed-points": Claim(
+        f"{BENCHMARKS}/condensed_points.py lap side",
+        500,
+        {"condensed-points": printed},
+        short=f"{BENCHMARKS}/condensed_points.py side --quick",
+        timed=True,
+    ),
     "solids": Claim(f"{BENCHMARKS}/solids.py", 260, {"solids": printed}, timed=True),
     "contact-points": Claim(
         f"{BENCHMARKS}/contact_points.py", 240, {"contact-points": printed}, timed=True

@@ -19,7 +19,8 @@ excited, and one with contact that opens. (Of 479 quantities of 160 plates and s
 stated as above; 6 scenes in 179 took the full model.)
 
 A condensed model has the law and the points of the full one. Its basis is bettered by more
-fixed-interface modes. Its statics are exact: without inertia no mode is missing.
+fixed-interface modes. Its statics are exact: without inertia no mode is missing. Where its points
+are merged, the first cycles of a run with all of them show what that causes.
 
 A reduced model is bettered by all contact points, then by a law ten times as steep, but no steeper
 than the full model's. Then a condensed model takes its place, with the full model's points and law
@@ -63,7 +64,8 @@ from skfem_joint.accuracy.ladder import (
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.basis import Basis, Options
-from skfem_joint.reduction.condensed import carrying, condense, interface_modes_in
+from skfem_joint.reduction.condensed import condense, interface_modes_in
+from skfem_joint.reduction.condensed_points import points_of, with_points_of
 from skfem_joint.reduction.friction_points import MANY, MERGED
 from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.reduction.models import reduced, reduced_on
@@ -268,13 +270,18 @@ def of_condensed(
         If one is interrupted.
     """
     way, plan = _until_settled(run, plan, progress)
-    inner, better = carrying(system), run.system
+    inner, better = with_points_of(system, run.system), run.system
+    modes = interface_modes_in(inner, basis.V)
     if inner.contact.steepest > better.contact.steepest:
         better = better.with_contact(beta=inner.contact.beta)
-    way.climb("points", run.system, plan)
+    if np.any(points_of(run.system) > 1):
+        both = condense(system, modes), condense(inner, modes)
+        way.add("points", way.top, unseen=_merged(way, *both, plan))
+    else:
+        way.climb("points", run.system, plan)
     way.climb("law", better, plan)
     if not plan.quasi_static:
-        more = condense(system, max(MODES, 2 * interface_modes_in(system, basis.V)))
+        more = condense(inner, max(MODES, 2 * modes))
         better = more if more.n > better.n else better
     way.climb("basis", better, plan, INTERFACE_MODES)
     quarter = not system.contact.opens or is_small(system, plan)

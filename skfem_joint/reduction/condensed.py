@@ -18,10 +18,11 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.values import POSITIVE, WHOLE, check, check_some
+from skfem_joint.ground.values import COUNT, POSITIVE, WHOLE, check, check_some
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.basis import Basis, Origin, SlipHistory
+from skfem_joint.reduction.condensed_points import with_points
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.interface_modes import RestrictedMotion, up_to
 from skfem_joint.reduction.pod import ProperModes, orthonormal
@@ -31,7 +32,11 @@ from skfem_joint.system.unknowns import selection
 
 
 def condense(
-    system: System, interface_modes: str | int = "auto", *, frequency: float | None = None
+    system: System,
+    interface_modes: str | int = "auto",
+    *,
+    frequency: float | None = None,
+    contact_points: str | int = "all",
 ) -> System:
     """Condensed model: contact unknowns kept, all else by the method of Craig and Bampton.
 
@@ -49,22 +54,37 @@ def condense(
     frequency : float, optional
         Takes the place of the loads' highest frequency, Hz: of the modes of a `backbone`, or of a
         `response`.
+    contact_points : "all" or int
+        Most contact points. Fewer than there are merge points that move alike with loose joints,
+        see `skfem_joint.reduction.condensed_points`: steps cost less, and `estimate` states what
+        that causes. Contact that opens keeps all of its points.
 
     Returns
     -------
     System
-        Its ``expand`` gives the displacement of the full structure.
+        Its ``expand`` gives the displacement of the full structure. Its ``notes`` say how many
+        points were merged.
 
     Raises
     ------
     InputError
-        If no point carries friction and none opens, slip rows depend on each other, or the loads'
-        highest frequency is needed and not known.
+        If no point carries friction and none opens, slip rows depend on each other, the loads'
+        highest frequency is needed and not known, or points of contact that opens would be merged.
     """
     check("interface_modes", interface_modes, WHOLE, "auto")
+    check("contact_points", contact_points, COUNT, "all")
     check_some(POSITIVE, frequency=frequency)
-    basis = _basis(system, interface_modes, frequency)
-    return replace(_projected(system, basis.V), origin=Origin(system, basis))
+    some, notes = with_points(system, contact_points), system.notes
+    basis = _basis(some, interface_modes, frequency)
+    if some is not system:
+        notes = (
+            *notes,
+            f"{system.contact.count} contact points are merged into {some.contact.count} in the "
+            "condensed model; its estimated error by points says what that causes.",
+        )
+        basis = replace(basis, history=_no_history(system, basis.V))
+    small = _projected(some, basis.V)
+    return replace(small, notes=notes, origin=Origin(system, basis))
 
 
 def _basis(system: System, interface_modes: str | int, highest: float | None) -> Basis:
@@ -101,14 +121,18 @@ def _basis(system: System, interface_modes: str | int, highest: float | None) ->
             shapes = orthonormal(np.hstack([shapes, solve(forces)]), M_rest)
         V = np.hstack([V, F @ shapes])
     V = V if forward is None else np.asarray(forward @ V)
-    history = SlipHistory(
+    return Basis(V, 0, ProperModes(V[:, :0], np.zeros(0)), _no_history(system, V))
+
+
+def _no_history(system: System, V: FloatArray) -> SlipHistory:
+    """History of a basis that is made of no run."""
+    return SlipHistory(
         velocities=np.zeros((0, V.shape[1])),
         displacements=np.zeros((0, V.shape[1])),
         slip_velocity=0.0,
         slip_peak=np.zeros(system.contact.w.size),
         active=np.flatnonzero(system.contact.rubs),
     )
-    return Basis(V, 0, ProperModes(V[:, :0], np.zeros(0)), history)
 
 
 def _highest(system: System) -> float | None:

@@ -278,7 +278,7 @@ class _Units(NamedTuple):
         slopes = np.where(slides & presses, np.append(gain.sum(axis=1), 0.0)[slider], 0.0)
         slopes = np.round(slopes / (slopes.max(initial=0.0) or 1.0), 9)
         own = np.where(alone, np.arange(1, slider.size + 1), 0)
-        kinds = np.hstack([_laws(system, slider), np.stack([presses, apart, slopes, own]).T])
+        kinds = np.hstack([laws_of(system, slider), np.stack([presses, apart, slopes, own]).T])
         stiffness, limits = np.append(normal.stiffness, 0.0), np.append(states.limits, 0.0)
         weight = np.where(presses, stiffness[presser], limits[slider])
         return cls(slider, presser, kinds, alone, weight)
@@ -318,8 +318,8 @@ class _Units(NamedTuple):
         slides, presses = self.slider >= 0, self.presser >= 0
         slider = owner[slides], self.slider[slides]
         given = np.asarray(_members(*slider, system.contact.given).sum(axis=1))
-        shares = _means(*slider, states.limits)
-        pressed = _means(owner[presses], self.presser[presses], system.contact.normal.stiffness)
+        shares = means_of(*slider, states.limits)
+        pressed = means_of(owner[presses], self.presser[presses], system.contact.normal.stiffness)
         return shared_points(system, shares, given, pressed)
 
 
@@ -330,13 +330,13 @@ def _members(owner: IntArray, points: IntArray, weights: FloatArray) -> sparse.c
     return sparse.csr_array((weights[points], (number, points)), shape=shape)
 
 
-def _means(owner: IntArray, points: IntArray, weights: FloatArray) -> sparse.csr_array:
+def means_of(owner: IntArray, points: IntArray, weights: FloatArray) -> sparse.csr_array:
     """The same, with the sum 1 in each row."""
     members = _members(owner, points, weights)
     return sparse.csr_array(sparse.diags_array(1.0 / np.asarray(members.sum(axis=1))) @ members)
 
 
-def _laws(system: System, points: IntArray) -> FloatArray:
+def laws_of(system: System, points: IntArray) -> FloatArray:
     """Joints, directions, law and springs of friction points, (k, ...); zero for the number -1."""
     contact = system.contact
     joints = sparse.csr_array(contact.J)[:, points].toarray() > 0.0

@@ -57,10 +57,12 @@ class ContactHistory:
 def contact_history(structure: Structure, run: Run) -> ContactHistory:
     """Contact of a run with stored fields on all contact points of its structure.
 
-    Runs of full and condensed models hold the friction and the work of each point. Those of a
-    reduced model hold them for merged points only. For such a run the law, of finite steepness, is
-    evaluated at the velocities of all contact points, and the work of each joint is distributed
-    among its points in proportion to friction times slip between the stored times.
+    Runs of full and condensed models hold the friction and the work of each point; points that a
+    condensed model has merged share theirs in proportion to their limits, and stick and slip
+    together. Those of a reduced model hold them for merged points only. For such a run the law, of
+    finite steepness, is evaluated at the velocities of all contact points, and the work of each
+    joint is distributed among its points in proportion to friction times slip between the stored
+    times.
 
     Raises
     ------
@@ -72,9 +74,15 @@ def contact_history(structure: Structure, run: Run) -> ContactHistory:
     check_fields(run)
     system, rows = contact_system(structure, run), _slip_rows(structure, run)
     slip, rate = (np.asarray((rows @ x.T).T) for x in (run.u, run.v))
-    own = _own_points(run.system)
-    if own is not None:
-        friction, work = _placed(run, system, own)
+    parts = _Parts.of(run.system)
+    if parts is not None:
+        friction = np.zeros_like(slip)
+        rows, own = parts.rows(system, run.system)
+        friction[:, rows] = run.sigma[:, own]
+        work = np.zeros((len(slip), system.contact.w.size))
+        work[:, parts.points] = parts.share * run.friction_work_rows[:, parts.owner]
+        if parts.merged:
+            rate[:, rows] = (run.system.contact.B @ run.v.T).T[:, own]
     else:
         repeats = run.steady is not None
         friction = friction_along(system, slip, rate, run.field_times, repeats)
@@ -116,12 +124,13 @@ def contact_system(structure: Structure, run: Run) -> System:
             f"{points} contact points, the structure {', '.join(names) or 'none'} with {m}; give "
             "the structure that its system was made from"
         )
-    single = _own_points(own)
-    if single is None:
+    parts = _Parts.of(own)
+    if parts is None:
         given, beta = base.contact.given, base.no_steeper(own.contact.steepest).contact.beta
     else:
         given, beta = np.zeros(m), base.contact.beta.copy()
-        given[single], beta[single] = own.contact.given, own.contact.beta
+        given[parts.points] = parts.share * own.contact.given[parts.owner]
+        beta[parts.points] = own.contact.beta[parts.owner]
     J = shares_of(structure.patches, base.contact.w)
     return base.with_contact(given=given, beta=beta, J=J, joints=names)
 
@@ -129,18 +138,20 @@ def contact_system(structure: Structure, run: Run) -> System:
 def slip_peaks_of(structure: Structure, run: Run) -> tuple[FloatArray, FloatArray]:
     """Largest slips of all contact points of a structure in a run and of their sliders, (m,), m.
 
-    Each is the largest of all steps if each contact point of the run is a point of the structure.
-    For a reduced model, whose points stand for several, it is the largest of the stored fields.
+    Each is the largest of all steps in runs of full and condensed models; points that are merged in
+    these have that of the merged one. For a reduced model, whose points stand for several, it is
+    the largest of the stored fields.
 
     Raises
     ------
     InputError
         If such a model stored no fields, or its system was not made from this structure.
     """
-    system, own = contact_system(structure, run), _own_points(run.system)
-    if own is not None:
+    system, parts = contact_system(structure, run), _Parts.of(run.system)
+    if parts is not None:
         peak, sliding = np.zeros((2, system.contact.w.size))
-        peak[own], sliding[own] = run.slip_peak, run.slider_peak
+        peak[parts.points] = run.slip_peak[parts.owner]
+        sliding[parts.points] = run.slider_peak[parts.owner]
         return peak, sliding
     check_fields(run)
     slip = np.asarray((_slip_rows(structure, run) @ run.u.T).T)
@@ -214,26 +225,51 @@ def _unknowns(structure: Structure, run: Run) -> Matrix:
     )
 
 
-def _own_points(system: System) -> IntArray | None:
-    """Point of the structure that each contact point is, (m,); None if they stand for several."""
-    if system.contact.shares is None:
-        return np.arange(system.contact.w.size)
-    shares = sparse.csr_array(system.contact.shares)
-    if shares.nnz != system.contact.w.size or not np.all(np.diff(shares.indptr) == 1):
-        return None
-    return np.asarray(shares.indices, dtype=np.intp)
+@dataclass(frozen=True)
+class _Parts:
+    """Points of a structure that the contact points of a full or condensed model are made of.
 
+    Attributes
+    ----------
+    points : ndarray of int, shape (k,)
+        Points of the structure.
+    owner : ndarray of int, shape (k,)
+        Contact point of the model that each of them is, or is a part of.
+    share : ndarray, shape (k,)
+        Share of each in its owner's friction limit.
+    """
 
-def _placed(run: Run, system: System, points: IntArray) -> tuple[FloatArray, FloatArray]:
-    """Friction over its limit, and work (J), if each point of the run is a single one."""
-    count = system.contact.directions[points]
-    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    rows = np.repeat(system.contact.first_row[points], count) + within
-    friction = np.zeros((len(run.sigma), system.contact.B.shape[0]))
-    friction[:, rows] = run.sigma
-    work = np.zeros((len(run.sigma), system.contact.w.size))
-    work[:, points] = run.friction_work_rows
-    return friction, work
+    points: IntArray
+    owner: IntArray
+    share: FloatArray
+
+    @classmethod
+    def of(cls, system: System) -> _Parts | None:
+        """Parts of a system's contact points; None for merged points of a reduced model."""
+        contact = system.contact
+        if contact.shares is None:
+            every = np.arange(contact.w.size)
+            return cls(every, every, np.ones(every.size))
+        shares = sparse.csr_array(contact.shares)
+        count = np.diff(shares.indptr)
+        if np.any(count != 1) and not picks_unknowns(contact.B):
+            return None
+        return cls(
+            shares.indices.astype(np.intp), np.repeat(np.arange(count.size), count), shares.data
+        )
+
+    @property
+    def merged(self) -> bool:
+        """Whether a contact point of the model has several parts."""
+        return self.owner.size > np.unique(self.owner).size
+
+    def rows(self, system: System, model: System) -> tuple[IntArray, IntArray]:
+        """Slip rows of the parts in a ``system`` of all points, and of their owners in a model."""
+        count = system.contact.directions[self.points]
+        within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        first = system.contact.first_row[self.points], model.contact.first_row[self.owner]
+        rows, own = (np.repeat(each, count) + within for each in first)
+        return rows, own
 
 
 def _spread(

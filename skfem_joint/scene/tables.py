@@ -361,6 +361,15 @@ class ModelsTable(SceneTable):
     run: Annotated[
         TomlList[Literal["full", "condensed", "reduced"]], AfterValidator(_largest_first)
     ] = key("list of models; the largest is run first", ("full",), min_length=1)
+    contact_points: Annotated[
+        Annotated[Literal["all"], Tag(Form.WORD)] | Annotated[Count, Tag(Form.NUMBER)],
+        by_form(Form.WORD),
+    ] = key(
+        "most contact points of the condensed model; fewer than there are merge points that move "
+        "alike, and the estimated error by points says what that causes",
+        "all",
+        allowed="'all' or a whole number >= 1",
+    )
 
 
 class ReductionTable(SceneTable):

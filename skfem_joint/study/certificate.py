@@ -6,8 +6,9 @@ other models have to be run:
 mesh
     Elements halved twice, full model only. The observed order p (kept between 1/2 and 2, friction
     is not smooth) extrapolates the difference of the first two runs to the error of the first. In
-    two and three dimensions elements are halved once, and the error is taken to be proportional to
-    their size: another halving would cost sixteen times the first and more.
+    two and three dimensions elements are halved once, and the error is taken to be 1.5 times what
+    this changes, as in every estimate (`skfem_joint.accuracy.halved_mesh`): another halving would
+    cost sixteen times the first and more.
 full run
     A reduced model without the full one beside it: two cycles of both. (Where the full one was run
     beside it, every estimate has the distance of the whole runs.)
@@ -28,6 +29,7 @@ from math import log2
 from typing import Any
 
 from skfem_joint.accuracy.estimate import Estimate, Parts, added, verification_run
+from skfem_joint.accuracy.halved_mesh import BEYOND
 from skfem_joint.accuracy.ladder import Rung, Series, errors_of
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
@@ -47,8 +49,9 @@ from skfem_joint.system.system import System
 PER_CYCLE = 25
 #: Orders of convergence that an extrapolation may use: friction is not smooth.
 LEAST, MOST = 0.5, 2.0
-#: Changes by halving a step or a size, with these orders.
-HALVED = Series(0.5**MOST, 0.5**LEAST, 0.5)
+#: Changes by halving a step or a size, with these orders. What a single change by halved elements
+#: leaves makes `BEYOND` times the change.
+HALVED = Series(0.5**MOST, 0.5**LEAST, 1.0 - 1.0 / BEYOND)
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ def kept(order: float | None) -> float:
 def halved(source: str, runs: Sequence[Results]) -> Source:
     """Errors of the first of two or three runs, each with half the step or size of the one before.
 
-    Of two runs, the error is taken to be proportional to step or size.
+    Of two runs, the error is taken to be `BEYOND` times their difference.
     """
     rungs = [Rung.of(source, *pair, HALVED) for pair in pairwise(runs)]
     first, last = (rungs[k].change[QUANTITIES[0]] for k in (0, -1))

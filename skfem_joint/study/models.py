@@ -155,7 +155,7 @@ def model_of(
     if name == "full":
         return system
     if name == "condensed":
-        return condense(system)
+        return condense(system, contact_points=scene.models.contact_points)
     options = options or options_of(scene)
     check_reference(system, options.reference)
     duration = None if scene.time.until == "steady" else scene.n_steps * scene.time_step

@@ -218,7 +218,8 @@ def _of_small_model(
     """Condensed or reduced model of a mode of the full model, its curve, and notes on it."""
     system = scene.system()
     if name == "condensed":
-        small = condense(system, frequency=curve.stuck_frequency)
+        points = scene.models.contact_points
+        small = condense(system, frequency=curve.stuck_frequency, contact_points=points)
     else:
         small = reduced_for_mode(system, curve, options_of(scene, "static"))
     ends = curve.level.size < scene.backbone.levels  # where the structure lifts off

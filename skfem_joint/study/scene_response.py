@@ -232,7 +232,11 @@ def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
     if name == "full":
         return system
     if name == "condensed":
-        return condense(system, frequency=_highest(system, table.frequencies.to))
+        return condense(
+            system,
+            frequency=_highest(system, table.frequencies.to),
+            contact_points=scene.models.contact_points,
+        )
     served = served_scene(scene)
     if served is not None:
         folder = None if rows.path is None else rows.path.parent

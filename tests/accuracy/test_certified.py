@@ -54,6 +54,16 @@ def test_the_error_of_the_mesh_is_the_distance_from_a_run_that_has_hardly_any():
     assert found.of("total", "friction_energy") == pytest.approx(sum(filter(None, parts)))
 
 
+def test_a_plate_has_the_same_error_by_the_mesh_with_and_without_a_certificate():
+    scene = plate_scene("full", mesh=plate(3), time={"cycles": 2, "steps_per_cycle": 50})
+    study = sj.run_scene(scene)
+    own, found = (m.estimate for m in (study.models["full"], certify(study, "full")))
+    stated = own.of("mesh", "displacement_rms")
+    assert stated > 0.0
+    # One is relative to the finer run, the other to the extrapolated one.
+    assert found.of("mesh", "displacement_rms") == pytest.approx(stated, rel=0.6 * stated + 1e-9)
+
+
 @pytest.mark.parametrize("model", ["full", "reduced"])
 def test_an_executor_certifies_the_same(model):
     study = sj.run_scene(coarse(model, beta=1e4))
