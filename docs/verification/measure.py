@@ -269,6 +269,7 @@ CLAIMS = {
         timed=True,
     ),
     "solids": Claim(f"{BENCHMARKS}/solids.py", 260, {"solids": printed}, timed=True),
+    "large": Claim(f"{BENCHMARKS}/large.py", 120, {"large": printed}, timed=True),
     "contact-points": Claim(
         f"{BENCHMARKS}/contact_points.py", 240, {"contact-points": printed}, timed=True
     ),

@@ -23,7 +23,7 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray, Matrix
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.linalg.schur import Uncondensed, condensed
+from skfem_joint.linalg.schur import AllKept, SchurComplement, Uncondensed, condensed
 
 # Most sets of touching nodes that are tried.
 _ACTIVE_SETS = 100
@@ -111,10 +111,31 @@ class UnilateralContact:
         called with the number of sets tried, 0, and a note, after each of them.
         """
         active = np.ones(self.area.size, dtype=bool) if first is None else first | self.tied
+        u, p, count = np.zeros(self.force.size), np.zeros(self.area.size), 0
+        if isinstance(self._open, SchurComplement):
+            # The sets are found with the stiffness that is factorised, on the unknowns of contact
+            # alone: without a solution for the others. What its shift changes is corrected then.
+            right, interior = self._open.restrict(self.force)
+            inner = self._of_kept(self._open, right)
+            z, p, active, count = inner._searched(active, np.zeros(right.size), p, progress, 0)
+            u = self._open.extend(z, interior)
+            self._last[:] = [(closed, self._open.by(kept)) for closed, kept in inner._last]
+        return self._searched(active, u, p, progress, count)
+
+    def _of_kept(self, schur: SchurComplement, force: FloatArray) -> UnilateralContact:
+        """The same on the unknowns of contact, with the complement of the shifted stiffness."""
+        S, G = schur.complement, sparse.csr_array(self.G)[:, schur.kept]
+        inner = UnilateralContact(S, G, self.area, self.gap, self.tied, force)
+        vars(inner).update(penalty=self.penalty, _open=AllKept(S))
+        return inner
+
+    def _searched(
+        self, active: BoolArray, u: FloatArray, p: FloatArray, progress: Progress, tried: int
+    ) -> tuple[FloatArray, FloatArray, BoolArray, int]:
+        """See `solve`; the search goes on from some values, with the last of the sets tried."""
         force, gap = self.force[:, None], self.gap[:, None]
-        of_u, of_p = np.zeros(force.shape), np.zeros(gap.shape)
-        seen: set[bytes] = set()
-        for count in range(1, _ACTIVE_SETS + 1):
+        of_u, of_p, seen = u[:, None], p[:, None], set[bytes]()
+        for count in range(max(tried, 1), _ACTIVE_SETS + 1):
             of_u, of_p, left = self._balanced(active, self._solver(active), force, gap, of_u, of_p)
             u, p = of_u[:, 0], of_p[:, 0]
             opening = self.gap - self.G @ u
@@ -122,7 +143,8 @@ class UnilateralContact:
             pulls = active & ~self.tied & (p < -ROUND_OFF * np.abs(p).max())
             enters = ~active & (opening < -ROUND_OFF * moved)
             wrong = np.flatnonzero(pulls | enters)
-            progress(count, 0, f"{wrong.size} of {self.area.size} pressure points still change")
+            if count > tried:
+                progress(count, 0, f"{wrong.size} of {self.area.size} pressure points still change")
             if not wrong.size and left < _TOLERANCE:
                 return u, np.maximum(p, 0.0), active, count
             if not wrong.size:

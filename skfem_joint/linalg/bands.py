@@ -25,6 +25,8 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 WIDEST = 128
 #: With so few rows of a band no further order is tried.
 NARROW = 16
+#: Connections from one unknown within which others are counted, to see that no band is narrow.
+_FARTHEST = 8
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,8 @@ class Band:
             return
         ones = np.ones(rows.size)
         pattern = sparse.csr_matrix((ones, (rows, columns)), shape=(n, n))
+        if _too_wide(pattern):
+            return
 
         def placed(order: IntArray) -> tuple[int, IntArray, IntArray, IntArray]:
             place = np.argsort(order)
@@ -101,6 +105,14 @@ class Band:
         self.height, self.order, row, column = min(known, key=lambda candidate: candidate[0])
         self._lower = np.flatnonzero(row >= column)
         self._row, self._column = row[self._lower], column[self._lower]
+
+    @staticmethod
+    def of(A: sparse.csr_array) -> Band | None:
+        """Of a matrix with entries in both triangles; None where every band is too wide."""
+        if _too_wide(A):
+            return None
+        entries = A.tocoo(copy=False)
+        return Band(entries.row, entries.col, A.shape[0])
 
     def factorised(self, values: FloatArray, among: BoolArray | None = None) -> BandFactor | None:
         """Cholesky factor of the matrix with these values of its entries, (entries,).
@@ -126,6 +138,25 @@ class Band:
         entries = np.bincount(place, values, height * order.size).reshape(-1, height).T
         factor, failed = lapack.dpbtrf(entries, lower, overwrite_ab=1)
         return None if failed else BandFactor(factor, lower, order, np.argsort(order))
+
+
+def _too_wide(A: sparse.csr_array) -> bool:
+    """Whether the pattern has no band that is narrow enough, whatever the order of the unknowns.
+
+    In a band of half width b at most 2 b r unknowns are within r connections of one. Around the
+    unknown with the most entries of a solid's matrix there are more from r = 2 or 3 on.
+    """
+    if not A.nnz:
+        return False
+    entries = np.diff(A.indptr)
+    near = np.array([int(entries.argmax())])
+    for reach in range(1, _FARTHEST + 1):
+        last, near = near.size, np.union1d(near, A[near].indices)
+        if near.size - 1 > 2 * (WIDEST - 1) * reach:
+            return True
+        if near.size == last:
+            break
+    return False
 
 
 def _from_far_end(pattern: sparse.csr_matrix, order: IntArray) -> IntArray:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import ctypes
 import logging
 import os
 from collections.abc import Callable
 from functools import cache
+from hashlib import blake2b
 from importlib.util import find_spec
 from typing import Any, cast
 from weakref import finalize
@@ -17,6 +19,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.bands import Band
+from skfem_joint.linalg.compressed import as_compressed
 
 _log = logging.getLogger(__name__)
 
@@ -60,7 +63,7 @@ def factorised(A: Any) -> Any:
 
 
 class Factoriser:
-    """`factorised` for a sequence of matrices; the order of a pattern that repeats is kept."""
+    """`factorised` for a sequence of matrices; the search for a band is not repeated."""
 
     def __init__(self) -> None:
         self._pattern: tuple[IntArray, IntArray] | None = None
@@ -74,9 +77,10 @@ class Factoriser:
         A = sparse.csr_array(A)
         pattern = A.indptr, A.indices
         if self._pattern is None or not all(map(np.array_equal, pattern, self._pattern)):
-            entries = A.tocoo(copy=False)
-            self._pattern, self._band = pattern, Band(entries.row, entries.col, A.shape[0])
-        banded = self._band.factorised(A.data)
+            self._pattern, self._band = pattern, Band.of(A)
+        banded = None if self._band is None else self._band.factorised(A.data)
+        if banded is not None:
+            _log.debug("factor of %d unknowns along a band", A.shape[0])
         return _of_any_pattern(A) if banded is None else banded
 
 
@@ -101,19 +105,18 @@ def pardiso() -> Any:
 
 def _of_any_pattern(A: Any) -> Any:
     """Solver by PARDISO for large matrices if it is installed and succeeds, else by SuperLU."""
-    solve = _if_pardiso(_by_pardiso, A)
+    solver = _if_pardiso(PardisoFactor, A)
     try:
-        return symmetric_lu(A).solve if solve is None else solve
+        return symmetric_lu(A).solve if solver is None else solver
     except RuntimeError as error:
         raise InputError(NOT_DEFINITE) from error
 
 
-def complement(A: Any, kept: IntArray) -> FloatArray | None:
-    """Dense Schur complement of a sparse matrix on its ``kept`` unknowns, (k, k), by PARDISO.
-
-    It takes little longer than a factor. None where PARDISO is not used or does not succeed.
-    """
-    return cast("FloatArray | None", _if_pardiso(_complement_by_pardiso, A, kept))
+def partial_factor(A: Any, kept: IntArray) -> PartialFactor | None:
+    """Factor of a sparse matrix up to its ``kept`` unknowns; None where PARDISO makes none."""
+    if not 0 < kept.size < A.shape[0]:
+        return None
+    return cast("PartialFactor | None", _if_pardiso(PartialFactor, A, kept))
 
 
 def _if_pardiso(make: Callable[..., Any], A: Any, *more: Any) -> Any:
@@ -128,41 +131,132 @@ def _if_pardiso(make: Callable[..., Any], A: Any, *more: Any) -> Any:
         return None
 
 
-def _pardiso_solver(library: Any, A: Any) -> tuple[Any, sparse.csr_matrix]:
-    """Solver of PARDISO for symmetric positive definite A, and the upper triangle that it takes."""
-    solver = library.PyPardisoSolver(mtype=2)
-    # 1: parameters are given; 2: order by METIS; 8: no iterative refinement, with which a solution
-    # takes twice as long.
-    for place, value in {1: 1, 2: 2, 8: 0}.items():
-        solver.set_iparm(place, value)
-    upper = sparse.csr_matrix(sparse.triu(A, format="csr"))
-    upper.sort_indices()
-    return solver, upper
+class _Pardiso:
+    """Symmetric positive definite matrix in PARDISO; its memory is freed with the object.
+
+    The library is called without the package's functions: they compare or copy the matrix, and
+    number its rows anew, for each solution, which takes as long as a solution.
+    """
+
+    def __init__(self, library: Any, A: Any) -> None:
+        self._library, self._solver = library, library.PyPardisoSolver(mtype=2)
+        # 1: parameters are given; 2: order by METIS; 8: no iterative refinement, with which a
+        # solution takes twice as long; 35: rows are numbered from 0.
+        for place, value in {1: 1, 2: 2, 8: 0, 35: 1}.items():
+            self._solver.set_iparm(place, value)
+        rows = as_compressed(A)
+        row = np.repeat(np.arange(rows.shape[0], dtype=np.int32), np.diff(rows.indptr))
+        upper = rows.indices >= row
+        ends = np.cumsum(np.bincount(row[upper], minlength=rows.shape[0]))
+        self._start = np.concatenate([[0], ends]).astype(np.int32)
+        self._column = rows.indices[upper].astype(np.int32)
+        self._value = np.asarray(rows.data[upper], dtype=float)
+        finalize(self, self._solver.free_memory, everything=True)
+
+    def _call(self, phase: int, right: FloatArray) -> FloatArray:
+        """Result of a phase for right sides of shape (n,) or (n, m)."""
+        real, whole = ctypes.POINTER(ctypes.c_double), ctypes.POINTER(ctypes.c_int32)
+
+        def number(value: int) -> Any:
+            return ctypes.byref(ctypes.c_int32(value))
+
+        right = np.asfortranarray(right, dtype=float)
+        x, error, solver = np.zeros_like(right), ctypes.c_int32(0), self._solver
+        solver._mkl_pardiso(
+            solver.pt.ctypes.data_as(ctypes.POINTER(ctypes.c_int64)),
+            *(number(1), number(1), number(solver.mtype), number(phase)),
+            number(self._start.size - 1),
+            self._value.ctypes.data_as(real),
+            self._start.ctypes.data_as(whole),
+            self._column.ctypes.data_as(whole),
+            solver.perm.ctypes.data_as(whole),
+            number(1 if right.ndim == 1 else right.shape[1]),
+            solver.iparm.ctypes.data_as(whole),
+            number(0),
+            right.ctypes.data_as(real),
+            x.ctypes.data_as(real),
+            ctypes.byref(error),
+        )
+        if error.value:
+            raise self._library.pardiso_wrapper.PyPardisoError(error.value)
+        return np.ascontiguousarray(x)
 
 
-def _complement_by_pardiso(library: Any, A: Any, kept: IntArray) -> FloatArray:
-    """See `complement`."""
-    solver, upper = _pardiso_solver(library, A)
-    solver.set_iparm(36, 1)  # the Schur complement of unknowns that are marked
-    solver.perm = np.zeros(A.shape[0], dtype=np.int32)
-    solver.perm[kept] = 1
-    solver.set_phase(12)
-    try:  # the package has no public way to have it
-        return np.asarray(solver._call_pardiso(upper, np.zeros((kept.size, kept.size))))
-    finally:
-        solver.free_memory(everything=True)
+class PardisoFactor(_Pardiso):
+    """Factor by PARDISO; calling it solves for right sides of shape (n,) or (n, m)."""
+
+    def __init__(self, library: Any, A: Any) -> None:
+        super().__init__(library, A)
+        n = self._start.size - 1
+        pattern = blake2b(self._start.tobytes() + self._column.tobytes()).digest()
+        known = _ORDERS.get(pattern)
+        # 5: an order of the unknowns is given, or asked for.
+        self._solver.set_iparm(5, 2 if known is None else 1)
+        self._solver.perm = np.zeros(n, dtype=np.int32) if known is None else known
+        _log.debug("factor of %d unknowns by PARDISO", n)
+        self._call(12, np.zeros(n))
+        if known is None:
+            _ORDERS.keep(pattern, self._solver.perm)
+
+    def __call__(self, right: FloatArray) -> FloatArray:
+        """Solution for right sides of shape (n,) or (n, m)."""
+        return self._call(33, right)
 
 
-def _by_pardiso(library: Any, A: Any) -> Callable[[FloatArray], FloatArray]:
-    """Solver by PARDISO; its memory is freed with the solver."""
-    solver, upper = _pardiso_solver(library, A)
-    solver.factorize(upper)
+class PartialFactor(_Pardiso):
+    """Factor of a matrix up to some of its unknowns, and its Schur complement on these.
 
-    def solve(right: FloatArray) -> FloatArray:
-        return np.asarray(solver.solve(upper, right))
+    A solution with the complement between `forward` and `backward` is one with the matrix: both
+    together take as long as a solution, and the factor as long as one of the whole matrix.
 
-    finalize(solve, solver.free_memory, everything=True)
-    return solve
+    Attributes
+    ----------
+    complement : ndarray, shape (k, k)
+    """
+
+    def __init__(self, library: Any, A: Any, kept: IntArray) -> None:
+        super().__init__(library, A)
+        n = self._start.size - 1
+        # 36: the complement of unknowns that are marked, and the factor of the others.
+        self._solver.set_iparm(36, 2)
+        self._solver.perm = np.zeros(n, dtype=np.int32)
+        self._solver.perm[kept] = 1
+        _log.debug("factor of %d unknowns up to %d of them by PARDISO", n, kept.size)
+        S = self._call(12, np.zeros((kept.size, kept.size)))
+        self.complement = 0.5 * (S + S.T)
+
+    def forward(self, right: FloatArray) -> FloatArray:
+        """Right sides, (n,) or (n, m), eliminated: those of the kept unknowns stand there."""
+        return self._call(331, right)
+
+    def backward(self, x: FloatArray) -> FloatArray:
+        """Solutions from what `forward` gives, with solutions at the kept unknowns."""
+        return self._call(333, x)
+
+
+class _Orders:
+    """Orders of the unknowns by which PARDISO factorised the last few patterns.
+
+    They take a fifth of the time of a factor. To find a pattern again takes a hundredth of it.
+    SuperLU takes none: to permute a matrix takes longer than to order it.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[bytes, IntArray] = {}
+
+    def get(self, pattern: bytes) -> IntArray | None:
+        """Order of a pattern, by its digest, if it is known."""
+        return self._known.get(pattern)
+
+    def keep(self, pattern: bytes, order: IntArray) -> None:
+        """Keep an order, and forget the oldest one beyond a few."""
+        self._known[pattern] = order
+        if len(self._known) > _MOST_ORDERS:
+            del self._known[next(iter(self._known))]
+
+
+_MOST_ORDERS = 4
+_ORDERS = _Orders()
 
 
 def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A", pivot: float = 0.0) -> SuperLU:
@@ -176,7 +270,10 @@ def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A", pivot: float = 0.0) -> Su
         If a pivot is zero.
     """
     how: dict[str, Any] = {"diag_pivot_thresh": pivot, "options": {"SymmetricMode": True}}
-    return splu(sparse.csc_array(A), order, **how)
+    _log.debug("factor of %d unknowns by SuperLU", A.shape[0])
+    rows = as_compressed(sparse.csr_array(A))
+    columns = rows.data, rows.indices, rows.indptr  # of a symmetric matrix they are its rows
+    return splu(sparse.csc_array(columns, shape=rows.shape), order, **how)
 
 
 def pivots(A: Any) -> FloatArray:

@@ -23,7 +23,13 @@ from scipy.sparse.linalg import SuperLU
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.linalg import bands
 from skfem_joint.linalg.compressed import as_compressed
-from skfem_joint.linalg.factors import Factoriser, complement, factorised, symmetric_lu
+from skfem_joint.linalg.factors import (
+    Factoriser,
+    PartialFactor,
+    factorised,
+    partial_factor,
+    symmetric_lu,
+)
 from skfem_joint.linalg.fill import Fill, fill
 
 # Costs are in nanoseconds of a time step with friction, in which the complement or the matrix is
@@ -126,12 +132,12 @@ class Uncondensed:
     def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Right side of the kept unknowns, (k,) or (k, m), from that of all, (n,) or (n, m).
 
-        Also returns A_rr^-1 g_r, the interior response with the kept unknowns at zero.
+        Also returns what `extend` needs of the interior's right side.
         """
         return g, g[:0]
 
     def extend(self, x: FloatArray, interior: FloatArray) -> FloatArray:
-        """All unknowns, (n,) or (n, m), from the kept ones and the interior response to forces."""
+        """All unknowns, (n,) or (n, m), from the kept ones and what `restrict` gave beside them."""
         del interior
         return x
 
@@ -141,7 +147,10 @@ class Uncondensed:
 
     def solver(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
         """Solver for all unknowns, with a matrix (n, n) added that acts on the kept ones alone."""
-        solve = self.solver_of_kept(added)
+        return self.by(self.solver_of_kept(added))
+
+    def by(self, solve: Callable[[FloatArray], FloatArray]) -> Callable[[FloatArray], FloatArray]:
+        """Solver for all unknowns, by one for the kept ones."""
 
         def solve_all(g: FloatArray) -> FloatArray:
             right, interior = self.restrict(g)
@@ -163,8 +172,6 @@ class SchurComplement(Uncondensed):
     ----------
     kept, interior : ndarray of int, shape (k,) and (n - k,)
         Kept and interior unknowns.
-    solve_interior : callable
-        Solver of A_rr.
     complement : ndarray or csr_array, shape (k, k)
         S; sparse if many unknowns are kept and few of them are coupled to the interior.
     """
@@ -172,34 +179,20 @@ class SchurComplement(Uncondensed):
     def __init__(self, A: Any, kept: IntArray) -> None:
         self.A, self._factorise = A, Factoriser()
         self.kept, self.interior = kept, np.setdiff1d(np.arange(A.shape[0]), kept)
-        self.solve_interior = factorised(A[self.interior][:, self.interior])
-        self._to_interior = as_compressed(A[self.interior][:, kept])
-        self._to_kept = as_compressed(self._to_interior.T)
-        self._border = _narrow_border(A, kept)
-        if self._border.size:
-            coupling = as_dense(self._to_interior[:, self._border])
-            self._response = self.solve_interior(coupling)  # of the interior, to its border
-            product = sparse.csr_array(coupling.T @ self._response)
-            place = sparse.eye_array(kept.size, format="csr")[:, self._border]
-            product = place @ (0.5 * (product + product.T)) @ place.T
-            self.complement = as_compressed(A[kept][:, kept] - product)
-        else:
-            self.complement = _dense_complement(A, kept, self.interior, self.solve_interior)
+        self._parts = _parts(A, kept, self.interior)
+        self.complement = self._parts.complement
+
+    def solve_interior(self, g: FloatArray) -> FloatArray:
+        """Solution of A_rr x = g, (n - k,) or (n - k, m)."""
+        return self._parts.solve_interior(g)
 
     def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `Uncondensed`."""
-        interior = self.solve_interior(g[self.interior])
-        return np.asarray(g[self.kept] - self._to_kept @ interior), interior
+        """See `Uncondensed`; the second value is for `extend` alone."""
+        return self._parts.restrict(g)
 
     def extend(self, x: FloatArray, interior: FloatArray) -> FloatArray:
         """See `Uncondensed`."""
-        u = np.empty((self.kept.size + self.interior.size, *x.shape[1:]))
-        u[self.kept] = x
-        if self._border.size:
-            u[self.interior] = interior - self._response @ x[self._border]
-        else:
-            u[self.interior] = interior - self.solve_interior(self._to_interior @ x)
-        return u
+        return self._parts.extend(x, interior)
 
     def solver_of_kept(self, added: Any = None) -> Callable[[FloatArray], FloatArray]:
         """See `Uncondensed`."""
@@ -211,16 +204,100 @@ class SchurComplement(Uncondensed):
         return self._factorise(self.complement)
 
 
-def _dense_complement(A: Any, kept: IntArray, interior: IntArray, solve: Any) -> FloatArray:
-    """Dense Schur complement.
+class AllKept(SchurComplement):
+    """A matrix of which all unknowns are kept, as its own complement."""
 
-    For large matrices it comes from PARDISO where that is used: 1 s for 2,500 of 27,600 unknowns of
-    a solid, where a solution with A_rr for each kept unknown took 6 s. From SuperLU it is the
-    product of the last pivot blocks of a factorisation of A that has the kept unknowns last.
+    def __init__(self, A: Any) -> None:
+        self.A, self._factorise, self.complement = A, Factoriser(), A
+        self.kept, self.interior = np.arange(A.shape[0]), np.zeros(0, dtype=np.intp)
+
+    def solve_interior(self, g: FloatArray) -> FloatArray:
+        """See `SchurComplement`: there is none."""
+        return g
+
+    def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Uncondensed`."""
+        return g, g[:0]
+
+    def extend(self, x: FloatArray, interior: FloatArray) -> FloatArray:
+        """See `Uncondensed`."""
+        del interior
+        return x
+
+
+def _parts(A: Any, kept: IntArray, interior: IntArray) -> _ByInterior | _ByPardiso:
+    """Complement of A on its kept unknowns, and solutions by what it was made with."""
+    border = _narrow_border(A, kept)
+    factor = None if isinstance(A, np.ndarray) or border.size else partial_factor(A, kept)
+    if factor is None:
+        return _ByInterior(A, kept, interior, border)
+    return _ByPardiso(factor, kept, interior)
+
+
+class _ByPardiso:
+    """By one factor, which makes the complement too. See `SchurComplement`."""
+
+    def __init__(self, factor: PartialFactor, kept: IntArray, interior: IntArray) -> None:
+        self.factor, self.kept, self.interior = factor, kept, interior
+        self.complement: Any = factor.complement
+
+    def solve_interior(self, g: FloatArray) -> FloatArray:
+        y = np.zeros((self.kept.size + self.interior.size, *g.shape[1:]))
+        y[self.interior] = g
+        return self.extend(np.zeros((self.kept.size, *g.shape[1:])), self.factor.forward(y))[
+            self.interior
+        ]
+
+    def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+        y = self.factor.forward(g)
+        return y[self.kept], y
+
+    def extend(self, x: FloatArray, interior: FloatArray) -> FloatArray:
+        y = interior.copy()
+        y[self.kept] = x
+        return self.factor.backward(y)
+
+
+class _ByInterior:
+    """By a factor of the interior. See `SchurComplement`."""
+
+    def __init__(self, A: Any, kept: IntArray, interior: IntArray, border: IntArray) -> None:
+        self.kept, self.interior, self._border = kept, interior, border
+        self.solve_interior = factorised(A[interior][:, interior])
+        self._to_interior = as_compressed(A[interior][:, kept])
+        self._to_kept = as_compressed(self._to_interior.T)
+        self.complement: Any
+        if border.size:
+            coupling = as_dense(self._to_interior[:, border])
+            self._response = self.solve_interior(coupling)  # of the interior, to its border
+            product = sparse.csr_array(coupling.T @ self._response)
+            place = sparse.eye_array(kept.size, format="csr")[:, border]
+            product = place @ (0.5 * (product + product.T)) @ place.T
+            self.complement = as_compressed(A[kept][:, kept] - product)
+        else:
+            self.complement = _dense_complement(A, kept, interior, self.solve_interior)
+
+    def restrict(self, g: FloatArray) -> tuple[FloatArray, FloatArray]:
+        interior = self.solve_interior(g[self.interior])
+        return np.asarray(g[self.kept] - self._to_kept @ interior), interior
+
+    def extend(self, x: FloatArray, interior: FloatArray) -> FloatArray:
+        u = np.empty((self.kept.size + self.interior.size, *x.shape[1:]))
+        u[self.kept] = x
+        if self._border.size:
+            u[self.interior] = interior - self._response @ x[self._border]
+        else:
+            u[self.interior] = interior - self.solve_interior(self._to_interior @ x)
+        return u
+
+
+def _dense_complement(A: Any, kept: IntArray, interior: IntArray, solve: Any) -> FloatArray:
+    """Dense Schur complement by a factor of the interior.
+
+    From SuperLU it is the product of the last pivot blocks of a factorisation of A that has the
+    kept unknowns last: a solution with A_rr for each kept unknown takes several times as long.
     """
-    S: FloatArray | None = complement(A, kept)
-    if S is not None:
-        return 0.5 * (S + S.T)
+    S: FloatArray
     lu = getattr(solve, "__self__", None)
     if isinstance(lu, SuperLU):
         order = np.concatenate([interior[np.argsort(lu.perm_c)], kept])

@@ -304,6 +304,14 @@ def find_bodies(
     return body
 
 
+def pieces(mesh: skfem.Mesh) -> int:
+    """Number of parts of a mesh whose elements share facets; bodies may share less inside."""
+    first, second = mesh.f2t[:, mesh.f2t[1] >= 0]
+    n = mesh.nelements
+    shared = coo_array((np.ones(first.size), (first, second)), shape=(n, n))
+    return int(connected_components(shared, directed=False)[0])
+
+
 def _check_conforming(
     p: FloatArray,
     t: IntArray,

@@ -12,6 +12,7 @@ which are apart are eliminated, too (:mod:`skfem_joint.minimise.touching`).
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from typing import Any
@@ -22,7 +23,7 @@ from scipy import linalg, sparse
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import InputError
-from skfem_joint.linalg.schur import SchurComplement
+from skfem_joint.linalg.schur import AllKept, SchurComplement
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.linearisation import Linearisation
 from skfem_joint.minimise.problem import (
@@ -42,6 +43,13 @@ DEPENDENT = 1e-10
 class CondensedNewton(StepProblem):
     """`ContactNewton` on the Schur complement of the unknowns in contact, see `StepProblem`.
 
+    Parameters
+    ----------
+    H, points
+        See `StepProblem`.
+    beside : ndarray of int
+        More unknowns that are kept.
+
     Attributes
     ----------
     schur : SchurComplement
@@ -55,7 +63,7 @@ class CondensedNewton(StepProblem):
         If approaches of pressure points depend on each other.
     """
 
-    def __init__(self, H: Any, points: ContactPoints) -> None:
+    def __init__(self, H: Any, points: ContactPoints, beside: Sequence[int] = ()) -> None:
         self.H, self.points = H, points
         acts = points.w > 0.0 if points.normal is None else np.ones(points.w.size, dtype=bool)
         self._limited = np.flatnonzero(points.on_rows(acts))
@@ -63,6 +71,7 @@ class CondensedNewton(StepProblem):
         kept, self.means = np.unique(points.unknowns[self._limited]), None
         if points.normal is not None:
             kept = np.union1d(kept, sparse.csr_array(points.normal.N).indices)
+        kept = np.union1d(kept, np.array(beside, dtype=kept.dtype))
         self.schur = SchurComplement(H, kept)
         self.matrix = self.schur.complement
         if points.normal is not None:
@@ -98,6 +107,13 @@ class CondensedNewton(StepProblem):
         other = copy(self)
         other.points = points
         other.contact = other._contact()
+        return other
+
+    def of_kept(self) -> CondensedNewton:
+        """The same problem, with the same factors, of the kept unknowns as all there are."""
+        other = copy(self)
+        other.points, other.H = self.points.in_unknowns(self.schur.kept), self.schur.complement
+        other.schur = AllKept(self.schur.complement)
         return other
 
     @property

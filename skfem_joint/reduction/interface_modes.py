@@ -34,6 +34,7 @@ from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.system.modal_response import modal_response
 from skfem_joint.system.modes import eigenmodes, is_singular, lowest_modes
+from skfem_joint.system.rigid import rigid_of
 from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import congruent
 
@@ -105,24 +106,28 @@ class RestrictedMotion:
         Motions that are left, such as those without slip.
     K, M : sparse array, shape (k, k)
         Their stiffness and mass.
+    strains : bool
+        Whether each of them is known to strain something.
     """
 
     F: Matrix
     K: Matrix
     M: Matrix
+    strains: bool = False
 
     @staticmethod
     def of(system: System, F: Matrix | None = None) -> RestrictedMotion:
         """System restricted to the columns of F; without F to motions in which no point slips."""
         F = motions_without_slip(system) if F is None else F
         K, M = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M))
-        return RestrictedMotion(F, K, M)
+        known = rigid_of(system)
+        return RestrictedMotion(F, K, M, known is not None and not known.size)
 
     @cached_property
     def solver(self) -> Callable[[FloatArray], FloatArray]:
         """Solver of K x = f; rigid motions are held a little."""
         K = self.K
-        if is_singular(K):
+        if not self.strains and is_singular(K):
             K = shifted(K, self.M, shifts.LEAST)
         return cast("Callable[[FloatArray], FloatArray]", factorised(K))
 

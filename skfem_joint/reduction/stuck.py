@@ -70,10 +70,33 @@ class Stuck:
 
         There are fewer if the motions are fewer.
         """
+        still = None if self.path is None else self.path.stuck_still(self.F)
+        if still is not None and count < self.F.shape[1] // 4:
+            return self._beside(*still, count)
         solve, shift = self.solver
         A = self.K + shift * self.M
         frequency, shapes = eigenmodes(A, self.M, min(count, self.F.shape[1]), solve)
         return unshifted(frequency, shift), np.asarray(self.F @ shapes)
+
+    def _beside(
+        self, solve: Callable[[FloatArray], FloatArray], rigid: FloatArray, count: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """Modes of a structure that floats: rigid motions of unit mass, and those beside them.
+
+        ``solve`` is the solver with a support that is statically determinate.
+        """
+        momenta = np.asarray(self.M @ rigid)
+
+        def beside(right: FloatArray) -> FloatArray:
+            x = solve(right - momenta @ (rigid.T @ right))
+            return np.asarray(x - rigid @ (momenta.T @ x))
+
+        own = min(count, self.F.shape[1]) - rigid.shape[1]
+        frequency, shapes = np.zeros(0), rigid[:, :0]
+        if own > 0:
+            frequency, shapes = eigenmodes(self.K, self.M, own, beside)
+        every = np.concatenate([np.zeros(rigid.shape[1]), frequency])[:count]
+        return every, np.asarray(self.F @ np.hstack([rigid, shapes]))[:, :count]
 
 
 @dataclass(frozen=True)

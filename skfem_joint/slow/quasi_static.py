@@ -47,13 +47,15 @@ from skfem_joint.ground.progress import Tally
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.linalg.schur import SchurComplement
+from skfem_joint.linalg.schur import SchurComplement, condensing_pays
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, StepProblem
+from skfem_joint.slow.floating import STILL, Still
 from skfem_joint.slow.levels import Level, NoLevelError, Walk, in_parts
 from skfem_joint.stepping.arrangement import Arranged, arranged, step_problem
 from skfem_joint.system.contacts import Contact
-from skfem_joint.system.modes import is_singular
+from skfem_joint.system.rigid import floats, rigid_of
 from skfem_joint.system.system import System
+from skfem_joint.system.unknowns import ChangeOfUnknowns, selection
 
 if TYPE_CHECKING:
     from skfem_joint.minimise.condensed_newton import CondensedNewton
@@ -78,8 +80,6 @@ LIMIT_ITERATIONS = 20
 LEAST_SQUARES = 200
 # Most rigid motions.
 _MOST_RIGID = 12
-# Share of a rigid motion's displacement that is no slip.
-_STILL = 1e-6
 
 
 class QuasiStatic:
@@ -97,6 +97,9 @@ class QuasiStatic:
         Counts the levels that are solved.
     frictionless : bool
         Whether a system without friction is taken too, which is linear.
+    in_contact : bool
+        Whether levels of a structure that floats are found in the unknowns of the contact, which is
+        faster; for `walk`, `next` and `limit`.
 
     Raises
     ------
@@ -110,6 +113,7 @@ class QuasiStatic:
         tolerance: float = 1e-8,
         tally: Tally | None = None,
         frictionless: bool = False,
+        in_contact: bool = False,
     ) -> None:
         self.to = arranged(system)
         inner = self.to.system
@@ -121,23 +125,79 @@ class QuasiStatic:
         self.K, self.M = (
             as_dense(A) if self.dense else as_compressed(A) for A in (inner.K, inner.M)
         )
-        self.shift = 0.0
-        if is_singular(self.K):
-            self.shift = shifts.LEAST * inner.mean_square_frequency
+        self.shift = shifts.LEAST * inner.mean_square_frequency if floats(inner) else 0.0
+        self.still = self._still() if in_contact else None
+        if self.still is not None:
+            self.M = self.still.springs(self.K, self.shift)
         # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.contact.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.contact.beta
         self.acting: Any = slice(None)  # slip rows of the problem
-        self.problem: StepProblem = step_problem(self.A, ContactPoints.of(inner), self.to.kind)
+        self.problem: StepProblem = self._problem()
         self.whole: CondensedNewton | None = None  # the problem, where it is condensed
         self.condensed: SchurComplement | None = None  # where the contact is stepped alone
+        self.holds: Any = np.zeros(inner.n, dtype=bool)  # where springs hold what nothing moves
+        self.alone: _Alone | None = None
         if self.to.kind == "contact":
             from skfem_joint.minimise.condensed_newton import CondensedNewton  # loads the compiler
 
             if isinstance(self.problem, CondensedNewton) and not self.opens:
                 self.whole = self.problem
-                self._step_contact_alone(self.whole)
+                if self.still is None:
+                    self._step_contact_alone(self.whole)
         self._to_rest()
+
+    def _still(self) -> Still | None:
+        """Motions in which nothing slips and nothing is strained, and what holds them.
+
+        None where there are none or they are not known, and where the problem is not condensed to
+        the contact.
+        """
+        inner = self.to.system
+        rigid = rigid_of(inner) if self.shift else None
+        if rigid is None or self.dense or self.opens or self.to.kind != "contact":
+            return None
+        points = ContactPoints.of(inner)
+        if isinstance(self.K, np.ndarray) or not condensing_pays(self.K, points.limited):
+            return None
+        return Still.of(rigid, points.limited, self.K, self.M)
+
+    def _problem(self) -> StepProblem:
+        """Problem of the increments."""
+        points = ContactPoints.of(self.to.system)
+        if self.still is None:
+            return step_problem(self.A, points, self.to.kind)
+        from skfem_joint.minimise.condensed_newton import CondensedNewton  # loads the compiler
+
+        return CondensedNewton(self.A, points, self.still.held.tolist())
+
+    def _in_contact(self) -> _Alone:
+        """The same response in the kept unknowns."""
+        if self.alone is None:
+            self.alone = _Alone(self)
+        self.alone.path.tally, self.alone.path.tolerance = self.tally, self.tolerance
+        return self.alone
+
+    def of_kept(self) -> QuasiStatic:
+        """Response in the unknowns that the whole problem keeps, with the same factors."""
+        whole, inner, path = cast("CondensedNewton", self.whole), self.to.system, copy(self)
+        kept, S = whole.schur.kept, whole.schur.complement
+        place = selection(kept, inner.n)
+        change = ChangeOfUnknowns(sparse.csr_array(place.T), place, kept[:0])
+        path.M, path.added = (A[kept][:, kept] for A in (self.M, self.added))
+        added = as_dense(path.added) if isinstance(S, np.ndarray) else path.added
+        path.K = path.stiffness = S - added
+        path.A, path.B = S, sparse.csr_array(self.B)[:, kept]
+        contact = inner.contact.in_unknowns(change.forward, path.B)
+        system = System(M=path.M, C=None, K=path.K, contact=contact)
+        path.to = Arranged(system, self.to.kind, (*self.to.maps, change))
+        path.problem, path.whole, path.still = whole.of_kept(), None, None
+        path.holds = np.isin(kept, cast("Still", self.still).held)
+        vars(path).pop("_slips", None)
+        vars(path)["rigid"] = cast("Still", self.still).sliding[kept]
+        path._to_rest()
+        path._counts = self._counts
+        return path
 
     def _to_rest(self) -> None:
         """Forget all levels, and the work for them."""
@@ -145,6 +205,7 @@ class QuasiStatic:
         self.last = np.zeros(self.A.shape[0])
         self.friction = np.zeros(rows)  # of the last level, N
         self.frictions = np.zeros((0, rows))
+        self.alone = None
         self.solves = 0
         self.scaled_back = 0  # levels whose forces were scaled back
         self._counts = {"factorizations": 1}
@@ -220,7 +281,7 @@ class QuasiStatic:
         kept, contact = whole.schur.kept, whole.contact
         rigid = self.rigid[kept]
         if rigid.size:
-            still = _STILL * np.abs(self.rigid).max()
+            still = STILL * np.abs(self.rigid).max()
             more = rigid.shape[1] > rigid.shape[0]  # than contact unknowns
             slips = not more and np.linalg.svd(rigid, compute_uv=False).min() > still
             if not contact.dense or not slips:
@@ -251,11 +312,14 @@ class QuasiStatic:
     def rigid(self) -> FloatArray:
         """Rigid motions, (n, r), in the unknowns of ``to.system``.
 
-        Inverse iteration finds them in a few steps, because so little is added to K.
+        Where they are not known inverse iteration finds them in a few steps, because so little is
+        added to K.
         """
-        n = self.to.system.n
+        n, known = self.to.system.n, rigid_of(self.to.system)
         if not self.shift:
             return np.zeros((n, 0))
+        if known is not None:
+            return known
         solve = self._without_friction()
         X = np.random.default_rng(0).normal(size=(n, min(_MOST_RIGID, n)))
         for _ in range(3):
@@ -267,12 +331,31 @@ class QuasiStatic:
 
     def stuck(self, F: sparse.csc_array) -> Callable[[FloatArray], FloatArray] | None:
         """Solver for the unknowns that the columns of F pick, if their factor exists already."""
-        if self.whole is None or self.to.maps:
+        if self.whole is None or self.to.maps or self.still is not None:
             return None
         schur = self.whole.schur
         if not np.array_equal(F.indices, schur.interior):
             return None
         return cast("Callable[[FloatArray], FloatArray]", schur.solve_interior)
+
+    def stuck_still(self, F: sparse.csc_array) -> tuple[Any, FloatArray] | None:
+        """Where the unknowns that F picks float: their solver with these held, and their motions.
+
+        The solver is of right sides that hold the motions in balance. None if there is no factor.
+        """
+        if self.whole is None or self.to.maps or self.still is None:
+            return None
+        schur, held = self.whole.schur, self.still.held
+        if not np.array_equal(F.indices, np.union1d(schur.interior, held)):
+            return None
+        among = np.isin(F.indices, schur.interior)
+
+        def solve(right: FloatArray) -> FloatArray:
+            x = np.zeros_like(right)
+            x[among] = schur.solve_interior(right[among])
+            return x
+
+        return solve, self.still.motions[F.indices]
 
     @property
     def schur(self) -> SchurComplement | None:
@@ -371,6 +454,8 @@ class QuasiStatic:
         ConvergenceError
             If a level does not exist, or is not found.
         """
+        if self.still is not None:
+            return self._in_contact().walk(last, force, multiples)
         if not self.opens and not self.shift:  # all at once
             right = np.outer(force, multiples[1:])
             states = self._followed(right, None, np.inf, last, multiples[0] * force)
@@ -394,6 +479,8 @@ class QuasiStatic:
 
     def next(self, last: Level, force: FloatArray) -> Level:
         """See `LevelSolver`."""
+        if self.still is not None:
+            return self._in_contact().next(last, force)
         change = self._change(last, force)
         try_first = self._creeping if self._creeps else self._increment
         found, level, carried = try_first(last, force, self._guess(last, change))
@@ -469,7 +556,8 @@ class QuasiStatic:
         right = right + self._added_force(given_back)
         found = problem.minimise(right, start, tolerance, rate, offset, pressed)
         self._count(found.counts)
-        added = float(np.abs(self._added_force(found.v - given_back)).max(initial=0.0))
+        carrying = self._added_force(found.v - given_back)[~self.holds]
+        added = float(np.abs(carrying).max(initial=0.0))
         other = found.p if self.opens else right
         largest = float(max(np.abs(force).max(), np.abs(other).max(initial=0.0)))
         before, carried = carried, added / largest if largest > 0.0 else 0.0
@@ -596,6 +684,8 @@ class QuasiStatic:
         if not self.shift:
             return np.inf
         f = self.to.force(force)
+        if self.still is not None:
+            return self._in_contact().limit(f)
         if self.condensed is not None:
             f = self.condensed.restrict(f)[0]
         return self._limit(f, np.full(self.beta.size, np.inf))
@@ -672,7 +762,7 @@ class QuasiStatic:
         """
         rigid = self.rigid if self.condensed is None else self.rigid[self.condensed.kept]
         work, system = f @ rigid, self.to.system
-        if np.all(np.abs(work) <= _STILL * (np.abs(f) @ np.abs(rigid))):
+        if np.all(np.abs(work) <= STILL * (np.abs(f) @ np.abs(rigid))):
             return np.inf, False
         slips, weight, least = np.asarray(self.B @ rigid), system.contact.w, np.inf
         for _ in range(LEAST_SQUARES):
@@ -684,7 +774,7 @@ class QuasiStatic:
             before, least = least, min(least, float(system.contact.w @ slip))
             if least >= before * (1.0 - 1e-9):
                 return least, rigid.shape[1] < _MOST_RIGID
-            weight = system.contact.w / np.maximum(slip, _STILL * slip.max())
+            weight = system.contact.w / np.maximum(slip, STILL * slip.max())
         return least, False
 
     def _limit(self, f: FloatArray, rate: FloatArray) -> float:
@@ -712,6 +802,68 @@ class QuasiStatic:
             f"what friction can hold was not found in {LIMIT_ITERATIONS} iterations: the "
             f"limit is at most {limit:.6g} of the forces, and may be lower"
         )
+
+
+class _Alone:
+    """Levels of a structure that floats, found in the unknowns that its problem keeps.
+
+    These are those of the contact, and some that hold motions in which nothing slips. What is added
+    to the stiffness acts on them alone, so that to repeat a level takes no solution with the factor
+    of the others; all displacements of some levels follow from one with as many right sides.
+    """
+
+    def __init__(self, outer: QuasiStatic) -> None:
+        self.path, self.still = outer.of_kept(), cast("Still", outer.still)
+        self.schur = cast("CondensedNewton", outer.whole).schur
+        self._force: tuple[FloatArray, FloatArray, FloatArray] | None = None
+
+    def restricted(self, force: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Forces on the kept unknowns, N, and what `extend` needs; kept for the last force."""
+        if self._force is None or not np.array_equal(self._force[0], force):
+            self._force = force.copy(), *self.schur.restrict(force)
+        return self._force[1:]
+
+    def level(self, last: Level) -> Level:
+        """A level in the kept unknowns."""
+        kept = self.schur.kept
+        moved = None if last.moved is None else last.moved[kept]
+        return last._replace(u=last.u[kept], moved=moved)
+
+    def limit(self, f: FloatArray) -> float:
+        """Multiple of the forces that friction can just hold."""
+        if self.still.pushed(f):
+            return 0.0
+        if not self.still.sliding.size:
+            return np.inf
+        return self.path._limit(self.restricted(f)[0], np.full(self.path.beta.size, np.inf))
+
+    def next(self, last: Level, force: FloatArray) -> Level:
+        """See `LevelSolver`."""
+        if self.still.pushed(force):
+            raise self.path._beyond(0.0)
+        f, interior = self.restricted(force)
+        level = self.path.next(self.level(last), f)
+        u = self.still.placed(self.schur.extend(level.u, interior))
+        return level._replace(u=u, moved=u - last.u)
+
+    def walk(self, last: Level, force: FloatArray, multiples: FloatArray) -> list[Walk]:
+        """See `QuasiStatic.walk`."""
+        if self.still.pushed(force):
+            raise self.path._beyond(0.0)
+        f, interior = self.restricted(force)
+        ways = self.path.walk(self.level(last), f, multiples)
+        found = [one for way in ways for one in way]
+        kept = np.column_stack([level.u for _, level in found])
+        beside = np.outer(interior, [share for share, _ in found])
+        states = self.still.placed(self.schur.extend(kept, beside)).T
+        moved = np.diff(states, axis=0, prepend=last.u[np.newaxis])
+        whole = iter(
+            [
+                (share, level._replace(u=u, moved=d))
+                for (share, level), u, d in zip(found, states, moved, strict=True)
+            ]
+        )
+        return [[next(whole) for _ in way] for way in ways]
 
 
 def _share(carried: FloatArray, f: FloatArray) -> float:

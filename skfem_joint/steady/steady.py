@@ -51,6 +51,7 @@ from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.loads import common_period
 from skfem_joint.system.modes import is_singular, rigid_motions
 from skfem_joint.system.normal import NormalPart
+from skfem_joint.system.rigid import rigid_of
 from skfem_joint.system.system import System
 
 #: Largest change of the state over a period, relative to the largest state in the period, in the
@@ -196,13 +197,14 @@ def unstrained(system: System) -> FloatArray:
 
     They do not move what contact that opens holds either.
     """
-    if not is_singular(system.K):
-        return np.zeros((system.n, 0))
+    motions = rigid_of(system)
+    if motions is None and not is_singular(system.K):
+        motions = np.zeros((system.n, 0))
     most = 12  # of two bodies in space
-    motions = rigid_motions(system.K, system.M, most)
-    while motions.shape[1] == most < system.n:
+    while motions is None:
+        found = rigid_motions(system.K, system.M, most)
+        motions = found if found.shape[1] < most or most >= system.n else None
         most *= 2
-        motions = rigid_motions(system.K, system.M, most)
     return (
         motions if not system.contact.opens else _without_approach(motions, system.contact.normal)
     )

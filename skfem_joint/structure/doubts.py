@@ -11,12 +11,15 @@ from skfem_joint.body.body import Body
 from skfem_joint.joint.doubts import coarse_for_waves, oscillating_impacts
 from skfem_joint.joint.patch import Patch
 from skfem_joint.joint.pressure import Bolts
+from skfem_joint.linalg.factors import pardiso
 from skfem_joint.mesh.cells import spot
 from skfem_joint.structure.mesh_error import MeshError
 from skfem_joint.system.system import System
 
 #: Share by which a first frequency is too high by the mesh, from which on that is said.
 _TOO_STIFF = 0.03
+#: Unknowns beyond which models without PARDISO say what it saves.
+_MANY = 20_000
 
 
 def stiff(body: Body, error: MeshError | None) -> Iterator[str]:
@@ -82,7 +85,7 @@ def doubted(
     quasi_static : bool
         Whether the loads change slowly: then they excite no waves that elements should follow.
     """
-    sentences = [*system.notes, *unusual]
+    sentences = [*system.notes, *unusual, *without_pardiso(system.n)]
     if not quasi_static and body is not None:
         sentences += coarse_for_waves(body, system)
         sentences += oscillating_impacts(body, patches)
@@ -108,6 +111,15 @@ def doubted(
                 f"{joint.friction:.4g}; dry metals have 0.1 to 1: is it in percent?"
             )
     return replace(system, notes=tuple(dict.fromkeys(sentences)))
+
+
+def without_pardiso(n: int) -> Iterator[str]:
+    """Sentence about what PARDISO saves a model of so many unknowns, where it is not installed."""
+    if n > _MANY and pardiso() is None:
+        yield (
+            f"Of {n} unknowns factors take two to four times as long by SuperLU as by PARDISO, and "
+            'more the more there are: pip install "skfem-joint[solids]" adds it (0.7 GB).'
+        )
 
 
 def _bolt_doubts(body: Body, patch: Patch, bolts: Bolts) -> Iterator[str]:

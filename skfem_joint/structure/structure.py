@@ -27,8 +27,9 @@ from skfem_joint.joint.opening import NodalForces
 from skfem_joint.joint.patch import Patch, check_shared, make_patch
 from skfem_joint.joint.preload import Preload, TouchingFaces, preload
 from skfem_joint.joint.pressure_space import PressureSpace, pressure_space
-from skfem_joint.joint.rigid import loose_bodies
+from skfem_joint.joint.rigid import body_motions, loose_bodies
 from skfem_joint.mesh import NamedMesh, load_meshes, named
+from skfem_joint.mesh.cells import pieces
 from skfem_joint.mesh.order import of_order
 from skfem_joint.structure.doubts import doubted, stiff
 from skfem_joint.structure.load import Load, acting, load_problems, under_loads
@@ -536,13 +537,27 @@ class Structure:
         """System without loads, observed points and names of joints."""
         rows, new = self._slip_rows, self.change_of_unknowns
         M, K = self.body.in_unknowns(self.T)
+        # A sum of sparse arrays keeps memory for as many entries as both have.
+        C = sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M).copy()
         return System(
             M=M,
-            C=sparse.csr_array(self.stiffness_damping * K + self.mass_damping * M),
+            C=C,
             K=K,
             contact=rows.contact_in(new),
             T=new.forward,
+            loose=self._loose,
         )
+
+    @property
+    def _loose(self) -> sparse.csr_array | None:
+        """Rigid motions of each body in the unknowns, (n, r); see `System.loose`.
+
+        Not known of bodies of which parts share single nodes or edges, about which they turn.
+        """
+        if pieces(self.mesh.mesh) > int(self.mesh.body.max()) + 1:
+            return None
+        motions = sparse.csr_array(body_motions(self.body).reshape(self.n_dofs, -1))
+        return sparse.csr_array(self.change_of_unknowns.inverse @ motions)
 
 
 def _free_name(on: str, vector: FloatArray, rows: Mapping[str, FloatArray]) -> str:

@@ -23,6 +23,8 @@ from skfem_joint.linalg.shifts import mean_square_frequency
 #: Lowest modes that are computed where the first three that strain are wanted: a body that floats
 #: has up to six rigid motions.
 SEARCHED = 12
+#: Pivots of a stiffness below this share of the largest are zero.
+ZERO = 1e-11
 
 
 def eigenmodes(
@@ -54,7 +56,7 @@ def eigenmodes(
     if n < 20 or count >= n - 1:
         values, modes = eigh(K.toarray(), M.toarray(), subset_by_index=[0, min(count, n) - 1])
     else:
-        K, M = sparse.csc_array(K), sparse.csc_array(M)
+        K, M = sparse.csr_array(K), sparse.csr_array(M)
         inverse = LinearOperator((n, n), matvec=solve or factorised(K), dtype=float)
         # A start with the same value everywhere would miss modes of equal bodies.
         start = np.random.default_rng(1).normal(size=n)
@@ -98,8 +100,7 @@ def is_singular(K: Matrix) -> bool:
         each = pivots(K)
     except RuntimeError:  # exactly singular
         return True
-    # Pivots below this share of the largest are zero.
-    return bool(np.min(each) <= 1e-11 * np.max(each))
+    return bool(np.min(each) <= ZERO * np.max(each))
 
 
 def lowest_modes(

@@ -31,7 +31,7 @@ from skfem_joint.ground.arrays import (
 from skfem_joint.ground.errors import InputError, first_of, refuse
 from skfem_joint.ground.loads import Amplitude, as_amplitude
 from skfem_joint.ground.values import NOT_NEGATIVE, check_some
-from skfem_joint.linalg.factors import pivots
+from skfem_joint.linalg.factors import factorised, pivots
 from skfem_joint.linalg.shifts import mean_square_frequency
 from skfem_joint.system.contacts import Contact
 from skfem_joint.system.modes import RayleighFit, ratio_problems, rayleigh_fit
@@ -103,6 +103,10 @@ class System:
         errors; not saved to files.
     serves : Served, optional
         Range of loads and limits that a reduced model serves, if it was made for one.
+    loose : sparse array, shape (n, r), optional
+        Motions of which all that strain nothing are combinations: rigid ones, of a structure. They
+        are asked for by `skfem_joint.system.rigid.rigid_of`; pivots of the stiffness tell whether
+        there are any if they are not known.
 
     Raises
     ------
@@ -123,6 +127,7 @@ class System:
     made_for: str = ""
     origin: Any = field(default=None, repr=False, compare=False)
     serves: Served | None = None
+    loose: Matrix = field(default=None, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         make_real(self, ("M", "C", "K", "P", "T"))
@@ -231,7 +236,13 @@ class System:
             K = K + (as_dense(normal.springs) if self.is_dense else normal.springs)
         T = as_dense(T) if self.is_dense else sparse.csr_array(T)
         system = replace(self, K=K, contact=self.contact.constant())
-        return system._with(T, self.contact.B @ sparse.csr_array(T))
+        closed = system._with(T, self.contact.B @ sparse.csr_array(T))
+        if self.loose is None or self.is_dense:
+            return closed
+        # Motions that keep contact closed are combinations of the columns of T, others are not, and
+        # strain what stands for them.
+        parts = factorised(sparse.csr_array(T.T @ T))((T.T @ self.loose).toarray())
+        return replace(closed, loose=sparse.csr_array(parts))
 
     def with_contact(self, **changes: Any) -> System:
         """System whose contact has other values, such as ``given`` limits or ``beta``."""
@@ -338,7 +349,9 @@ class System:
         ``new`` is from :func:`skfem_joint.system.unknowns.change_of_unknowns`; its outer unknowns
         are those of this system. Each slip row then picks a single unknown.
         """
-        return self._with(new.forward, selection(new.slips, new.forward.shape[1]))
+        system = self._with(new.forward, selection(new.slips, new.forward.shape[1]))
+        loose = None if self.loose is None else sparse.csr_array(new.inverse @ self.loose)
+        return replace(system, loose=loose)
 
     def with_slips_as_unknowns(self) -> tuple[System, ChangeOfUnknowns]:
         """Same system whose unknowns are the slips and the displacements that they leave free.
@@ -368,6 +381,7 @@ class System:
             P=self.P @ T,
             T=T if self.T is None else self.T @ T,
             origin=None,
+            loose=None,
         )
 
     @staticmethod

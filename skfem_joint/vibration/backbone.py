@@ -335,7 +335,7 @@ class Factors:
             path.tally = tally
         else:
             del path  # two factors at once may be too large
-            path = QuasiStatic(to.system, TOLERANCE, tally)
+            path = QuasiStatic(to.system, TOLERANCE, tally, in_contact=True)
         self._path = path
         return path
 

@@ -15,7 +15,7 @@ _spec = importlib.util.spec_from_file_location("measure", PAGES / "measure.py")
 measure = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(measure)
 #: Tables that no command makes, from earlier studies; they say so.
-BY_HAND = {"estimates-merging", "reduction-choices", "solids-choices"}
+BY_HAND = {"estimates-merging", "large-before", "reduction-choices", "solids-choices"}
 TABLES = {name: claim for claim in measure.CLAIMS.values() for name in claim.tables}
 INCLUDE = re.compile(r"```\{include\} measured/(\S+)\.md\n```")
 

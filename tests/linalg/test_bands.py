@@ -29,3 +29,18 @@ def test_a_strip_has_a_band_as_narrow_as_itself(width, apart):
     np.testing.assert_allclose(factor(A @ x), x, atol=1e-11)
     if width == 5:
         np.testing.assert_allclose(np.log(factor.pivots).sum(), np.linalg.slogdet(A.toarray())[1])
+
+
+def test_no_band_is_sought_where_none_is_narrow(monkeypatch):
+    """Within two connections of a point of this solid lie 125 points, of 3 unknowns each."""
+    along = sparse.diags_array(np.ones((3, 12)), offsets=(-1, 0, 1), shape=(12, 12))
+    points = sparse.kron(along, sparse.kron(along, along))
+    A = sparse.csr_array(sparse.kron(points, np.ones((3, 3)))) + 99.0 * eye(3 * 12**3)
+
+    def refused(*_):
+        raise AssertionError("an order is sought")
+
+    monkeypatch.setattr(bands, "reverse_cuthill_mckee", refused)
+    assert Band.of(A) is None
+    entries = A.tocoo()
+    assert Band(*entries.coords, A.shape[0]).factorised(entries.data) is None

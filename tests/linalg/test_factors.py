@@ -10,8 +10,8 @@ import pytest
 from grid_matrices import eye, grid
 from scipy import sparse
 
-from skfem_joint.linalg import bands
-from skfem_joint.linalg.factors import LARGE, BlockFactors, complement, factorised
+from skfem_joint.linalg import bands, factors
+from skfem_joint.linalg.factors import LARGE, BlockFactors, factorised, partial_factor
 
 #: Wider than a band; the larger is factorised by PARDISO where that is installed.
 SMALL, BIG = (14, 14, 14), (18, 18, 18)
@@ -89,9 +89,19 @@ def test_a_factor_with_blocks_added_solves_for_what_is_not_held(shape, dense, ho
 def test_a_complement_by_pardiso_is_the_inverse_of_the_inverse_s_part(count):
     A = grid(BIG)
     kept = np.sort(np.random.default_rng(1).permutation(A.shape[0])[:count])
-    made = complement(A, kept)
+    made = partial_factor(A, kept)
     assert (made is None) == (find_spec("pypardiso") is None)
     if made is not None:
         forces = np.zeros((A.shape[0], count))
         forces[kept] = np.eye(count)
-        np.testing.assert_allclose(made @ factorised(A)(forces)[kept], np.eye(count), atol=1e-11)
+        responses = factorised(A)(forces)[kept]
+        np.testing.assert_allclose(made.complement @ responses, np.eye(count), atol=1e-11)
+
+
+@pytest.mark.skipif(find_spec("pypardiso") is None, reason="of PARDISO alone")
+def test_matrices_of_one_pattern_share_the_order_of_their_unknowns(monkeypatch):
+    monkeypatch.setattr(factors, "_ORDERS", factors._Orders())
+    A = grid(BIG)
+    first, second, other = factorised(A), factorised(A + eye(A.shape[0])), factorised(A @ A)
+    assert first._solver.perm is second._solver.perm is not other._solver.perm
+    assert [x._solver.get_iparm(5) for x in (first, second, other)] == [2, 1, 2]

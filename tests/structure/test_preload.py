@@ -12,6 +12,7 @@ from bodies import NU, PLANE, SOLID, STEEL, THICKNESS, E, block, mapped, section
 from clamped_plates import bolted
 
 import skfem_joint as sj
+from skfem_joint.linalg.schur import SchurComplement
 from skfem_joint.mesh import NamedMesh, merged, named
 
 FORCE = 1e5
@@ -113,6 +114,24 @@ def test_a_block_pressed_beside_its_kern_lifts_as_no_tension_foundations_do():
     # Only what touches is a contact point, with its limit.
     patch = structure.patches[0]
     assert set(patch.nodes) == set(nodes[p > 0.0])
+
+
+def test_sets_of_touching_nodes_are_found_on_the_contact_alone(monkeypatch):
+    """The other unknowns are solved for at the start and with the last sets, two times a solution.
+
+    With each set they would take three solutions or more.
+    """
+    solved: list[str] = []
+
+    def counted(name: str, solve: Any) -> Any:
+        return lambda *given: (solved.append(name), solve(*given))[1]
+
+    for name in ("restrict", "extend"):
+        monkeypatch.setattr(SchurComplement, name, counted(name, getattr(SchurComplement, name)))
+    preload = pushed_at(0.3, 20).preload
+    assert preload is not None
+    assert preload.active_sets >= 4
+    assert 2 <= len(solved) <= 4 * preload.active_sets
 
 
 def cylinder(n: int) -> NamedMesh:

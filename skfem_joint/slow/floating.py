@@ -1,0 +1,76 @@
+"""Motions of a structure that floats: in which nothing slips, and a support that holds them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg, sparse
+
+from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.linalg import shifts
+
+#: Share of a rigid motion's displacement that is no slip.
+STILL = 1e-6
+
+
+@dataclass(frozen=True)
+class Still:
+    """Motions of a structure in which nothing slips and nothing is strained.
+
+    Attributes
+    ----------
+    motions, momenta : ndarray, shape (n, r)
+        Motions of unit mass, and the mass times them.
+    held : ndarray of int, shape (r,)
+        Unknowns that hold them, as a support that is statically determinate: on loads in balance it
+        has no reaction.
+    kept : ndarray of int
+        These and the unknowns of the contact.
+    sliding : ndarray, shape (n, j)
+        Other motions in which nothing is strained: all of them slip.
+    """
+
+    motions: FloatArray
+    momenta: FloatArray
+    held: IntArray
+    kept: IntArray
+    sliding: FloatArray
+
+    @staticmethod
+    def of(rigid: FloatArray, limited: IntArray, K: Matrix, M: Matrix) -> Still | None:
+        """Of rigid motions of unit mass, (n, k), by the unknowns of the contact."""
+        sizes = np.abs(rigid).max(axis=0)
+        slips = linalg.qr(rigid[limited] / sizes, mode="r")[0]
+        _, values, turn = np.linalg.svd(slips)
+        sliding, still = np.split(
+            rigid / sizes @ turn.T, [np.count_nonzero(values > STILL)], axis=1
+        )
+        if not still.shape[1]:
+            return None
+        mass, turn = linalg.eigh(still.T @ (M @ still))
+        still = np.asarray(still @ (turn / np.sqrt(mass)))
+        still[limited] = 0.0
+        held: IntArray = linalg.qr(still.T, mode="r", pivoting=True)[1][: still.shape[1]]
+        held = np.sort(held).astype(np.intp)
+        return Still(still, np.asarray(M @ still), held, np.union1d(limited, held), sliding)
+
+    def springs(self, K: Matrix, shift: float) -> sparse.csr_array:
+        """What is added to K over ``shift``: springs of unknowns that are held, and less of others.
+
+        The springs of the contact hold what slips where nothing sticks.
+        """
+        stiffness = K.diagonal()
+        each = np.zeros(stiffness.size)
+        each[self.kept] = shifts.LEAST * stiffness.sum() / self.kept.size
+        each[self.held] = stiffness[self.held]
+        return sparse.csr_array(sparse.diags_array(each / shift))
+
+    def pushed(self, force: FloatArray) -> bool:
+        """Whether a force, (n,), N, moves the structure as a whole."""
+        least = STILL * (np.abs(force) @ np.abs(self.motions))
+        return bool(np.any(np.abs(force @ self.motions) > least))
+
+    def placed(self, u: FloatArray) -> FloatArray:
+        """Displacements, (n, ...), without these motions, which loads in balance do not set off."""
+        return np.asarray(u - self.motions @ (self.momenta.T @ u))

@@ -1,0 +1,144 @@
+"""Levels of a structure that floats, found in the unknowns of the contact alone."""
+
+import logging
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import skfem_joint as sj
+from skfem_joint.reduction.stuck import Stuck
+from skfem_joint.slow.levels import NoLevelError
+from skfem_joint.slow.quasi_static import QuasiStatic
+from skfem_joint.steady.steady import unstrained
+from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.structure.parameters import value_of, with_values
+from skfem_joint.structure.sensitivities import sensitivities
+from skfem_joint.system.modes import is_singular
+from skfem_joint.system.rigid import floats, rigid_of
+from skfem_joint.vibration import backbone
+from skfem_joint.vibration.backbone_sensitivity import backbone_sensitivity
+
+
+def plates(contact="constant", **support):
+    """Two plates on each other, pressed where they lap; without a support they float."""
+    upper = sj.build_box(
+        [("a", 0.06, 4), ("b", 0.04, 4)], (0.02, 0.004), (2, 1), origin=(0.0, 0.0, 0.004),
+        boundaries={"end": "left", "upper": ("front", "b")},
+    )  # fmt: skip
+    lower = sj.build_box(
+        [("c", 0.04, 4), ("d", 0.06, 4)], (0.02, 0.004), (2, 1), origin=(0.06, 0.0, 0.0),
+        boundaries={"far": "right", "lower": ("back", "c")},
+    )  # fmt: skip
+    joint = sj.Joint("upper", 2e6, 0.4, against="lower", contact=contact)
+    steel = sj.Material(E=200e9, density=7800.0, poisson=0.3)
+    return sj.Structure(sj.merged([upper, lower]), steel, joints=[joint], free=True, **support)
+
+
+@pytest.fixture(scope="module")
+def system():
+    return plates().system()
+
+
+def first_bending(system):
+    """Inertia of the first mode that strains the stuck structure, and the level of first slip."""
+    stuck = Stuck(arranged(system).system)
+    return system.M @ stuck.modes(8)[1][:, 6]
+
+
+def test_rigid_motions_are_those_of_supports_and_closed_contact(system):
+    """Six of the whole, and three in which the upper plate slides on the lower one."""
+    rigid = rigid_of(system)
+    assert rigid.shape[1] == 9
+    assert floats(system)
+    assert is_singular(system.K)
+    np.testing.assert_allclose(rigid.T @ (system.M @ rigid), np.eye(9), atol=1e-10)
+    stiff = np.abs(system.K @ rigid).max() / (system.K.diagonal().max() * np.abs(rigid).max())
+    assert stiff < 1e-13
+    values = eigh(system.K.toarray(), system.M.toarray(), eigvals_only=True)
+    assert np.count_nonzero(values < 1e-9 * values[-1]) == 9
+    np.testing.assert_allclose(unstrained(system), rigid)
+
+
+def test_contact_that_opens_leaves_twelve_rigid_motions_and_nine_where_it_is_closed():
+    system = plates("unilateral").system()
+    assert rigid_of(system).shape[1] == 12
+    closed = system.closed()
+    rigid = rigid_of(closed)
+    assert rigid.shape[1] == 9
+    stiff = np.abs(closed.K @ rigid).max() / (closed.K.diagonal().max() * np.abs(rigid).max())
+    assert stiff < 1e-12
+
+
+@pytest.mark.parametrize(("support", "count"), [
+    ({"fixed": ["end"]}, 3), ({"fixed": ["end", "far"]}, 0), ({"fixed_x": ["end"]}, 6),
+])  # fmt: skip
+def test_supports_leave_as_many_rigid_motions_as_pivots_tell(support, count):
+    """A face held along its normal leaves three of the whole, and the plates slide."""
+    system = plates(**support).system()
+    assert rigid_of(system).shape[1] == count
+    assert is_singular(system.K) == floats(system) == (count > 0)
+
+
+def test_levels_are_those_with_a_shift_of_all_unknowns(system):
+    force = first_bending(system)
+    alone, shifted = (QuasiStatic(system, 1e-10, in_contact=x) for x in (True, False))
+    assert alone.still is not None
+    assert shifted.still is None
+    multiples = np.array([0.0, 5.0, 10.0, 20.0])
+    multiples *= 0.02 / np.abs(system.contact.B @ force).sum()
+    both = [p.walk(p.rest(), force, multiples * system.contact.w.sum()) for p in (alone, shifted)]
+    slipped = 0.0
+    for (one,), (other,) in zip(*both, strict=True):
+        np.testing.assert_allclose(one[1].slip, other[1].slip, atol=1e-8 * np.abs(one[1].u).max())
+        u = alone.still.placed(other[1].u)  # round-off of forces moves it over the shift
+        np.testing.assert_allclose(one[1].u, u, atol=1e-8 * np.abs(u).max())
+        slipped = max(slipped, np.abs(one[1].slip).max() / np.abs(one[1].u).max())
+    assert slipped > 1e-4
+
+
+def test_a_force_that_moves_the_whole_has_no_level(system):
+    path = QuasiStatic(system, in_contact=True)
+    push = np.asarray(system.M @ rigid_of(system)[:, :6].sum(axis=1))
+    assert path.limit(push) == 0.0
+    with pytest.raises(NoLevelError, match="neither a support nor friction"):
+        path.next(path.rest(), push)
+
+
+def test_stuck_modes_beside_rigid_motions_take_the_factor_of_the_path(system, caplog):
+    path = QuasiStatic(system, in_contact=True)
+    stuck = Stuck(system, path)
+    with caplog.at_level(logging.DEBUG, "skfem_joint.linalg.factors"):
+        frequency, shapes = stuck.modes(10)
+    assert not caplog.records
+    values = eigh(stuck.K.toarray(), stuck.M.toarray(), eigvals_only=True)[:10]
+    np.testing.assert_allclose(frequency[6:] ** 2 * 4.0 * np.pi**2, values[6:], rtol=1e-8)
+    np.testing.assert_array_equal(frequency[:6], 0.0)
+    np.testing.assert_allclose(shapes.T @ (system.M @ shapes), np.eye(10), atol=1e-8)
+
+
+@pytest.mark.parametrize("key", ["joint[0].friction", "material.E"])
+def test_derivatives_of_a_floating_curve_are_its_differences(key, monkeypatch):
+    monkeypatch.setattr(backbone, "TOLERANCE", 1e-10)
+    structure = plates()
+    (first,) = sj.backbone(structure.system(), modes=[7], levels=3)
+
+    def curve(value=None):
+        given = structure if value is None else with_values(structure, {key: value})
+        return sj.backbone(given.system(), modes=[7], levels=first.level, keep_path=True)[0]
+
+    value = value_of(structure, key)
+    exact = backbone_sensitivity(curve(), sensitivities(structure, [key], structure.system()))
+    above, below = (curve(value * (1.0 + step)) for step in (1e-4, -1e-4))
+    for name in ("frequency", "friction_damping"):
+        rate = (getattr(above, name) - getattr(below, name)) / (2e-4 * value)
+        own = getattr(exact, name)[:, 0]
+        scale = np.abs(getattr(first, name) / value)
+        np.testing.assert_allclose(own, rate, rtol=1e-4, atol=1e-5 * scale.max())
+
+
+def test_a_curve_factorises_the_stiffness_once_and_its_interior_once(system, caplog):
+    """SuperLU needs both for a complement, PARDISO one of them; nothing else is factorised."""
+    with caplog.at_level(logging.DEBUG, "skfem_joint.linalg.factors"):
+        sj.backbone(system, modes=[7], levels=3)
+    assert 1 <= len(caplog.records) <= 2
