@@ -273,6 +273,15 @@ CLAIMS = {
     "contact-points": Claim(
         f"{BENCHMARKS}/contact_points.py", 240, {"contact-points": printed}, timed=True
     ),
+    "contact-point-steps": Claim(
+        f"{BENCHMARKS}/contact_points.py steps --out {{out}} "
+        "--before examples/benchmarks/contact_points_before.json",
+        900,
+        {"contact-point-steps": printed},
+        {"contact_points": "contact_points.png"},
+        short="--to 104",
+        timed=True,
+    ),
     "ranges": Claim(
         f"{BENCHMARKS}/ranges.py --seed 79",
         1500,

@@ -2,14 +2,22 @@
 
     python examples/benchmarks/contact_points.py            all sizes
     python examples/benchmarks/contact_points.py --quick    100 and 300
+    python examples/benchmarks/contact_points.py steps --out DIR [--before FILE] [--to POINTS]
 
 Two plates of bricks of second order as in ``solids.py``, lapped under two bolts that press most of
 the lap, with exact Coulomb friction; finer and finer meshes. Each is checked, as by ``skfem-joint
 check``, and then its full model is run from rest, to nine tenths of the load's peak. It is stepped
 on its contact unknowns where that costs less; up to 800 points it is stepped in the other way too.
 BLAS threads are pinned. What is compiled is compiled before.
+
+``steps`` measures processor time of steps alone, with constant contact and with contact that opens,
+on bricks of first order, of which more have contact. At the last of 12 steps about a fifth of the
+points slips. It writes ``steps.json`` and, with the same file of an earlier version, a picture of
+both.
 """
 
+import argparse
+import json
 import os
 import sys
 import time
@@ -19,18 +27,36 @@ from unittest.mock import patch
 os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
+import matplotlib as mpl
+import numpy as np
+
 import skfem_joint as sj
 from benchmarks import head, row
 from benchmarks.solids import plates
 from skfem_joint.linalg import schur
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.stepping.steppers import PythonStepper
 from skfem_joint.study.description import description_of
 
 #: Elements along the overlap and along the rest of each plate, across, and through its thickness.
 SIZES = ((10, 2, 2, 1), (18, 2, 4, 1), (28, 2, 6, 1), (28, 2, 7, 1), (38, 2, 12, 1), (52, 2, 18, 1))
 QUICK = SIZES[:2]
 REACH, PERIOD, STEPS, SPARSE = 0.025, 100, 18, 800
+#: The same by the number of points that they give with elements of first order.
+FIRST_ORDER = {
+    104: (12, 3, 7, 1),
+    300: (24, 3, 11, 1),
+    595: (34, 4, 16, 1),
+    1200: (49, 5, 23, 1),
+    2016: (62, 6, 31, 1),
+    3003: (76, 8, 38, 1),
+    5049: (98, 10, 50, 1),
+}
+#: Most points of each contact.
+MOST = {"constant": 5049, "unilateral": 3003}
+#: Runs of each size, whose least time counts for each step; large ones run once.
+REPEATS, ONCE = 3, 1200
 
 
 def run(system):
@@ -61,7 +87,91 @@ def report(elements):
     )
 
 
+def steps_of(contact, points):
+    """Unknowns, processor time of each of some steps, s, shares of points that slip and press."""
+    elements, least = FIRST_ORDER[points], np.inf
+    system = plates(elements, 1, PERIOD, REACH, 1, contact, 4.5e3).system()
+    advance, times = PythonStepper.advance, []
+
+    def timed(*arguments):
+        begin = time.process_time()
+        done = advance(*arguments)
+        times.append(time.process_time() - begin)
+        return done
+
+    for _ in range(1 if points > ONCE else REPEATS):
+        times.clear()
+        with (
+            patch.object(PythonStepper, "advance", timed),
+            patch.object(PythonStepper, "most_at_once", 1),
+        ):
+            run = sj.integrate(
+                system, step=1.0 / 200.0 / PERIOD, n_steps=12, cycle_steps=PERIOD,
+                save=sj.Save(fields=True),
+            )  # fmt: skip
+        least = np.minimum(least, times)
+    slip = system.contact.slip_norm(system.contact.B @ run.v[-1])
+    pressed = (system.contact.w if contact == "constant" else run.limits[-1]) > 0.0
+    slipping = slip[pressed] > 0.0
+    return system.n, least, float(slipping.mean()), np.count_nonzero(pressed) / points
+
+
+def steps(arguments):
+    """Table, file and picture of the time of steps over the number of points."""
+    options = argparse.ArgumentParser(description=steps.__doc__)
+    options.add_argument("--out", type=Path, required=True)
+    options.add_argument("--before", type=Path)
+    options.add_argument("--to", type=int, default=max(FIRST_ORDER))
+    given = options.parse_args(arguments)
+    given.out.mkdir(parents=True, exist_ok=True)
+    earlier = json.loads(given.before.read_text(encoding="utf-8")) if given.before else {}
+    head(
+        *("contact", "points", "unknowns", "slipping of pressed, %", "pressed, %"),
+        *("CPU ms a step", "largest", "before", "largest"),
+    )
+    measured = {}
+    for contact, most in MOST.items():
+        run(plates((4, 1, 2, 1), 1, PERIOD, REACH, 1, contact).system())
+        for points in [size for size in FIRST_ORDER if size <= min(most, given.to)]:
+            n, times, slipping, pressed = steps_of(contact, points)
+            own = {"mean": 1e3 * times.mean(), "largest": 1e3 * times.max()}
+            measured.setdefault(contact, {})[str(points)] = own
+            before = earlier.get(contact, {}).get(str(points), {})
+            cells = [f"{100.0 * slipping:.0f}", f"{100.0 * pressed:.0f}"]
+            cells += [f"{value:.3g}" for value in own.values()]
+            cells += [f"{before[name]:.3g}" if before else "" for name in own]
+            row("opens" if contact == "unilateral" else contact, points, n, *cells)
+            (given.out / "steps.json").write_text(json.dumps(measured), encoding="utf-8")
+    draw(measured, earlier, given.out / "contact_points.png")
+
+
+def draw(measured, earlier, file):
+    """Draw mean times of steps over the number of points."""
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(7.0, 4.5), layout="constrained")
+    names = {"constant": "constant contact", "unilateral": "contact that opens"}
+    for color, (contact, name) in zip(("C0", "C1"), names.items(), strict=True):
+        for times, style, when in (
+            (earlier, "o--", ", all points worked on"),
+            (measured, "o-", ""),
+        ):
+            own = times.get(contact, {})
+            if own:
+                means = [row["mean"] for row in own.values()]
+                axes.loglog([int(n) for n in own], means, style, color=color, label=name + when)
+    axes.set(xlabel="contact points", ylabel="processor time of a step, ms")
+    axes.grid(visible=True, which="both", alpha=0.3)
+    axes.legend()
+    figure.savefig(file, dpi=150)
+    plt.close(figure)
+
+
 def main(arguments):
+    if arguments[:1] == ["steps"]:
+        steps(arguments[1:])
+        return
     tiny = plates((4, 1, 2, 1), 1, PERIOD, REACH)
     description_of(tiny)
     run(tiny.system())

@@ -37,18 +37,20 @@ SIZES = {
 }
 
 
-def plates(elements, cycles, steps, reach=0.01):
+def plates(elements, cycles, steps, reach=0.01, order=2, contact="constant", amplitude=6e3):
     lap, rest, across, deep = elements
     strips = ("upper_rest", 0.1, rest), ("upper_lap", 0.1, lap)
     others = ("lower_lap", 0.1, lap), ("lower_rest", 0.1, rest)
     size, count = (WIDTH, 0.01), (across, deep)
     upper = {"upper_end": "left", "upper_contact": ("front", "upper_lap")}
     lower = {"lower_end": "right", "lower_contact": ("back", "lower_lap")}
-    above = build_box(strips, size, count, origin=(0.0, 0.0, 0.01), order=2, boundaries=upper)
-    below = build_box(others, size, count, origin=(0.1, 0.0, 0.0), order=2, boundaries=lower)
+    above = build_box(strips, size, count, origin=(0.0, 0.0, 0.01), order=order, boundaries=upper)
+    below = build_box(others, size, count, origin=(0.1, 0.0, 0.0), order=order, boundaries=lower)
     bolt = {"force": 20e3, "head_radius": 0.0075, "hole_radius": 0.0045}
     bolts = [{"at": [x, 0.5 * WIDTH, 0.01], **bolt} for x in (0.125, 0.175)]
     scene = tomllib.loads((EXAMPLES / "solid_lap_joint.toml").read_text(encoding="utf-8"))
+    scene["joint"][0]["contact"] = contact
+    scene["load"][0]["amplitude"] = amplitude
     scene["joint"][0]["pressure"] = {"reach": reach, "bolts": bolts}
     scene["time"] = {"steps_per_cycle": steps, "cycles": cycles}
     scene["models"] = {"run": ["full", "condensed", "reduced"]}

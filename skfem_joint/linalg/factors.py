@@ -335,8 +335,12 @@ class BlockFactors:
 
     def matrix(self, blocks: FloatArray) -> FloatArray:
         """Dense matrix with the blocks added."""
+        return self._with(self._values(blocks))
+
+    def _with(self, values: FloatArray) -> FloatArray:
+        """Dense matrix with entries added at ``rows`` and ``columns``."""
         T = np.array(self.A)
-        np.add.at(T, (self.rows, self.columns), self._values(blocks))
+        np.add.at(T, (self.rows, self.columns), values)
         return T
 
     def _values(self, blocks: FloatArray) -> FloatArray:
@@ -345,12 +349,11 @@ class BlockFactors:
 
     def _solver(self, values: FloatArray, among: BoolArray | None) -> Any:
         if isinstance(self.A, np.ndarray):
-            place, moves = np.arange(len(self.A)), np.ones(self.rows.size, dtype=bool)
-            T = self.A.copy()
-            if among is not None:
-                place, moves = np.cumsum(among) - 1, among[self.rows] & among[self.columns]
-                free = np.flatnonzero(among)
-                T = self.A.take(free, axis=0).take(free, axis=1)
+            if among is None:
+                return factorised(self._with(values))
+            place, moves = np.cumsum(among) - 1, among[self.rows] & among[self.columns]
+            free = np.flatnonzero(among)
+            T = self.A.take(free, axis=0).take(free, axis=1)
             np.add.at(T, (place[self.rows[moves]], place[self.columns[moves]]), values[moves])
             return factorised(T)
         values, n = np.concatenate([self.A.data, values]), self.A.shape[0]

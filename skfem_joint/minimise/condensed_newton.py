@@ -11,7 +11,6 @@ which are apart are eliminated, too (:mod:`skfem_joint.minimise.touching`).
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
@@ -24,8 +23,8 @@ from scipy import linalg, sparse
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.schur import AllKept, SchurComplement
-from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.linearisation import Linearisation
+from skfem_joint.minimise.moving import MovingNewton
 from skfem_joint.minimise.problem import (
     ContactPoints,
     Minimum,
@@ -33,7 +32,6 @@ from skfem_joint.minimise.problem import (
     PressurePoints,
     StepProblem,
 )
-from skfem_joint.minimise.touching import Part
 from skfem_joint.system.unknowns import selection
 
 #: Share of the largest part of an approach that is not in others' below which it is none.
@@ -41,7 +39,7 @@ DEPENDENT = 1e-10
 
 
 class CondensedNewton(StepProblem):
-    """`ContactNewton` on the Schur complement of the unknowns in contact, see `StepProblem`.
+    """`MovingNewton` on the Schur complement of the unknowns in contact, see `StepProblem`.
 
     Parameters
     ----------
@@ -54,7 +52,7 @@ class CondensedNewton(StepProblem):
     ----------
     schur : SchurComplement
         Of H, on the unknowns of points with friction and of pressure points.
-    contact : ContactNewton
+    contact : MovingNewton
         The problem of these unknowns, or of slips and mean approaches.
 
     Raises
@@ -78,7 +76,6 @@ class CondensedNewton(StepProblem):
             self.means = MeanApproaches.of(as_dense(self.matrix), self._acting())
             self.matrix = as_dense(self.matrix) if self.means is None else self.means.matrix
         self.contact = self._contact()
-        self._part: Part | None = None
 
     def _acting(self) -> ContactPoints:
         """Points with friction, and pressure points, in the unknowns of the complement."""
@@ -96,9 +93,9 @@ class CondensedNewton(StepProblem):
         gain = sparse.csr_array(normal.gain)
         return replace(acting, normal=PressurePoints(N, gain, normal.stiffness))
 
-    def _contact(self) -> ContactNewton:
+    def _contact(self) -> MovingNewton:
         acting = self._acting()
-        return ContactNewton(
+        return MovingNewton(
             self.matrix, acting if self.means is None else self.means.points_of(acting)
         )
 
@@ -166,7 +163,7 @@ class CondensedNewton(StepProblem):
         law = None if beta is None else beta[self._points]
         slips = None if offset is None else offset[self._limited]
         z = None if start is None else self.start_of(start)
-        inner = self._minimise(right, z, tolerance, law, force, slips, pressed)
+        inner = self.contact.minimise_beside(right, z, tolerance, law, force, slips, pressed)
         v, friction = self.extend(inner.v, beside), np.zeros(self.points.B.shape[0])
         friction[self._limited] = inner.sigma
         where = inner.where
@@ -181,46 +178,6 @@ class CondensedNewton(StepProblem):
             where=int(self.schur.kept[where]),
             w=self.points.w if pressed is None else inner.w,
         )
-
-    def _minimise(
-        self,
-        right: FloatArray,
-        z: FloatArray | None,
-        tolerance: float,
-        beta: FloatArray | None,
-        force: float,
-        offset: FloatArray | None,
-        pressed: Pressed | None,
-    ) -> Minimum:
-        """Minimum of the contact; points that pass their bounds though they are apart are kept."""
-        touching = None if pressed is None else pressed.touching
-        if pressed is None or touching is None:
-            return self.contact.minimise_beside(right, z, tolerance, beta, force, offset, pressed)
-        counts: Counter[str] = Counter()
-        while (part := self._parted(touching, pressed.given)) is not None:
-            own, apart = part.restrict(right)
-            found = part.minimise(own, z, tolerance, beta, force, offset, pressed)
-            self.contact.factorizations += found.counts["factorizations"]
-            counts.update(found.counts)
-            found = part.extended(found, apart, self.contact.points)
-            z = found.v
-            approach = z[self.contact.contact.pressing.place]
-            if not (found.converged and touching.closes(approach, pressed.bound)):
-                return replace(found, counts=dict(counts))
-        found = self.contact.minimise_beside(right, z, tolerance, beta, force, offset, pressed)
-        counts.update(found.counts)
-        return replace(found, counts=dict(counts))
-
-    def _parted(self, touching: Any, given: FloatArray) -> Part | None:
-        """The points that touch, or None where it does not pay to eliminate the others."""
-        if not touching.some_apart:
-            return None
-        if self._part is None or not np.array_equal(self._part.kept, touching.kept):
-            self._part = Part(self.contact, touching.kept)
-            self.contact.factorizations += 1
-        others = np.ones(given.size, dtype=bool)
-        others[self._part.frictions] = False
-        return None if np.any(given[others] > 0.0) else self._part
 
     def saved(self) -> dict[str, NDArray[Any]]:
         """See `StepProblem`."""

@@ -360,13 +360,8 @@ class ContactNewton(StepProblem):
         contact: CompiledContact,
         force: float,
     ) -> Minimum:
-        scale = max(float(np.abs(g).max()), force)
-        sprung = bool(np.any(contact.points.x) or np.any(contact.points.y))
-        # Springs and bounds act where no other force does.
-        acts = scale > _NOTHING or sprung or self.opens
+        scale, acts = self._scale(g, contact, force)
         v = start.copy() if acts else np.zeros_like(start)
-        if sprung:
-            scale = max(scale, self._spring_force(contact))
         forces, kept = _Forces(contact, v.size), _KeptLimits()
         factorizations, evaluations, solves = self.factorizations, 0, 0
         converged = False
@@ -380,7 +375,7 @@ class ContactNewton(StepProblem):
                 forces.renew(v, r)
             forces.balance(v, r)
             evaluations += SWEEPS + 1
-            residual, where = forces.residual, forces.where
+            residual = forces.residual
             if not np.isfinite(residual):
                 break
             converged = residual <= max(tolerance * scale, _NOTHING) or (
@@ -404,13 +399,26 @@ class ContactNewton(StepProblem):
         }
         if self.opens:
             counts["renewed_limits"] = kept.renewed
+        return self._minimum(v, forces, bool(converged), counts)
+
+    def _scale(self, g: FloatArray, contact: CompiledContact, force: float) -> tuple[float, bool]:
+        """Force, N, to which a tolerance refers, and whether any acts, as springs and bounds do."""
+        scale = max(float(np.abs(g).max()), force)
+        sprung = bool(np.any(contact.points.x) or np.any(contact.points.y))
+        acts = scale > _NOTHING or sprung or self.opens
+        return max(scale, self._spring_force(contact)) if sprung else scale, acts
+
+    def _minimum(
+        self, v: FloatArray, forces: _Forces, converged: bool, counts: dict[str, int]
+    ) -> Minimum:
+        """Result of a minimisation that ended in ``v`` with some forces."""
         by_row, w = np.zeros(self.points.B.shape[0]), self.points.w
         by_row[self._rows] = forces.friction[:, 0]
         by_row[self._rows[self._pairs] + 1] = forces.friction[self._pairs, 1]
         if self.opens:
             w = np.zeros_like(w)
-            w[self._order] = contact.points.w
-        return Minimum(v, by_row, bool(converged), counts, float(residual), int(where), forces.p, w)
+            w[self._order] = forces.contact.points.w
+        return Minimum(v, by_row, converged, counts, forces.residual, forces.where, forces.p, w)
 
     def _objective(self, v: FloatArray, g: FloatArray, contact: CompiledContact) -> float:
         return float(v @ (0.5 * times(self.H, v) - g)) + self.potential(v, contact)
@@ -646,6 +654,10 @@ class ContactNewton(StepProblem):
         self.factor = self.factors.factorised(tangents, sticking)
         self.added = np.where(sticking, np.inf, self._diagonal(tangents))
         return self.factor
+
+    def forget(self) -> None:
+        """Keep no factor, so that solutions do not depend on earlier ones."""
+        self.kept = self.factor = None
 
     def _diagonal(self, tangents: FloatArray) -> FloatArray:
         """Diagonal of the points' blocks, by unknown."""

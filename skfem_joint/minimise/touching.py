@@ -21,6 +21,7 @@ and before points are dropped, it takes a tenth longer.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, cast
@@ -29,11 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, sparse
 
-from skfem_joint.ground.arrays import BoolArray, FloatArray, check_like
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, check_like
 from skfem_joint.minimise.contact_newton import ContactNewton
-from skfem_joint.minimise.limits import Hinges
+from skfem_joint.minimise.parts import PartOfContact
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, PressurePoints
-from skfem_joint.system.unknowns import selection
 
 #: Fewest points worth being dropped, and eliminated at all: of a joint with 36 points in all,
 #: eliminating some made a step a twentieth longer.
@@ -86,6 +86,17 @@ class Touching:
         if count >= max(FEWEST, 0.1 * np.count_nonzero(self.kept)):
             self.kept = self.kept & ~long_apart
 
+    def among(self, points: IntArray) -> Touching:
+        """The same of some pressure points alone."""
+        some = Touching(self.kept[points])
+        some.apart = self.apart[points]
+        return some
+
+    def take_over(self, points: IntArray, some: Touching) -> None:
+        """Keep those of some pressure points that were kept ``among`` them."""
+        self.kept, self.apart = self.kept.copy(), self.apart.copy()
+        self.kept[points], self.apart[points] = some.kept, some.apart
+
     def saved(self) -> dict[str, NDArray[Any]]:
         """Arrays that later steps depend on, to the bit, for a checkpoint."""
         return {"kept": self.kept.copy(), "apart": self.apart.copy()}
@@ -96,7 +107,62 @@ class Touching:
         self.kept, self.apart = np.array(saved["kept"]), np.array(saved["apart"])
 
 
-class Part:
+class TouchingNewton(ContactNewton):
+    """`ContactNewton` that eliminates the pressure points that are apart, see the module."""
+
+    def __init__(self, H: Any, points: ContactPoints) -> None:
+        super().__init__(H, points)
+        self._part: Part | None = None
+
+    def minimise_beside(
+        self,
+        g: FloatArray,
+        start: FloatArray | None,
+        tolerance: float,
+        beta: FloatArray | None,
+        force: float,
+        offset: FloatArray | None = None,
+        pressed: Pressed | None = None,
+    ) -> Minimum:
+        """See `ContactNewton`; points that pass their bounds though they are apart are kept."""
+        others = tolerance, beta, force, offset, pressed
+        touching = None if pressed is None else pressed.touching
+        if pressed is None or touching is None:
+            return super().minimise_beside(g, start, *others)
+        counts: Counter[str] = Counter()
+        while (part := self._parted(touching, pressed.given)) is not None:
+            own, apart = part.restrict(g)
+            found = part.minimise_of(part.problem, own, start, *others)
+            self.factorizations += found.counts["factorizations"]
+            counts.update(found.counts)
+            found = part.extended(found, apart, self.points)
+            start = found.v
+            approach = start[self.contact.pressing.place]
+            if not (found.converged and touching.closes(approach, pressed.bound)):
+                return replace(found, counts=dict(counts))
+        found = super().minimise_beside(g, start, *others)
+        counts.update(found.counts)
+        return replace(found, counts=dict(counts))
+
+    def forget(self) -> None:
+        """See `ContactNewton`."""
+        super().forget()
+        if self._part is not None:
+            self._part.problem.forget()
+
+    def _parted(self, touching: Touching, given: FloatArray) -> Part | None:
+        """The points that touch, or None where it does not pay to eliminate the others."""
+        if not touching.some_apart:
+            return None
+        if self._part is None or not np.array_equal(self._part.kept, touching.kept):
+            self._part = Part(self, touching.kept)
+            self.factorizations += 1
+        others = np.ones(given.size, dtype=bool)
+        others[self._part.frictions] = False
+        return None if np.any(given[others] > 0.0) else self._part
+
+
+class Part(PartOfContact):
     """The points of a problem that touch; all others are eliminated.
 
     Parameters
@@ -111,47 +177,29 @@ class Part:
     ----------
     problem : ContactNewton
         Of the points that are kept.
-    pressures, frictions : ndarray of int
-        Their numbers.
-    unknowns, eliminated : ndarray of int
-        Their unknowns, and the others.
     """
 
     def __init__(self, whole: ContactNewton, kept: BoolArray) -> None:
         self.kept = kept.copy()
-        points, A, n = whole.points, whole.H, len(whole.H)
+        points, A = whole.points, whole.H
         normal = cast("PressurePoints", points.normal)
         gain, rows = sparse.csr_array(normal.gain), points.unknowns
         touched = np.diff(gain[:, np.flatnonzero(kept)].indptr) > 0
         rubs = points.on_rows(touched | (np.diff(gain.indptr) == 0))
-        stays = np.zeros(n, dtype=np.bool_)
+        stays = np.zeros(len(A), dtype=np.bool_)
         stays[rows[rubs]] = True
-        self.pressures = np.flatnonzero(kept)
-        self.frictions = np.flatnonzero(stays[rows[points.first_row[:-1]]])
-        self.rows = np.flatnonzero(stays[rows])
-        places = sparse.csr_array(normal.N).indices[self.pressures]
-        stays[places] = True
-        self.unknowns, self.eliminated = np.flatnonzero(stays), np.flatnonzero(~stays)
+        stays[sparse.csr_array(normal.N).indices[kept]] = True
+        super().__init__(points, stays)
         k = self.unknowns
-        of_eliminated = A.take(self.eliminated, axis=0)
+        of_eliminated = A.take(self.others, axis=0)
         # Lower factor L of A_ee, and L^-1 A_ek. The transposes are arrays as LAPACK wants them.
         self.L = linalg.cholesky(
-            of_eliminated.take(self.eliminated, axis=1).T, lower=True, overwrite_a=True,
+            of_eliminated.take(self.others, axis=1).T, lower=True, overwrite_a=True,
             check_finite=False,
         )  # fmt: skip
         self.coupling = self._solved(of_eliminated.take(k, axis=1))
         S = A.take(k, axis=0).take(k, axis=1) - self.coupling.T @ self.coupling
-        of_part = PressurePoints(
-            selection(np.searchsorted(k, places), k.size),
-            sparse.csr_array(gain[self.frictions][:, self.pressures]),
-            normal.stiffness[self.pressures],
-        )
-        some, flexible = self.frictions, points.flexible
-        self.problem = ContactNewton(S, ContactPoints(
-            selection(np.searchsorted(k, rows[self.rows]), k.size), points.directions[some],
-            points.w[some], points.beta[some], None if flexible is None else flexible[some],
-            of_part,
-        ))  # fmt: skip
+        self.problem = ContactNewton(S, self.points)
 
     def _solved(self, right: FloatArray, transposed: bool = False) -> FloatArray:
         """Solution of L x = right, or with the transpose of L."""
@@ -162,42 +210,14 @@ class Part:
 
     def restrict(self, right: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Right side of the kept unknowns, and what `extended` needs of the others."""
-        apart = self._solved(right[self.eliminated])
+        apart = self._solved(right[self.others])
         return right[self.unknowns] - self.coupling.T @ apart, apart
-
-    def minimise(
-        self,
-        right: FloatArray,
-        start: FloatArray | None,
-        tolerance: float,
-        beta: FloatArray | None,
-        force: float,
-        offset: FloatArray | None,
-        pressed: Pressed,
-    ) -> Minimum:
-        """`ContactNewton.minimise_beside` of the points that touch; arguments are those of all."""
-        c, f = self.pressures, self.frictions
-        hinges, gain = pressed.hinges, np.asarray(pressed.gain, dtype=float)
-        if hinges is not None:
-            *of_points, bias = hinges
-            parts: list[Any] = [*(x[f] for x in of_points), bias[self.rows]]
-            hinges = Hinges(*parts)
-        own = Pressed(pressed.bound[c], pressed.given[f], gain[c] if gain.ndim else gain, hinges)
-        return self.problem.minimise_beside(
-            right,
-            None if start is None else start[self.unknowns],
-            tolerance,
-            None if beta is None else beta[f],
-            force,
-            None if offset is None else offset[self.rows],
-            own,
-        )
 
     def extended(self, found: Minimum, apart: FloatArray, points: ContactPoints) -> Minimum:
         """Minimum of all ``points`` from that of those which touch."""
         v, sigma = np.empty(found.v.size + apart.size), np.zeros(points.unknowns.size)
         v[self.unknowns] = found.v
-        v[self.eliminated] = self._solved(apart - self.coupling @ found.v, transposed=True)
+        v[self.others] = self._solved(apart - self.coupling @ found.v, transposed=True)
         p, w = np.zeros(self.kept.size), np.zeros(points.w.size)
         p[self.pressures], w[self.frictions], sigma[self.rows] = found.p, found.w, found.sigma
         return replace(found, v=v, sigma=sigma, p=p, w=w, where=int(self.unknowns[found.where]))

@@ -178,6 +178,23 @@ def test_the_benchmark_of_contact_points_runs(capsys):
     assert float(cells[8]) > 0.0
 
 
+def test_the_benchmark_of_steps_with_contact_points_runs(capsys, tmp_path):
+    before = tmp_path / "before.json"
+    before.write_text('{"constant": {"104": {"mean": 7.0, "largest": 8.0}}}', encoding="utf-8")
+    options = "--out", str(tmp_path), "--before", str(before), "--to", "104"
+    contact_points.main(["steps", *options])
+    text = capsys.readouterr().out
+    rows = {line.split()[1]: line.split("|")[2:-1] for line in text.splitlines() if line[:1] == "|"}
+    for kind in ("constant", "opens"):
+        points, _, slipping, pressed, mean, largest = (float(cell) for cell in rows[kind][:6])
+        assert points == 104
+        assert 5.0 < slipping < 40.0
+        assert 50.0 < pressed < 95.0
+        assert 0.0 < mean <= largest
+    assert [float(cell) for cell in rows["constant"][6:]] == [7.0, 8.0]
+    assert (tmp_path / "contact_points.png").stat().st_size > 0
+
+
 def test_the_benchmark_of_fits_runs(capsys):
     fits.main(["coverage", "--quick"])
     text = capsys.readouterr().out

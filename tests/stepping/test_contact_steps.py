@@ -5,10 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 from bodies import WIDTH, pressed, structure
+from opening_blocks import block, loads
 from scipy import sparse
 from stepping_systems import reference_plate
 
 import skfem_joint as sj
+from skfem_joint.minimise import moving
 from skfem_joint.minimise.condensed_newton import CondensedNewton
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.problem import ContactPoints
@@ -42,6 +44,31 @@ def test_condensing_changes_nothing(beta, elements):
         assert np.any(system.contact.B @ known.v)
         np.testing.assert_allclose(found.v, known.v, rtol=0, atol=1e-9 * np.abs(known.v).max())
         np.testing.assert_allclose(found.sigma, known.sigma, atol=1e-6)
+
+
+@pytest.mark.parametrize("opens", [False, True], ids=["constant", "opening"])
+def test_points_that_rest_are_left_out_and_nothing_changes(opens, monkeypatch):
+    """As in contacts of thousands of points, of which few move."""
+    mesh = sj.build_plate([("linear", 0.2, 16), ("joint", 0.05, 24)], WIDTH, 6)
+    made = structure(mesh, [pressed(beta=np.inf)], fixed=("right",))
+    system = sj.condense(made.system([sj.Load("left", sj.Harmonic(20e3, 1000.0), (1.0, 0.1))]))
+    if opens:
+        lifted = loads(up=230e3)
+        system = sj.condense(block(elements=24).system(lifted))
+    whole = run(system)
+    monkeypatch.setattr(moving, "FEWEST", 0)
+    solved = []
+    part = moving._Moving.solved
+    monkeypatch.setattr(
+        moving._Moving,
+        "solved",
+        lambda own, right, *others: solved.append(right.size) or part(own, right, *others),
+    )
+    alone = run(system)
+    assert np.mean(solved) < 0.6 * whole.system.n
+    for name in ("u", "v", "sigma", "friction_work"):
+        before, now = getattr(whole, name), getattr(alone, name)
+        np.testing.assert_allclose(now, before, rtol=0, atol=1e-8 * np.abs(before).max())
 
 
 def test_few_factorizations_serve_many_iterations():
