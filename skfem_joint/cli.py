@@ -207,28 +207,34 @@ def _add_fit_options(fitted: argparse.ArgumentParser) -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    """Run the models of a scene, estimate their errors, write the results and print a summary."""
+    """Run the models of a scene, print a summary, estimate errors, write the results."""
     from skfem_joint import output
     from skfem_joint.output import report
     from skfem_joint.stepping.checkpoint import Checkpoints
-    from skfem_joint.study.study import run_scene
+    from skfem_joint.study.study import estimated, run_models
 
     scene, out, checkpoints = _scene_of_models(options), options.out, None
     if options.checkpoint_every is not None or options.resume:
         checkpoints = Checkpoints(out, options.checkpoint_every, options.resume)
         if options.resume and not checkpoints.files():
             _log.warning("No checkpoint in %s: the run starts anew.", out)
-    with output.prepare(scene, out, options.overwrite) as notes, _progress(options) as progress:
-        study = run_scene(scene, progress, checkpoints, out)
-        if options.certify and not study.ended:
-            with _executor(options) as executor:
-                study = _certify(study, progress, executor)
-        study = study.noting(*notes)
-        # All files are written before anything is printed, because printing may fail.
-        files = output.write(study, out, progress)
-        if checkpoints is not None and not study.ended:
-            checkpoints.remove(study.models)
-    print(report.text(study), end="\n\n")
+    with output.prepare(scene, out, options.overwrite) as notes:
+        with _progress(options) as progress:
+            study = run_models(scene, progress, checkpoints, out)
+        lost = _printed(report.results_text(study))
+        with _progress(options) as progress:
+            study = estimated(study, progress)
+            if options.certify and not study.ended:
+                with _executor(options) as executor:
+                    study = _certify(study, progress, executor)
+            study = study.noting(*notes)
+            # All files are written before what may fail is printed.
+            files = output.write(study, out, progress)
+            if checkpoints is not None and not study.ended:
+                checkpoints.remove(study.models)
+    if lost is not None:
+        raise lost
+    print(report.estimates_text(study), end="\n\n")
     _print_notes(study.notes, out, files)
     if study.failure is not None:
         raise study.failure.error
@@ -240,6 +246,15 @@ def _run(options: argparse.Namespace) -> int:
             )
         return INTERRUPTED
     return 0
+
+
+def _printed(text: str) -> OSError | None:
+    """Print a text at once; returns why that failed, which must not cost what is still to come."""
+    try:
+        print(text, end="\n\n", flush=True)
+    except OSError as error:
+        return error
+    return None
 
 
 def _scene_of_models(options: argparse.Namespace) -> Scene:

@@ -1,12 +1,13 @@
 """The command line: exit statuses, messages, and the files it leaves."""
 
+import io
 import json
 import logging
 import os
 import subprocess
 import sys
 from concurrent.futures import BrokenExecutor
-from contextlib import chdir
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -158,6 +159,24 @@ def test_files_are_whole_when_nobody_reads_the_table(scene, tmp_path):
         assert "Exception" not in ended.stderr
         assert files_below(out) == ["history.npz", "summary.json"]
     assert (tmp_path / "text").read_bytes().startswith(b"Ring \\xd8 5 \\xe9 ")
+
+
+def test_results_are_printed_before_their_errors_are_estimated(scene, tmp_path):
+    """Files are written once errors are known: there is none when results are printed."""
+    out, printed = tmp_path / "out", []
+
+    class Watched(io.StringIO):
+        def write(self, text):
+            printed.append((text, (out / "summary.json").exists()))
+            return len(text)
+
+    with redirect_stdout(Watched()):
+        assert cli.main(["run", str(scene(FULL_ONLY, ONE_CYCLE)), "--out", str(out)]) == 0
+    (results,) = [there for text, there in printed if "peak displacement at free_end, mm" in text]
+    (estimates,) = [there for text, there in printed if "full model, time step" in text]
+    assert not results
+    assert estimates
+    assert any("Time of the estimates: " in text for text, _ in printed)
 
 
 @pytest.mark.parametrize(

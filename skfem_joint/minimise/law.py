@@ -86,13 +86,6 @@ REGULAR, COULOMB, FREE = 0, 1, 2
 _TWO_OVER_PI = 2.0 / pi
 _TAN_1 = tan(pi / 8.0)
 _TAN_3 = tan(3.0 * pi / 8.0)
-#: Coefficients of arctan(t) / t - 1 in powers of t^2 below the 12th, from the highest down. They
-#: interpolate at the Chebyshev nodes of |t| <= tan(pi/8), and were computed with 60 digits.
-_LOWER = (
-    -0.03338782450121195, 0.04499500728984032, -0.05217312574061591, 0.05876834004614161,
-    -0.06666205259976526, 0.07692281099937744, -0.09090908059031191, 0.11111111085322109,
-    -0.1428571428532971, 0.19999999999997015, -0.33333333333333326,
-)  # fmt: skip
 
 
 @compiled_inside
@@ -109,9 +102,20 @@ def arctangent(z):
     offset = 0.5 * pi if steep else (0.25 * pi if middle else 0.0)
     t = numerator / denominator
     q = t * t
-    p = 0.015113765096600925  # coefficient of the 12th power
-    for c in _LOWER:
-        p = p * q + c
+    # Coefficients of arctan(t) / t - 1 in powers of q, from the 12th down. They interpolate at the
+    # Chebyshev nodes of |t| <= tan(pi/8), and were computed with 60 digits.
+    p = 0.015113765096600925
+    p = p * q - 0.03338782450121195
+    p = p * q + 0.04499500728984032
+    p = p * q - 0.05217312574061591
+    p = p * q + 0.05876834004614161
+    p = p * q - 0.06666205259976526
+    p = p * q + 0.07692281099937744
+    p = p * q - 0.09090908059031191
+    p = p * q + 0.11111111085322109
+    p = p * q - 0.1428571428532971
+    p = p * q + 0.19999999999997015
+    p = p * q - 0.33333333333333326
     return offset + (t + t * (q * p))
 
 

@@ -74,12 +74,21 @@ def loop_rows(runs: Mapping[str, Run]) -> Iterator[list[Any]]:
         yield [t, *cells]
 
 
-def text(study: Study) -> str:
-    """What is printed of a study: its title, facts of the structure, and two tables."""
-    content = summary(study)
-    facts = "\n".join(study.description.facts)
-    parts = [study.scene.title, facts, summary_table(content), estimate_table(content)]
+def results_text(study: Study) -> str:
+    """What is printed of the models of a study: its title, facts of the structure, and a table."""
+    parts = [study.scene.title, "\n".join(study.description.facts), summary_table(summary(study))]
     return "\n\n".join(parts if study.scene.title else parts[1:])
+
+
+def estimates_text(study: Study) -> str:
+    """What is printed of estimated errors: a table, and how long they took."""
+    took = [
+        f"{model.estimate_s:.3g} s of the {name} model"
+        for name, model in study.models.items()
+        if model.estimate_s > 0.0
+    ]
+    table = estimate_table(summary(study))
+    return f"{table}\n\nTime of the estimates: {', '.join(took)}." if took else table
 
 
 def summary(study: Study) -> dict[str, Any]:
@@ -192,7 +201,6 @@ def summary_table(content: Mapping[str, Any]) -> str:
     add("off-line time, ms", "{:.3g}", at("offline_s"), 1e3)
     if any(at("compilation_s")):
         add("compilation, once on a machine, ms", "{:.3g}", at("compilation_s"), 1e3)
-    add("time of the estimates, ms", "{:.3g}", at("estimate_s"), 1e3)
     for label, offline in (
         ("run time of the full model over this one's", False),
         ("the same with its off-line time", True),

@@ -2,8 +2,9 @@
 
 Structure and system follow from the scene. `describe` states what they are and how they respond to
 static loads; `choose` finds time steps and a reduced model for an accuracy, if the scene asks for
-one. Then, for each model of the scene, `make_model` runs it, `compare_with_full` compares it with
-the full model, `estimate_errors` estimates its errors, `count_mesh` adds those by the mesh,
+one. Then, for each model of the scene, `make_model` runs it, and `compare_with_full` compares it
+with the full model. All that is `run_models`. After it `estimated` goes through the models once
+more: `estimate_errors` estimates a model's errors, `count_mesh` adds those by the mesh,
 `compare_with_coulomb` says how far an arctan law takes it from Coulomb's. Each takes a study, which
 is frozen, and returns one that says more.
 """
@@ -91,6 +92,22 @@ def run_scene(
     KeyboardInterrupt
         If it is interrupted before the first model has run a step.
     """
+    study = run_models(scene, progress, checkpoints, folder, described=described)
+    return estimated(study, progress)
+
+
+def run_models(
+    scene: Scene,
+    progress: Progress = silent,
+    checkpoints: Checkpoints | None = None,
+    folder: Path | None = None,
+    *,
+    described: bool = True,
+) -> Study:
+    """Run the models that a scene asks for and compare them, without estimated errors.
+
+    Arguments, result and errors are those of `run_scene`.
+    """
     served = served_scene(scene)
     in_range = None if served is None else choose_in_range(scene, served, folder, progress)
     point = in_range if in_range is not None and in_range.model is not None else None
@@ -129,13 +146,21 @@ def _with_models(
         integrate = partial(integrate_plan, progress=labelled, checkpoint=checkpoint)
         study = make_model(name, study, choice, path, integrate)
         study = compare_with_full(study, name)
+        if study.ended:
+            break
+    return study
+
+
+def estimated(study: Study, progress: Progress = silent) -> Study:
+    """Study whose models have estimated errors, until that is interrupted."""
+    for name in study.models:
+        if study.interrupted:
+            break
         study = estimate_errors(study, name, progress)
         study = count_mesh(study, name, progress)
         study = compare_with_coulomb(study, name, progress)
         if (model := study.whole(name)) is not None:
             study = study.noting(*violated(study, model))
-        if study.ended:
-            break
     return study
 
 

@@ -11,6 +11,7 @@ import pytest
 from benchmarks import (
     brake_reuss,
     contact_points,
+    first_run,
     fits,
     growth,
     plates,
@@ -155,6 +156,17 @@ def test_benchmarks_of_steps_run(capsys):
     assert "times faster; error of the free end" in text
     assert text.count("refactoring each iteration") == 2
     assert text.count("reduced, ") == 6
+
+
+@pytest.mark.slow
+def test_the_benchmark_of_first_runs_runs(capsys):
+    first_run.main(["--quick"])
+    cells = capsys.readouterr().out.splitlines()[-1].split("|")[1:-1]
+    assert cells[0].strip() == "structure_harmonic"
+    first, _, compilation, compilations, functions, _, results, second, *_ = map(float, cells[2:])
+    assert 0.0 < compilation < results < first
+    assert compilations >= functions > 0.0
+    assert second < first
 
 
 def test_the_benchmark_of_solids_runs(capsys):

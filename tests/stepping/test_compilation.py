@@ -35,7 +35,7 @@ FORCES = """
         sigma = np.zeros(3)
         law.forces(np.full(3, 1e5), np.array([-1e-5, 0.0, 1e-5]), sigma)
         assert np.allclose(sigma, [-0.5, 0.0, 0.5], rtol=1e-15)
-        assert bool(law.forces.stats.cache_hits) == loaded
+        assert bool(law.forces.entry.stats.cache_hits) == loaded
 """
 
 
@@ -124,6 +124,24 @@ def test_compiled_code_is_kept_and_renewed_where_its_files_are_damaged(tmp_path)
         forked(forces, True)
     """
     assert errors_of(FORKED, FORCES, code, NUMBA_CACHE_DIR=str(tmp_path)) == ""
+
+
+@pytest.mark.slow
+def test_a_first_run_compiles_few_functions_and_keeps_what_python_calls(tmp_path):
+    """Parts of the time loop are translated once each, for each of their types."""
+    code = """
+        from pathlib import Path
+        from stepping_systems import of_stepper
+        from skfem_joint.ground.compiling import COMPILING
+        from skfem_joint.runs.integrate import integrate
+        for kind, most in (("chain", 80), ("dense", 135)):  # 74 and 125 today
+            integrate(of_stepper(kind), step=1e-5, n_steps=20)
+            assert COMPILING.count <= most, (kind, COMPILING.count)
+        files = Path(os.environ["NUMBA_CACHE_DIR"]).rglob("*.nbi")
+        kept = {file.name.partition("-")[0] for file in files}
+        assert kept == {"law._sigmas", "law.graph_parameters", "time_loop.time_loop"}, kept
+    """
+    assert errors_of("import os", code, NUMBA_CACHE_DIR=str(tmp_path)) == ""
 
 
 def test_without_a_folder_for_compiled_code_all_runs_and_it_is_said_once():
