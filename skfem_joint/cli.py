@@ -326,6 +326,7 @@ def _check(options: argparse.Namespace) -> int:
     from skfem_joint.study.against_opening import against_opening
     from skfem_joint.study.description import description_of
     from skfem_joint.study.models import plan_of, with_friction
+    from skfem_joint.study.named_parts import named_parts
 
     # Everything is checked before the scene is called valid.
     with _progress(options) as progress:
@@ -348,7 +349,7 @@ def _check(options: argparse.Namespace) -> int:
         flush=True,
     )
     description = description_of(scene)
-    print("\n".join(description.facts), flush=True)
+    print("\n".join([*description.facts, *named_parts(scene.structure())]), flush=True)
     tell((*scene.left_out, *left_out))
     tell(system.notes)
     tell((*description.doubts, *sweep_notes))

@@ -135,6 +135,9 @@ def test_check_says_what_each_joint_is_and_each_note_once(tmp_path, capsys):
     assert "1 body, 1000 elements of order 1." in lines
     (joint,) = [line for line in lines if line.startswith("Joint joint: 1100 contact points")]
     assert "Position 0.0025 m of its pressures is at (0.0025, 0, 0) m." in joint
+    assert "Regions: joint (1000 elements, 0.0125 m2)." in lines
+    (names,) = [line for line in lines if line.startswith("Boundaries: ")]
+    assert "fixed (10 sides, 0.05 m); free_end (10 sides, 0.05 m)" in names
     notes = [line for line in lines if line.startswith("Note: ")]
     assert len(notes) == len(set(notes)) == 2
     assert "is the mesh in metres?" in notes[0]

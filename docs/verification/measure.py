@@ -268,6 +268,7 @@ CLAIMS = {
         short=f"{BENCHMARKS}/condensed_points.py side --quick",
         timed=True,
     ),
+    "decks": Claim(f"{BENCHMARKS}/decks.py", 60, {"decks": printed}),
     "solids": Claim(f"{BENCHMARKS}/solids.py", 260, {"solids": printed}, timed=True),
     "large": Claim(f"{BENCHMARKS}/large.py", 120, {"large": printed}, timed=True),
     "contact-points": Claim(

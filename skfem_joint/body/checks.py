@@ -38,10 +38,12 @@ def wrong_name(mesh: NamedMesh, name: Any, kinds: Sequence[str], where: str) -> 
             f"{where}: found {name!r}, but nothing in the mesh has a name: name Physical Groups, "
             f"in Gmsh such as Physical Curve({name!r}) = {{1}}, Physical Surface, Physical Volume "
             "or Physical Point; save the mesh again"
+            + "".join(f"; {note}" for note in mesh.notes if repr(name) in note)
         ]
     has = "; ".join(f"{kind}: {listed(tables[kind])}" for kind in kinds)
     wrong = f"which is a {own_kinds[0]}" if own_kinds else "no such name in the mesh"
     hint = "" if own_kinds else closest(name, [n for kind in kinds for n in tables[kind]])
+    hint += "".join(f"; {note}" for note in mesh.notes if repr(name) in note)
     return [
         f"{where}: found {name!r}, {wrong}; a {' or '.join(kinds)} is needed; the mesh has {has}"
         f"{hint}"

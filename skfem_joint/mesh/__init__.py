@@ -1,8 +1,9 @@
 """Meshes with named parts, in every dimension: built, read, checked, merged, refined, written.
 
 `named` is the type of all meshes, `cells` the kinds of their elements. `building` makes bars,
-plates and boxes; `reading` reads files by meshio, after the checks of `gmsh` (which also writes)
-and `abaqus`; `straightening` says what straight edges in place of curved ones change.
+plates and boxes; `reading` reads files by meshio, after the checks of `gmsh` (which also writes),
+and those of Abaqus and CalculiX by `abaqus`, to which the modules that begin with `inp_` belong;
+`straightening` says what straight edges in place of curved ones change.
 """
 
 from skfem_joint.mesh.building import build_bar as build_bar

@@ -1,179 +1,399 @@
-"""Abaqus files: a check before meshio reads them.
+"""Meshes of Abaqus and CalculiX files (.inp), with their sets and surfaces as named groups.
 
-meshio takes the element sets of blocks by the number of the block, keeps the last of several blocks
-of nodes, sets and parts, passes over what it does not know, and ends a block at a comment. What it
-would read wrongly is refused here.
+`skfem_joint.mesh.inp_cards` takes the file apart, `inp_keywords` says which cards count,
+`inp_sets` keeps what they list, scope by scope. Here instances are put in their places, and sets
+become what meshio would have read, if it read them: cells, sets of cells and points.
 """
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-#: Parameters that are read right, by keyword; others change what a block means.
-_READ = {
-    "NODE": {"NSET"},
-    "ELEMENT": {"TYPE", "ELSET"},
-    "NSET": {"NSET", "GENERATE", "UNSORTED", "INTERNAL", "INSTANCE"},
-    "ELSET": {"ELSET", "GENERATE", "UNSORTED", "INTERNAL", "INSTANCE"},
-    "PART": {"NAME"},
-    "INSTANCE": {"NAME", "PART"},
-}
-#: Keywords that make or move nodes and elements and are not read.
-_MAKING = ("INCLUDE", "SYSTEM", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY")
-_OWN_FILES = "save each part, at its place, in a file of its own, and name all files"
-#: What to do about a second block or set.
-_ONCE = {
-    "NODE": "write all nodes in one block",
-    "PART": _OWN_FILES,
-    "INSTANCE": _OWN_FILES,
-    "NSET": "list all its nodes in one *NSET",
-    "ELSET": "list all its elements in one *ELSET, and leave ELSET out of every *ELEMENT",
-}
-#: Number of nodes of the elements that are read.
-_BARS = {"T2D2": 2, "T3D2": 2, "B21": 2, "B31": 2, "T2D3": 3, "T3D3": 3, "B22": 3, "B32": 3}
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.errors import listed
+from skfem_joint.mesh.inp_cards import Card, read_cards
+from skfem_joint.mesh.inp_elements import TYPES, ElementForm, plane_of, remark
+from skfem_joint.mesh.inp_keywords import sorted_out
+from skfem_joint.mesh.inp_sets import FARTHEST, NameSet, Scope, Surface
+from skfem_joint.mesh.inp_sides import OF_NO_ELEMENT, Sides
+from skfem_joint.mesh.named import check_count
+
+if TYPE_CHECKING:
+    import meshio
+
+#: Members of all sets together, of which each takes 8 bytes.
+_MOST_MEMBERS = 10**8
+#: Cards without lines of data.
+_BARE = ("PART", "END PART", "END INSTANCE", "ASSEMBLY", "END ASSEMBLY")
+#: What a name in use twice is told apart by.
+_KINDS = {"NSET": "nodes", "ELSET": "elements", "SURFACE": "surface"}
 
 
-def check_inp(text: str) -> str:
-    """Check an Abaqus file, and leave its comments out.
+@dataclass(frozen=True)
+class InpMesh:
+    """Mesh of a file as meshio would give it, and what the file says beside it.
+
+    Attributes
+    ----------
+    bodies : list of meshio.Mesh
+        Each bar, or all that is not bars, with cell sets as blocks and members by name.
+    notes : list of str
+        What is passed over, left out, or computed otherwise than its type says.
+    plane : str
+        State across a plate, "stress" or "strain"; "" of bars and solids.
+    """
+
+    bodies: list[meshio.Mesh]
+    notes: list[str]
+    plane: str
+
+
+def read_inp(path: Path) -> InpMesh:
+    """Read an Abaqus or CalculiX file.
 
     Raises
     ------
     ValueError
-        Says what meshio would read wrongly, with line, keyword and cure.
+        Says what is refused, with line, keyword and cure.
+    InputError
+        If the file cannot be read.
     """
-    scan, kept = _Scan(), []
-    for number, line in enumerate(text.splitlines(), 1):
-        content = line.strip()
-        if content and not content.startswith("**"):
-            scan.line = number
-            kept.append(scan.keyword(content[1:]) if content[0] == "*" else scan.data(content))
-    scan.not_empty()
-    return "\n".join([*kept, ""])
+    cards, notes = sorted_out(read_cards(path))
+    deck = _Deck()
+    for keyword, card in cards:
+        deck.read(keyword, card)
+    deck.ended()
+    return deck.mesh(notes)
 
 
 @dataclass
-class _Scan:
-    """What stands in the lines of a file up to one of them.
+class _PartOf:
+    """A part or an instance as it is read: its name and card, and the cards in it."""
+
+    name: str
+    card: Card
+    cards: list[tuple[str, Card]] = field(default_factory=list)
+    used: bool = False
+
+
+class _Deck:
+    """Parts, instances and all that stands outside of them."""
+
+    def __init__(self) -> None:
+        self.parts: dict[str, _PartOf] = {}
+        self.instances: dict[str, Scope] = {}
+        self.outside = Scope("", self.instances, self.nodes_of)
+        self.shifts: dict[str, list[FloatArray]] = {}  # shift, and axis and angle, by instance
+        self.open: _PartOf | None = None  # part or instance that has not ended
+        self.assembly: Card | None = None
+        self._nodes = np.zeros((0, 0), dtype=np.intp)
+
+    @property
+    def scopes(self) -> list[Scope]:
+        """All scopes, that outside of instances first."""
+        return [self.outside, *self.instances.values()]
+
+    def nodes_of(self, elements: IntArray) -> IntArray:
+        """Nodes of elements."""
+        return self._nodes[elements]
+
+    def read(self, keyword: str, card: Card) -> None:
+        """Take up the next card."""
+        if keyword in _BARE and card.body.strip():
+            card.refuse("has lines of data: is the file damaged?", card.first)
+        if keyword in ("PART", "INSTANCE"):
+            self._begin(keyword, card)
+        elif keyword in ("END PART", "END INSTANCE"):
+            self._end(keyword, card)
+        elif keyword in ("ASSEMBLY", "END ASSEMBLY"):
+            if self.open or (self.assembly is None) == (keyword == "END ASSEMBLY"):
+                card.refuse("stands where nothing begins or ends: is the file cut?")
+            self.assembly = card if keyword == "ASSEMBLY" else None
+        elif self.open is not None:
+            self.open.cards.append((keyword, card))
+        else:
+            self.outside.read(keyword, card)
+
+    def _begin(self, keyword: str, card: Card) -> None:
+        """Begin a part or an instance."""
+        name = card.name("NAME")
+        if self.open is not None:
+            last = self.open.card
+            card.refuse(f"*{last.keyword} of line {last.line} has not ended: is the file cut?")
+        known: Iterable[str] = self.parts if keyword == "PART" else self.instances
+        if name.upper() in known:
+            card.refuse(f"name {name!r} stands above already: give each its own")
+        self.open = _PartOf(name, card)
+        if keyword == "PART":
+            self.parts[name.upper()] = self.open
+            return
+        part = self.parts.get(card.name("PART").upper())
+        if part is None:
+            there = listed([each.name for each in self.parts.values()])
+            card.refuse(f"found part {card.name('PART')!r}, must be one that stands above: {there}")
+        part.used = True
+        self.open.cards += part.cards
+        self.shifts[name.upper()] = _shift(card)
+
+    def _end(self, keyword: str, card: Card) -> None:
+        """End a part or an instance; the cards of an instance are read now."""
+        kind, own = keyword.removeprefix("END "), self.open
+        if own is None or own.card.keyword != kind:
+            card.refuse(f"stands without *{kind} above: is the file cut?")
+        self.open = None
+        if kind == "INSTANCE":
+            scope = self.instances[own.name.upper()] = Scope(own.name, {}, self.nodes_of)
+            for inner, each in own.cards:
+                scope.read(inner, each)
+
+    def ended(self) -> None:
+        """Refuse a file that ends inside of a part, an instance or the assembly."""
+        last = self.open.card if self.open else self.assembly
+        if last is not None:
+            last.refuse(f"has no *END {last.keyword}: is the file cut?")
+
+    def mesh(self, notes: list[str]) -> InpMesh:
+        """The mesh; ``notes`` are added to."""
+        kinds = {kind: card for scope in self.scopes for kind, card in scope.kinds.items()}
+        spare = [part.name for part in self.parts.values() if not part.used]
+        if not kinds:
+            where = f"; no *INSTANCE places part {listed(spare)}" if spare else ""
+            raise ValueError(f"it holds no elements: write *NODE and *ELEMENT{where}")
+        if spare:
+            notes.append(f"part {listed(spare)} is left out, since no *INSTANCE places it")
+        form, plane = _one_form(kinds)
+        notes += [
+            f"elements of type {kind} {remark(kind)}" for kind in sorted(kinds) if remark(kind)
+        ]
+        places, owns = self._placed(form)
+        if form.name == "line3":
+            self._nodes = _inner_last(places, self._nodes)
+        found = _Groups(Sides(form, self._nodes, len(places)))
+        for scope in self.scopes:
+            found.add(scope)
+        notes += [f"{listed(names)} {why}: left out" for why, names in found.left_out.items()]
+        bodies = owns if form.dim == 1 else [slice(0, len(self._nodes))]
+        groups = found.named()
+        return InpMesh([_body(form, places, self._nodes, own, groups) for own in bodies], notes,
+                       plane)  # fmt: skip
+
+    def _placed(self, form: ElementForm) -> tuple[FloatArray, list[slice]]:
+        """Positions of all nodes, and the elements of each scope that has some."""
+        places, elements = list[FloatArray](), list[IntArray]()
+        n_nodes = n_elements = 0
+        for scope in self.scopes:
+            scope.placed(n_nodes, n_elements)
+            places.append(_moved(scope.places, self.shifts.get(scope.name.upper(), [])))
+            elements.append(scope.nodes_of_elements(form))
+            n_nodes, n_elements = n_nodes + len(places[-1]), n_elements + len(elements[-1])
+        self._nodes = np.concatenate(elements)
+        ends = np.cumsum([0, *map(len, elements)]).tolist()
+        owns = [slice(*pair) for pair in pairwise(ends)]
+        return np.concatenate(places), [own for own in owns if own.start < own.stop]
+
+
+@dataclass(frozen=True)
+class _Group:
+    """A named group.
 
     Attributes
     ----------
-    line : int
-        Number of the line.
-    key, values : str, dict
-        Last keyword, and its parameters.
-    rows : int
-        Lines of data since then.
-    first : dict
-        First line of each block of which there may be one, by keyword and name of the set.
-    numbers : dict
-        Numbers of all nodes and elements, by keyword.
+    scope, kind, name, card : str, str, str, Card
+        Instance, kind of set, name and first card.
+    what : {"elements", "sides", "nodes"}
+        What ``members`` are: elements (n,), corners of sides (n, corners), or nodes (n,).
+    members : ndarray of int
     """
 
-    line: int = 0
-    key: str = ""
-    values: dict[str, str] = field(default_factory=dict)
-    rows: int = 0
-    first: dict[tuple[str, str], int] = field(default_factory=dict)
-    numbers: dict[str, set[int]] = field(default_factory=lambda: {"NODE": set(), "ELEMENT": set()})
+    scope: str
+    kind: str
+    name: str
+    card: Card
+    what: str
+    members: IntArray
 
-    def refuse(self, reason: str) -> None:
-        """Raise ValueError for this line."""
-        raise ValueError(f"line {self.line}: *{self.key}: {reason}")
 
-    def not_empty(self) -> None:
-        """Refuse a block that ends without data."""
-        if self.rows == 0 and self.key in ("ELEMENT", "NSET", "ELSET"):
-            self.refuse("the block before has no members: take it out")
+class _Groups:
+    """Groups that sets and surfaces become, and names of those that become none, by the reason."""
 
-    def keyword(self, content: str) -> str:
-        """Check a line with a keyword, and write it as meshio reads it."""
-        self.not_empty()
-        words = [word.strip() for word in content.split(",")]
-        self.key, self.rows = words[0].upper(), 0
-        if self.key in _MAKING:
-            self.refuse("is not read: save the file with all nodes and elements written out")
-        if self.key not in _READ:
-            return f"*{self.key}"
-        pairs = (word.partition("=") for word in words[1:])
-        self.values = {key.strip().upper(): value.strip(' "') for key, _, value in pairs}
-        for name in self.values:
-            if not name:
-                self.refuse("goes on in the next line: write it in one line")
-            if name not in _READ[self.key]:
-                self.refuse(f"{name} is not read: save the file without it")
-        if self.key in ("NODE", "PART", "INSTANCE"):
-            self.once(self.key)
-        for kind in ("NSET", "ELSET"):
-            if kind in self.values:
-                self.once(kind, self.values[kind])
-        if self.key == "ELEMENT":
-            kind = self.values["TYPE"] = self.values.get("TYPE", "").upper()
-            if kind.removesuffix("H") not in _BARS:
-                self.refuse(
-                    f"type {kind or 'missing'}: from .inp files only bars are read, of types "
-                    f"{', '.join(_BARS)}; save a .msh"
+    def __init__(self, sides: Sides) -> None:
+        self.sides, self.size = sides, 0
+        self.groups: list[_Group] = []
+        self.left_out: dict[str, list[str]] = {}
+
+    def add(self, scope: Scope) -> None:
+        """Add sets and surfaces of a scope, but internal ones."""
+        every: list[tuple[str, NameSet | Surface]] = [
+            *((kind, each) for kind, table in scope.sets.items() for each in table.values()),
+            *(("SURFACE", each) for each in scope.surfaces.values()),
+        ]
+        shown = [(kind, each) for kind, each in every if not each.internal]
+        check_count(len(self.groups) + len(shown))
+        for kind, each in shown:
+            if isinstance(each, Surface):
+                what, members = self._of_surface(each)
+            else:
+                what, members = self._of_set(kind, each.members())
+            if isinstance(members, str):
+                name = f"{scope.name}.{each.name}" if scope.name else each.name
+                self.left_out.setdefault(members, []).append(name)
+                continue
+            self.size += members.size
+            if self.size > _MOST_MEMBERS:
+                each.card.refuse(f"all sets together have more than {_MOST_MEMBERS} members")
+            self.groups.append(_Group(scope.name, kind, each.name, each.card, what, members))
+
+    def _of_set(self, kind: str, members: IntArray) -> tuple[str, IntArray | str]:
+        """What a set becomes, and its members or why it becomes nothing."""
+        if not members.size:
+            return "", f"{'with' if kind == 'NSET' else 'of elements with'} no members"
+        if kind == "ELSET":
+            return "elements", members
+        if self.sides.form.dim > 1 and members.size > 1:
+            return "sides", self.sides.of_nodes(members)
+        return "nodes", members if self.sides.used[members].all() else OF_NO_ELEMENT
+
+    def _of_surface(self, surface: Surface) -> tuple[str, IntArray | str]:
+        """The same of a surface."""
+        if surface.nodes is not None:
+            return self._of_set("NSET", surface.nodes.members())
+        labels, parts = self.sides.form.sides, list[IntArray]()
+        for label, own, line in surface.faces:
+            elements = own.members()
+            if label and label not in labels:
+                surface.card.refuse(
+                    f"found face {label[:40]!r}, must be one of {', '.join(labels)}", line
                 )
-            if ("*ELSET", "") in self.first:
-                self.refuse("stands after an *ELSET: write all elements before the first")
-            unnamed = self.first.get(("unnamed", ""))
-            if "ELSET" not in self.values:
-                self.first.setdefault(("unnamed", ""), self.line)
-            elif unnamed:
-                self.refuse(f"has an ELSET, which the block at line {unnamed} lacks: give it one")
-        elif self.key == "ELSET":
-            self.first.setdefault(("*ELSET", ""), self.line)
-        words = [f"{name}={value}" if value else name for name, value in self.values.items()]
-        return ", ".join([f"*{self.key}", *words])
-
-    def once(self, kind: str, name: str = "") -> None:
-        """Refuse a second block or set; case does not distinguish names."""
-        first = self.first.setdefault((kind, name.upper()), self.line)
-        if first != self.line:
-            what = f"set {name!r} stands" if name else "stands"
-            self.refuse(f"{what} in line {first} already: {_ONCE[kind]}")
-
-    def data(self, content: str) -> str:
-        """Check a line of data, and give it back."""
-        self.rows += 1
-        if self.key == "INSTANCE":
-            self.refuse(f"its part is moved, which is not read: {_OWN_FILES}")
-        if self.key not in ("NODE", "ELEMENT", "NSET", "ELSET"):
-            return content
-        words = [word.strip() for word in content.rstrip(", ").split(",")]
-        words = words[:1] if self.key == "NODE" else words
-        if not all(re.fullmatch(r"[0-9]+", word) for word in words):
-            self.refuse(f"found {content[:40]!r}, must be numbers: list the members of sets")
-        numbers = [int(word) for word in words]
-        if self.key == "NODE":
-            self.numbers["NODE"].add(numbers[0])
-        elif self.key == "ELEMENT":
-            if len(numbers) != 1 + _BARS[self.values["TYPE"].removesuffix("H")]:
-                self.refuse(
-                    f"found {len(numbers)} numbers, must be those of an element and its nodes"
+            if label:
+                parts.append(self.sides.numbered(elements, label))
+                continue
+            of_set = self.sides.free(elements)
+            if not self.sides.are_free(of_set):
+                surface.card.refuse(
+                    "without a face these are the free sides of the elements, and some of those "
+                    f"touch other elements: name the faces, {', '.join(labels)}",
+                    line,
                 )
-            if numbers[0] in self.numbers["ELEMENT"]:
-                self.refuse(f"element {numbers[0]} stands twice: number all elements anew")
-            self.numbers["ELEMENT"].add(numbers[0])
-            self.known("NODE", numbers[1:])
-        else:
-            members: Sequence[int] = numbers
-            if "GENERATE" in self.values:
-                if len(numbers) != 3 or self.rows > 1 or not numbers[2]:
-                    self.refuse("GENERATE needs one line of first, last and increment: 5, 12, 1")
-                members = range(numbers[0], numbers[1] + 1, numbers[2])
-                if len(members) > 10**7:
-                    self.refuse(f"found {len(members)} members, must be at most 10000000")
-            # Elements that a range names and that are not there are left out, as by Abaqus.
-            if self.key == "NSET":
-                self.known("NODE", members)
-            elif members is numbers:
-                self.known("ELEMENT", members)
-        return content
+            parts.append(of_set)
+        sides = np.concatenate(parts)
+        if not sides.size:
+            return "", "with no members"
+        return ("nodes", np.unique(sides)) if self.sides.form.dim == 1 else ("sides", sides)
 
-    def known(self, kind: str, numbers: Sequence[int]) -> None:
-        """Refuse numbers that no node or element above has."""
-        unknown = next((n for n in numbers if n not in self.numbers[kind]), None)
-        if unknown is not None:
-            self.refuse(f"{kind.lower()} {unknown} does not stand above: write *{kind} first")
+    def named(self) -> dict[str, _Group]:
+        """Groups by the names that they get.
+
+        A name has the instance before it where it stands in several scopes, and its kind behind
+        it where sets of several kinds in a scope have it.
+        """
+        scopes, kinds = dict[str, set[str]](), Counter[tuple[str, str]]()
+        for group in self.groups:
+            scopes.setdefault(group.name.upper(), set()).add(group.scope)
+            kinds[group.scope, group.name.upper()] += 1
+        named = dict[str, _Group]()
+        for group in self.groups:
+            name, key = group.name, group.name.upper()
+            if group.scope and len(scopes[key]) > 1:
+                name = f"{group.scope}.{name}"
+            if kinds[group.scope, key] > 1:
+                name = f"{name} ({_KINDS[group.kind]})"
+            if name in named:
+                group.card.refuse(f"name {name!r} comes about twice: give each its own")
+            named[name] = group
+        return named
+
+
+def _body(
+    form: ElementForm, places: FloatArray, nodes: IntArray, own: slice, groups: dict[str, _Group]
+) -> meshio.Mesh:
+    """Mesh of some elements, with their groups."""
+    import meshio
+
+    cells: list[tuple[str, IntArray]] = [(form.name, nodes[own])]
+    cell_sets, points = dict[str, dict[int, IntArray]](), dict[str, IntArray]()
+    used = np.zeros(len(places), dtype=np.bool_)
+    used[nodes[own]] = True
+    for name, group in groups.items():
+        if group.what == "elements":
+            inside = group.members[(group.members >= own.start) & (group.members < own.stop)]
+            if inside.size:
+                cell_sets[name] = {0: inside - own.start}
+        elif group.what == "sides":
+            cell_sets[name] = {len(cells): np.arange(len(group.members))}
+            cells.append((form.side_name, group.members))
+        elif used[group.members].any():
+            points[name] = group.members[used[group.members]]
+    mesh = meshio.Mesh(places, cells, point_sets=points)
+    mesh.cell_sets = cell_sets  # as blocks and members, which its constructor does not take
+    return mesh
+
+
+def _one_form(kinds: Mapping[str, Card]) -> tuple[ElementForm, str]:
+    """Shape of all elements, and the state across a plate; refuses several of either."""
+    first, *others = kinds
+    for kind in others:
+        one, other = TYPES[first], TYPES[kind]
+        where = f"elements of type {first} stand in line {kinds[first].line}"
+        if one.dim != other.dim:
+            kinds[kind].refuse(
+                f"type {kind}: {where}, and a mesh holds bars, plates or solids alone: take "
+                "elements of other kinds out, or save each body in a file of its own"
+            )
+        if one != other:
+            kinds[kind].refuse(
+                f"type {kind}: {where}, and all elements must have the same shape and order: mesh "
+                "one of them anew"
+            )
+        if plane_of(first) != plane_of(kind):
+            kinds[kind].refuse(
+                f"type {kind}: {where}, and a mesh has plane stress or plane strain: choose one"
+            )
+    return TYPES[first], plane_of(first)
+
+
+def _shift(card: Card) -> list[FloatArray]:
+    """Shift of an instance, and the two ends of an axis with an angle in degrees, if given."""
+    values, counts = card.numbers
+    sizes = counts.tolist()
+    if sizes not in ([], [3], [7], [3, 7]) or not (np.abs(values) < FARTHEST).all():
+        card.refuse(
+            "has a line with a shift, of three numbers, and one with two points of an axis and an "
+            f"angle, of seven, below {FARTHEST:g}; both may be missing",
+            card.first,
+        )
+    parts = np.split(values, np.cumsum(sizes)[:-1])
+    for ends in parts:
+        if ends.size == 7 and np.linalg.norm(ends[:3] - ends[3:6]) < 1.0 / FARTHEST:
+            card.refuse("both points of the axis lie in one place", card.line_of(len(sizes) - 1))
+    return parts if sizes else []
+
+
+def _moved(places: FloatArray, shift: list[FloatArray]) -> FloatArray:
+    """Positions (n, 3), first shifted, then turned about an axis."""
+    for part in shift:
+        if part.size == 3:
+            places = places + part
+            continue
+        start, along = part[:3], part[3:6] - part[:3]
+        turn = Rotation.from_rotvec(np.radians(part[6]) * along / np.linalg.norm(along))
+        places = turn.apply(places - start) + start
+    return places
+
+
+def _inner_last(places: FloatArray, nodes: IntArray) -> IntArray:
+    """Nodes (n, 3) of bars with the one between the ends last, as in Gmsh.
+
+    Programs write it in different places: it is the one opposite to the longest side.
+    """
+    x = places[nodes]
+    opposite = np.linalg.norm(np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1), axis=-1)
+    order = np.array([[1, 2, 0], [0, 2, 1], [0, 1, 2]])[opposite.argmax(axis=1)]
+    return np.take_along_axis(nodes, order, axis=1)

@@ -47,6 +47,8 @@ class NamedMesh:
         Files that the mesh was read from, "" for a mesh built in memory.
     notes : tuple of str
         Sentences on repairs that changed the geometry and on groups that were left out.
+    plane : {"", "stress", "strain"}
+        State across a plate, where the file says it.
     """
 
     mesh: skfem.Mesh
@@ -56,6 +58,7 @@ class NamedMesh:
     body: IntArray
     path: str = ""
     notes: tuple[str, ...] = ()
+    plane: str = ""
 
     @property
     def dim(self) -> int:
@@ -381,6 +384,12 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
         for i, j in combinations(range(len(meshes)), 2)
         for group in sorted(names[i] & names[j])
     ]
+    planes = {each.plane for each in meshes if each.plane}
+    if len(planes) > 1:
+        problems.append(
+            f"{', '.join(titles)}: some elements are of plane stress and some of plane strain: "
+            "write all with the same types"
+        )
     refuse(problems)
     counts = [(each.n_elements, len(each.coordinates), each.body.max() + 1) for each in meshes]
     before = np.cumsum([(0, 0, 0), *counts[:-1]], axis=0).tolist()
@@ -413,8 +422,9 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
         raise InputError(f"{', '.join(titles)}: {error}") from error
     return replace(
         mesh,
-        path=", ".join(each.path for each in meshes if each.path),
-        notes=tuple(note for each in meshes for note in each.notes),
+        path=", ".join(dict.fromkeys(each.path for each in meshes if each.path)),
+        notes=tuple(dict.fromkeys(note for each in meshes for note in each.notes)),
+        plane="".join(planes),
     )
 
 
@@ -473,4 +483,4 @@ def refined(mesh: NamedMesh) -> NamedMesh:
         points=mesh.points,
         body=np.repeat(mesh.body, 2**mesh.dim),
     )
-    return replace(fine, path=mesh.path, notes=mesh.notes)
+    return replace(fine, path=mesh.path, notes=mesh.notes, plane=mesh.plane)

@@ -1,8 +1,9 @@
 """Reads mesh files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
 
-meshio reads them, since ``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file
-holds twice, loses groups inside a mesh and boundaries of second-order files, and drops a kind of
-cell if a file mixes two.
+Files of Abaqus and CalculiX are read by `skfem_joint.mesh.abaqus`. meshio reads those
+of Gmsh, since ``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file holds
+twice, loses groups inside a mesh and boundaries of second-order files, and drops a kind of cell if
+a file mixes two.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.files import read_whole
 from skfem_joint.ground.values import POSITIVE
-from skfem_joint.mesh.abaqus import check_inp
+from skfem_joint.mesh.abaqus import read_inp
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
 from skfem_joint.mesh.gmsh import Groups, check_msh
 from skfem_joint.mesh.named import NamedMesh, check_finite, from_parts, merged, not_a_side
@@ -39,11 +40,13 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
 
     Gmsh files of format 2.2 or 4.1, ASCII or binary, are read: physical groups of the elements
     become regions, those of their sides boundaries, physical points points; of a bar several
-    points with one name are a boundary. Bars are also read from Abaqus files (.inp), with element
-    sets as regions and node sets as points and boundaries. Bodies that share no nodes, in the same
-    file or in several, stay separate even if they overlap. A file of lines is a straight bar in
-    space; its first end is that with the lexicographically smaller position. Plane meshes lie in a
-    plane z = const.
+    points with one name are a boundary. Files of Abaqus and CalculiX (.inp) are read, with element
+    sets as regions, surfaces as boundaries, and node sets as points, or as boundaries where their
+    nodes make up whole sides; the instance stands before a dot where several have a name;
+    materials, steps and contact are passed over with a note. Bodies that share no nodes, in the
+    same file or in several, stay separate even if they overlap. A file of lines is a straight bar
+    in space; its first end is that with the lexicographically smaller position. Plane meshes lie in
+    a plane z = const.
 
     Repairs: cells that a file repeats for each of their groups are merged and belong to all these
     groups; nodes that no element uses are dropped; mirrored elements are turned over; lines of
@@ -83,13 +86,26 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     problems: list[str] = []
     for file in map(Path, paths):
         try:
-            meshes.append(_named_mesh(_read(file), str(file), scale))
+            meshes += _meshes_of(file, scale)
         except InputError as error:
             problems += error.problems
         except ValueError as error:
             problems.append(f"{file}: {error}")
     refuse(problems)
     return meshes[0] if len(meshes) == 1 else merged(meshes)
+
+
+def _meshes_of(file: Path, scale: float) -> list[NamedMesh]:
+    """Meshes of a file: each bar of an Abaqus file, or all that it holds."""
+    if not file.is_file():
+        wrong = "not a file" if file.exists() else "no such mesh file"
+        raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
+    if file.suffix.lower() != ".inp":
+        return [_named_mesh(_read(file), str(file), scale)]
+    found = read_inp(file)
+    meshes = [_named_mesh(body, str(file), scale) for body in found.bodies]
+    notes = tuple(f"{file}: {note}" for note in found.notes)
+    return [replace(each, notes=each.notes + notes, plane=found.plane) for each in meshes]
 
 
 def _read(file: Path) -> meshio.Mesh:
@@ -100,11 +116,7 @@ def _read(file: Path) -> meshio.Mesh:
     """
     import meshio
 
-    if not file.is_file():
-        wrong = "not a file" if file.exists() else "no such mesh file"
-        raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
-    data, inp = read_whole(file), file.suffix.lower() == ".inp"
-    content = check_inp(data.decode("utf-8-sig", "replace")).encode() if inp else data
+    data = read_whole(file)
     # Exceptions that meshio's parsers raise for damaged files, besides its own ReadError and exit.
     failures = (
         *(SystemExit, meshio.ReadError, struct.error),
@@ -122,10 +134,8 @@ def _read(file: Path) -> meshio.Mesh:
             # numpy 2 refuses such texts; version 1 warns and goes on with other numbers.
             for damage in ("string or file could not be read", "NumPy will stop allowing"):
                 warnings.filterwarnings("error", damage, DeprecationWarning)
-            if inp:
-                return _inner_last(_through_meshio(content, "abaqus"))
-            content, tags, groups = check_msh(content)
-            raw = _through_meshio(content, "gmsh")
+            content, tags, groups = check_msh(data)
+            raw = _through_meshio(content)
             raw.cell_sets = _members(raw, groups)
             order = np.argsort(tags)  # nodes are numbered as in the file
             raw.points = raw.points[order]
@@ -139,33 +149,19 @@ def _read(file: Path) -> meshio.Mesh:
             reason = f"it refers to something that it does not define ({error})"
         raise InputError(
             f"{file}: cannot be read as a mesh: {reason}. Readable are whole Gmsh files of format "
-            "2.2 or 4.1 (.msh) and Abaqus files (.inp)"
+            "2.2 or 4.1 (.msh) and files of Abaqus or CalculiX (.inp)"
         ) from error
     return raw
 
 
-def _through_meshio(content: bytes, file_format: str) -> meshio.Mesh:
+def _through_meshio(content: bytes) -> meshio.Mesh:
     """Mesh that meshio reads from a file with this content."""
     import meshio
 
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "mesh"
         copy.write_bytes(content)
-        return meshio.read(copy, file_format=file_format)
-
-
-def _inner_last(raw: meshio.Mesh) -> meshio.Mesh:
-    """Mesh of bars whose three-node lines have the node between the ends last, as in Gmsh.
-
-    Abaqus writes it between them, meshio last: the node opposite to the longest side is taken.
-    """
-    for block in raw.cells:
-        if block.type == "line3" and len(block.data):
-            x = raw.points[block.data]
-            opposite = np.linalg.norm(np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1), axis=-1)
-            order = np.array([[1, 2, 0], [0, 2, 1], [0, 1, 2]])[opposite.argmax(axis=1)]
-            block.data = np.take_along_axis(block.data, order, axis=1)
-    return raw
+        return meshio.read(copy, file_format="gmsh")
 
 
 def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, IntArray]]:

@@ -159,6 +159,12 @@ class Structure:
         except InputError as error:
             wrong += error.problems
         wrong += [*self._damping_problems(), *self._support_problems()]
+        if self.mesh.plane not in ("", self.plane):
+            wrong.append(
+                f"plane: found {self.plane!r}, but the elements of the mesh file are of plane "
+                f"{self.mesh.plane}: give plane = {self.mesh.plane!r}, in [section] of a scene, or "
+                "save them as the other type"
+            )
         wrong += joint_problems(self.mesh, self.joints)
         refuse(wrong or clamp_problems(self.mesh, self.joints, self.bolts))
         if like is not None:

@@ -2,15 +2,27 @@
 
 import math
 import random
+import time
 import tracemalloc
 from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
-from mesh_files import KINDS, Cells, assert_same, msh22, saved, sizes, strip, tip_compliance
+from inp_files import TYPES, WAYS, Writer, deck_of, mesh_of
+from mesh_files import (
+    KINDS,
+    Cells,
+    assert_same,
+    boundary_sizes,
+    msh22,
+    region_sizes,
+    saved,
+    sizes,
+    strip,
+    tip_compliance,
+)
 from stability.mutated import damaged
-from test_abaqus import BLOCKS, FIXED, NODE, TIP
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, build_bar, load_meshes, write_mesh
@@ -22,7 +34,6 @@ NODES = [(0.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0)]
 NAMES = '0 3 "fixed"\n0 4 "free_end"\n1 1 "joint"\n1 2 "linear"\n'
 LINES: Cells = [(15, 3, [1]), (15, 4, [4]), (1, 1, [1, 2]), (1, 2, [2, 3]), (1, 2, [3, 4])]
 GOOD = msh22(NODES, LINES, NAMES)
-ABAQUS = "\n".join([*NODE, *BLOCKS, *FIXED, *TIP, ""]).encode()
 SMALL = build_bar([("joint", 0.1, 2), ("linear", 0.5, 2)], {"fixed": 0.0})
 
 
@@ -141,14 +152,11 @@ def test_a_file_cut_anywhere_is_refused_or_whole(tmp_path, kind):
 def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order):
     """No other exception, no warning, and every element has its size and direction."""
     rng = random.Random(f"{kind} {order}")
-    files = [(data, "mesh.msh") for data in files_of_all_kinds(strip(kind, order), tmp_path)]
-    if kind == "line":
-        files.append((ABAQUS, "mesh.inp"))
     refused, count = 0, 25 if kind in ("tetrahedron", "hexahedron") else 60
-    for data, name in files:
-        assert isinstance(mesh_or_refusal(saved(tmp_path, data, name)), NamedMesh)
+    for data in files_of_all_kinds(strip(kind, order), tmp_path):
+        assert isinstance(mesh_or_refusal(saved(tmp_path, data)), NamedMesh)
         for _ in range(count):
-            mesh = mesh_or_refusal(saved(tmp_path, damaged(data, rng, TOKENS), name))
+            mesh = mesh_or_refusal(saved(tmp_path, damaged(data, rng, TOKENS)))
             if isinstance(mesh, str):
                 refused += 1
                 continue
@@ -158,3 +166,94 @@ def test_damage_anywhere_gives_a_proper_mesh_or_a_refusal(tmp_path, kind, order)
                 assert tip_compliance(mesh) == pytest.approx(mesh.size, rel=1e-6)
                 assert math.dist(*mesh.coordinates[[0, -1]]) == pytest.approx(mesh.size, rel=1e-9)
     assert refused > count
+
+
+#: Words that stand in files of Abaqus and CalculiX.
+WORDS = ("nan", "-1", "0", "1", "2", "1.5", "1e400", "4294967296", "18446744073709551616", "x", "",
+         "*NODE", "*ELEMENT,", "*END PART", "*STEP", "TYPE=C3D8", "TYPE=B31", "GENERATE", "NSET=A",
+         "**", ",", '"', "S1", "S7", "ELSET=lower_lap,", "INSTANCE=Body-1,")  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("what", TYPES)
+@pytest.mark.parametrize("way", WAYS)
+def test_damaged_abaqus_files_are_refused_or_meshes(tmp_path, what, way):
+    """Six hundred files: no other exception, bounded memory and time, elements of proper size."""
+    number = [*WAYS].index(way)
+    kind = TYPES[what][number % len(TYPES[what])]
+    path = Writer(deck_of(mesh_of(what, kind), kind), WAYS[way], number).written(tmp_path)
+    data, rng, refused = path.read_bytes(), random.Random(f"{what} {way}"), 0
+    for _ in range(10):
+        path.write_bytes(damaged(data, rng, WORDS))
+        start = time.process_time()
+        mesh = refused_within(path, 100e6)
+        assert time.process_time() - start < 10.0
+        refused += isinstance(mesh, str)
+        assert isinstance(mesh, str) or np.all(sizes(mesh) > 0.0)
+    assert refused > 0
+
+
+def volumes_and_areas(text: str) -> dict[str, float]:
+    """Volumes of sets and areas of surfaces of a plain file of tetrahedra, line by line."""
+    nodes, elements = dict[str, np.ndarray](), dict[str, list[str]]()
+    sets, faces = dict[str, set[str]](), dict[str, set[tuple[str, str]]]()
+    card: list[str] = [""]
+    for line in text.splitlines():
+        words = [word.strip() for word in line.upper().split(",")]
+        if line.strip().startswith("*"):
+            card = words if not line.strip().startswith("**") else card
+            continue
+        name = next((word.partition("=")[2].strip() for word in card[1:] if "SET" in word), "")
+        name = next((word.partition("=")[2].strip() for word in card if word[:4] == "NAME"), name)
+        if not line.strip():
+            continue
+        if card[0] == "*NODE":
+            nodes[str(int(float(words[0])))] = np.array([float(x or 0) for x in words[1:4]])
+        elif card[0] == "*ELEMENT":
+            numbers = [str(int(float(word))) for word in words if word]
+            elements[numbers[0]] = numbers[1:5]
+            sets.setdefault(name, set()).add(numbers[0])
+        elif card[0] == "*ELSET":
+            sets.setdefault(name, set()).update(str(int(float(word))) for word in words if word)
+        elif card[0] == "*SURFACE":
+            of_set = sets.get(words[0], {words[0]})
+            faces.setdefault(name, set()).update((element, words[1]) for element in of_set)
+    found = {}
+    for name, members in sets.items():
+        corners = np.array([[nodes[node] for node in elements[element]] for element in members])
+        edges = corners[:, 1:] - corners[:, :1]
+        found[name] = float(np.abs(np.linalg.det(edges)).sum() / 6.0)
+    for name, sides in faces.items():
+        of_side = {"S1": (0, 1, 2), "S2": (0, 3, 1), "S3": (1, 3, 2), "S4": (2, 3, 0)}
+        corners = np.array([[nodes[elements[e][k]] for k in of_side[side]] for e, side in sides])
+        edges = corners[:, 1:] - corners[:, :1]
+        found[name] = float(np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2.0)
+    return found
+
+
+@pytest.mark.slow
+def test_a_damaged_abaqus_file_that_is_read_has_the_sizes_that_it_says(tmp_path):
+    """A hundred damaged files; what they say is read anew here, line by line."""
+    path = Writer(deck_of(mesh_of("solids", "C3D10"), "C3D10"), WAYS["plain"]).written(tmp_path)
+    data, rng, read = path.read_bytes(), random.Random(1), 0
+    for _ in range(100):
+        path.write_bytes(damaged(data, rng, WORDS))
+        mesh = mesh_or_refusal(path)
+        if isinstance(mesh, str):
+            continue
+        read += 1
+        said = volumes_and_areas(path.read_text(encoding="latin-1"))
+        for name, size in (region_sizes(mesh) | boundary_sizes(mesh)).items():
+            assert size == pytest.approx(said[name.upper()], rel=1e-9)
+    assert read > 5
+
+
+@pytest.mark.slow
+def test_a_cut_abaqus_file_of_parts_is_refused(tmp_path):
+    """One without parts is whole wherever it ends with a line, as the programs have it too."""
+    kind = "C3D10"
+    path = Writer(deck_of(mesh_of("solids", kind), kind), WAYS["parts"]).written(tmp_path)
+    data = path.read_bytes()
+    for length in range(0, len(data) - 14, 211):
+        path.write_bytes(data[:length])
+        assert isinstance(mesh_or_refusal(path), str)
