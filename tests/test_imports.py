@@ -17,7 +17,8 @@ import skfem_joint
 PACKAGE = Path(skfem_joint.__file__).parent
 #: A module may import from its own folder and from those before it; "" is that of the commands.
 FOLDERS = [
-    *("ground", "linalg", "system", "mesh", "body", "joint", "structure", "minimise", "stepping"),
+    *("ground", "matrix_files", "linalg", "system", "mesh", "body", "joint", "structure"),
+    *("minimise", "stepping"),
     *("slow", "steady", "runs", "reduction", "scene", "reduction.scaled", "results", "accuracy"),
     *("vibration", "fitting", "study", "output", ""),
 ]

@@ -22,6 +22,7 @@ PASSES = (
 #: Folders in the order in which they may be imported, with what is in them.
 FOLDERS = (
     ("ground", "errors, files, arrays, loads, progress"),
+    ("matrix_files", "K and M of other programs"),
     ("linalg", "factors, Schur complements, bands"),
     ("system", "System, Contact, slips, modes"),
     ("mesh", "named meshes: read, check, build"),

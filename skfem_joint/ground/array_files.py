@@ -69,7 +69,7 @@ class _Stored(NamedTuple):
     size: int
 
 
-def read_array(folder: Path, name: str) -> Any:
+def read_array(folder: Path, name: str, ending: str | None = None) -> Any:
     """Array of doubles, sparse if it is stored so, from a .npz, .mtx, .mat or .csv file.
 
     Parameters
@@ -77,7 +77,9 @@ def read_array(folder: Path, name: str) -> Any:
     folder : Path
         Folder to which the name of the file is relative.
     name : str
-        Name of the file. Its ending states its kind; ``"model.mat:K"`` names a variable.
+        Name of the file; ``"model.mat:K"`` names a variable.
+    ending : str, optional
+        The ending of such files, where that of the name is another; it states the kind of a file.
 
     Returns
     -------
@@ -90,10 +92,11 @@ def read_array(folder: Path, name: str) -> Any:
         If the file cannot be read, is of another kind, is damaged, or has no such variable, and if
         its values are not real numbers.
     """
-    named = re.fullmatch(r"(.+\.(?:mat|npz)):(\w+)", name, re.IGNORECASE)
+    known = r"(.{2,}):(\w+)" if ending in (".mat", ".npz") else r"(.+\.(?:mat|npz)):(\w+)"
+    named = re.fullmatch(known, name, re.IGNORECASE)
     file, variable = named.groups() if named else (name, None)
     path = folder / file
-    kind = path.suffix.lower()
+    kind = ending or path.suffix.lower()
     if kind not in _READERS:
         raise InputError(
             f"{path}: unknown ending {path.suffix!r}, must be one of {', '.join(_READERS)}"
@@ -107,7 +110,7 @@ def read_array(folder: Path, name: str) -> Any:
             for harmless in (DeprecationWarning, PendingDeprecationWarning, FutureWarning):
                 warnings.simplefilter("ignore", harmless)
             stored = _READERS[kind](content)
-            array = stored.read(_chosen(stored.names, variable, path, file))
+            array = stored.read(chosen(stored.names, variable, path, file))
             return _doubles(array, stored.size)
     except _NotRealError as error:
         raise InputError(f"{path}: {error}") from error
@@ -118,9 +121,9 @@ def read_array(folder: Path, name: str) -> Any:
         raise InputError(f"{path}: is damaged, or no such file: {reason}{cure}") from error
 
 
-def _chosen(names: tuple[str, ...], variable: str | None, path: Path, file: str) -> str:
+def chosen(names: tuple[str, ...], variable: str | None, path: Path, file: str) -> str:
     """Name of the array to be read; InputError if none or several of the file's names fit."""
-    if not names and path.suffix.lower() in (".npz", ".mat") and variable is not None:
+    if not names and variable is not None:
         raise InputError(f"{path}: holds one sparse matrix without a name; leave ':{variable}' out")
     if not names or (variable is None and len(names) == 1):
         return names[0] if names else ""

@@ -2,9 +2,10 @@
 
 `scene` has the whole scene and builds its structure and system; `tables`, `joint_tables`,
 `matrices`, `range_table` and `sweep_table` have its tables, with the keys and their meanings;
-`values` has the types of values; `reading` reads files; `messages` words mistakes; `keys` is the
-reference of keys; `changes` makes scenes with other values, `rewriting` puts them into a scene's
-text; `shipped` has the scenes that come with the package.
+`named_unknowns` finds nodes and directions of matrices; `values` has the types of values; `reading`
+reads files; `messages` words mistakes; `keys` is the reference of keys; `changes` makes scenes with
+other values, `rewriting` puts them into a scene's text; `shipped` has the scenes that come with the
+package.
 
 All units are SI units. Unknown keys, NaN and infinity are refused. The tables check everything that
 does not depend on the mesh; the structure that is built from them checks the rest. Each mistake is

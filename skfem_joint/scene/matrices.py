@@ -5,17 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, Tag
-from scipy import sparse
 
 from skfem_joint.ground.array_files import read_array
-from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.matrix_files.given import GivenMatrix
+from skfem_joint.matrix_files.labels import place_of, read_labels
+from skfem_joint.matrix_files.model import GivenModel, in_one_order
+from skfem_joint.matrix_files.reading import read_matrix
+from skfem_joint.matrix_files.units import SYSTEMS, in_si
 from skfem_joint.mesh.named import name_problems
 from skfem_joint.scene.messages import Form, mistake
+from skfem_joint.scene.named_unknowns import NamedUnknowns
 from skfem_joint.scene.values import FileName, SceneTable, TomlList, by_form, key
 from skfem_joint.structure.matrices import COLUMNS, MatrixModel
 from skfem_joint.system.system import vector_of
@@ -28,31 +33,61 @@ def _is_name(name: str) -> str:
     return name
 
 
+def _is_place(text: str) -> str:
+    if place_of(text) is None:
+        raise mistake(
+            f"found {text!r}, must be a node, '12', or a node and a direction, '12.x': x, y, z, "
+            "rx, ry, rz or 1 to 6"
+        )
+    return text
+
+
 _Dof = Annotated[int, Field(ge=0)]
 _Name = Annotated[str, AfterValidator(_is_name)]
+_Held = Annotated[
+    Annotated[Annotated[str, AfterValidator(_is_place)], Tag(Form.WORD)]
+    | Annotated[_Dof, Tag(Form.NUMBER)],
+    by_form(Form.WORD),
+]
 
 
 class MatricesTable(SceneTable):
     """``[matrices]``: the structure as matrices that another program has exported."""
 
     K: FileName = key(
-        "stiffness matrix, N/m; a file, relative to the scene: .npz of scipy.sparse, MatrixMarket "
-        ".mtx or MATLAB .mat, where 'model.mat:K' names a variable"
+        "stiffness matrix, N/m; a file, relative to the scene, whose format is told by its "
+        "content: .npz of scipy.sparse, MatrixMarket, MATLAB, Abaqus .mtx, CalculiX .sti, Nastran "
+        "OUTPUT4 or DMIG, ANSYS .full; 'model.mat:K' names a matrix in it"
     )
     M: FileName = key("mass matrix, kg; a file as for K")
     C: FileName | None = key("damping matrix, N s/m; a file as for K", None)
+    units: Literal["m kg s", "mm t s", "mm kg ms", "mm kg s", "in lbf s"] = key(
+        "units of length, mass (or force) and time of the files, which are converted to SI: those "
+        "of the matrices, and of areas and gaps of contacts",
+        "m kg s",
+    )
+    unknowns: FileName | None = key(
+        "node and direction of each row of the matrices, where their files do not tell: a line "
+        "'12.1' or '12, x' for each, as CalculiX's .dof",
+        None,
+    )
     contact: dict[_Name, FileName] = key(
-        "pairs of nodes by the name of the contact: CSV or a file as for K; each row has the x, y "
-        "and z degrees of freedom of the first node and of the second (none: a rigid base), the "
-        "normal x, y, z, the area in m², and the gap in m if there are gaps; empty, or a number "
-        "below first, where there is no degree of freedom. With contact = 'unilateral' in the "
+        "pairs of nodes by the name of the contact, in a table: CSV, .npz, MatrixMarket or MATLAB; "
+        "each row has the x, y and z degrees of freedom of the first node and of the second (none: "
+        "a rigid base), the normal x, y, z, the area in m², and the gap in m if there are gaps; "
+        "empty, or a number below first, where there is no degree of freedom. Where unknowns have "
+        "names, the numbers of both nodes in place of the six. With contact = 'unilateral' in the "
         "joint the normal points from the first node to the second, or into the base",
         {},
     )
     fixed: Annotated[
-        Annotated[FileName, Tag(Form.WORD)] | Annotated[TomlList[_Dof], Tag(Form.LIST)],
+        Annotated[FileName, Tag(Form.WORD)] | Annotated[TomlList[_Held], Tag(Form.LIST)],
         by_form(Form.WORD, otherwise=Form.LIST),
-    ] = key("degrees of freedom that are held: a list, or CSV or a file as for K", ())
+    ] = key(
+        "degrees of freedom that are held: a list, or a table as for contacts. Where unknowns have "
+        "names, nodes, 12, or nodes with a direction, '12.x'; in a table with a second column",
+        (),
+    )
     points: dict[
         _Name,
         Annotated[
@@ -60,12 +95,14 @@ class MatricesTable(SceneTable):
             by_form(Form.WORD),
         ],
     ] = key(
-        "loaded or observed points by name: a degree of freedom, or CSV or a file as for K with a "
-        "vector of weights of all degrees of freedom",
+        "loaded or observed points by name: a degree of freedom, or a table as for contacts with a "
+        "vector of weights of all degrees of freedom. Where unknowns have names, '12.x', or rows "
+        "of node, direction (1 to 6) and weight",
         {},
     )
     first: Literal[0, 1] = key("number of the first degree of freedom, also in the files", 0)
     _arrays: dict[str, Any] = PrivateAttr(default_factory=dict)
+    _matrices: dict[str, GivenMatrix] = PrivateAttr(default_factory=dict)
 
     def model(self, folder: Path, common: Mapping[str, Any]) -> MatrixModel:
         """Structure with the matrices in the files of a folder.
@@ -82,18 +119,22 @@ class MatricesTable(SceneTable):
         InputError
             For files that cannot be read and for mistakes in their contents, with key and file.
         """
-        files, arrays = self._files(), self._read(folder)
-        n = arrays["K"].shape[0]
-        matrices = {k: sparse.csr_array(arrays[k]) for k in ("K", "M", "C") if k in files}
+        files, given = self._files(), self._given(folder)
+        n = given.matrices["K"].shape[0]
+        arrays = self._tables(folder, n)
         try:
+            matrices = in_si(given.matrices, given.labels, self.units)
+            named = None if given.labels is None else NamedUnknowns(given.labels)
+            own = self._numbered(arrays, n) if named is None else self._named(arrays, named)
+            contacts, points, fixed = own
             return MatrixModel(
-                **matrices,
-                contacts={k: self._pairs(as_dense(arrays[f"contact.{k}"])) for k in self.contact},
-                points={k: self._point(k, n) for k in self.points},
-                fixed=dof_numbers(
-                    as_dense(arrays.get("fixed", self.fixed)), n, "fixed", self.first
-                ),
+                **{k: A for k, A in matrices.items() if k in files},
+                contacts=contacts,
+                points=points,
+                fixed=np.union1d(fixed, given.held).astype(np.intp),
                 first=self.first,
+                labels=given.labels,
+                remarks=given.notes,
                 **common,
             )
         except InputError as error:
@@ -104,40 +145,94 @@ class MatricesTable(SceneTable):
         values: dict[str, Any] = {"K": self.K, "M": self.M, "C": self.C, "fixed": self.fixed}
         values |= {f"contact.{name}": file for name, file in self.contact.items()}
         values |= {f"points.{name}": value for name, value in self.points.items()}
-        return {where: value for where, value in values.items() if isinstance(value, str)}
+        if isinstance(self.unknowns, str):
+            values["unknowns"] = self.unknowns
+        return {
+            where: value
+            for where, value in values.items()
+            if isinstance(value, str) and not (where.startswith("points.") and place_of(value))
+        }
 
-    def _read(self, folder: Path) -> dict[str, Any]:
-        """Arrays by key; those of K, M and C are square, and no other is larger than they allow."""
-        files = self._files()
-        problems: list[str] = []
-        for where, file in files.items():
-            if where not in self._arrays:
+    def _given(self, folder: Path) -> GivenModel:
+        """Matrices in one order of unknowns; each file is read once."""
+        files, problems = self._files(), list[str]()
+        for letter in (letter for letter in ("K", "M", "C") if letter in files):
+            if letter not in self._matrices:
                 try:
-                    self._arrays[where] = read_array(folder, file)
+                    self._matrices[letter] = read_matrix(folder, files[letter], letter)
                 except InputError as error:
-                    problems += [f"matrices.{where}: {problem}" for problem in error.problems]
+                    problems += [f"matrices.{letter}: {problem}" for problem in error.problems]
         refuse(problems)
-        shapes = {where: self._arrays[where].shape for where in files}
-        square = [where for where in ("K", "M", "C") if where in files]
+        matrices = {k: x for k, x in self._matrices.items() if k in files}
         refuse(
-            f"matrices.{where}: {files[where]}: found shape {shapes[where]}, must be a square "
-            "matrix"
-            for where in square
-            if len(shapes[where]) != 2 or len({*shapes[where]}) != 1
+            f"matrices.{k}: {files[k]}: found shape {x.matrix.shape}, must be a square matrix"
+            for k, x in matrices.items()
+            if x.matrix.shape[0] != x.matrix.shape[1]
         )
-        n = shapes["K"][0]
+        named = None
+        try:
+            if self.unknowns is not None:
+                named = read_labels(folder / self.unknowns)
+            return in_one_order(matrices, named)
+        except InputError as error:
+            where = "" if str(error).startswith(("K:", "M:", "C:", "unknowns:")) else "unknowns: "
+            raise InputError(f"matrices.{where}{error}") from error
+
+    def _tables(self, folder: Path, n: int) -> dict[str, Any]:
+        """Arrays of contacts, points and supports; none is larger than their numbers allow."""
+        files, problems = self._files(), list[str]()
+        tables = [k for k in files if k not in ("K", "M", "C", "unknowns")]
+        for where in (where for where in tables if where not in self._arrays):
+            try:
+                self._arrays[where] = read_array(folder, files[where])
+            except InputError as error:
+                problems += [f"matrices.{where}: {problem}" for problem in error.problems]
+        refuse(problems)
+        shapes = {where: self._arrays[where].shape for where in tables}
         refuse(
-            f"matrices.{where}: {files[where]}: found shape {shapes[where]}, more values than {n} "
+            f"matrices.{where}: {files[where]}: found shape {shape}, more values than {n} "
             "degrees of freedom can have"
-            for where in files
-            if where not in square and math.prod(shapes[where]) > COLUMNS * n
+            for where, shape in shapes.items()
+            if math.prod(shape) > COLUMNS * n
         )
         return self._arrays
 
+    # Unknowns by their numbers
+
+    def _numbered(self, arrays: Mapping[str, Any], n: int) -> _OfModel:
+        """Contacts, points and supports of matrices whose unknowns have numbers."""
+        fixed = arrays.get("fixed", self.fixed)
+        refuse(
+            f"{where}: found {place!r}, but the files do not name their unknowns; give their "
+            "numbers, or their names by matrices.unknowns"
+            for where, place in self._places(fixed)
+        )
+        return (
+            {k: self._pairs(as_dense(arrays[f"contact.{k}"])) for k in self.contact},
+            {k: self._point(k, n) for k in self.points},
+            dof_numbers(as_dense(fixed), n, "fixed", self.first),
+        )
+
+    def _places(self, fixed: Any) -> list[tuple[str, str]]:
+        """Names of unknowns in this table, with their keys."""
+        names = [(f"points.{k}", x) for k, x in self.points.items() if isinstance(x, str)]
+        held = fixed if isinstance(fixed, tuple) else ()
+        return [
+            *((where, name) for where, name in names if place_of(name)),
+            *(("fixed", name) for name in held if isinstance(name, str)),
+        ]
+
     def _pairs(self, rows: FloatArray) -> FloatArray:
-        """Rows of a contact with degrees of freedom that count from 0."""
+        """Rows of a contact with degrees of freedom that count from 0, and in SI units."""
         pairs = np.atleast_2d(rows).copy()
         pairs[:, :6] -= self.first
+        return self._in_si(pairs)
+
+    def _in_si(self, pairs: FloatArray) -> FloatArray:
+        """Rows of a contact with area and gap in m2 and m."""
+        length = SYSTEMS[self.units][0]
+        pairs[:, 9:10] *= length**2
+        pairs[:, 10:11] *= length
         return pairs
 
     def _point(self, name: str, n: int) -> FloatArray:
@@ -147,6 +242,30 @@ class MatricesTable(SceneTable):
             value = as_dense(value)
             value = value.ravel() if value.size == n else value
         return vector_of(value, n, f"points.{name}", self.first)
+
+    # Unknowns by node and direction
+
+    def _named(self, arrays: Mapping[str, Any], named: NamedUnknowns) -> _OfModel:
+        """Contacts, points and supports of matrices whose unknowns have nodes and directions."""
+        if self.first:
+            raise InputError(
+                "first: found 1, but the files name their unknowns by node and direction; leave it "
+                "out"
+            )
+        fixed = arrays.get("fixed", self.fixed)
+        contacts = {
+            k: self._in_si(named.pairs(f"contact.{k}", as_dense(arrays[f"contact.{k}"])))
+            for k in self.contact
+        }
+        points = {
+            k: named.weights(f"points.{k}", arrays.get(f"points.{k}", value))
+            for k, value in self.points.items()
+        }
+        return contacts, points, named.held(fixed)
+
+
+#: Contacts, points and supports of a `MatrixModel`.
+_OfModel: TypeAlias = tuple[dict[str, FloatArray], dict[str, FloatArray], IntArray]
 
 
 def _with_file(problem: str, files: Mapping[str, str]) -> str:

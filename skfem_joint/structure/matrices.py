@@ -16,6 +16,12 @@ from skfem_joint.ground.errors import InputError, listed, refuse
 from skfem_joint.joint.joints import Joint, joint_value_problems
 from skfem_joint.joint.manifold import SMALL, slip_directions
 from skfem_joint.joint.patch import Patch, point_stiffness
+from skfem_joint.matrix_files.labels import is_scalar, label_text
+from skfem_joint.matrix_files.modes import (
+    about_modes,
+    fixed_interface_frequencies,
+    highest_served,
+)
 from skfem_joint.mesh.named import name_problems
 from skfem_joint.structure.doubts import doubted
 from skfem_joint.structure.load import Load, under_loads
@@ -59,6 +65,10 @@ class MatrixModel:
         As those of a `Structure`, where ``C`` is None.
     first : int
         Number of the first degree of freedom in messages; in all arrays it is 0.
+    labels : ndarray of int, shape (N, 2), optional
+        Node and direction of each degree of freedom, 1 to 6, or 0 for the amplitude of a mode.
+    remarks : sequence of str
+        Sentences about the files that the matrices come from.
     contact : SlipRows
         Slip rows of all joints, made from the values above.
     patches : tuple of Patch
@@ -84,6 +94,8 @@ class MatrixModel:
     mass_damping: float = 0.0
     damping_ratio: float | None = None
     first: int = 0
+    labels: IntArray | None = None
+    remarks: Sequence[str] = ()
 
     contact: SlipRows = field(init=False, repr=False, compare=False)
     patches: tuple[Patch, ...] = field(init=False, repr=False, compare=False)
@@ -153,16 +165,40 @@ class MatrixModel:
         used = np.concatenate([np.asarray(self.fixed, dtype=float), *paired])
         used = used[used >= 0.0] + self.first
         last = self.n_dofs - 1 + self.first
-        spread = (
-            f" Supports and contacts name numbers from {used.min():.0f} to {used.max():.0f} of "
-            f"{self.first} to {last}."
-            if used.size
-            else ""
-        )
+        more = ""
+        if self.labels is not None:
+            nodes = np.unique(self.labels[~is_scalar(self.labels), 0])
+            more = (
+                f" They name {nodes.size} nodes. {about_modes(self._modes, self.labels)}".rstrip()
+            )
+        elif used.size:
+            more = (
+                f" Supports and contacts name numbers from {used.min():.0f} to {used.max():.0f} of "
+                f"{self.first} to {last}."
+            )
         return (
             f"Matrices of {self.n_dofs} degrees of freedom, {self.fixed.size} of them fixed; "
-            f"without positions there are no fields, pictures and active lengths.{spread}"
+            f"without positions there are no fields, pictures and active lengths.{more}"
         )
+
+    @cached_property
+    def _modes(self) -> FloatArray | None:
+        """Frequencies of fixed-interface modes among the degrees of freedom, Hz."""
+        return fixed_interface_frequencies(
+            sparse.csr_array(self.K), sparse.csr_array(self.M), self.labels
+        )
+
+    def _beyond_modes(self, loads: Sequence[Load]) -> Iterator[str]:
+        """Sentences about loads whose frequency the modes of the other program do not reach."""
+        highest = highest_served(self._modes)
+        for load in loads:
+            frequency = load.amplitude.highest_frequency or 0.0
+            if frequency > highest:
+                yield (
+                    f"The load on '{load.on}' has {frequency:.5g} Hz, beyond the "
+                    f"{highest:.4g} Hz up to which the fixed-interface modes of the matrices "
+                    "serve: let the other program keep more modes."
+                )
 
     def at_rest(self) -> list[str]:
         """No sentences: matrices have no clamping bolts, and their bodies are not known."""
@@ -316,7 +352,8 @@ class MatrixModel:
         )
         applied = [AppliedLoad(rows[str(x.on)], x.amplitude, str(x.on)) for x in loads]
         system = under_loads(self.unloaded, self.patches, applied, rows, self.damping_ratio)
-        return doubted(system, self.unusual, self.patches, quasi_static=quasi_static)
+        doubts = [*self.remarks, *self._beyond_modes(loads), *self.unusual]
+        return doubted(system, doubts, self.patches, quasi_static=quasi_static)
 
     def reactions(self, loads: Sequence[Load]) -> Reactions | None:
         """Change of the normal forces by vibration; None where no contact is closed."""
@@ -391,6 +428,8 @@ class MatrixModel:
 
     def spot(self, dof: int) -> str:
         """A degree of freedom in a message."""
+        if self.labels is not None:
+            return f"unknown {label_text(self.labels[dof])}"
         return f"degree of freedom {dof + self.first}"
 
 
