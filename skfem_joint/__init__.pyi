@@ -30,6 +30,7 @@ from skfem_joint.joint.joints import Joint as Joint
 from skfem_joint.joint.pressure import Bolt as Bolt
 from skfem_joint.joint.pressure import Bolts as Bolts
 from skfem_joint.joint.pressure import PressureTable as PressureTable
+from skfem_joint.linalg.parts import Parts as Parts
 from skfem_joint.mesh import NamedMesh as NamedMesh
 from skfem_joint.mesh import build_bar as build_bar
 from skfem_joint.mesh import build_box as build_box

@@ -78,8 +78,8 @@ def estimate(
     elif system.made_for or not (system.T is None or sparse.issparse(system.T)):
         raise InputError(
             "estimate: the full system that this model was made from is not known: it was loaded "
-            "from a file or projected by hand. Give a run of a model as reduce or condense return "
-            "it"
+            "from a file, projected by hand, or condensed by parts. Give a run of a model as "
+            "reduce or condense return it"
         )
     if finer is not None:
         _check_finer(full_of(system), finer, run.times)

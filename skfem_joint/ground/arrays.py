@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
 
 from skfem_joint.ground.errors import InputError
 
@@ -23,8 +24,8 @@ def as_real(value: Any, what: str) -> Matrix:
 
     Parameters
     ----------
-    value : array_like or sparse array
-        A sparse array stays sparse, in its own format.
+    value : array_like, sparse array or LinearOperator
+        A sparse array stays sparse, in its own format, and an operator of scipy an operator.
     what : str
         Name of the value in the message.
 
@@ -33,6 +34,8 @@ def as_real(value: Any, what: str) -> Matrix:
     InputError
         If values are complex, because the imaginary part would be lost, or no numbers.
     """
+    if isinstance(value, LinearOperator):
+        return value
     given = value if sparse.issparse(value) else np.asarray(value)
     if given.dtype.kind == "c":
         raise InputError(

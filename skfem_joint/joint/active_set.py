@@ -12,17 +12,18 @@ and iterations for the multipliers.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.ground.arrays import BoolArray, FloatArray, Matrix
+from skfem_joint.ground.arrays import BoolArray, FloatArray, Matrix, as_dense
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.parts import Parts, PartwiseComplement
 from skfem_joint.linalg.schur import AllKept, SchurComplement, Uncondensed, condensed
 
 # Most sets of touching nodes that are tried.
@@ -42,7 +43,7 @@ class UnilateralContact:
 
     Attributes
     ----------
-    K : sparse array, shape (n, n)
+    K : ndarray or sparse array, shape (n, n)
     G : sparse array, shape (m, n)
     area, gap : ndarray, shape (m,)
         Integrals of the hat of each node over the faces that may touch, m2, and of its hat times
@@ -229,8 +230,27 @@ class UnilateralContact:
         return u, p
 
 
-def _shifted(K: Matrix) -> sparse.csr_array:
+def solved_by_parts(
+    whole: UnilateralContact, parts: Parts, first: BoolArray | None, progress: Progress
+) -> tuple[FloatArray, FloatArray, BoolArray, int]:
+    """As `UnilateralContact.solve`, on the unknowns in contact alone, to which parts are condensed.
+
+    The stiffness of the others must have a factor while those in contact are held.
+    """
+    kept = np.unique(whole.G.indices).astype(np.intp)
+    inside = PartwiseComplement(whole.K, kept, parts)
+    force, interior = inside.restrict(whole.force)
+    K, G = as_dense(inside.complement), sparse.csr_array(whole.G[:, kept])
+    small = replace(whole, K=K, G=G, force=force)
+    u, p, closed, count = small.solve(first, progress)
+    return inside.extend(u, interior), p, closed, count
+
+
+def _shifted(K: Matrix) -> Matrix:
     """Stiffness with a share of its diagonal, which has a factor also where bodies are loose."""
     # Share of the stiffness' diagonal that is added before factorisation, because K is singular
     # while too few nodes touch to support every body.
-    return sparse.csr_array(K + 1e-10 * sparse.diags_array(K.diagonal()))
+    added = 1e-10 * K.diagonal()
+    if isinstance(K, np.ndarray):
+        return K + np.diag(added)
+    return sparse.csr_array(K + sparse.diags_array(added))

@@ -26,12 +26,13 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.joint import active_set
-from skfem_joint.joint.active_set import UnilateralContact
+from skfem_joint.joint.active_set import UnilateralContact, solved_by_parts
 from skfem_joint.joint.clamps import Clamp
 from skfem_joint.joint.joints import PRELOAD, Joint
 from skfem_joint.joint.opening import NodalForces
 from skfem_joint.joint.pressure_space import PressureSpace
 from skfem_joint.joint.rigid import body_motions, combinations_left_free
+from skfem_joint.linalg.parts import Parts
 from skfem_joint.system.unknowns import selection, stacked
 
 
@@ -123,6 +124,7 @@ def preload(
     spaces: Mapping[int, PressureSpace],
     like: TouchingFaces | None = None,
     progress: Progress = silent,
+    parts: Parts | None = None,
 ) -> Preload:
     """Pressures of the joints that clamping bolts press, by a static frictionless contact problem.
 
@@ -146,6 +148,8 @@ def preload(
         The same faces and bolts, of other forces or moduli: what touched then is tried first.
     progress : callable, optional
         Called with the number of sets of touching nodes that were tried, 0, and a note.
+    parts : Parts, optional
+        In which the stiffness is factorised one by one, where its whole factor is too large.
 
     Raises
     ------
@@ -167,13 +171,17 @@ def preload(
     contact = UnilateralContact(
         K[free][:, free], G[:, free], area, area * gap, tied, force.ravel()[free]
     )
-    u[free], p, closed, count = contact.solve(None if like is None else like.closed, progress)
+    first = None if like is None else like.closed
+    if parts is None:
+        u[free], p, closed, count = contact.solve(first, progress)
+    else:
+        u[free], p, closed, count = solved_by_parts(contact, parts, first, progress)
     u -= left_out @ linalg.lstsq(left_out, u)[0]
     borne = np.where(p > active_set.ROUND_OFF * p.max(initial=0.0), area * p, 0.0)
     touching = TouchingFaces(faces, free, closed, clamps)
-    parts = (np.split(x, touching.ends) for x in (borne, gap - N @ u))
+    of_faces = (np.split(x, touching.ends) for x in (borne, gap - N @ u))
     pressed: list[NodalForces | None] = [None] * len(joints)
-    for (i, face), *values in zip(faces.items(), *parts, strict=True):
+    for (i, face), *values in zip(faces.items(), *of_faces, strict=True):
         if joints[i].pressed_by_bolts:
             pressed[i] = _pressed(joints[i], face, body.n_nodes, *values)
     seconds = time.perf_counter() - begin

@@ -17,7 +17,9 @@ from skfem_joint.mesh.cells import cell_of
 from skfem_joint.mesh.named import NamedMesh
 
 
-def of_order(mesh: NamedMesh, order: Any, *, lumped: bool = False) -> tuple[NamedMesh, list[str]]:
+def of_order(
+    mesh: NamedMesh, order: Any, *, lumped: bool = False, in_parts: bool = False
+) -> tuple[NamedMesh, list[str]]:
     """Mesh with elements of the order asked for, and sentences on what that changed.
 
     Parameters
@@ -29,6 +31,8 @@ def of_order(mesh: NamedMesh, order: Any, *, lumped: bool = False) -> tuple[Name
         more than half of the memory. All other elements stay as they are.
     lumped : bool
         Whether the mass is lumped.
+    in_parts : bool
+        Whether the matrix is factorised in parts, so that the memory for its factor does not count.
 
     Raises
     ------
@@ -56,11 +60,12 @@ def of_order(mesh: NamedMesh, order: Any, *, lumped: bool = False) -> tuple[Name
     if not locks or lumped:
         return mesh, []
     needed, there = mesh.other_order.factor_bytes, physical_memory()
-    if needed > 0.5 * there:
+    if needed > 0.5 * there and not in_parts:
         return mesh, [
             f"The {many} stay of first order, which bend too stiffly: with quadratic displacements "
             f"a factor would take {needed / 2**30:.2g} GiB of the {there / 2**30:.2g} GiB of "
-            "memory. Mesh with fewer elements, computed with quadratic displacements they err less."
+            "memory. Mesh with fewer elements, computed with quadratic displacements they err "
+            "less; or factorise in parts, in Python by Structure(..., parts=sj.Parts(4))."
         ]
     return mesh.other_order, [
         f"The {many} of first order are computed with quadratic displacements on the same mesh, "

@@ -12,20 +12,23 @@ response is exact. The error is the dynamics of the fixed-interface modes that a
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
-from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix, as_dense
+from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.values import COUNT, POSITIVE, WHOLE, check, check_some
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
+from skfem_joint.linalg.parts import Parts, parts_problems
 from skfem_joint.reduction.basis import Basis, Origin, SlipHistory
 from skfem_joint.reduction.condensed_points import with_points
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.interface_modes import RestrictedMotion, up_to
 from skfem_joint.reduction.pod import ProperModes, orthonormal
+from skfem_joint.reduction.substructures import Substructures, condensed_by_parts
 from skfem_joint.stepping.arrangement import slips_are_unknowns
 from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import selection
@@ -37,6 +40,7 @@ def condense(
     *,
     frequency: float | None = None,
     contact_points: str | int = "all",
+    parts: Parts | None = None,
 ) -> System:
     """Condensed model: contact unknowns kept, all else by the method of Craig and Bampton.
 
@@ -58,6 +62,11 @@ def condense(
         Most contact points. Fewer than there are merge points that move alike with loose joints,
         see `skfem_joint.reduction.condensed_points`: steps cost less, and `estimate` states what
         that causes. Contact that opens keeps all of its points.
+    parts : Parts, optional
+        Where a factor of the whole structure, or its constraint modes, take too much memory: it
+        falls into parts, which are factorised one by one. The model is the same but for round-off.
+        Its ``expand`` takes a solution with each part, for all displacements given at once, and
+        its errors cannot be stated by `estimate`.
 
     Returns
     -------
@@ -69,11 +78,22 @@ def condense(
     ------
     InputError
         If no point carries friction and none opens, slip rows depend on each other, the loads'
-        highest frequency is needed and not known, or points of contact that opens would be merged.
+        highest frequency is needed and not known, points of contact that opens would be merged,
+        or parts are none or too many, or stand beside points to be merged.
     """
     check("interface_modes", interface_modes, WHOLE, "auto")
     check("contact_points", contact_points, COUNT, "all")
     check_some(POSITIVE, frequency=frequency)
+    if system.contact.count == 0 and not system.contact.opens:
+        raise InputError(NO_FRICTION.replace("reduced", "condensed"))
+    refuse(parts_problems(parts))
+    if parts is not None:
+        if contact_points != "all":
+            raise InputError(
+                f"contact_points: found {contact_points} beside parts; points are merged by modes "
+                "of the whole structure, which parts are to avoid. Leave out one of the two"
+            )
+        return _by_parts(system, interface_modes, frequency, parts)
     some, notes = with_points(system, contact_points), system.notes
     basis = _basis(some, interface_modes, frequency)
     if some is not system:
@@ -92,8 +112,6 @@ def _basis(system: System, interface_modes: str | int, highest: float | None) ->
 
     The basis is not orthonormal: its first coordinates are the slips. Its history is empty.
     """
-    if system.contact.count == 0 and not system.contact.opens:
-        raise InputError(NO_FRICTION.replace("reduced", "condensed"))
     inner, forward = carrying(system), None
     if not slips_are_unknowns(inner):
         inner, new = inner.with_slips_as_unknowns()
@@ -113,12 +131,7 @@ def _basis(system: System, interface_modes: str | int, highest: float | None) ->
         F = sparse.eye_array(inner.n, format="csc")[:, rest]
         highest = _highest(system) if highest is None else highest
         shapes = _fixed_interface(RestrictedMotion(F, K_rest, M_rest), interface_modes, highest)
-        forces = inner.load_vectors()[rest]
-        forces = forces[:, forces.any(axis=0)]
-        if forces.size:
-            # What the modes follow of a load is taken off first: some may have no stiffness.
-            forces = forces - M_rest @ (shapes @ (shapes.T @ forces))
-            shapes = orthonormal(np.hstack([shapes, solve(forces)]), M_rest)
+        shapes = _with_responses(shapes, inner.load_vectors()[rest], solve, M_rest)
         V = np.hstack([V, F @ shapes])
     V = V if forward is None else np.asarray(forward @ V)
     return Basis(V, 0, ProperModes(V[:, :0], np.zeros(0)), _no_history(system, V))
@@ -135,6 +148,30 @@ def _no_history(system: System, V: FloatArray) -> SlipHistory:
     )
 
 
+def _by_parts(
+    system: System, interface_modes: str | int, highest: float | None, parts: Parts
+) -> System:
+    """The same model, without a factor of the whole structure and without constraint modes."""
+    inner = carrying(system)
+    if not slips_are_unknowns(inner):
+        inner, _ = inner.with_slips_as_unknowns()
+    inside = Substructures(inner, kept_unknowns(inner), parts)
+    highest = _highest(system) if highest is None else highest
+    shapes = _fixed_interface(inside, interface_modes, highest)
+    shapes = _with_responses(shapes, inner.load_vectors(), inside.solve, inside.mass)
+    return condensed_by_parts(inside, shapes)
+
+
+def _with_responses(shapes: FloatArray, forces: FloatArray, solve: Any, M: Matrix) -> FloatArray:
+    """Fixed-interface modes (n, j), and beside them static responses to forces (n, loads)."""
+    forces = forces[:, forces.any(axis=0)]
+    if not forces.size:
+        return shapes
+    # What the modes follow of a load is taken off first: some may have no stiffness.
+    forces = forces - M @ (shapes @ (shapes.T @ forces))
+    return orthonormal(np.hstack([shapes, solve(forces)]), M)
+
+
 def _highest(system: System) -> float | None:
     """Highest frequency of the loads, Hz; None if it is not known for all loads."""
     known = [load.amplitude.highest_frequency for load in system.loads]
@@ -142,11 +179,11 @@ def _highest(system: System) -> float | None:
 
 
 def _fixed_interface(
-    restricted: RestrictedMotion, count: str | int, highest: float | None
+    restricted: RestrictedMotion | Substructures, count: str | int, highest: float | None
 ) -> FloatArray:
-    """Fixed-interface modes, as many as are asked for or as a frequency (Hz) needs, (rest, k)."""
+    """Fixed-interface modes, as many as are asked for or as a frequency (Hz) needs, (n, k)."""
     if not isinstance(count, str):
-        return restricted.lowest(count)[1] if count else np.zeros((restricted.K.shape[0], 0))
+        return restricted.lowest(count)[1] if count else np.zeros((restricted.rows, 0))
     if highest is None:
         raise InputError(
             "condense: the highest frequency of the loads is not known; say how many "

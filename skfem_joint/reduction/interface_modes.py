@@ -31,6 +31,7 @@ from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation
 from skfem_joint.reduction.pod import orthonormal
+from skfem_joint.reduction.substructures import Substructures
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.system.modal_response import modal_response
 from skfem_joint.system.modes import eigenmodes, is_singular, lowest_modes
@@ -122,6 +123,16 @@ class RestrictedMotion:
         K, M = (sparse.csc_array(congruent(A, F)) for A in (system.K, system.M))
         known = rigid_of(system)
         return RestrictedMotion(F, K, M, known is not None and not known.size)
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of the modes."""
+        return int(self.K.shape[0])
+
+    def guessed(self, limit: float) -> int:
+        """Number of modes up to a frequency (Hz), and one more, as far as it is known: none."""
+        del limit
+        return 0
 
     @cached_property
     def solver(self) -> Callable[[FloatArray], FloatArray]:
@@ -261,9 +272,10 @@ def participating(
     return np.asarray(restricted.F @ shapes[:, counting[:count]])
 
 
-def up_to(restricted: RestrictedMotion, highest: float) -> FloatArray:
+def up_to(restricted: RestrictedMotion | Substructures, highest: float) -> FloatArray:
     """Fixed-interface modes up to three times a frequency (Hz), at least eight of them, (k, j)."""
-    n, count, limit = restricted.K.shape[0], LEAST_UP_TO, TIMES_HIGHEST * highest
+    n, limit = restricted.rows, TIMES_HIGHEST * highest
+    count = max(LEAST_UP_TO, restricted.guessed(limit))
     while True:
         frequency, shapes = restricted.lowest(count)
         if count >= n or frequency[-1] > limit:

@@ -28,6 +28,7 @@ from skfem_joint.joint.patch import Patch, check_shared, make_patch
 from skfem_joint.joint.preload import Preload, TouchingFaces, preload
 from skfem_joint.joint.pressure_space import PressureSpace, pressure_space
 from skfem_joint.joint.rigid import body_motions, loose_bodies
+from skfem_joint.linalg.parts import Parts, parts_problems
 from skfem_joint.mesh import NamedMesh, load_meshes, named
 from skfem_joint.mesh.cells import pieces
 from skfem_joint.mesh.order import of_order
@@ -82,6 +83,9 @@ class Structure:
         they bend too stiffly; see `Body`.
     free : bool
         Whether bodies may float; otherwise bodies without any support are refused.
+    parts : Parts, optional
+        In which the stiffness is factorised one by one for the preload, where its whole factor
+        takes too much memory.
     like : Structure, optional
         Whose body, matrices and preload are taken over as far as the same values make them; see
         `with_values`.
@@ -121,6 +125,7 @@ class Structure:
     incompatible: bool = True
     free: bool = False
     order: int | str = "auto"
+    parts: Parts | None = field(default=None, repr=False, compare=False)
     like: InitVar[Structure | None] = None
     progress: InitVar[Progress] = silent
     body: Body = field(init=False, repr=False, compare=False)
@@ -137,12 +142,13 @@ class Structure:
             object.__setattr__(self, "mesh", load_meshes(given))
         elif not isinstance(given, NamedMesh):
             object.__setattr__(self, "mesh", named(given))
-        mesh, notes = of_order(self.mesh, self.order, lumped=self.mass == "lumped")
+        how = {"lumped": self.mass == "lumped", "in_parts": self.parts is not None}
+        mesh, notes = of_order(self.mesh, self.order, **how)
         object.__setattr__(self, "mesh", mesh)
         self._order_notes.extend(notes)
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
-        wrong: list[str] = []
+        wrong = parts_problems(self.parts)
         try:
             body = None if like is None else like._body_for(self)
             body = body or Body(
@@ -374,7 +380,7 @@ class Structure:
         spaces = like.spaces if like else self._pressure_spaces()
         _ = self.cuts, self._patches(None, spaces)  # which refuse what is wrong
         solved = self.body, self.held, self.joints, self.bolts, clamps, spaces
-        return preload(*solved, like, progress)
+        return preload(*solved, like, progress, self.parts)
 
     def _pressure_spaces(self) -> dict[int, PressureSpace]:
         """Pressures of the joints, by their numbers."""

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from skfem_joint.ground.arrays import (
     BoolArray,
@@ -90,9 +91,9 @@ class System:
         Displacement of the named points from the unknowns.
     points : tuple of str
         Names of the rows of ``P``.
-    T : ndarray or sparse array, shape (N, n), or None
+    T : ndarray, sparse array or LinearOperator, shape (N, n), or None
         Displacement of all degrees of freedom, supported ones included, from the unknowns; None
-        where both are the same. See :meth:`expand`.
+        where both are the same. An operator of a model condensed by parts. See :meth:`expand`.
     notes : tuple of str
         Sentences for users about how the system was made.
     made_for : str
@@ -340,7 +341,9 @@ class System:
             ),
             loads=tuple(replace(a, vector=b) for a, b in zip(small.loads, vectors, strict=True)),
             P=side_by_side(small.P, self.P @ W),
-            T=side_by_side(small.T, W if self.T is None else self.T @ W),
+            T=_all_from(self.T, np.hstack([V, W]))
+            if isinstance(self.T, LinearOperator)
+            else side_by_side(small.T, _all_from(self.T, W)),
         )
 
     def in_unknowns(self, new: ChangeOfUnknowns) -> System:
@@ -379,7 +382,7 @@ class System:
             contact=self.contact.in_unknowns(T, B),
             loads=tuple(replace(load, vector=T.T @ load.vector) for load in self.loads),
             P=self.P @ T,
-            T=T if self.T is None else self.T @ T,
+            T=_all_from(self.T, T),
             origin=None,
             loose=None,
         )
@@ -562,6 +565,13 @@ class System:
         """Spatial load vectors, shape (n, loads)."""
         rows = np.reshape([load.vector for load in self.loads], (len(self.loads), self.n))
         return np.ascontiguousarray(rows.T)
+
+
+def _all_from(T: Matrix, V: Matrix) -> Matrix:
+    """All degrees of freedom from unknowns q of u = V q; an operator is not multiplied out."""
+    if T is None:
+        return V
+    return T @ (aslinearoperator(V) if isinstance(T, LinearOperator) else V)
 
 
 def _check_damping(C: Matrix, stiffness: float, mass: float, ratio: float | None) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.linalg import LinearOperator
 
 from skfem_joint.ground import loads
 from skfem_joint.ground.array_files import DAMAGE, fingerprint, npz_arrays
@@ -58,7 +59,8 @@ def save(system: System, path: str | Path) -> Path:
     Raises
     ------
     InputError
-        If a load is a plain function of time or a shape of the user, if the name does not end on
+        If a load is a plain function of time or a shape of the user, if the model was condensed by
+        parts, if the name does not end on
         ``.npz``, and if the file cannot be written.
     """
     path = _checked(path)
@@ -70,6 +72,11 @@ def save(system: System, path: str | Path) -> Path:
                 f"{'plain function of time' if kind == 'Function' else kind}, which a file cannot "
                 "hold; give its values as sj.Table(times, forces), or a shape such as sj.Harmonic"
             )
+    if isinstance(system.T, LinearOperator):
+        raise InputError(
+            "save: found a model condensed by parts, whose displacements come from solutions with "
+            "the full system; save replace(model, T=None), whose runs are not expanded to it"
+        )
     arrays: dict[str, Any] = {}
 
     def keep(name: str, array: NDArray[Any]) -> str:

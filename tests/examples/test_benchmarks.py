@@ -169,6 +169,18 @@ def test_the_benchmark_of_first_runs_runs(capsys):
     assert second < first
 
 
+@pytest.mark.slow
+def test_the_benchmark_of_substructures_is_equal_to_the_whole(capsys):
+    pytest.importorskip("gmsh")
+    from benchmarks import substructures
+
+    substructures.main(["--quick"])
+    printed = capsys.readouterr().out
+    differences = re.findall(r"\d\.\de-\d\d", printed)
+    assert len(differences) == 4
+    assert max(map(float, differences)) < 1e-7
+
+
 def test_the_benchmark_of_solids_runs(capsys):
     solids.report(solids.plates((10, 1, 2, 1), 1, 20), 0.0)
     text = capsys.readouterr().out

@@ -78,6 +78,7 @@ def test_a_factor_beyond_the_memory_keeps_the_first_order_and_says_so(monkeypatc
     some = sj.Structure(body, STEEL, fixed=["left"])
     assert some.mesh.order == 1
     assert "The tetrahedra stay of first order" in " ".join(some.unusual)
+    assert sj.Structure(body, STEEL, fixed=["left"], parts=sj.Parts(2)).mesh.order == 2
 
 
 @pytest.mark.parametrize("order", [0, 3, True, "2", 1.5])
