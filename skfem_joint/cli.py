@@ -321,12 +321,12 @@ def _certify(study: Study, progress: Progress, executor: Executor | None) -> Stu
 
 def _check(options: argparse.Namespace) -> int:
     """Validate a scene and its sweep, and print what a run would be."""
+    from skfem_joint.body.named_parts import named_parts
     from skfem_joint.runs.resolution import check_jumps, check_resolution
     from skfem_joint.scene.reading import load_with_sweep
     from skfem_joint.study.against_opening import against_opening
     from skfem_joint.study.description import description_of
     from skfem_joint.study.models import plan_of, with_friction
-    from skfem_joint.study.named_parts import named_parts
 
     # Everything is checked before the scene is called valid.
     with _progress(options) as progress:
@@ -349,7 +349,9 @@ def _check(options: argparse.Namespace) -> int:
         flush=True,
     )
     description = description_of(scene)
-    print("\n".join([*description.facts, *named_parts(scene.structure())]), flush=True)
+    body = scene.structure().body
+    names = [] if body is None else named_parts(body)
+    print("\n".join([*description.facts, *names]), flush=True)
     tell((*scene.left_out, *left_out))
     tell(system.notes)
     tell((*description.doubts, *sweep_notes))

@@ -55,7 +55,7 @@ def is_scalar(labels: IntArray) -> BoolArray:
     return np.asarray((labels[:, 1] == 0) | (labels[:, 0] <= 0))
 
 
-class Places:
+class RowsByName:
     """Search for the numbers of unknowns by node and direction.
 
     Parameters

@@ -11,7 +11,7 @@ from scipy import sparse
 from skfem_joint.ground.arrays import IntArray
 from skfem_joint.ground.errors import InputError, first_of
 from skfem_joint.matrix_files.given import GivenMatrix
-from skfem_joint.matrix_files.labels import Places, as_labels, label_text
+from skfem_joint.matrix_files.labels import RowsByName, as_labels, label_text
 from skfem_joint.matrix_files.massless import without_internal
 
 
@@ -66,13 +66,13 @@ def in_one_order(given: Mapping[str, GivenMatrix], named: IntArray | None = None
         matrices = {letter: matrix.matrix for letter, matrix in given.items()}
         return GivenModel(matrices, None, first.held, _notes(given))
     if "M" in given and given["M"].labels is not None:
-        lacking = Places(given["M"].labels).find(first.labels) < 0
+        lacking = RowsByName(given["M"].labels).find(first.labels) < 0
         internal = np.flatnonzero(lacking & (first.labels[:, 0] < 0))
         if internal.size:
             first = without_internal(first, first.labels, internal)
             given = {**given, "K": first}
     labels = first.labels if first.labels is not None else as_labels([])
-    places = Places(labels)
+    places = RowsByName(labels)
     matrices = {
         k: x.matrix if x is first else _moved(k, x, places, first) for k, x in given.items()
     }
@@ -97,7 +97,9 @@ def _labelled(letter: str, matrix: GivenMatrix, named: IntArray) -> GivenMatrix:
     return replace(matrix, labels=named)
 
 
-def _moved(letter: str, given: GivenMatrix, places: Places, first: GivenMatrix) -> sparse.csr_array:
+def _moved(
+    letter: str, given: GivenMatrix, places: RowsByName, first: GivenMatrix
+) -> sparse.csr_array:
     """Matrix in the order of the first one."""
     labels = first.labels if first.labels is not None else as_labels([])
     own = given.labels if given.labels is not None else as_labels([])

@@ -8,7 +8,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import InputError, first_of, refuse
-from skfem_joint.matrix_files.labels import LARGEST_NODE, Places, place_of
+from skfem_joint.matrix_files.labels import LARGEST_NODE, RowsByName, place_of
 
 #: Columns of a contact whose unknowns have names: nodes of a pair, normal, area, and gap if given.
 _COLUMNS = 7
@@ -24,7 +24,7 @@ class NamedUnknowns:
     """
 
     def __init__(self, labels: IntArray) -> None:
-        self.n, self.places = len(labels), Places(labels)
+        self.n, self.places = len(labels), RowsByName(labels)
 
     def pairs(self, where: str, rows: FloatArray) -> FloatArray:
         """Rows of a contact with degrees of freedom, from its rows with nodes."""

@@ -8,17 +8,13 @@ from itertools import islice
 from skfem_joint.body.body import Body
 from skfem_joint.ground.errors import MOST_LISTED
 from skfem_joint.mesh.cells import spot
-from skfem_joint.structure.model import AnyStructure
 
 #: Units of a length, an area and a volume.
 _UNITS = ("", " m", " m2", " m3")
 
 
-def named_parts(structure: AnyStructure) -> list[str]:
-    """Sentences with the names of regions, boundaries and points; none of given matrices."""
-    body = structure.body
-    if body is None:
-        return []
+def named_parts(body: Body) -> list[str]:
+    """Sentences with the names of regions, boundaries and points."""
     mesh = body.mesh
     parts: tuple[tuple[str, Collection[str], Iterator[str]], ...] = (
         ("Regions", mesh.regions, _regions(body)),
