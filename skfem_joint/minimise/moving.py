@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, check_like
 from skfem_joint.linalg.kernels import times
+from skfem_joint.linalg.schur import FEWEST_MOVING
 from skfem_joint.minimise.contact_loops import Pressing
 from skfem_joint.minimise.contact_newton import _Forces
 from skfem_joint.minimise.parts import PartOfContact
@@ -45,7 +46,7 @@ from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed
 from skfem_joint.minimise.touching import TouchingNewton
 
 #: Fewest unknowns of which those that move are separated.
-FEWEST = 1500
+FEWEST = FEWEST_MOVING
 #: Largest share of unknowns that move for which it pays.
 MOST = 0.6
 #: Share of its limit from which on the friction of a point at rest may soon reach it.

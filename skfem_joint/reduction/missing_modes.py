@@ -32,7 +32,7 @@ from scipy import linalg, sparse
 from scipy.cluster.hierarchy import fclusterdata
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.linalg.schur import SchurComplement, Uncondensed, condensed
+from skfem_joint.linalg.schur import DENSE, SchurComplement, Uncondensed, condensed
 from skfem_joint.linalg.shifts import shifted
 from skfem_joint.minimise import law
 from skfem_joint.reduction.pod import modes_beyond
@@ -105,7 +105,7 @@ class Residual:
         known = self.stiffness
         if isinstance(known, SchurComplement) and np.array_equal(known.kept, moved):
             return known
-        return condensed(self._stiffness, moved)
+        return condensed(self._stiffness, moved, DENSE)
 
     def _with_springs(self, springs: FloatArray) -> Callable[[FloatArray], FloatArray]:
         """Solver for the contact unknowns with a spring (N/m) on each slip row."""
