@@ -84,7 +84,7 @@ def run(scene, checkout, cache):
         environment = os.environ | {"PYTHONPATH": path, "NUMBA_CACHE_DIR": cache}
         before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
         subprocess.run(
-            [sys.executable, "-c", RUN, str(checkout / "examples" / f"{scene}.toml"), out, told],
+            [sys.executable, "-P", "-c", RUN, str(checkout / "examples" / f"{scene}.toml"), out, told],
             env=environment, check=True, capture_output=True,
         )  # fmt: skip
         wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)
