@@ -83,12 +83,12 @@ def test_summary_has_impacts_normal_forces_and_openings(study):
     assert largest == run.normal_force_peak.max() > 1.9 * run.normal_force[0].max()
     assert content["opened_fraction"] == 0.5
     assert content["energy_balance_residual"] < 1e-12
-    shown = report.text(study)
+    shown = report.results_text(study)
     for row in ("energy lost by impacts", "largest normal force", "contact opened"):
         assert row in shown
     constant = run_scene(block(contact=BASE | {"contact": "constant"}, up=1e3))
     assert "impact_energy_J" not in model_summary(constant, constant.models["full"])
-    assert "impacts" not in report.text(constant)
+    assert "impacts" not in report.results_text(constant)
     frames = frames_of(constant.structure, constant.runs)
     assert not {"gap", "contact_pressure"} & frames.arrays(frames.fields[0], 0).keys()
 

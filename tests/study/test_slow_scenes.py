@@ -65,7 +65,7 @@ def test_summary_and_history_have_the_loops(plates, tmp_path):
     assert works[0] == pytest.approx(works[1])
     assert content["friction_energy_per_cycle_J"] == pytest.approx(works[0], rel=1e-3)
     assert content["viscous_work_J"] == content["scheme_work_J"] == 0.0
-    shown = report.text(plates)
+    shown = report.results_text(plates)
     assert "secant stiffness of upper_joint, N/m" in shown
     assert "secant stiffness at upper_right, N/m" in shown
     heading, *rows = report.loop_rows(plates.runs)
