@@ -80,11 +80,12 @@ def run(scene, checkout, cache):
     """Times (s) and counts of one run of a scene by the package of a checkout."""
     with TemporaryDirectory() as folder:
         told, out = Path(folder, "told.json"), Path(folder, "out")
-        path = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
-        environment = os.environ | {"PYTHONPATH": path, "NUMBA_CACHE_DIR": cache}
+        places = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
+        environment = os.environ | {"PYTHONPATH": places, "NUMBA_CACHE_DIR": cache}
         before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        subprocess.run(
-            [sys.executable, "-P", "-c", RUN, str(checkout / "examples" / f"{scene}.toml"), out, told],
+        path = str(checkout / "examples" / f"{scene}.toml")
+        subprocess.run(  # -P: not the package of the current folder
+            [sys.executable, "-P", "-c", RUN, path, out, told],
             env=environment, check=True, capture_output=True,
         )  # fmt: skip
         wall, after = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -50,6 +50,9 @@ class UnilateralContact:
         the initial gap, m3.
     tied : ndarray of bool, shape (m,)
     force : ndarray, shape (n,)
+    reach : float
+        Largest displacement, m, of unknowns that are eliminated, with contact held: where all of
+        it closes the displacements here are round-off, and say nothing of how large any are.
     """
 
     K: Matrix
@@ -58,6 +61,7 @@ class UnilateralContact:
     gap: FloatArray
     tied: BoolArray
     force: FloatArray
+    reach: float = 0.0
     _last: list[tuple[BoolArray, Callable[[FloatArray], FloatArray]]] = field(
         init=False, repr=False, compare=False, default_factory=list
     )
@@ -117,16 +121,20 @@ class UnilateralContact:
             # The sets are found with the stiffness that is factorised, on the unknowns of contact
             # alone: without a solution for the others. What its shift changes is corrected then.
             right, interior = self._open.restrict(self.force)
-            inner = self._of_kept(self._open, right)
+            inner = self._of_kept(self._open, right, interior)
             z, p, active, count = inner._searched(active, np.zeros(right.size), p, progress, 0)
             u = self._open.extend(z, interior)
             self._last[:] = [(closed, self._open.by(kept)) for closed, kept in inner._last]
         return self._searched(active, u, p, progress, count)
 
-    def _of_kept(self, schur: SchurComplement, force: FloatArray) -> UnilateralContact:
+    def _of_kept(
+        self, schur: SchurComplement, force: FloatArray, interior: FloatArray
+    ) -> UnilateralContact:
         """The same on the unknowns of contact, with the complement of the shifted stiffness."""
         S, G = schur.complement, sparse.csr_array(self.G)[:, schur.kept]
-        inner = UnilateralContact(S, G, self.area, self.gap, self.tied, force)
+        beside = float(np.abs(schur.extend(np.zeros(force.size), interior)).max())
+        reach = max(self.reach, beside)
+        inner = UnilateralContact(S, G, self.area, self.gap, self.tied, force, reach)
         vars(inner).update(penalty=self.penalty, _open=AllKept(S))
         return inner
 
@@ -140,7 +148,8 @@ class UnilateralContact:
             of_u, of_p, left = self._balanced(active, self._solver(active), force, gap, of_u, of_p)
             u, p = of_u[:, 0], of_p[:, 0]
             opening = self.gap - self.G @ u
-            moved = self.area * max(np.abs(u).max(), np.abs(self.gap / self.area).max())
+            largest = max(np.abs(u).max(), self.reach, np.abs(self.gap / self.area).max())
+            moved = self.area * largest
             pulls = active & ~self.tied & (p < -ROUND_OFF * np.abs(p).max())
             enters = ~active & (opening < -ROUND_OFF * moved)
             wrong = np.flatnonzero(pulls | enters)
@@ -186,7 +195,8 @@ class UnilateralContact:
             r, apart = force - self.K @ u - G_T @ p, gap - G @ u
             left = float((np.abs(r).max(axis=0) / np.where(largest > 0.0, largest, 1.0)).max())
             if apart.size and u.any():
-                moved = np.abs(u).max(axis=0, initial=np.finfo(float).tiny)
+                least = max(self.reach, np.finfo(float).tiny)
+                moved = np.abs(u).max(axis=0, initial=least)
                 left += float((np.abs(apart / area) / moved).max())
             # It is corrected until little is left, or until that falls no further.
             if left < 1e-13 or (left > 0.5 * last and left < _TOLERANCE):
@@ -241,7 +251,8 @@ def solved_by_parts(
     inside = PartwiseComplement(whole.K, kept, parts)
     force, interior = inside.restrict(whole.force)
     K, G = as_dense(inside.complement), sparse.csr_array(whole.G[:, kept])
-    small = replace(whole, K=K, G=G, force=force)
+    beside = float(np.abs(inside.extend(np.zeros(force.size), interior)).max())
+    small = replace(whole, K=K, G=G, force=force, reach=beside)
     u, p, closed, count = small.solve(first, progress)
     return inside.extend(u, interior), p, closed, count
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from skfem_joint.ground.errors import listed
 from skfem_joint.mesh.inp_cards import Card
 
 #: Options of the cards that are read; others change what a card means.
@@ -46,7 +47,7 @@ PASSED = {
     """,
     "supports, loads and states at the start, which [support], [[load]] and [[bolt]] say": """
         BOUNDARY, CLOAD, DLOAD, DSLOAD, AMPLITUDE, INITIAL CONDITIONS, TEMPERATURE, TIME POINTS,
-        BASE MOTION
+        BASE MOTION, FILM, RADIATE, SFILM, SRADIATE
     """,
     "output and settings of the program": """
         PREPRINT, RESTART, FILTER, NODE FILE, EL FILE, NODE PRINT, EL PRINT, NODE OUTPUT,
@@ -70,6 +71,7 @@ _BOLT = (
 _THIN = "shells and membranes are not read: mesh the body as a solid"
 _MADE = "it makes nodes or elements: save the file with all of them written out"
 _TURNED = "it gives coordinates or directions in another system: save the file without it"
+_CHANGED = "it takes elements out or puts them in: save the file with those that count"
 _MASS = "it adds springs or masses to nodes, which is not read: take it and its elements out"
 REFUSED = {
     **dict.fromkeys(
@@ -82,6 +84,7 @@ REFUSED = {
     "PRE-TENSION SECTION": _BOLT,
     **dict.fromkeys(("SYSTEM", "TRANSFORM"), _TURNED),
     **dict.fromkeys(("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"), _MADE),
+    "MODEL CHANGE": _CHANGED,
     "IMPERFECTION": "it moves nodes: save the file with the nodes where they are to be",
     "PARAMETER": "it gives names to numbers: save the file with the numbers themselves",
     **dict.fromkeys(("MASS", "ROTARY INERTIA", "NONSTRUCTURAL MASS"), _MASS),
@@ -110,6 +113,7 @@ def sorted_out(cards: Iterable[Card]) -> tuple[list[tuple[str, Card]], list[str]
     step that does not end.
     """
     read, passed = list[tuple[str, Card]](), dict[str, dict[str, None]]()
+    materials = dict[str, None]()
     step: Card | None = None
     for card in cards:
         plain = _plain(card.keyword)
@@ -133,6 +137,8 @@ def sorted_out(cards: Iterable[Card]) -> tuple[list[tuple[str, Card]], list[str]
         elif plain in _PASSED:
             keyword, why = _PASSED[plain]
             passed.setdefault(why, {})[keyword] = None
+            if keyword == "MATERIAL" and "NAME" in card.options:
+                materials[card.name("NAME")] = None
         else:
             card.refuse(
                 "a card that is not known: is it spelt right? Take it out if it changes neither "
@@ -141,4 +147,10 @@ def sorted_out(cards: Iterable[Card]) -> tuple[list[tuple[str, Card]], list[str]
     if step is not None:
         step.refuse("has no *END STEP: the file is cut")
     groups = [f"{why} ({', '.join(f'*{name}' for name in own)})" for why, own in passed.items()]
-    return read, [f"passed over are {'; '.join(groups)}"] if groups else []
+    notes = [f"passed over are {'; '.join(groups)}"] if groups else []
+    if len(materials) > 1:
+        notes.append(
+            f"it has {len(materials)} materials, {listed(materials)}: [material] holds for all "
+            "elements but those of the regions that [material.regions.NAME] names"
+        )
+    return read, notes

@@ -304,8 +304,9 @@ def _mesh(structure: AnyStructure, draft: Description) -> None:
         }
         count = error.frequencies.size
         parts.append(
-            f"with the joints {joints} they are {_listed(error.frequencies, count)} where elements "
-            f"of second order on it have {_listed(error.better, count)}"
+            f"with the joints {joints} they are {_listed(error.frequencies, count)} and "
+            f"{_listed(error.better, count)} with middles of edges added, straight in joints and "
+            "supports"
         )
     what = f"The mesh makes the first frequencies up to {largest:.2g} % too high"
     if unknown := [joints for joints, error in both.items() if not error.is_known]:

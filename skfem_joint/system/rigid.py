@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import eigh, orth
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.system.modes import ZERO, is_singular
@@ -20,7 +20,8 @@ def rigid_of(system: System) -> FloatArray | None:
         return None
     K, R = system.K, system.loose.toarray()
     R = R[:, np.any(R != 0.0, axis=0)]
-    R /= np.abs(R).max(axis=0)
+    if R.size:  # of bodies that are held but for a line of nodes some are the same motion
+        R = orth(R / np.abs(R).max(axis=0), rcond=1e-9)
     stiffness = R.T @ (K @ R)
     R = R @ eigh(0.5 * (stiffness + stiffness.T))[1]
     work = np.einsum("ij,ij->j", R, K @ R)

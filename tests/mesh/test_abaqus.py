@@ -222,6 +222,8 @@ def test_how_elements_are_computed_is_said(tmp_path):
     brick = [BRICK[0].replace("C3D8I", "C3D8R"), *BRICK[1:]]
     assert "C3D8R have incompatible modes, as C3D8I has, unless" in said(CUBE, brick)
     assert said(CUBE, BRICK) == ""
+    two = ["*MATERIAL, NAME=Steel", "*DENSITY", "1.", "*MATERIAL, NAME=Alu", "*DENSITY", "2."]
+    assert "it has 2 materials, 'Alu', 'Steel': [material] holds for all" in said(CUBE, BRICK, two)
     assert "B31 are computed as bars" in said(NODE, ALL)
     model = [f"*{name.strip()}" for text in PASSED.values() for name in text.split(",")]
     note = said(CUBE, BRICK, model, ["*STEP", "*ANY NEW THING", "1, 2", "*END STEP"])
@@ -243,6 +245,7 @@ REFUSED = [
     ["*NMAP, NSET=A"], ["*EMBEDDED ELEMENT", "A"], ["*FASTENER, INTERACTION NAME=F"],
     ["*MASS, ELSET=M", "1."], ["*SPRING, ELSET=S", "1", "1e6"], ["*DASHPOT, ELSET=D", "1", "1e3"],
     ["*NONSTRUCTURAL MASS, UNITS=TOTAL MASS", "1."], ["*CONNECTOR SECTION, ELSET=C", "BEAM"],
+    ["*MODEL CHANGE, REMOVE", "ARM"],
     ["*IMPERFECTION, FILE=buckled, STEP=1", "1, 0.1"], ["*PARAMETER", "length = 3."],
     ["*CYCLIC SYMMETRY MODEL, N=12, TIE=T"], ["*NETWORK MPC", "BEAM, 1, 2"],
     ["*NODES", "14, 1., 1., 1."], ["*ELEMENTT, TYPE=B31", "13, 12, 13"], ["*SOMETHING NEW"],
@@ -311,6 +314,7 @@ def test_what_is_not_read_is_refused_with_card_and_line(tmp_path, card, in_file)
                                                               "type B31 stand in line 15, and a"),
         ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPS3", "20, 1, 2, 4"]), "line 11: .* same shape and"),
         ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPE4", "20, 1, 2, 5, 4"]), "line 11: .*choose one"),
+        ((PLATE, SQUARES, ["7, 5, 2, 3, 6"]), "line 11: .*element 7 has the nodes of element 2"),
         ((PLATE, SQUARES, ["*SURFACE, NAME=S", "1, S5"]), "line 12: .*face 'S5', must be one of "
                                                           "S1, S2, S3, S4"),
         ((PLATE, SQUARES, ["*SURFACE, NAME=S", "1, S1"] * 2), "line 13: .* stands in line 11"),

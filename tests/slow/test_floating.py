@@ -60,6 +60,22 @@ def test_rigid_motions_are_those_of_supports_and_closed_contact(system):
     np.testing.assert_allclose(unstrained(system), rigid)
 
 
+def test_a_motion_that_several_rigid_ones_share_counts_once():
+    """Only one node of the plate is free, along one direction, which turning it moves as well."""
+    names = {"top": ("top", "j"), "l": "left", "r": "right", "bottom": "bottom"}
+    plate = sj.build_plate([("a", 0.02, 2), ("j", 0.02, 2)], 0.005, 1, boundaries=names)
+    steel = sj.Material(E=200e9, density=7800.0, poisson=0.3)
+    held = sj.Structure(
+        plate, steel, thickness=0.01, joints=[sj.Joint("top", 1e6, 0.3)],
+        fixed=["bottom", "l"], fixed_y=["a", "j"], stiffness_damping=1e-6,
+    )  # fmt: skip
+    system = held.system([sj.Load("r", sj.Harmonic(200.0, 500.0), (1.0, 0.0))])
+    assert rigid_of(system).shape == (system.n, 0)
+    assert not floats(system)
+    run = sj.integrate(system, cycles=1, steps_per_cycle=40, until="steady")
+    assert run.peak.max() == pytest.approx(5.76e-8, rel=1e-2)
+
+
 def test_contact_that_opens_leaves_twelve_rigid_motions_and_nine_where_it_is_closed():
     system = plates("unilateral").system()
     assert rigid_of(system).shape[1] == 12
