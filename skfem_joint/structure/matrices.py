@@ -159,6 +159,18 @@ class MatrixModel:
         """Names of the points that can be observed."""
         return tuple(self.points)
 
+    def _masses(self) -> str:
+        """Words on the mass that moves along each axis; it tells whether units are right."""
+        if self.labels is None:
+            return ""
+        M, told = sparse.csr_array(self.M), []
+        of_nodes = ~is_scalar(self.labels)
+        for number, axis in enumerate("xyz", 1):
+            along = np.flatnonzero(of_nodes & (self.labels[:, 1] == number))
+            if along.size:
+                told.append(f"{M[along][:, along].sum():.4g} kg along {axis}")
+        return f", which have a mass of {', '.join(told)}" if told else ""
+
     def overview(self) -> str:
         """Sentences about what the structure is made of."""
         paired = [rows[:, :6].ravel() for rows in self.contacts.values() if rows.ndim == 2]
@@ -168,9 +180,8 @@ class MatrixModel:
         more = ""
         if self.labels is not None:
             nodes = np.unique(self.labels[~is_scalar(self.labels), 0])
-            more = (
-                f" They name {nodes.size} nodes. {about_modes(self._modes, self.labels)}".rstrip()
-            )
+            modes = about_modes(self._modes, self.labels)
+            more = f" They name {nodes.size} nodes{self._masses()}. {modes}".rstrip()
         elif used.size:
             more = (
                 f" Supports and contacts name numbers from {used.min():.0f} to {used.max():.0f} of "

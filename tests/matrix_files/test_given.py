@@ -45,6 +45,16 @@ def test_a_beam_in_any_units_has_the_same_frequencies_and_stiffness_in_si(units)
     assert damping.toarray() == pytest.approx(converted["K"].toarray() * second, rel=1e-12)
 
 
+def test_the_mass_along_each_axis_is_told_in_kg(tmp_path):
+    """By which wrong units are seen: frequencies alone do not show them."""
+    K, M, labels = stored()
+    dmig(tmp_path / "lap.pch", {"KAAX": K, "MAAX": M}, labels)
+    told = scene(tmp_path, {"K": "lap.pch:KAAX", "M": "lap.pch:MAAX"}).structure().overview()
+    for number, axis in enumerate("xyz", 1):
+        along = labels[:, 1] == number
+        assert f"{1e3 * M[np.ix_(along, along)].sum():.4g} kg along {axis}" in told
+
+
 def test_unknown_units_are_refused(tmp_path):
     with pytest.raises(sj.InputError, match=r"matrices\.units: .*'mm t s'"):
         scene(tmp_path, {"K": "K", "M": "M", "units": "mm g s"})
