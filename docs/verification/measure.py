@@ -243,6 +243,13 @@ CLAIMS = {
         timed=True,
     ),
     "plates": Claim(f"{BENCHMARKS}/plates.py", 200, {"plates": printed}, timed=True),
+    "first-run": Claim(
+        f"{BENCHMARKS}/first_run.py --rounds 1",
+        200,
+        {"first-run": printed},
+        short=f"{BENCHMARKS}/first_run.py --quick",
+        timed=True,
+    ),
     "growth": Claim(f"{BENCHMARKS}/growth.py", 100, {"growth": printed}, timed=True),
     "sweep": Claim(f"{BENCHMARKS}/sweep.py", 200, {"sweep": printed}, timed=True),
     "sweep-range": Claim(
