@@ -2,6 +2,9 @@
 
 import os
 import signal
+from collections.abc import Iterator
+
+import pytest
 
 # The tests run in several processes, so linear algebra gets one thread in each. The variables are
 # read when numpy and scipy are imported, which is after this file.
@@ -11,3 +14,13 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 # A shell makes its background jobs ignore Ctrl-C, and so would every process that a test starts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True)
+def _numbers_are_printed_as_numpy_does() -> Iterator[None]:
+    """Restore numpy's options for printing, which pyyeti changes when it is imported."""
+    import numpy as np  # after the variables above are set
+
+    options = np.get_printoptions()
+    yield
+    np.set_printoptions(**options)
