@@ -132,8 +132,7 @@ class UnilateralContact:
     ) -> UnilateralContact:
         """The same on the unknowns of contact, with the complement of the shifted stiffness."""
         S, G = schur.complement, sparse.csr_array(self.G)[:, schur.kept]
-        beside = float(np.abs(schur.extend(np.zeros(force.size), interior)).max())
-        reach = max(self.reach, beside)
+        reach = _reach(schur, force.size, interior)
         inner = UnilateralContact(S, G, self.area, self.gap, self.tied, force, reach)
         vars(inner).update(penalty=self.penalty, _open=AllKept(S))
         return inner
@@ -251,10 +250,15 @@ def solved_by_parts(
     inside = PartwiseComplement(whole.K, kept, parts)
     force, interior = inside.restrict(whole.force)
     K, G = as_dense(inside.complement), sparse.csr_array(whole.G[:, kept])
-    beside = float(np.abs(inside.extend(np.zeros(force.size), interior)).max())
-    small = replace(whole, K=K, G=G, force=force, reach=beside)
+    reach = _reach(inside, kept.size, interior)
+    small = replace(whole, K=K, G=G, force=force, reach=reach)
     u, p, closed, count = small.solve(first, progress)
     return inside.extend(u, interior), p, closed, count
+
+
+def _reach(inside: Uncondensed, kept: int, interior: FloatArray) -> float:
+    """See `UnilateralContact.reach`."""
+    return float(np.abs(inside.extend(np.zeros(kept), interior)).max())
 
 
 def _shifted(K: Matrix) -> Matrix:

@@ -104,11 +104,12 @@ class MovingNewton(TouchingNewton):
                 if part is not None and rounds:
                     moves[part.unknowns] = True
                 part = _Moving(self, moves)
-            elif rounds == 0 and part.unknowns.size > SPARE * np.count_nonzero(moves):
-                part = _Moving(self, moves)
-            elif rounds and enough == tolerance:
+            elif not rounds:
+                if part.unknowns.size > SPARE * np.count_nonzero(moves):
+                    part = _Moving(self, moves)
+            elif enough == tolerance:
                 break
-            elif rounds:
+            else:
                 enough = tolerance
             if rounds == 0:
                 part.problem.forget()  # what it keeps is not saved
