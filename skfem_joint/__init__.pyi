@@ -38,6 +38,7 @@ from skfem_joint.mesh import build_plate as build_plate
 from skfem_joint.mesh import load_meshes as load_meshes
 from skfem_joint.mesh import merged as merged
 from skfem_joint.mesh import refined as refined
+from skfem_joint.output.page import write_report as write_report
 from skfem_joint.output.series import write_vtk as write_vtk
 from skfem_joint.reduction.condensed import condense as condense
 from skfem_joint.reduction.models import reduce as reduce

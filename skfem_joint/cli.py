@@ -144,6 +144,8 @@ def parser() -> argparse.ArgumentParser:
     add("response", _response, "steady vibration over frequency", scene, out, workers)
     fitted = add("fit", _fit, "fit values of a scene to measured frequency and damping", scene, out)
     _add_fit_options(fitted)
+    page = add("report", _report, "one page of HTML about the results of run, backbone or response")
+    page.add_argument("results", type=Path, metavar="DIR", help="folder of the results")
     timed = add("error-time", _error_time, "error against run time of many models", scene, out)
     timed.add_argument(
         "--repeats", type=int, default=3, metavar="N", help="timed rounds (default 3)"
@@ -525,6 +527,14 @@ def _measured(options: argparse.Namespace) -> list[MeasuredCurve]:
         names = [str(path) for path in options.data]
         refuse(f"--data: found {x} twice, must be once" for x in names if names.count(x) > 1)
     return [replace(curve, name=name) for curve, name in zip(curves, names, strict=True)]
+
+
+def _report(options: argparse.Namespace) -> int:
+    """Write a page about the results in a folder."""
+    from skfem_joint.output.page import write_report
+
+    print(f"Written to {write_report(options.results)}")
+    return 0
 
 
 def _error_time(options: argparse.Namespace) -> int:

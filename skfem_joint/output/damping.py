@@ -23,8 +23,10 @@ from skfem_joint.output.record import writing
 from skfem_joint.output.tables import Table, by_columns, write_table
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.results.history import QUANTITIES
+from skfem_joint.scene import Scene
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.study.backbone_peaks import backbone_peaks
+from skfem_joint.study.premises import premises
 from skfem_joint.study.scene_backbone import ModelBackbone, SceneBackbone
 from skfem_joint.study.scene_response import SceneResponse
 from skfem_joint.vibration.backbone import Backbone
@@ -77,7 +79,12 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         for model in backbone.models
     }
     figures = {"backbone.png": backbone_figure(backbone.models, backbone.largest)}
-    return _written(folder, figures, {"models": models, "warnings": [*backbone.notes]}, tables)
+    return _written(
+        folder,
+        figures,
+        _content(backbone.scene, models, backbone_lines(backbone), backbone.notes),
+        tables,
+    )
 
 
 def _by_mesh(backbone: SceneBackbone, mode: int, level: int) -> dict[str, float]:
@@ -298,7 +305,12 @@ def write_response(
         peaks = backbone_peaks(response.models, backbones)
         tables["peaks.csv"] = peak_columns(peaks)
         figures["backbone_response.png"] = peaks_figure(response, backbones, peaks)
-    return _written(folder, figures, {"models": models, "warnings": [*response.notes]}, tables)
+    return _written(
+        folder,
+        figures,
+        _content(response.scene, models, response_lines(response, backbones), response.notes),
+        tables,
+    )
 
 
 def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) -> list[str]:
@@ -356,6 +368,19 @@ def response_figure(response: SceneResponse) -> Figure:
     for panel in (upper, lower):
         panel.grid(alpha=0.3)
     return figure
+
+
+def _content(
+    scene: Scene, models: Mapping[str, Any], told: Sequence[str], notes: Sequence[str]
+) -> dict[str, Any]:
+    """Content of the summary of a command about steady vibration."""
+    return {
+        "title": scene.title,
+        "models": models,
+        "told": list(told),
+        "warnings": list(notes),
+        "premises": premises(scene),
+    }
 
 
 def _written(

@@ -19,7 +19,7 @@ from skfem_joint.ground.errors import JointError, refuse
 from skfem_joint.ground.files import replacing
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import writing
-from skfem_joint.output.tables import by_columns, text_table, write_json, write_table
+from skfem_joint.output.tables import TextTable, by_columns, write_json, write_table
 from skfem_joint.scene import load_scene
 from skfem_joint.scene.rewriting import rewritten
 from skfem_joint.structure.parameters import single_values, value_of
@@ -118,7 +118,7 @@ def profile_lines(profiles: Sequence[Profile]) -> list[str]:
         size = float(np.ptp(profile.interval)) or float(profile.values[0])
         low, high = (_rounded(end, 0.25 * size) for end in profile.interval)
         rows[profile.name] = [f"{low} to {high}"]
-    return [text_table("", [level], rows), ""]
+    return [str(TextTable("", [level], rows)), ""]
 
 
 def fit_lines(fit: Fit) -> list[str]:
@@ -132,7 +132,7 @@ def fit_lines(fit: Fit) -> list[str]:
     level = f"{100.0 * LEVEL:g} % interval"
     samples = fit.degrees + fit.vector.size
     return [
-        text_table("", ["value", "± deviation", level], rows),
+        str(TextTable("", ["value", "± deviation", level], rows)),
         "",
         f"Sum of squares {fit.sum_of_squares:.4g} of {samples} residuals over their deviations, "
         f"{fit.degrees} degrees of freedom.",

@@ -13,6 +13,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from importlib.metadata import version
 from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple, TextIO
@@ -24,13 +25,15 @@ from skfem_joint.output.tables import write_json
 
 SUMMARY = "summary.json"
 LIST = ".skfem-joint-files"
+#: Libraries whose versions a summary tells.
+_LIBRARIES = ("numpy", "scipy", "scikit-fem", "numba", "meshio")
 _HEADER = json.dumps({"program": "skfem_joint", "file": "list of written files"})
 #: Folders below that of the results.
 _FOLDERS = {"fields", "pictures", "curves"}
 #: Endings of results; names without one are those of such folders.
 _ENDINGS = {
     *("", ".npz", ".csv", ".json", ".md", ".parquet", ".toml"),
-    *(".png", ".gif", ".pvd", ".vtu", ".vtm"),
+    *(".png", ".gif", ".pvd", ".vtu", ".vtm", ".html"),
 }
 # Checkpoints and rows, from which an interrupted command is resumed, models for ranges, which other
 # commands use, and hidden files.
@@ -195,11 +198,37 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
         If ``content`` holds numbers that are not finite; nothing is removed then.
     """
     json.dumps(content, allow_nan=False)  # nothing is removed for what cannot be written
-    known, written = _listed(folder) or set(), []
+    known = _listed(folder) or set()
     ours, others = _found(folder, known)
     _remove(folder, ours)
     known = known.intersection(others)
     _write_list(folder, known)
+
+    with _listing(folder, known) as written:
+        try:
+            yield folder / SUMMARY
+        finally:
+            files = {"files": list(dict.fromkeys(written)), "written_by": _mark()}
+            write_json(folder / SUMMARY, {**content, **files})
+
+
+@contextmanager
+def adding(folder: Path) -> Iterator[None]:
+    """Write more files beside the results of a folder, which stay; InputError as for `writing`.
+
+    The next command takes them for results, as those that are there.
+    """
+    with _listing(folder, _listed(folder) or set()):
+        yield
+
+
+@contextmanager
+def _listing(folder: Path, known: set[_Listed]) -> Iterator[list[str]]:
+    """List each file that the block writes below a folder; yields their names as they are written.
+
+    ``known`` are the lines of the list so far.
+    """
+    written: list[str] = []
 
     def take(temporary: Path, path: Path) -> None:
         """List a whole file that is about to take its place; refuse if that is not free."""
@@ -222,9 +251,13 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
         os.fsync(lines.fileno())
 
     with (folder / LIST).open("a", encoding="utf-8") as lines, recording(take):
-        try:
-            yield folder / SUMMARY
-        finally:
-            mark = {"program": "skfem_joint", "version": __version__}
-            files = {"files": list(dict.fromkeys(written)), "written_by": mark}
-            write_json(folder / SUMMARY, {**content, **files})
+        yield written
+
+
+def _mark() -> dict[str, str]:
+    """What wrote a summary, and with which libraries."""
+    return {
+        "program": "skfem_joint",
+        "version": __version__,
+        "libraries": ", ".join(f"{name} {version(name)}" for name in _LIBRARIES),
+    }

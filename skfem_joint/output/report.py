@@ -10,9 +10,10 @@ import numpy as np
 
 from skfem_joint.accuracy.estimate import NAMES, SOURCES, WITHOUT_MESH
 from skfem_joint.ground.files import replacing
-from skfem_joint.output.tables import text_table
+from skfem_joint.output.tables import TextTable
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.stepping.recording import Run
+from skfem_joint.study.premises import premises
 from skfem_joint.study.results import Study
 from skfem_joint.study.summary import model_summary
 
@@ -76,7 +77,11 @@ def loop_rows(runs: Mapping[str, Run]) -> Iterator[list[Any]]:
 
 def results_text(study: Study) -> str:
     """What is printed of the models of a study: its title, facts of the structure, and a table."""
-    parts = [study.scene.title, "\n".join(study.description.facts), summary_table(summary(study))]
+    parts = [
+        study.scene.title,
+        "\n".join(study.description.facts),
+        str(summary_table(summary(study))),
+    ]
     return "\n\n".join(parts if study.scene.title else parts[1:])
 
 
@@ -87,7 +92,7 @@ def estimates_text(study: Study) -> str:
         for name, model in study.models.items()
         if model.estimate_s > 0.0
     ]
-    table = estimate_table(summary(study))
+    table = str(estimate_table(summary(study)))
     return f"{table}\n\nTime of the estimates: {', '.join(took)}." if took else table
 
 
@@ -98,10 +103,11 @@ def summary(study: Study) -> dict[str, Any]:
         "structure": study.description.values,
         "models": {name: model_summary(study, model) for name, model in study.models.items()},
         "warnings": list(study.notes),
+        "premises": premises(study.scene) | {"structure": list(study.description.facts)},
     }
 
 
-def estimate_table(content: Mapping[str, Any]) -> str:
+def estimate_table(content: Mapping[str, Any]) -> TextTable:
     """Estimated errors of the models of a summary by source, percent."""
     rows = {}
     for name, model in content["models"].items():
@@ -126,10 +132,10 @@ def estimate_table(content: Mapping[str, Any]) -> str:
             rows[f"{name} model, joint {worst} alone"] = shown
         if all(error["total"] is None for error in errors):
             rows[f"{name} model"] = ["not estimated"] * len(errors)
-    return text_table("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
+    return TextTable("estimated error, %", [key.replace("_", " ") for key in QUANTITIES], rows)
 
 
-def summary_table(content: Mapping[str, Any]) -> str:
+def summary_table(content: Mapping[str, Any]) -> TextTable:
     """Table of the models of a summary.
 
     It states how many times faster than the full model each runs, without and with its off-line
@@ -206,7 +212,7 @@ def summary_table(content: Mapping[str, Any]) -> str:
         ("the same with its off-line time", True),
     ):
         add(label, "{:.3g}", [faster(model, offline) for model in models.values()])
-    return text_table("", list(models), rows)
+    return TextTable("", list(models), rows)
 
 
 def _names(tables: Iterable[Mapping[str, Any]]) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -54,15 +55,34 @@ def _plain(value: Any) -> Any:
     return "" if value is None else value
 
 
-def text_table(corner: str, columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """Table as text, as wide as it needs to be whatever the width of the terminal.
+@dataclass(frozen=True)
+class TextTable:
+    """Table whose cells are texts.
 
-    ``corner`` stands above the labels of the rows, which are the keys of ``rows``.
+    Attributes
+    ----------
+    corner : str
+        What stands above the labels of the rows.
+    columns : sequence of str
+        Headings.
+    rows : mapping of str to sequence of str
+        Cells by the labels of the rows.
     """
-    table = [[corner, *columns], *([label, *cells] for label, cells in rows.items())]
-    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    lines = [
-        "   ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in table
-    ]
-    lines.insert(1, "-" * (sum(widths) + 3 * len(columns)))
-    return "\n".join(line.rstrip() for line in lines)
+
+    corner: str
+    columns: Sequence[str]
+    rows: Mapping[str, Sequence[str]]
+
+    def __str__(self) -> str:
+        """Lines of the table, as wide as it needs to be whatever the width of the terminal."""
+        table = [
+            [self.corner, *self.columns],
+            *([label, *cells] for label, cells in self.rows.items()),
+        ]
+        widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+        lines = [
+            "   ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])])
+            for row in table
+        ]
+        lines.insert(1, "-" * (sum(widths) + 3 * len(self.columns)))
+        return "\n".join(line.rstrip() for line in lines)

@@ -114,6 +114,11 @@ class Scene(SceneTable):
         return self._path
 
     @property
+    def has_file(self) -> bool:
+        """Whether the scene was read from a file, which is still there."""
+        return self._path is not None and self._path.is_file()
+
+    @property
     def named_mesh(self) -> NamedMesh:
         """Mesh of the scene; `InputError` if there is none."""
         if self._named_mesh is None:

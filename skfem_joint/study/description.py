@@ -129,12 +129,10 @@ def _described(
     """Describe a structure with its system under loads, for a run by a plan."""
     system = system.closed()
     draft = Description()
-    draft.facts.extend(_parts(structure))
+    draft.facts.extend(made_of(structure))
     if structure.body is not None:
         size, mass = np.ptp(structure.body.positions, axis=0), structure.body.total_mass
         draft.values |= {"mass_kg": mass, "length_m": float(size.max())}
-        extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
-        draft.facts.append(f"Mass {mass:.4g} kg, extent {extent} m.")
     opens = [patch.joint.name for patch in structure.patches if patch.joint.opens]
     if opens:
         draft.facts.append(
@@ -154,8 +152,8 @@ def _described(
     return draft
 
 
-def _parts(structure: AnyStructure) -> Iterator[str]:
-    """Sentences about bodies and joints."""
+def made_of(structure: AnyStructure) -> Iterator[str]:
+    """Sentences about a structure's bodies, joints, preload, mass and size."""
     yield structure.overview()
     for patch in structure.patches:
         joint = patch.joint
@@ -178,6 +176,10 @@ def _parts(structure: AnyStructure) -> Iterator[str]:
             text += f" Position {along.min():.6g} m of its pressures is at ({place}) m."
         yield text
     yield from structure.at_rest()
+    if structure.body is not None:
+        size, mass = np.ptp(structure.body.positions, axis=0), structure.body.total_mass
+        extent = " x ".join(f"{x:.4g}" for x in size if x > 0.0)
+        yield f"Mass {mass:.4g} kg, extent {extent} m."
 
 
 def _moves(

@@ -114,7 +114,7 @@ def test_a_total_that_lacks_the_mesh_says_so_beside_the_number(monkeypatch):
         study = replace(study, models={name: certify(study, name) for name in models})
         content = report.summary(study)
         assert f"\n  {label}: " in repr(study.models[name].estimate)
-        lines = [line.split("  ")[0] for line in report.estimate_table(content).splitlines()]
+        lines = [line.split("  ")[0] for line in str(report.estimate_table(content)).splitlines()]
         assert [f"{name} model, {label}"] == [
             x for x in lines if x.startswith(f"{name} model, tot")
         ]

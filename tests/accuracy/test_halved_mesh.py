@@ -111,7 +111,7 @@ def test_all_models_of_a_scene_have_the_same_error_by_the_mesh_in_their_totals()
         assert not errors.lacks_mesh
     alone = sj.estimate(study.models["full"].run, finer=finer_mesh(one).system())
     assert alone.parts["mesh"] == pytest.approx(found[0].parts["mesh"], rel=1e-6)
-    table = report.estimate_table(report.summary(study))
+    table = str(report.estimate_table(report.summary(study)))
     assert "condensed model, mesh" in table
     assert "without mesh" not in table
 
@@ -138,7 +138,7 @@ def test_a_large_structure_has_totals_without_the_mesh(monkeypatch):
     monkeypatch.setattr(halved_mesh, "MOST_UNKNOWNS", 100)
     study = sj.run_scene(scene("full"))
     assert "mesh" not in study.models["full"].estimate.parts
-    assert "full model, total without mesh" in report.estimate_table(report.summary(study))
+    assert "full model, total without mesh" in str(report.estimate_table(report.summary(study)))
 
 
 def test_a_mesh_that_changes_nothing_errs_by_nothing_and_totals_stay_unknown_where_they_are():

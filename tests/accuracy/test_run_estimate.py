@@ -89,7 +89,7 @@ def test_it_is_no_part_of_the_total_and_is_said_where_it_is_large():
     (said,) = [warning for warning in study.notes if "creeps" in warning]
     assert "beta = 1e+05" in said
     assert "Leave beta out" in said
-    assert "full model, against Coulomb's law" in estimate_table(summary(study))
+    assert "full model, against Coulomb's law" in str(estimate_table(summary(study)))
 
 
 def test_results_of_coulombs_law_are_compared_with_nothing_and_of_a_steep_one_with_little():

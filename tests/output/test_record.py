@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from skfem_joint import __version__
@@ -63,7 +64,9 @@ def test_a_summary_carries_the_program_and_the_files(out):
     content = json.loads((out / "summary.json").read_text())
     assert content["title"] == "a bar"
     assert content["files"] == [*OURS]
-    assert content["written_by"] == {"program": "skfem_joint", "version": __version__}
+    by = content["written_by"]
+    assert (by["program"], by["version"]) == ("skfem_joint", __version__)
+    assert f"numpy {np.__version__}," in by["libraries"]
     assert set(tree(out)) == {"summary.json", *OURS}
 
 

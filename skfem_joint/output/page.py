@@ -1,0 +1,192 @@
+"""One page of HTML about the results in a folder, to be read without the program or a network.
+
+`write_report` reads ``summary.json``, the tables and the pictures of `run`, `backbone` or
+`response`, and writes ``report.html`` beside them. It computes nothing.
+"""
+
+from __future__ import annotations
+
+import base64
+import csv
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import holding, needed, read_text, replacing
+from skfem_joint.output import report
+from skfem_joint.output.record import SUMMARY, adding
+from skfem_joint.output.tables import TextTable
+
+PAGE = "report.html"
+#: Rows of a table that are shown; of longer ones as many, evenly.
+_ROWS = 12
+#: Columns of tables that a page shows, of those whose name begins so, with their heading.
+_COLUMNS: dict[str, tuple[str, ...]] = {
+    "backbone.csv": (
+        *("model", "mode", "level", "displacement_", "frequency_Hz", "damping_ratio"),
+        *("loss_factor", "slipping_share", "state", "doubt", "mesh_error_"),
+    ),
+    "peaks.csv": (),
+}
+_CAPTIONS = {
+    "histories": "Displacement of the named points over time",
+    "energies": "Energy put in by the loads and lost by friction in each cycle",
+    "hysteresis": "Force over displacement of the loaded point; the area is the energy of a cycle",
+    "proper_values": "Proper values of the reduced model's basis",
+    "proper_orthogonal_modes": "Proper orthogonal modes of the reference joint",
+    "active_region": "Largest slip over the joint",
+    "joint_loops": "Force over mean slip of each joint",
+    "joint": "Stick and slip on the moving structure",
+    "backbone_response": "Response beside the damping curves",
+    "backbone": "Frequency and damping over amplitude",
+    "response": "Amplitude over frequency",
+}
+_KINDS = {".png": "image/png", ".gif": "image/gif"}
+
+
+class _Shown(NamedTuple):
+    """Table of the page."""
+
+    caption: str
+    heading: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+class _Picture(NamedTuple):
+    """Picture of the page, whose bytes are in it."""
+
+    name: str
+    caption: str
+    kind: str
+    data: str
+
+
+def write_report(folder: Path | str) -> Path:
+    """Write ``report.html`` about the results of `run`, `backbone` or `response` in a folder.
+
+    The page has the results with their stated errors, what to beware of, the structure, what is
+    assumed, the pictures, and the scene. Pictures are part of the file, which needs no network.
+
+    Parameters
+    ----------
+    folder : Path or str
+        That the command was given as ``--out``.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If the folder has no results of these commands, files of it are missing or damaged, it
+        cannot be written to, or jinja2 is missing.
+    """
+    folder = Path(folder)
+    jinja2 = needed("jinja2", "report")
+    content = _content(folder)
+    source = files(__package__).joinpath("page.html").read_text(encoding="utf-8")
+    template = jinja2.Environment(
+        autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=jinja2.StrictUndefined
+    ).from_string(source)
+    text = template.render(_parts(folder, content))
+    path = folder / PAGE
+    with holding(folder), adding(folder), replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+    return path
+
+
+def _content(folder: Path) -> dict[str, Any]:
+    """Summary of a folder of results that can be reported on."""
+    path = folder / SUMMARY
+    if not path.is_file():
+        raise InputError(
+            f"{folder}: has no {SUMMARY}, must be the folder --out of run, backbone or response"
+        )
+    try:
+        content = json.loads(read_text(path))
+    except ValueError as error:
+        raise InputError(f"{path}: not the JSON that skfem-joint wrote: {error}") from error
+    if not isinstance(content, dict) or "premises" not in content:
+        raise InputError(
+            f"{path}: is of another command or an older version, must be of run, backbone or "
+            "response; run it again"
+        )
+    return content
+
+
+def _parts(folder: Path, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of the template."""
+    premises, by = content["premises"], content["written_by"]
+    notes = [note for note in content["warnings"] if note not in premises["notes"]]
+    return {
+        "title": content["title"] or folder.absolute().name,
+        "made": f"Computed by {by['program']} {by['version']} with {by['libraries']}.",
+        "told": content.get("told", []),
+        "tables": [*_tables(folder, content)],
+        "notes": notes,
+        "structure_notes": premises["notes"],
+        "structure": premises["structure"],
+        "assumptions": premises["assumptions"],
+        "pictures": [*_pictures(folder, content["files"])],
+        "scene": premises["scene"],
+    }
+
+
+def _tables(folder: Path, content: Mapping[str, Any]) -> Iterator[_Shown]:
+    """Tables of results and of their estimated errors."""
+    if "told" not in content:  # of models that were run
+        yield _of_text("Results of the models", report.summary_table(content))
+        yield _of_text("Estimated errors", report.estimate_table(content))
+    for name, columns in _COLUMNS.items():
+        if name in content["files"]:
+            yield _of_file(folder / name, columns)
+
+
+def _of_text(caption: str, table: TextTable) -> _Shown:
+    rows = [[label, *cells] for label, cells in table.rows.items()]
+    return _Shown(caption, [table.corner, *table.columns], rows)
+
+
+def _of_file(path: Path, columns: tuple[str, ...]) -> _Shown:
+    """Table of a file: the columns whose names begin so (all, if none are given), without empty."""
+    heading, *rows = csv.reader(read_text(path).splitlines())
+    chosen = [
+        k
+        for k, name in enumerate(heading)
+        if (not columns or name.startswith(columns)) and any(row[k] for row in rows)
+    ]
+    step = -(-len(rows) // _ROWS)
+    shown = [[_rounded(row[k]) for k in chosen] for row in _every(rows, step)]
+    thinned = f"; every {step}th row" if step > 1 else ""
+    return _Shown(f"{path.name}{thinned}", [heading[k].replace("_", " ") for k in chosen], shown)
+
+
+def _every(rows: Sequence[Sequence[str]], step: int) -> Iterable[Sequence[str]]:
+    """Rows at a distance, of which the last is one."""
+    return rows[(len(rows) - 1) % step :: step]
+
+
+def _rounded(cell: str) -> str:
+    """Number of a cell to five digits."""
+    return f"{float(cell):.5g}" if re.fullmatch(r"[-+.\de]*\.[-+\de]*|\d+e-\d+", cell) else cell
+
+
+def _pictures(folder: Path, names: Iterable[str]) -> Iterator[_Picture]:
+    """Pictures among the files of a folder, an animation in place of its still."""
+    shown = [name for name in names if Path(name).suffix in _KINDS and "/" not in name]
+    moving = {Path(name).stem for name in shown if name.endswith(".gif")}
+    for name in shown:
+        stem, suffix = Path(name).stem, Path(name).suffix
+        if suffix == ".png" and stem in moving:
+            continue
+        try:
+            data = (folder / name).read_bytes()
+        except OSError as error:
+            raise InputError(f"{folder / name}: cannot be read: {error.strerror}") from error
+        caption = next((text for start, text in _CAPTIONS.items() if stem.startswith(start)), stem)
+        yield _Picture(name, caption, _KINDS[suffix], base64.b64encode(data).decode())

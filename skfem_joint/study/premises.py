@@ -1,0 +1,154 @@
+"""What results of a scene rest on: its structure, what is assumed, its text.
+
+`premises` stand in the ``summary.json`` of commands, from which ``skfem-joint report`` makes its
+page: what a reader has to know before he relies on a number.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from typing import Any
+
+from skfem_joint.ground.files import read_text
+from skfem_joint.scene import Scene
+from skfem_joint.scene.joint_tables import BoltPressureTable
+from skfem_joint.study.description import made_of
+
+
+def premises(scene: Scene) -> dict[str, Any]:
+    """Structure, assumptions and notes of a scene, and the scene itself.
+
+    Returns
+    -------
+    dict
+        ``structure``, ``assumptions`` and ``notes`` of the structure (lists of sentences), and
+        ``scene`` (str), the scene as a file has it: the text of its own file if it still says the
+        same, with its comments; else all of its keys that were given.
+    """
+    return {
+        "structure": list(made_of(scene.structure())),
+        "assumptions": list(assumptions(scene)),
+        "notes": [*scene.left_out, *scene.system().notes],
+        "scene": scene_text(scene),
+    }
+
+
+def scene_text(scene: Scene) -> str:
+    """Text of a scene as TOML; its comments are there unless values were changed since."""
+    import tomlkit
+
+    given = scene.model_dump(mode="json", exclude_unset=True, exclude_none=True, by_alias=True)
+    if scene.has_file:
+        text = read_text(scene.path)
+        if tomllib.loads(text) == given:
+            return text
+    return tomlkit.dumps(given)
+
+
+def assumptions(scene: Scene) -> Iterator[str]:
+    """What is assumed of a scene's material, joints, bolts, damping and motion, in sentences."""
+    yield from _of_material(scene)
+    yield from _of_joints(scene)
+    yield from _of_damping(scene)
+    if scene.time.quasi_static:
+        yield "Loads change so slowly that inertia and viscous damping do not matter."
+    for load in scene.load:
+        where = f"the supports along {load.base}" if load.base else f"'{load.on}'"
+        values = load.model_dump(exclude=_OF_PLACE, exclude_unset=True, exclude_none=True)
+        yield f"Load on {where}: {_named(values)}."
+
+
+#: Keys of a load that say where it acts.
+_OF_PLACE = {"on", "base"}
+_UNITS = {"frequency": "Hz", "rise_time": "s", "start": "s", "duration": "s", "phase": "rad"}
+
+
+def _named(values: dict[str, Any]) -> str:
+    """Values of a table with their names and units, the plain ones."""
+    parts = []
+    for name, value in values.items():
+        shown = f"{value:g}" if isinstance(value, float) else value
+        parts.append(f"{name.replace('_', ' ')} {shown} {_UNITS.get(name, '')}".strip())
+    return ", ".join(parts)
+
+
+def _of_material(scene: Scene) -> Iterator[str]:
+    if scene.material is None:
+        yield (
+            "Displacements are small. The structure is linear but for its joints: mass and "
+            "stiffness are the given matrices."
+        )
+        return
+    yield "Displacements and strains are small, and the material is linear elastic."
+    material = scene.material
+    yield f"Material: {_properties(material.model_dump(include={'E', 'density', 'poisson'}))}."
+    for name, region in material.regions.items():
+        yield f"Material of '{name}': {_properties(region.model_dump())}."
+    dimension = scene.named_mesh.mesh.dim()
+    if dimension == 1:
+        yield "Bars move along their axis alone; they do not bend."
+    if dimension == 2:
+        yield f"Plates move in their plane alone, in plane {scene.section.plane}."
+
+
+def _properties(values: dict[str, Any]) -> str:
+    units = {"E": "Pa", "density": "kg/m³", "poisson": ""}
+    names = {"E": "modulus of elasticity", "poisson": "Poisson's ratio"}
+    return ", ".join(
+        f"{names.get(name, name)} {values[name]:g} {unit}".strip()
+        for name, unit in units.items()
+        if values.get(name) is not None
+    )
+
+
+def _of_joints(scene: Scene) -> Iterator[str]:
+    if not scene.joint:
+        yield "No joint has friction."
+        return
+    for joint in scene.joint:
+        law = (
+            "Coulomb's law"
+            if joint.beta is None
+            else f"the arctan law with beta = {joint.beta:g} s/m, which creeps"
+        )
+        text = (
+            f"Joint '{joint.on}': {law} with a friction coefficient of {joint.friction:g}, the "
+            "same at rest, in slip, and in all directions"
+        )
+        if joint.tangential_stiffness is not None:
+            text += f"; its surfaces yield to slip by {joint.tangential_stiffness:g} Pa/m"
+        yield f"{text}."
+        if isinstance(joint.pressure, BoltPressureTable):
+            yield f"Joint '{joint.on}': each bolt presses evenly over the cone below its head."
+        yield (
+            f"Joint '{joint.on}' opens and closes: its normal force follows the motion."
+            if joint.contact == "unilateral"
+            else f"Joint '{joint.on}' keeps the normal force that it has at rest, and stays closed."
+        )
+    if scene.bolt:
+        forces = ", ".join(f"{bolt.force:g}" for bolt in scene.bolt)
+        yield (
+            f"Clamp forces of the bolts ({forces} N) do not change in time, and nothing slips "
+            "while bolts are tightened."
+        )
+
+
+def _of_damping(scene: Scene) -> Iterator[str]:
+    damping = scene.damping
+    if damping.ratio is not None:
+        yield f"Beside friction, viscous damping of {100.0 * damping.ratio:g} % of the critical."
+    elif damping.stiffness or damping.mass:
+        parts = [
+            f"{factor:g} {unit} times the {of}"
+            for factor, unit, of in (
+                (damping.stiffness, "s", "stiffness"),
+                (damping.mass, "1/s", "mass"),
+            )
+            if factor
+        ]
+        yield f"Beside friction, viscous damping by a matrix of {' and '.join(parts)}."
+    elif scene.matrices is not None and scene.matrices.C:
+        yield "Beside friction, viscous damping by the given matrix."
+    else:
+        yield "Friction is the only damping."

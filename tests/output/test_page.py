@@ -1,0 +1,138 @@
+"""The page of a report says what the summary says, needs nothing else, and computes nothing."""
+
+import base64
+import html
+import json
+import re
+import tomllib
+
+import pytest
+from joint_scenes import bar_scene, harmonic, joint
+
+import skfem_joint as sj
+from skfem_joint.cli import main
+from skfem_joint.output import folder, write
+from skfem_joint.output.record import clear
+from skfem_joint.study.premises import assumptions, scene_text
+
+TITLE = "<script>alert(1)</script> & co"
+
+
+def text_of(page):
+    """Text of a page without tags, each run of white space one space."""
+    return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", page)).split())
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Folder of a run of two models with pictures, and its page."""
+    out = tmp_path_factory.mktemp("out")
+    made = bar_scene(
+        "full", "reduced", bar="coarse", title=TITLE, output={"plots": True},
+        load=[harmonic(amplitude=40e3)], damping={"ratio": 0.01},
+        time={"cycles": 2, "steps_per_cycle": 40},
+        reduction={"modes": 4},
+    )  # fmt: skip
+    write(sj.run_scene(made), out)
+    return out, sj.write_report(out).read_text(encoding="utf-8")
+
+
+def test_the_page_has_every_sentence_and_stated_error_of_the_summary(results):
+    out, page = results
+    content, text = json.loads((out / "summary.json").read_text()), text_of(page)
+    premises = content["premises"]
+    for sentence in (*content["warnings"], *premises["structure"], *premises["assumptions"]):
+        assert " ".join(sentence.split()) in text
+    for model in content["models"].values():
+        total = model["estimated_error"]["friction_energy_per_cycle"]["total"]
+        assert f"{100 * total:.2g}" in text
+    assert content["written_by"]["libraries"] in text
+
+
+def test_the_page_needs_no_network_and_no_other_file(results):
+    out, page = results
+    sources = re.findall(r'(?:src|href)="([^"]*)"', page)
+    assert sources
+    shown = [base64.b64decode(source.split("base64,")[1]) for source in sources]
+    written = [path.read_bytes() for path in out.glob("*.png")]
+    assert set(shown) <= {*written, *(path.read_bytes() for path in out.glob("*.gif"))}
+    assert not re.search(r"url\(|@import|https?://", page)
+
+
+def test_texts_of_the_scene_are_no_html(results):
+    _, page = results
+    assert "<script>" not in page
+    assert html.escape(TITLE) in page
+
+
+def test_a_report_is_a_result_that_the_next_command_replaces(results):
+    out, page = results
+    assert sj.write_report(out).read_text(encoding="utf-8") == page  # again
+    assert clear(out) == []
+    assert not (out / "report.html").exists()
+
+
+def test_curves_of_modes_are_reported_too(tmp_path, capsys):
+    scene = tmp_path / "bar.toml"
+    assert main(["example", "structure_harmonic", "--out", str(tmp_path / "bar")]) == 0
+    scene = tmp_path / "bar" / "structure_harmonic.toml"
+    out = tmp_path / "out"
+    assert main(["backbone", str(scene), "--out", str(out)]) == 0
+    printed = capsys.readouterr().out.splitlines()
+    assert main(["report", str(out)]) == 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for line in printed[:-1]:
+        if "model, mode" in line or line.startswith("Note: "):
+            assert " ".join(line.removeprefix("Note: ").split()) in text_of(page)
+    assert scene.read_text(encoding="utf-8").strip() in html.unescape(page)
+
+
+def test_the_scene_of_a_page_is_what_was_computed(tmp_path):
+    """Its own text with comments; where values were changed since, all keys with their values."""
+    main(["example", "structure_harmonic", "--out", str(tmp_path / "bar")])
+    path = tmp_path / "bar" / "structure_harmonic.toml"
+    read = sj.load_scene(path)
+    assert scene_text(read) == path.read_text(encoding="utf-8")
+    changed = read.changed({"joint[0].friction": 0.123})
+    keys = tomllib.loads(path.read_text(encoding="utf-8"))
+    keys["joint"][0]["friction"] = 0.123
+    assert tomllib.loads(scene_text(changed)) == keys
+
+
+def test_assumptions_tell_what_joints_bolts_and_damping_are():
+    opening = joint(contact="unilateral", gap=1e-6, pressure=1e6)
+    said = " ".join(assumptions(bar_scene(bar="coarse", joint=[joint(friction=0.25)])))
+    assert "friction coefficient of 0.25" in said
+    assert "keeps the normal force that it has at rest" in said
+    assert "damping by a matrix of 1e-05 s times the stiffness." in said
+    undamped = bar_scene(bar="coarse", damping={})
+    assert "Friction is the only damping." in [*assumptions(undamped)]
+    ratio = " ".join(assumptions(bar_scene(bar="coarse", damping={"ratio": 0.02})))
+    assert "viscous damping of 2 % of the critical" in ratio
+    bolts = {"bolts": [{"at": [0.05, 0.0], "force": 20e3, "head_radius": 0.01}]}
+    assert "presses evenly over the cone" in " ".join(
+        assumptions(bar_scene(bar="coarse", joint=[joint(pressure=bolts)]))
+    )
+    assert "opens and closes" in " ".join(
+        assumptions(bar_scene(bar="coarse").changed(joint=[opening]))
+    )
+
+
+def test_what_has_no_report_is_refused(tmp_path):
+    with pytest.raises(sj.InputError, match=r"has no summary\.json"):
+        sj.write_report(tmp_path)
+    (tmp_path / "summary.json").write_text("{")
+    with pytest.raises(sj.InputError, match="not the JSON"):
+        sj.write_report(tmp_path)
+    (tmp_path / "summary.json").write_text('{"title": ""}')
+    with pytest.raises(sj.InputError, match="another command or an older version"):
+        sj.write_report(tmp_path)
+
+
+def test_a_picture_that_is_gone_is_named(tmp_path):
+    made = bar_scene(bar="coarse", output={"plots": True}, load=[harmonic(amplitude=40e3)])
+    files = folder.write(sj.run_scene(made.changed(accuracy={"estimate": False})), tmp_path)
+    gone = next(path for path in files if path.suffix == ".png")
+    gone.unlink()
+    with pytest.raises(sj.InputError, match=re.escape(gone.name)):
+        sj.write_report(tmp_path)
