@@ -169,6 +169,8 @@ def curves(study: Study) -> dict[str, Writer]:
     # The first model: if only a reduced model runs, this is what the run it was made from had.
     model = next(iter(study.models.values()))
     peak = model.slip_peak
+    shares, work = model.run.system.contact.shares, model.run.friction_work
+    work = work if shares is None else shares.T @ work
     active = system.slipping(model.slider_peak(system), study.period)
     body = study.structure.body
     patches = study.structure.patches if body is not None else ()
@@ -177,4 +179,7 @@ def curves(study: Study) -> dict[str, Writer]:
         if peak[patch.points].any():
             slip = (peak[patch.points], active[patch.points])
             add(f"active_region_{name}.png", plots.active_region_figure, body, patch, *slip)
+        if (own := work[patch.points]).any():
+            when = "over the run"
+            add(f"friction_work_{name}.png", plots.friction_work_figure, body, patch, own, when)
     return plan

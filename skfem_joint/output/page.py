@@ -39,6 +39,7 @@ _CAPTIONS = {
     "proper_values": "Proper values of the reduced model's basis",
     "proper_orthogonal_modes": "Proper orthogonal modes of the reference joint",
     "active_region": "Largest slip over the joint",
+    "friction_work": "Energy that friction takes of the joint, by area",
     "joint_loops": "Force over mean slip of each joint",
     "joint": "Stick and slip on the moving structure",
     "backbone_response": "Response beside the damping curves",

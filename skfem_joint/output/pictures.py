@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import needed, replacing
@@ -23,11 +24,13 @@ from skfem_joint.output.fields import Field, Frames
 from skfem_joint.output.offscreen import drawn, offscreen, plotter_of
 from skfem_joint.output.plots import DPI, envelope, new_figure, prefixed_unit, save_figure
 from skfem_joint.output.series import Block, blocks_of, faces_of
+from skfem_joint.results.borders import of_cells, smoothed, touching
 
 #: Colours of -1 no contact, 0 stick, 1 slip; they differ in grey too.
 STATES = {"no contact": "#d5d8dc", "stick": "#2f6db3", "slip": "#f08a24"}
-#: Width of the picture, and height that the panels of all models share at most, inches.
-_WIDTH, _TALLEST = 9.4, 5.0
+#: Width of the picture, and heights that the bodies of all models share, and that a face has, at
+#: most, inches.
+_WIDTH, _TALLEST, _FACE = 9.4, 5.0, 2.8
 
 
 def warp_factor(frames: Frames) -> float:
@@ -171,6 +174,44 @@ def _axes(normal: FloatArray) -> FloatArray:
     return np.array([across, np.cross(eye, across), eye])
 
 
+def _cells(surface: Any) -> sparse.csr_array:
+    """Matrix of sums over the points of each cell of a surface."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    polygons = surface.GetPolys()
+    corners, starts = polygons.GetConnectivityArray(), polygons.GetOffsetsArray()
+    convert: Any = vtk_to_numpy
+    return of_cells(convert(corners), convert(starts), surface.n_points)
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """A block with its surface and edges, the actor of its contact, and the surface's cells."""
+
+    block: Block
+    surface: Any
+    edges: Any
+    actor: Any
+    cells: sparse.csr_array
+
+    def colour(self, grid: Any) -> None:
+        """Cut the contact out of the surface, and say where it slips."""
+        ids = self.surface.point_data["vtkOriginalPointIds"]
+        state = np.asarray(grid.point_data["slip_state"])[ids]
+        pressure = np.asarray(grid.point_data["pressure"])[ids]
+        if "contact_pressure" in grid.point_data:
+            pressure = np.maximum(pressure, np.asarray(grid.point_data["contact_pressure"])[ids])
+        touches = state >= 0
+        shown = self.surface.copy()
+        shown.point_data["touches"] = touching(self.cells, np.where(touches, pressure, 0.0))
+        shown.point_data["slips"] = smoothed(self.cells, (state == 1).astype(float), touches)
+        contact = shown.clip_scalar(scalars="touches", value=0.5, invert=False)
+        self.actor.visibility = contact.n_cells > 0
+        if contact.n_cells:
+            contact.set_active_scalars("slips")
+            self.actor.mapper.dataset = contact
+
+
 class Panel:
     """A view of a model, which pyvista draws and matplotlib shows.
 
@@ -186,8 +227,8 @@ class Panel:
     Attributes
     ----------
     plotter : pyvista.Plotter
-    blocks : list of (Block, PolyData, PolyData)
-        Each block with its surface and edges, which move with the frames.
+    blocks : list of _Drawn
+        Each block with what moves with the frames.
     """
 
     def __init__(self, field: Field, view: View, pixel: float, image: Any) -> None:
@@ -195,29 +236,33 @@ class Panel:
         self.plotter = plotter_of(view.axes, view.low, view.high, pixel)
         self.blocks = [self._add(block, 2.0 * pixel * view.axes[2]) for block in view.blocks]
 
-    def _add(self, block: Block, nearer: FloatArray) -> tuple[Block, Any, Any]:
-        """Add a block's surface and its edges, in grey too where they were at rest."""
+    def _add(self, block: Block, nearer: FloatArray) -> _Drawn:
+        """Add a block's surface, contact and edges, in grey too where they were at rest."""
         surface = block.grid.extract_surface(algorithm="dataset_surface")
-        edges = outline(surface)
-        surface.cell_data["state"] = np.zeros(surface.n_cells)
+        edges, light = outline(surface), {"ambient": 0.7, "diffuse": 0.35}
         self.plotter.add_mesh(edges.copy(), color="#9aa0a6", line_width=1)
-        self.plotter.add_mesh(
-            surface, scalars="state", clim=(-1.5, 1.5), show_scalar_bar=False, ambient=0.7,
-            diffuse=0.35, cmap=list(STATES.values()),
+        self.plotter.add_mesh(surface, color=STATES["no contact"], **light)
+        contact = surface.copy()
+        contact.point_data["slips"] = np.zeros(contact.n_points)
+        # Two colours of a field that is interpolated first: a smooth border within the cells.
+        actor = self.plotter.add_mesh(
+            contact, scalars="slips", clim=(0.0, 1.0), show_scalar_bar=False,
+            interpolate_before_map=True, cmap=[STATES["stick"], STATES["slip"]], n_colors=2,
+            **light,
         )  # fmt: skip
-        # Nearer to the eye, so that the surface does not hide its own edges.
+        # Nearer to the eye, so that the surface hides neither its contact nor its own edges.
+        actor.position = 0.5 * nearer
         self.plotter.add_mesh(edges, color="black", line_width=2).position = nearer
-        return block, surface, edges
+        return _Drawn(block, surface, edges, actor, _cells(surface))
 
     def show(self, arrays: dict[str, Any], factor: float) -> None:
-        """Move the blocks to a frame, colour them by their contact, and draw them."""
-        for block, surface, edges in self.blocks:
-            grid = block.fill(arrays)
+        """Move the blocks to a frame, colour their contact by stick and slip, and draw them."""
+        for drawing in self.blocks:
+            grid, surface = drawing.block.fill(arrays), drawing.surface
             points = grid.points + factor * np.asarray(grid["displacement"])
-            for mesh in (surface, edges):
+            for mesh in (surface, drawing.edges):
                 mesh.points = points[mesh.point_data["vtkOriginalPointIds"]]
-            cells = surface.cell_data["vtkOriginalCellIds"]
-            surface.cell_data["state"] = grid.cell_data["contact_state"][cells].astype(float)
+            drawing.colour(grid)
         self.image.set_data(drawn(self.plotter))
 
 
@@ -247,15 +292,23 @@ class Picture:
         self.frames, self.factor = frames, warp_factor(frames)
         self.time_unit, self.time_scale = prefixed_unit("s", [np.asarray(frames.times)])
         views, models = views_of(frames, self.factor), len(frames.fields)
-        wide, tall = np.transpose([view.high - view.low for view in views])
-        # Models stand beside or below each other, as they are drawn larger: length of an inch.
+        sizes = [view.high - view.low for view in views]
+        # Models stand beside or below each other, as their bodies are drawn larger: length of an
+        # inch of the bodies. Faces are drawn as large as there is room.
+        (wide, tall), *_ = sizes
         inch, columns = min(
-            (max(wide.max() / (_WIDTH / k - 0.6), models // k * tall.sum() / _TALLEST), k)
-            for k in (1, models)
+            (max(wide / (_WIDTH / k - 0.6), models // k * tall / _TALLEST), k) for k in (1, models)
         )
-        edge = 3.0 * inch / DPI  # lines of the border are drawn whole
-        views = [replace(view, low=view.low - edge, high=view.high + edge) for view in views]
-        heights = [*np.maximum(tall / inch, 0.1)] * (models // columns)
+        width = _WIDTH / columns - 0.6
+        inches = [inch, *(max(wide / width, tall / _FACE) for wide, tall in sizes[1:])]
+        # Lines of the border are drawn whole.
+        edges = [3.0 * inch / DPI for inch in inches]
+        views = [
+            replace(view, low=view.low - edge, high=view.high + edge)
+            for view, edge in zip(views, edges, strict=True)
+        ]
+        heights = [max(tall / inch, 0.1) for (_, tall), inch in zip(sizes, inches, strict=True)]
+        heights *= models // columns
         loads = [1.6] if frames.forces else []
         height = 0.5 + sum(heights) + 0.4 * len(heights) + 2.2 * len(loads)
         self.figure = new_figure(_WIDTH, height)
@@ -273,9 +326,9 @@ class Picture:
                 (left, low), (right, high) = view.low.tolist(), view.high.tolist()
                 image = panel.imshow(np.ones((1, 1, 3)), extent=(left, right, low, high))
                 middle = 0.5 * (view.low + view.high)[0]
-                half = 0.5 * float(wide.max()) + edge
+                half = 0.5 * inches[k] * width + edges[k]
                 panel.set_xlim(middle - half, middle + half)
-                self.panels.append(Panel(field, view, inch / DPI, image))
+                self.panels.append(Panel(field, view, inches[k] / DPI, image))
                 stack.callback(self.panels[-1].plotter.close)
         self.marks = self._add_loads(self.figure.add_subplot(grid[-1, :])) if loads else []
         if frames.structure.patches:

@@ -7,6 +7,7 @@ state. All raise InputError for what does not fit, and where matplotlib is missi
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,11 +15,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from skfem_joint.body.body import Body
-from skfem_joint.ground.arrays import BoolArray, FloatArray
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import needed, replacing
 from skfem_joint.joint.patch import Patch
 from skfem_joint.reduction.pod import ProperModes
+from skfem_joint.results.borders import of_cells, smoothed, spread, touching
 from skfem_joint.results.history import hysteresis_loop
 from skfem_joint.runs.last_cycle import steady_state
 from skfem_joint.stepping.recording import Run
@@ -422,68 +424,159 @@ def active_region_figure(
     ``active`` (k,) whether it belongs to the active region, whose share of the contact's area
     stands in the title.
     """
-    held = patch.held_nodes.size
     share = 100.0 * float(patch.area[active].sum() / (patch.area.sum() + patch.held_area))
     unit, scale = prefixed_unit("m", [largest_slip])
+    figure = _over_contact(body, patch, largest_slip / scale, active, ("largest slip", unit))
+    figure.suptitle(f"{patch.joint.name}: active on {share:.1f} % of the area")
+    return figure
+
+
+def friction_work_figure(body: Body, patch: Patch, work: FloatArray, when: str) -> Figure:
+    """Energy that friction takes of a joint, by area, drawn as `active_region_figure`.
+
+    ``work`` (k,) is that of each of its k contact points (J), ``when`` says of what time.
+    """
+    unit, scale = prefixed_unit("J", [work / patch.area])
+    label = (f"friction work {when}", f"{unit}/m²")
+    figure = _over_contact(body, patch, work / patch.area / scale, None, label)
+    figure.suptitle(f"{patch.joint.name}: {work.sum():.4g} J {when}")
+    return figure
+
+
+def _over_contact(
+    body: Body, patch: Patch, values: FloatArray, active: BoolArray | None, label: tuple[str, str]
+) -> Figure:
+    """Values of contact points over an area or along a line; what is not active is told apart.
+
+    ``label`` has the name of the values and their unit.
+    """
+    held = patch.held_nodes.size
     # Held nodes do not slip.
     nodes = np.concatenate([patch.nodes, patch.held_nodes])
-    slip = np.concatenate([largest_slip / scale, np.zeros(held)])
-    active = np.concatenate([active, np.zeros(held, dtype=bool)])
+    values = np.concatenate([values, np.zeros(held)])
+    if active is not None:
+        active = np.concatenate([active, np.zeros(held, dtype=bool)])
     length, size = prefixed_unit("m", [body.nodes[nodes]])
     place, corners = body.nodes[nodes] / size, patch.cells.shape[1]
     # A line along its longest direction; an area in its two longest.
     axes = np.sort(np.argsort(-np.ptp(place, axis=0))[: 1 if corners == 2 else 2])
     names = [f"{'xyz'[axis] if body.dim > 1 else 'position'}, {length}" for axis in axes]
-    label = f"largest slip, {unit}"
     if corners == 2:
         figure, (panel,) = _panels(7.5, 3.5)
-        _line(panel, place[:, axes[0]], slip, active, label)
+        _line(panel, place[:, axes[0]], values, active, label)
     else:
         wide, tall = np.ptp(place[:, axes], axis=0)
         height = float(np.clip(2.4 + 6.8 * tall / wide, 2.7, 9.0))
         figure = new_figure(float(np.clip(2.6 + 7.0 * wide / tall, 4.5, 8.0)), height, "compressed")
         panel = figure.subplots()
-        number = np.full(body.n_nodes, -1, dtype=np.intp)
-        number[nodes] = np.arange(nodes.size)
-        _area(panel, place[:, axes], number[patch.cells], slip, active, label)
+        pressure = patch.normal_force / patch.area
+        pressure = np.concatenate([pressure, np.full(held, pressure.max(initial=0.0))])
+        grid = _Area.of(body.nodes[:, axes] / size, patch.cells, nodes, pressure)
+        grid.draw(panel, values, active, ", ".join(label))
     panel.set(**dict(zip(("xlabel", "ylabel"), names, strict=False)))
-    figure.suptitle(f"{patch.joint.name}: active on {share:.1f} % of the area")
     return figure
 
 
-def _line(panel: Any, place: FloatArray, slip: FloatArray, active: BoolArray, label: str) -> None:
+def _line(
+    panel: Any, place: FloatArray, values: FloatArray, active: BoolArray | None, label: Any
+) -> None:
     order = np.argsort(place)
-    place, slip, active = place[order], slip[order], active[order]
-    panel.fill_between(
-        place, 0.0, 1.0, where=active, transform=panel.get_xaxis_transform(), color="#f08a24",
-        alpha=0.3, linewidth=0.0, label="active",
-    )  # fmt: skip
-    panel.plot(place, slip, color="#1a1a1a", marker=".", label="largest slip")
-    panel.set(ylabel=label, xmargin=0.0)
+    place, values = place[order], values[order]
+    if active is not None:
+        panel.fill_between(
+            place, 0.0, 1.0, where=active[order], transform=panel.get_xaxis_transform(),
+            color="#f08a24", alpha=0.3, linewidth=0.0, label="active",
+        )  # fmt: skip
+    panel.plot(place, values, color="#1a1a1a", marker=".", label=label[0])
+    panel.set(ylabel=", ".join(label), xmargin=0.0)
     panel.set_ylim(bottom=0.0)
     panel.legend(loc="best")
 
 
-def _area(
-    panel: Any, place: FloatArray, cells: Any, slip: FloatArray, active: BoolArray, label: str
-) -> None:
-    """Colour an area by its slip, fade what is not active and draw the border between."""
-    from matplotlib.tri import Triangulation
+@dataclass(frozen=True)
+class _Area:
+    """Cells of a contact seen from above; those at its border are drawn in part.
 
-    cells = cells[np.all(cells >= 0, axis=1)]
-    triangles = cells if cells.shape[1] == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
-    grid = Triangulation(place[:, 0], place[:, 1], triangles)
-    drawn = panel.tripcolor(grid, slip, shading="gouraud", cmap="viridis", vmin=0.0)
-    if not active.all():
-        panel.tricontourf(grid, active, levels=[-1.0, 0.5], colors=["#ffffff"], alpha=0.75)
-    for colour, width in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
+    Attributes
+    ----------
+    grid : matplotlib.tri.Triangulation
+        Triangles of all cells that have a node of the contact.
+    cells : sparse array, shape (cells, n)
+        Sums over the nodes of each cell.
+    nodes : ndarray of int, shape (k,)
+        Those of the contact, among the n of the grid.
+    touches : ndarray, shape (n,)
+        Field whose contour 0.5 is the border of the contact.
+    """
+
+    grid: Any
+    cells: Any
+    nodes: IntArray
+    touches: FloatArray
+
+    @classmethod
+    def of(cls, place: FloatArray, cells: IntArray, nodes: IntArray, pressure: FloatArray) -> _Area:
+        """Area of ``cells`` (their corners) with nodes of the contact and their pressure."""
+        from matplotlib.tri import Triangulation
+
+        cells, width = cells[np.isin(cells, nodes).any(axis=1)], cells.shape[1]
+        used, number = np.unique(cells, return_inverse=True)
+        place, cells, nodes = place[used], number.reshape(-1, width), np.searchsorted(used, nodes)
+        sums = of_cells(cells.ravel(), width * np.arange(len(cells) + 1), used.size)
+        triangles = cells if width == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
+        pressed = np.zeros(used.size)
+        pressed[nodes] = pressure
+        grid = Triangulation(place[:, 0], place[:, 1], triangles)
+        return cls(grid, sums, nodes, touching(sums, pressed))
+
+    def draw(self, panel: Any, values: FloatArray, active: BoolArray | None, label: str) -> None:
+        """Colour the contact by values, fade what is not active and draw the border between."""
+        contact, of_nodes, border = np.zeros((3, self.touches.size))
+        contact[self.nodes], of_nodes[self.nodes] = True, values
+        known = contact > 0.0
+        artists = [
+            panel.tripcolor(
+                self.grid, spread(self.cells, of_nodes, known), shading="gouraud",
+                cmap="viridis" if active is not None else "magma", vmin=0.0,
+                vmax=values.max() or 1.0,
+            )
+        ]  # fmt: skip
+        side = "bottom" if np.ptp(self._place[:, 0]) > np.ptp(self._place[:, 1]) else "right"
+        panel.figure.colorbar(artists[0], ax=panel, label=label, location=side, aspect=40)
+        if active is not None:
+            border[self.nodes] = active
+            artists += self._fade(panel, smoothed(self.cells, border, known), active)
+        ends = self._place
+        if not known.all():
+            inside = panel.tricontourf(self.grid, self.touches, levels=[0.5, 2.0])
+            (path,) = inside.get_paths()
+            for artist in artists:
+                artist.set_clip_path(path, panel.transData)
+            inside.remove()
+            ends = path.vertices
+        panel.set(aspect="equal")
+        panel.use_sticky_edges = False
+        low, high = ends.min(axis=0), ends.max(axis=0)
+        (left, lowest), (right, highest) = low - 0.02 * (high - low), high + 0.02 * (high - low)
+        panel.set(xlim=(left, right), ylim=(lowest, highest))
+
+    @property
+    def _place(self) -> FloatArray:
+        """Places of the contact's nodes, (k, 2)."""
+        return np.column_stack([self.grid.x, self.grid.y])[self.nodes]
+
+    def _fade(self, panel: Any, border: FloatArray, active: BoolArray) -> list[Any]:
+        """Fade what is not active, with a line at its border, and say so; returns the artists."""
+        artists = []
+        if not active.all():
+            faded = {"levels": [-1.0, 0.5], "colors": "w", "alpha": 0.75}
+            artists.append(panel.tricontourf(self.grid, border, **faded))
         if active.any() and not active.all():
-            panel.tricontour(grid, active, levels=[0.5], colors=colour, linewidths=width)
-    panel.set(aspect="equal")
-    panel.use_sticky_edges = False
-    panel.margins(0.02)
-    some = "all of it active" if active.all() else "faded: not active; red line: border between"
-    panel.set_title(some if active.any() else "faded: nothing is active", fontsize="small")
-    wide, tall = np.ptp(place, axis=0)
-    side = "bottom" if wide > tall else "right"
-    panel.figure.colorbar(drawn, ax=panel, label=label, location=side, aspect=40)
+            for colour, thick in (("#ffffff", 4.5), ("#d11f1f", 2.5)):
+                line = {"levels": [0.5], "colors": colour, "linewidths": thick}
+                artists.append(panel.tricontour(self.grid, border, **line))
+        told = "faded: not active; red line: border between"
+        if active.all():
+            told = "all of it active"
+        panel.set_title(told if active.any() else "faded: nothing is active", fontsize="small")
+        return artists

@@ -254,7 +254,8 @@ def test_a_scene_with_plots_draws_what_there_is(tmp_path):
         files = write(sj.run_scene(periodic), tmp_path / "a")
     assert [file.name for file in files] == [
         "summary.json", "histories.png", "energies.png", LOOP,
-        "active_region_joint.png", "active_region_second.png", "joint.png", "joint.gif",
+        "active_region_joint.png", "friction_work_joint.png",
+        "active_region_second.png", "friction_work_second.png", "joint.png", "joint.gif",
     ]  # fmt: skip
     # Where nothing is done, there is nothing to draw of it; no loop and no cycles where the load
     # is not periodic.
@@ -263,7 +264,8 @@ def test_a_scene_with_plots_draws_what_there_is(tmp_path):
     load = {"on": TIP, "kind": "half_sine", "peak": 14e3, "rise_time": 1e-4}
     pulse = scene(output=output, time={"duration": 2e-4, "step": 1e-5}, load=[load])
     always = {"histories.png", "joint.gif", "joint.png", "summary.json"}
-    for name, made, more in (("b", rest, set()), ("c", pulse, {"active_region_joint.png"})):
+    slips = {"active_region_joint.png", "friction_work_joint.png"}
+    for name, made, more in (("b", rest, set()), ("c", pulse, slips)):
         (tmp_path / name).mkdir()
         write(sj.run_scene(made), tmp_path / name)
         assert names(tmp_path / name) == always | more

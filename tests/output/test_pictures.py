@@ -122,14 +122,14 @@ def test_bodies_and_the_mark_on_the_load_move_with_the_frame(build):
     frames = pulled(build())
     with pictures._picture(frames) as picture:
         drawn = [each for panel in picture.panels for each in panel.blocks]
-        before = max(block.grid.bounds[1] for block, _, _ in drawn)
+        before = max(block.grid.bounds[1] for block in (each.block for each in drawn))
         ((mark, _),) = picture.marks
         for frame in (3, 2):
             picture.show(frame)
             assert mark.get_xdata() == pytest.approx([1e3 * frames.times[frame]])
             expected = 60.0 * np.sin(2 * np.pi * 250 * frames.times[frame])
             assert mark.get_ydata() == pytest.approx([expected], abs=0.05)
-        right = max(surface.bounds[1] for _, surface, _ in drawn)
+        right = max(each.surface.bounds[1] for each in drawn)
     moved = frames.structure.body.in_space(frames.fields[0].displacement[2])[:, 0].max()
     assert right == pytest.approx(before + pictures.warp_factor(frames) * moved)
 
