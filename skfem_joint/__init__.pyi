@@ -51,6 +51,7 @@ from skfem_joint.results.history import Errors as Errors
 from skfem_joint.results.history import compare as compare
 from skfem_joint.results.natural_modes import NaturalModes as NaturalModes
 from skfem_joint.results.natural_modes import natural_modes as natural_modes
+from skfem_joint.results.stress import StressCycle as StressCycle
 from skfem_joint.results.stress import StressHistory as StressHistory
 from skfem_joint.results.stress import stress_history as stress_history
 from skfem_joint.runs.integrate import integrate as integrate

@@ -22,7 +22,7 @@ from skfem_joint.results.contact_history import (
     normal_forces,
 )
 from skfem_joint.results.history import States
-from skfem_joint.results.stress import von_mises
+from skfem_joint.results.stress import preload_stress, von_mises
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.structure.structure import Structure
@@ -50,8 +50,13 @@ PRELOAD_ARRAYS = {
 }
 CELL_ARRAYS = {
     "contact_state": "as slip_state, of the cell",
-    "stress": "Pa, elastic, mean of the element: XX, YY, ZZ, XY, YZ, XZ",
+    "stress": "Pa, elastic, mean of the element, of vibration alone: XX, YY, ZZ, XY, YZ, XZ",
     "von_mises": "Pa, of the stress",
+}
+#: Beside these, where bolts clamp.
+PRELOAD_CELL_ARRAYS = {
+    "preload_stress": "Pa, at rest, by the preload alone, as stress",
+    "total_von_mises": "Pa, of preload and vibration together",
 }
 
 
@@ -134,6 +139,19 @@ class Frames:
         return {"gap": gap, "preload_displacement": moved}
 
     @cached_property
+    def _preload_stress(self) -> FloatArray:
+        """Stress of the linear sub-cells by the preload, (c, 6), Pa."""
+        return preload_stress(self.structure)[self.structure.body.cell_element]
+
+    def _stresses(self, vibration: FloatArray) -> dict[str, FloatArray]:
+        """Arrays of stress of a frame on linear sub-cells, with those of a preload."""
+        arrays = {"stress": vibration, "von_mises": von_mises(vibration)}
+        if self.structure.preload is not None:
+            rest = self._preload_stress
+            arrays |= {"preload_stress": rest, "total_von_mises": von_mises(rest + vibration)}
+        return arrays
+
+    @cached_property
     def _reactions(self) -> list[sparse.csr_array]:
         """For each joint the matrix of means from values on the pressed body to the other body."""
         n = len(self.structure.nodes)
@@ -186,8 +204,7 @@ class Frames:
             **self._preloaded,
             **self._opened(field, frame),
             "contact_state": _mean_state(self._cell_means, state),
-            "stress": stress,
-            "von_mises": von_mises(stress),
+            **self._stresses(stress),
         }
 
     def _opened(self, field: Field, frame: int) -> dict[str, FloatArray]:

@@ -26,6 +26,7 @@ from skfem_joint.output.fields import (
     OPENING_ARRAYS,
     POINT_ARRAYS,
     PRELOAD_ARRAYS,
+    PRELOAD_CELL_ARRAYS,
     Frames,
     frames_of,
 )
@@ -74,7 +75,7 @@ class Block:
     def fill(self, arrays: Mapping[str, NDArray[Any]]) -> Any:
         """Set the grid to the values of a frame, from :meth:`Frames.arrays`; returns it."""
         for name, array in arrays.items():
-            if name in CELL_ARRAYS:
+            if name in CELL_ARRAYS or name in PRELOAD_CELL_ARRAYS:
                 self.grid.cell_data[name] = array[self.cells]
             else:
                 self.grid.point_data[name] = array[self.nodes]
@@ -153,9 +154,14 @@ def _grid(
     grid = pyvista.UnstructuredGrid({getattr(pyvista.CellType, kind): corners}, points)
     grid.cell_data["region"] = region[elements]
     grid.cell_data["body"] = mesh.body[elements].astype(np.int32)
-    meanings = (
-        POINT_ARRAYS | OPENING_ARRAYS | PRELOAD_ARRAYS | CELL_ARRAYS | {"thickness": "m"}
-    ).items()
+    meanings = {
+        **POINT_ARRAYS,
+        **OPENING_ARRAYS,
+        **PRELOAD_ARRAYS,
+        **CELL_ARRAYS,
+        **PRELOAD_CELL_ARRAYS,
+        "thickness": "m",
+    }.items()
     _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
     _add_texts(grid, "region_names", names)
     return grid
@@ -288,7 +294,8 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     moved apart: the pressed body lies above the other, with a gap of half of the other's thickness.
     Faces of solids that touch are blocks too, named "full: contact NAME" by their boundary.
 
-    Points carry `POINT_ARRAYS`, with clamping bolts `PRELOAD_ARRAYS`, and where contact opens
+    Points carry `POINT_ARRAYS`, with clamping bolts `PRELOAD_ARRAYS` (cells then also
+    `PRELOAD_CELL_ARRAYS`), and where contact opens
     `OPENING_ARRAYS`: its present pressure and gap. The body that is not
     pressed carries the reaction, and the other values as means over what lies on it: traction times
     nodal contact area adds up to the same force with the opposite sign. Cells carry `CELL_ARRAYS`
