@@ -40,6 +40,7 @@ from skfem_joint.mesh import merged as merged
 from skfem_joint.mesh import refined as refined
 from skfem_joint.output.page import write_report as write_report
 from skfem_joint.output.series import write_vtk as write_vtk
+from skfem_joint.output.universal import write_uff as write_uff
 from skfem_joint.reduction.condensed import condense as condense
 from skfem_joint.reduction.models import reduce as reduce
 from skfem_joint.reduction.pod import ProperModes as ProperModes

@@ -209,6 +209,6 @@ def needed(library: str, extra: str) -> Any:
     except ImportError as error:
         raise InputError(
             f"{library} is missing: pip install 'skfem-joint[{extra}]', or do without what needs "
-            "it: output.plots needs matplotlib and pyvista, output.vtk needs pyvista, report needs "
-            "jinja2"
+            "it: output.plots needs matplotlib and pyvista, output.vtk needs pyvista, output.uff "
+            "needs pyuff, report needs jinja2"
         ) from error

@@ -19,8 +19,9 @@ from skfem_joint.output.backbone_peaks import (
     peaks_figure,
 )
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
-from skfem_joint.output.record import writing
+from skfem_joint.output.record import adding, writing
 from skfem_joint.output.tables import Table, by_columns, write_table
+from skfem_joint.output.universal import scene_uff
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.scene import Scene
@@ -305,12 +306,17 @@ def write_response(
         peaks = backbone_peaks(response.models, backbones)
         tables["peaks.csv"] = peak_columns(peaks)
         figures["backbone_response.png"] = peaks_figure(response, backbones, peaks)
-    return _written(
+    files = _written(
         folder,
         figures,
         _content(response.scene, models, response_lines(response, backbones), response.notes),
         tables,
     )
+    if response.scene.output.uff:
+        curves = [curve for model in response.models[:1] for curve in model.curves]
+        with adding(folder):
+            files.append(scene_uff(folder / "response.uff", response.scene, curves))
+    return files
 
 
 def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) -> list[str]:

@@ -22,6 +22,7 @@ from skfem_joint.output.fields import frames_of
 from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.record import clear, writing
 from skfem_joint.output.tables import write_csv
+from skfem_joint.output.universal import scene_uff
 from skfem_joint.scene import Scene
 from skfem_joint.study.error_time import FILES, Report
 from skfem_joint.study.results import Study
@@ -43,6 +44,8 @@ def check_libraries(scene: Scene) -> None:
         needed("pyvista", "vtk")
     if scene.output.plots:
         needed("matplotlib", "plot")
+    if scene.output.uff:
+        needed("pyuff", "uff")
 
 
 @contextmanager
@@ -116,6 +119,8 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     if output.vtk:
         plan["fields.pvd"] = partial(series.write_series, frames=frames)
         plan["fields_load.csv"] = partial(series.write_load, frames=frames)
+    if output.uff:
+        plan["model.uff"] = partial(scene_uff, scene=study.scene)
     if pictured:
         plan["joint.png"] = partial(pictures.still, frames=frames)
         plan["joint.gif"] = partial(pictures.animation, frames=frames)

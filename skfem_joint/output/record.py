@@ -33,7 +33,7 @@ _FOLDERS = {"fields", "pictures", "curves"}
 #: Endings of results; names without one are those of such folders.
 _ENDINGS = {
     *("", ".npz", ".csv", ".json", ".md", ".parquet", ".toml"),
-    *(".png", ".gif", ".pvd", ".vtu", ".vtm", ".html"),
+    *(".png", ".gif", ".pvd", ".vtu", ".vtm", ".html", ".uff"),
 }
 # Checkpoints and rows, from which an interrupted command is resumed, models for ranges, which other
 # commands use, and hidden files.

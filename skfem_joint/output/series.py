@@ -85,7 +85,11 @@ class Block:
 def blocks_of(structure: Structure) -> list[Block]:
     """Each body of a structure as a grid with its cell data; see :func:`write_series`."""
     mesh = structure.mesh
-    corners, directions, section = _corners(structure), _directions(structure), _section(structure)
+    corners, directions, section = (
+        corners_of(structure),
+        _directions(structure),
+        _section(structure),
+    )
     shift = stack_heights(structure)[:, np.newaxis] * directions[-1:].sum(axis=0)
     of_cell = mesh.body[structure.body.cell_element]
     blocks = []
@@ -235,7 +239,7 @@ def stack_heights(structure: Structure) -> FloatArray:
     return height
 
 
-def _corners(structure: Structure) -> IntArray:
+def corners_of(structure: Structure) -> IntArray:
     """Corners of the linear sub-cells in VTK's order, turned so that their size is positive."""
     cells = structure.body.cells
     if cells.shape[1] == 8:

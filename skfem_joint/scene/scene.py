@@ -416,11 +416,12 @@ def _matrix_problems(scene: Scene, matrices: MatricesTable) -> Iterator[str]:
     """Problems of other tables with [matrices]."""
     if matrices.C is not None and scene.damping.model_fields_set:
         yield "damping: found beside matrices.C; leave out either of them"
-    if scene.output.vtk:
-        yield (
-            "output.vtk: found true beside [matrices], which have no positions of nodes; leave it "
-            "out"
-        )
+    for name in ("vtk", "uff"):
+        if getattr(scene.output, name):
+            yield (
+                f"output.{name}: found true beside [matrices], which have no positions of nodes; "
+                "leave it out"
+            )
 
 
 def _model_problems(scene: Scene) -> Iterator[str]:

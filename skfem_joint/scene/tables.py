@@ -472,6 +472,11 @@ class OutputTable(SceneTable):
 
     vtk: bool = key("fields for ParaView", False)
     plots: bool = key("pictures as PNG", False)
+    uff: bool = key(
+        "universal file of geometry, modes and, by response, frequency responses, for programs of "
+        "modal test",
+        False,
+    )
     every: Count = key("interval of the stored steps 0, every, 2 every, ...", 1)
     points: Names = key(
         "names of the points, boundaries and regions whose mean displacement is observed; all "

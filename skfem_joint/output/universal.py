@@ -1,0 +1,194 @@
+"""Universal files (UFF), which programs of modal test open: geometry, mode shapes, responses.
+
+Their text is written by pyuff; here stands what goes into which data set.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import InputError, listed
+from skfem_joint.ground.files import needed, replacing
+from skfem_joint.ground.loads import Harmonic
+from skfem_joint.output.series import corners_of
+from skfem_joint.results.natural_modes import NaturalModes, natural_modes
+from skfem_joint.scene import Scene
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system.system import System
+from skfem_joint.vibration.response_curve import Curve
+
+#: Elements of data set 2412 by dimension and corners: rod or beam as line, thin plate, solid.
+_ELEMENTS = {(2, 3): 41, (2, 4): 44, (3, 4): 111, (3, 6): 112, (3, 8): 115}
+_STEEL_GREY = 8
+
+
+def write_uff(
+    path: str | Path,
+    structure: Structure,
+    system: System,
+    *,
+    modes: NaturalModes | None = None,
+    curves: Sequence[Curve] = (),
+) -> Path:
+    """Write geometry, mode shapes and frequency responses as a universal file.
+
+    Parameters
+    ----------
+    path : str or Path
+        File with the ending ``.uff`` or ``.unv``; one that is there is replaced.
+    structure : Structure
+        With a mesh of N displacement nodes, which get the numbers 1 to N in their order.
+    system : System
+        The full model of the structure, with its loads.
+    modes : NaturalModes, optional
+        Of the system: real modes of unit modal mass (data set 55).
+    curves : sequence of Curve
+        Responses of the system or of a smaller model of it, to one harmonic load: for each named
+        point and level the first harmonic over the force, m/N (data set 58). What was not found is
+        left out. The node is the one with most weight in the point's displacement.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        For another ending, modes or curves of another system, several loads beside curves, a file
+        that cannot be written, and without pyuff.
+
+    Notes
+    -----
+    Data sets 164 (SI units), 2411 (nodes) and 2412 (elements; 82, lines, for bars), 55 and 58, as
+    the University of Cincinnati describes them. Elements of second order come as linear ones.
+    """
+    pyuff, path = needed("pyuff", "uff"), Path(path)
+    if path.suffix.lower() not in (".uff", ".unv"):
+        raise InputError(f"{path}: found ending {path.suffix!r}, must be '.uff' or '.unv'")
+    if system.origin is not None or system.T is None or system.T.shape[0] != structure.n_dofs:
+        raise InputError(
+            "system: is not the full model of this structure; give structure.system(loads)"
+        )
+    sets = [
+        *_geometry(structure),
+        *(_shapes(structure, system, modes) if modes is not None else ()),
+        *_responses(structure, system, curves),
+    ]
+    with replacing(path) as temporary:
+        pyuff.UFF(str(temporary)).write_sets(sets, "overwrite")
+    return path
+
+
+def scene_uff(path: Path, scene: Scene, curves: Sequence[Curve] = ()) -> Path:
+    """Universal file of a scene: geometry, lowest modes with the joints stuck, and responses."""
+    structure, system = scene.structure().meshed("a universal file needs a mesh"), scene.system()
+    modes = natural_modes(system, joints="stuck")
+    return write_uff(path, structure, system, modes=modes, curves=curves)
+
+
+def _geometry(structure: Structure) -> Iterator[dict[str, Any]]:
+    yield {
+        "type": 164, "units_code": 1, "units_description": "SI", "temp_mode": 1,
+        "length": 1.0, "force": 1.0, "temp": 1.0, "temp_offset": 273.15,
+    }  # fmt: skip
+    at = structure.positions
+    count = len(at)
+    yield {
+        "type": 2411, "node_nums": np.arange(1, count + 1), "def_cs": np.zeros(count, int),
+        "disp_cs": np.zeros(count, int), "color": np.full(count, _STEEL_GREY),
+        "x": at[:, 0], "y": at[:, 1], "z": at[:, 2],
+    }  # fmt: skip
+    corners = corners_of(structure) + 1
+    if structure.dim == 1:
+        # Each line is followed by a 0, which lifts the pen.
+        lines = np.column_stack([corners, np.zeros(len(corners), int)]).ravel()
+        yield {
+            "type": 82, "trace_num": 1, "n_nodes": lines.size, "color": _STEEL_GREY,
+            "id": "bars", "nodes": lines,
+        }  # fmt: skip
+        return
+    kind = _ELEMENTS[structure.dim, corners.shape[1]]
+    elements = [
+        {
+            "element_nums": number, "fe_descriptor": kind, "phys_table": 1, "mat_table": 1,
+            "color": _STEEL_GREY, "num_nodes": len(nodes), "nodes_nums": nodes.tolist(),
+        }
+        for number, nodes in enumerate(corners, 1)
+    ]  # fmt: skip
+    numbered: dict[Any, Any] = {"type": 2412, kind: elements}
+    yield numbered
+
+
+def _shapes(structure: Structure, system: System, modes: NaturalModes) -> Iterator[dict[str, Any]]:
+    if modes.modes.shape[0] != system.n:
+        raise InputError(
+            f"modes: have {modes.modes.shape[0]} unknowns, must be of the system, with {system.n}"
+        )
+    nodes = np.arange(1, len(structure.nodes) + 1)
+    for number, frequency in enumerate(modes.frequencies.tolist(), 1):
+        shape = structure.unpacked(system.expand(modes.modes[:, number - 1]))
+        x, y, z = structure.body.in_space(shape).T
+        yield {
+            "type": 55, "id1": f"mode {number}, {frequency:.6g} Hz", "model_type": 1,
+            "analysis_type": 2, "data_ch": 2, "spec_data_type": 8, "load_case": 1,
+            "mode_n": number, "freq": frequency, "modal_m": 1.0, "node_nums": nodes,
+            "r1": x, "r2": y, "r3": z,
+        }  # fmt: skip
+
+
+def _responses(
+    structure: Structure, system: System, curves: Sequence[Curve]
+) -> Iterator[dict[str, Any]]:
+    if not curves:
+        return
+    loads = [load.amplitude for load in system.loads]
+    if (
+        len(loads) != 1
+        or not isinstance(loads[0], Harmonic)
+        or system.loads[0].on.startswith("mass_")
+    ):
+        raise InputError(
+            f"curves: found {len(loads)} loads on {listed([load.on for load in system.loads])}, must "
+            "be one harmonic force on a part, over which responses are taken"
+        )
+    force = abs(loads[0].amplitude)
+    places = [_place(structure, system, row) for row in np.asarray(system.P.toarray())]
+    for curve in curves:
+        found = [point for point in curve.points if np.isfinite(point.amplitude).all()]
+        if any(point.amplitude.size != len(places) for point in found):
+            raise InputError("curves: have other named points than the system")
+        x = np.array([point.frequency for point in found])
+        for k, (name, (node, direction)) in enumerate(zip(system.points, places, strict=True)):
+            if len(found) < 2:  # no function
+                continue
+            yield {
+                "type": 58, "id1": f"{name}, level {curve.level:g}", "func_type": 4,
+                "rsp_ent_name": name[:10], "rsp_node": node, "rsp_dir": direction,
+                "ref_ent_name": str(system.loads[0].on)[:10], "ref_node": places[0][0],
+                "ref_dir": places[0][1], "load_case_id": 0, "x": x, "abscissa_spacing": 0,
+                "data": _first_harmonic(found, k) / (curve.level * force),
+                "abscissa_spec_data_type": 18, "abscissa_axis_lab": "Frequency",
+                "abscissa_axis_units_lab": "Hz", "ordinate_spec_data_type": 8,
+                "ordinate_axis_lab": "Displacement", "ordinate_axis_units_lab": "m",
+                "orddenom_spec_data_type": 13, "orddenom_axis_lab": "Force",
+                "orddenom_axis_units_lab": "N",
+            }  # fmt: skip
+
+
+def _first_harmonic(points: Sequence[Any], k: int) -> Any:
+    """First harmonic of a named point after the load, complex, m."""
+    size = np.array([abs(point.harmonics[k, 0]) for point in points])
+    phase = np.array([point.phase[k] for point in points])
+    return size * np.exp(1j * phase)
+
+
+def _place(structure: Structure, system: System, row: FloatArray) -> tuple[int, int]:
+    """Node with most weight in a named point's displacement, and its direction, 1 to 3."""
+    weights = structure.body.in_space(structure.unpacked(system.T @ row))
+    node = int(np.linalg.norm(weights, axis=1).argmax())
+    return node + 1, int(np.abs(weights.sum(axis=0)).argmax()) + 1

@@ -1,0 +1,97 @@
+"""Universal files are read back by pyuff as what was computed."""
+
+import numpy as np
+import pytest
+import pyuff
+from bodies import STEEL
+
+import skfem_joint as sj
+
+FORCE = 100.0
+
+
+@pytest.fixture(scope="module")
+def made():
+    """A plate on a base, its modes and its response to a force on its end."""
+    mesh = sj.build_plate([("joint", 0.1, 10), ("arm", 0.1, 5)], 0.02, 2)
+    structure = sj.Structure(
+        mesh, STEEL, thickness=0.01, fixed=["left"], joints=[sj.Joint("joint", 5e6, 0.3)],
+        damping_ratio=0.01,
+    )  # fmt: skip
+    system = structure.system([sj.Load("right", sj.Harmonic(FORCE, 500.0), (1.0, 0.0))])
+    curves = sj.response(sj.reduce(system, frequency=4000.0), np.linspace(1000.0, 8000.0, 5))
+    return structure, system, sj.natural_modes(system, 3, joints="stuck"), curves
+
+
+@pytest.fixture(scope="module")
+def sets(made, tmp_path_factory):
+    structure, system, modes, curves = made
+    path = tmp_path_factory.mktemp("uff") / "model.uff"
+    assert sj.write_uff(path, structure, system, modes=modes, curves=curves) == path
+    return pyuff.UFF(str(path)).read_sets()
+
+
+def of(sets, kind):
+    return [each for each in sets if each["type"] == kind]
+
+
+def test_nodes_stand_where_they_are_and_elements_have_the_area_of_the_plate(made, sets):
+    (nodes,), (elements,) = of(sets, 2411), of(sets, 2412)
+    at = np.column_stack([nodes[name] for name in "xyz"])
+    assert np.array_equal(at, made[0].positions)
+    (quads,) = (each for kind, each in elements.items() if kind == 44)
+    corners = np.array([each["nodes_nums"] for each in quads]) - 1
+    diagonals = at[corners[:, 2]] - at[corners[:, 0]], at[corners[:, 3]] - at[corners[:, 1]]
+    assert 0.5 * np.cross(*diagonals)[:, 2].sum() == pytest.approx(0.2 * 0.02, rel=1e-12)
+
+
+def test_modes_have_their_frequency_and_unit_modal_mass(made, sets):
+    structure, system, modes, _ = made
+    shapes = of(sets, 55)
+    assert len(shapes) == 3
+    for k, shape in enumerate(shapes):
+        assert shape["freq"] == pytest.approx(modes.frequencies[k], rel=1e-5)
+        written = np.column_stack([shape["r1"], shape["r2"]])
+        true = structure.unpacked(system.expand(modes.modes[:, k]))
+        assert written == pytest.approx(true, abs=1e-5 * np.abs(true).max())  # of six digits
+        assert not np.any(shape["r3"])
+        free = structure.T.T @ written.ravel()
+        assert free @ system.M @ free == pytest.approx(1.0, rel=1e-4)
+
+
+def test_responses_are_the_first_harmonic_over_the_force(made, sets):
+    (curve,) = made[3]
+    (response,) = of(sets, 58)
+    found = np.isfinite(curve.column("amplitude")[:, 0])
+    assert response["x"] == pytest.approx(curve.column("frequency")[found], rel=1e-5)
+    size = np.abs(curve.column("harmonics")[found, 0, 0]) / FORCE
+    assert np.abs(response["data"]) == pytest.approx(size, rel=1e-10)
+    assert np.angle(response["data"]) == pytest.approx(curve.column("phase")[found, 0], abs=1e-10)
+    at = made[0].positions[response["rsp_node"] - 1]
+    assert at[0] == pytest.approx(0.2)
+    assert (response["rsp_dir"], response["ref_dir"]) == (1, 1)
+    assert response["ordinate_axis_units_lab"].strip() == "m"
+
+
+def test_a_bar_is_drawn_by_lines(tmp_path):
+    bar = sj.build_bar([("bar", 1.0, 4)], {"wall": 0.0})
+    structure = sj.Structure(bar, STEEL, width=0.01, thickness=0.01, fixed=["wall"])
+    path = sj.write_uff(tmp_path / "bar.unv", structure, structure.system())
+    (lines,) = of(pyuff.UFF(str(path)).read_sets(), 82)
+    assert list(lines["nodes"][:6]) == [1, 2, 0, 2, 3, 0]
+
+
+def test_what_does_not_belong_together_is_refused(made, tmp_path):
+    structure, system, modes, curves = made
+    with pytest.raises(sj.InputError, match=r"must be '\.uff' or '\.unv'"):
+        sj.write_uff(tmp_path / "a.txt", structure, system)
+    small = sj.reduce(system, frequency=4000.0)
+    with pytest.raises(sj.InputError, match="is not the full model"):
+        sj.write_uff(tmp_path / "a.uff", structure, small)
+    fewer = sj.natural_modes(small, 2)
+    with pytest.raises(sj.InputError, match="must be of the system"):
+        sj.write_uff(tmp_path / "a.uff", structure, system, modes=fewer)
+    moved = structure.system([sj.Load(base="x", amplitude=sj.Harmonic(1.0, 500.0))])
+    with pytest.raises(sj.InputError, match="one harmonic force"):
+        sj.write_uff(tmp_path / "a.uff", structure, moved, modes=modes, curves=curves)
+    assert not [*tmp_path.iterdir()]
