@@ -2,7 +2,8 @@
 
 `named` is the type of all meshes, `cells` the kinds of their elements. `building` makes bars,
 plates and boxes; `reading` reads files by meshio, after the checks of `gmsh` (which also writes),
-and those of Abaqus and CalculiX by `abaqus`, to which the modules that begin with `inp_` belong;
+those of Abaqus and CalculiX by `abaqus`, to which the modules that begin with `inp_` belong, those
+of Salome by `med` and Nastran's by `nastran`, all of which hand over a mesh as in `file_mesh`;
 `straightening` says what straight edges in place of curved ones change.
 """
 

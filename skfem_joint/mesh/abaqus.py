@@ -19,11 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import listed
+from skfem_joint.mesh.file_mesh import FileMesh
 from skfem_joint.mesh.inp_cards import Card, read_cards
 from skfem_joint.mesh.inp_elements import TYPES, ElementForm, plane_of, remark
 from skfem_joint.mesh.inp_keywords import sorted_out
 from skfem_joint.mesh.inp_sets import FARTHEST, NameSet, Scope, Surface
-from skfem_joint.mesh.inp_sides import OF_NO_ELEMENT, Sides
+from skfem_joint.mesh.inp_sides import Sides
 from skfem_joint.mesh.named import check_count
 
 if TYPE_CHECKING:
@@ -37,26 +38,7 @@ _BARE = ("PART", "END PART", "END INSTANCE", "ASSEMBLY", "END ASSEMBLY")
 _KINDS = {"NSET": "nodes", "ELSET": "elements", "SURFACE": "surface"}
 
 
-@dataclass(frozen=True)
-class InpMesh:
-    """Mesh of a file as meshio would give it, and what the file says beside it.
-
-    Attributes
-    ----------
-    bodies : list of meshio.Mesh
-        Each bar, or all that is not bars, with cell sets as blocks and members by name.
-    notes : list of str
-        What is passed over, left out, or computed otherwise than its type says.
-    plane : str
-        State across a plate, "stress" or "strain"; "" of bars and solids.
-    """
-
-    bodies: list[meshio.Mesh]
-    notes: list[str]
-    plane: str
-
-
-def read_inp(path: Path) -> InpMesh:
+def read_inp(path: Path) -> FileMesh:
     """Read an Abaqus or CalculiX file.
 
     Raises
@@ -160,7 +142,7 @@ class _Deck:
         if last is not None:
             last.refuse(f"has no *END {last.keyword}: is the file cut?")
 
-    def mesh(self, notes: list[str]) -> InpMesh:
+    def mesh(self, notes: list[str]) -> FileMesh:
         """The mesh; ``notes`` are added to."""
         kinds = {kind: card for scope in self.scopes for kind, card in scope.kinds.items()}
         spare = [part.name for part in self.parts.values() if not part.used]
@@ -182,7 +164,7 @@ class _Deck:
         notes += [f"{listed(names)} {why}: left out" for why, names in found.left_out.items()]
         bodies = owns if form.dim == 1 else [slice(0, len(self._nodes))]
         groups = found.named()
-        return InpMesh([_body(form, places, self._nodes, own, groups) for own in bodies], notes,
+        return FileMesh([_body(form, places, self._nodes, own, groups) for own in bodies], notes,
                        plane)  # fmt: skip
 
     def _placed(self, form: ElementForm) -> tuple[FloatArray, list[slice]]:
@@ -257,9 +239,7 @@ class _Groups:
             return "", f"{'with' if kind == 'NSET' else 'of elements with'} no members"
         if kind == "ELSET":
             return "elements", members
-        if self.sides.form.dim > 1 and members.size > 1:
-            return "sides", self.sides.of_nodes(members)
-        return "nodes", members if self.sides.used[members].all() else OF_NO_ELEMENT
+        return self.sides.group(members)
 
     def _of_surface(self, surface: Surface) -> tuple[str, IntArray | str]:
         """The same of a surface."""

@@ -35,7 +35,7 @@ class _Numbers:
     """Numbers of a section, read in turn; ValueError if fewer are left than are to be read."""
 
     def __init__(self, body: bytes, name: str, binary: bool) -> None:
-        self.name, self.binary, self.position = name, binary, 0
+        self.name, self.binary, self.position, self.body = name, binary, 0, body
         self.values: NDArray[Any] = np.frombuffer(body, "u1")
         if not binary:
             self.values = np.fromstring(body.decode("ascii"), sep=" ")
@@ -100,7 +100,10 @@ def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
         if count > 1:
             raise ValueError(f"{count} groups are named {name!r}: give each its own")
     numbers = {name: _Numbers(sections[name], name, mode == "1") for name in ("Nodes", "Elements")}
-    tags, used = (_walk_41 if version == "4.1" else _walk_22)(**numbers)
+    if version == "4.1":
+        tags, used = _walk_41(**numbers)
+    else:
+        tags, used, sections["Elements"] = _walk_22(**numbers)
     groups: Groups | None = None
     if version == "4.1" and "Entities" in sections:
         groups = {}
@@ -164,14 +167,19 @@ def _groups_of_entities(numbers: _Numbers) -> Groups:
     return groups
 
 
-def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Numbers of all nodes, and of the nodes of all elements, in format 2.2."""
+def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any], bytes]:
+    """Numbers of all nodes, of the nodes of all elements, and $Elements, in format 2.2.
+
+    In a binary file each element keeps two tags, its physical group and its entity: those of a
+    partitioned mesh have the numbers of their parts too, more or less of them, which meshio mixes.
+    """
     if Nodes.binary:
         record = np.dtype([("tag", "i4"), ("position", "f8", 3)])
         tags = Nodes.take("u1", record.itemsize * Nodes.line()).view(record)["tag"]
     else:
         tags = Nodes.take("f8", 4 * Nodes.line())[::4]
     used, with_tags, count_read, total = [np.empty(0)], set(), 0, Elements.line()
+    blocks = [b"%d\n" % total]
     while count_read < total:
         kind, count, n_tags = Elements.integers("i4", 3)
         if not Elements.binary:  # number of the element, kind, tags
@@ -181,14 +189,19 @@ def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
         width = n_tags + _nodes_of(kind) + Elements.binary
         table = Elements.take("i4", count * width).reshape(count, width)
         used.append(table[:, -_nodes_of(kind) :].ravel())
-        with_tags.add(n_tags if Elements.binary else n_tags > 0)
+        with_tags.add(min(n_tags, 2 if Elements.binary else 1))
+        if Elements.binary:
+            kept = [*range(1 + min(n_tags, 2)), *range(-_nodes_of(kind), 0)]
+            head = np.array([kind, count, min(n_tags, 2)], table.dtype)
+            blocks += [head.tobytes(), table[:, kept].tobytes()]
         count_read += count
     if len(with_tags) > 1:  # meshio shifts or mixes them
         raise ValueError(
-            "some elements have tags and some have none, or other numbers of them, as in a binary "
-            "file of parts; save it again with Mesh.MshFileVersion = 4.1"
+            "some elements have tags and some have none; save it again with "
+            "Mesh.MshFileVersion = 4.1"
         )
-    return tags, np.concatenate(used)
+    section = b"".join([*blocks, b"\n"]) if Elements.binary else Elements.body
+    return tags, np.concatenate(used), section
 
 
 def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:

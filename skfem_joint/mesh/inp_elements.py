@@ -60,7 +60,8 @@ def _numbered(sides: tuple[tuple[int, ...], ...]) -> dict[str, tuple[int, ...]]:
 
 _ENDS: dict[str, tuple[int, ...]] = {"END1": (0,), "END2": (1,)}
 _OF_TETRAHEDRON = _numbered(((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0)))
-_FORMS = {
+#: Shapes by the names that meshio has for them.
+FORMS = {
     "line": ElementForm("line", 1, 2, (), _ENDS),
     "line3": ElementForm("line3", 1, 3, ((0, 1),), _ENDS),
     "triangle": ElementForm("triangle", 2, 3, (), _numbered(_TRIANGLE)),
@@ -93,7 +94,7 @@ _NAMES = {
 }
 #: Shape of each type that is read.
 TYPES = {
-    kind + ending: _FORMS[_NAMES[kind]] for kind, endings in _VARIANTS.items() for ending in endings
+    kind + ending: FORMS[_NAMES[kind]] for kind, endings in _VARIANTS.items() for ending in endings
 }
 #: Types that are met often and not read, by what they begin with, and what to do.
 _OTHERS = {

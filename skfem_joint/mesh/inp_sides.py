@@ -51,6 +51,16 @@ class Sides:
         """Corners (n, corners) of the sides with a label."""
         return self.elements[elements][:, self.form.sides[label]]
 
+    def group(self, nodes: IntArray) -> tuple[str, IntArray | str]:
+        """What a named set of nodes becomes, "sides" or "nodes", and its members.
+
+        Several nodes of a plate or solid are sides, if they make up some. Members are corners
+        (n, corners) or nodes (n,), or the reason why there are none.
+        """
+        if self.form.dim > 1 and nodes.size > 1:
+            return "sides", self.of_nodes(nodes)
+        return "nodes", nodes if self.used[nodes].all() else OF_NO_ELEMENT
+
     def of_nodes(self, nodes: IntArray) -> IntArray | str:
         """Corners (n, corners) of the sides that a set of nodes makes up, or why there are none.
 

@@ -1,9 +1,9 @@
 """Reads mesh files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
 
-Files of Abaqus and CalculiX are read by `skfem_joint.mesh.abaqus`. meshio reads those
-of Gmsh, since ``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file holds
-twice, loses groups inside a mesh and boundaries of second-order files, and drops a kind of cell if
-a file mixes two.
+Files of Abaqus and CalculiX are read by `skfem_joint.mesh.abaqus`, MED files by
+`skfem_joint.mesh.med`, Nastran's by `skfem_joint.mesh.nastran`. meshio reads those of Gmsh, since
+``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file holds twice, loses groups
+inside a mesh and boundaries of second-order files, and drops a kind of cell if a file mixes two.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import math
 import struct
 import tempfile
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -27,12 +27,22 @@ from skfem_joint.ground.files import read_whole
 from skfem_joint.ground.values import POSITIVE
 from skfem_joint.mesh.abaqus import read_inp
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
+from skfem_joint.mesh.file_mesh import FileMesh
 from skfem_joint.mesh.gmsh import Groups, check_msh
+from skfem_joint.mesh.med import read_med
 from skfem_joint.mesh.named import NamedMesh, check_finite, from_parts, merged, not_a_side
+from skfem_joint.mesh.nastran import read_nastran
 from skfem_joint.mesh.straightening import straightening
 
 if TYPE_CHECKING:
     import meshio
+
+
+#: Readers of the package by the endings of files; Gmsh's have any other.
+_READERS: dict[str, Callable[[Path], FileMesh]] = {
+    **{".inp": read_inp, ".med": read_med},
+    **dict.fromkeys((".bdf", ".nas", ".dat"), read_nastran),
+}
 
 
 def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
@@ -43,7 +53,9 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     points with one name are a boundary. Files of Abaqus and CalculiX (.inp) are read, with element
     sets as regions, surfaces as boundaries, and node sets as points, or as boundaries where their
     nodes make up whole sides; the instance stands before a dot where several have a name;
-    materials, steps and contact are passed over with a note. Bodies that share no nodes, in the
+    materials, steps and contact are passed over with a note. MED files (.med, by h5py) are read
+    with their groups, and Nastran's bulk data (.bdf, .nas, .dat) with a region or boundary for each
+    property, such as PSOLID_3 and PSHELL_7. Bodies that share no nodes, in the
     same file or in several, stay separate even if they overlap. A file of lines is a straight bar
     in space; its first end is that with the lexicographically smaller position. Plane meshes lie in
     a plane z = const.
@@ -100,9 +112,10 @@ def _meshes_of(file: Path, scale: float) -> list[NamedMesh]:
     if not file.is_file():
         wrong = "not a file" if file.exists() else "no such mesh file"
         raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
-    if file.suffix.lower() != ".inp":
+    read = _READERS.get(file.suffix.lower())
+    if read is None:
         return [_named_mesh(_read(file), str(file), scale)]
-    found = read_inp(file)
+    found = read(file)
     meshes = [_named_mesh(body, str(file), scale) for body in found.bodies]
     notes = tuple(f"{file}: {note}" for note in found.notes)
     return [replace(each, notes=each.notes + notes, plane=found.plane) for each in meshes]
@@ -149,7 +162,8 @@ def _read(file: Path) -> meshio.Mesh:
             reason = f"it refers to something that it does not define ({error})"
         raise InputError(
             f"{file}: cannot be read as a mesh: {reason}. Readable are whole Gmsh files of format "
-            "2.2 or 4.1 (.msh) and files of Abaqus or CalculiX (.inp)"
+            "2.2 or 4.1 (.msh) and files of Abaqus or CalculiX (.inp), Salome (.med) or Nastran "
+            "(.bdf, .nas, .dat). Gmsh converts others, e.g. gmsh mesh.cgns -save -o mesh.msh"
         ) from error
     return raw
 
