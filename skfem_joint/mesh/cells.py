@@ -141,6 +141,15 @@ def same_columns(a: NDArray[Any]) -> tuple[IntArray, IntArray]:
     return order[new], set_of
 
 
+def repeated(elements: IntArray) -> tuple[int, int] | None:
+    """First element, by its nodes (n, nodes), that has those of an earlier one, and that one."""
+    first, set_of = same_columns(np.sort(elements, axis=1).T)
+    if first.size == len(elements):
+        return None
+    again = int(np.argmax(first[set_of] != np.arange(len(elements))))
+    return again, int(first[set_of[again]])
+
+
 def split(
     mesh: skfem.Mesh, values: FloatArray | None = None
 ) -> tuple[FloatArray, IntArray, IntArray, IntArray, IntArray]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import closest, listed
-from skfem_joint.mesh.cells import same_columns
+from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.inp_cards import Card, bare
 from skfem_joint.mesh.inp_elements import ElementForm, form_of
 
@@ -415,11 +415,8 @@ class Scope:
                 )
             found.append(places)
         nodes = np.concatenate(found)
-        first, set_of = same_columns(np.sort(nodes, axis=1).T)
-        if first.size < len(nodes):
-            again = int(np.argmax(first[set_of] != np.arange(len(nodes))))
-            block, row = _block_of(self._elements, again)
-            other, known = _block_of(self._elements, int(first[set_of[again]]))
+        if again := repeated(nodes):
+            (block, row), (other, known) = (_block_of(self._elements, place) for place in again)
             block.card.refuse(
                 f"element {block.numbers[row]} has the nodes of element {other.numbers[known]}, "
                 "which would count twice: take one of them out",

@@ -18,6 +18,7 @@ from skfem_joint.ground.apart import arrays_read_apart
 from skfem_joint.ground.arrays import IntArray
 from skfem_joint.ground.errors import listed
 from skfem_joint.ground.files import read_whole
+from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.file_mesh import FileMesh
 from skfem_joint.mesh.inp_elements import FORMS
 from skfem_joint.mesh.inp_sides import Sides
@@ -92,6 +93,14 @@ def read_med(path: Path) -> FileMesh:
         cells.append(_cells(arrays, kind, len(places)))
         families.append(_families(arrays, kind, len(cells[-1][1])))
     found = meshio.Mesh(places, cells)
+    top = max((block.dim for block in found.cells), default=0)
+    for block in found.cells:
+        if block.dim == top and (again := repeated(block.data)):
+            one, other = (place + 1 for place in again)
+            raise ValueError(
+                f"element {one} of its {block.type} cells has the nodes of element {other}, which "
+                "would count twice: take one of them out"
+            )
     groups = _groups_of_elements(arrays, found, families)
     of_nodes = _members(_names(arrays, "NOEUD"), _families(arrays, "", len(places)))
     twice = {name for name, own in groups.items() if len(own) + (name in of_nodes) > 1}

@@ -10,20 +10,17 @@ import re
 from collections import defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from skfem_joint.ground.arrays import IntArray
 from skfem_joint.ground.bulk_data import Entry, entries, real, whole
 from skfem_joint.ground.files import read_whole
-from skfem_joint.mesh.cells import same_columns
+from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.file_mesh import FileMesh
 from skfem_joint.mesh.inp_sets import FARTHEST, Numbering
 from skfem_joint.mesh.named import check_count
-
-if TYPE_CHECKING:
-    import meshio
 
 
 class _Kind(NamedTuple):
@@ -157,6 +154,8 @@ class _Bulk:
                     f"{number} is in coordinate system {cells[1]}: save the file with all nodes in "
                     "the basic system, 0"
                 )
+            if len(cells) < 5:
+                raise ValueError(f"{number} has no third coordinate: the line below it is missing")
             place = [real(cell, entry.line) if cell else 0.0 for cell in cells[2:5]]
             if not max(map(abs, place)) < FARTHEST:
                 raise ValueError(f"coordinates must be below {FARTHEST:g}")
@@ -196,7 +195,13 @@ class _Bulk:
         numbering = self._numbering()
         cells = [(name, self._nodes(block, numbering)) for name, block in self.blocks.items()]
         found = meshio.Mesh(np.array(self.places), cells)
-        _check_repeated(found, list(self.blocks.values()), top)
+        for cells_of, block in zip(found.cells, self.blocks.values(), strict=True):
+            if cells_of.dim == top and (again := repeated(cells_of.data)):
+                place, other = again
+                raise ValueError(
+                    f"line {block.lines[place]}: element {block.numbers[place]} has the nodes of "
+                    f"element {block.numbers[other]}, which would count twice: take one out"
+                )
         check_count(len(self.groups))
         order = {name: place for place, name in enumerate(self.blocks)}
         found.cell_sets = {  # as blocks and members, which meshio's constructor does not take
@@ -249,18 +254,3 @@ class _Bulk:
         elif shells:
             notes.append(f"{', '.join(shells)} on solids name their faces, and have no stiffness")
         return notes
-
-
-def _check_repeated(mesh: meshio.Mesh, blocks: list[_Block], top: int) -> None:
-    """Refuse elements on the same nodes, which would count twice."""
-    for cells, block in zip(mesh.cells, blocks, strict=True):
-        if cells.dim != top:
-            continue
-        first, set_of = same_columns(np.sort(cells.data, axis=1).T)
-        if first.size < len(cells.data):
-            again = int(np.argmax(first[set_of] != np.arange(len(cells.data))))
-            other = block.numbers[int(first[set_of[again]])]
-            raise ValueError(
-                f"line {block.lines[again]}: element {block.numbers[again]} has the nodes of "
-                f"element {other}, which would count twice: take one of them out"
-            )
