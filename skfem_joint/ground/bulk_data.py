@@ -11,6 +11,11 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 _REAL = re.compile(r"([+-]?(?:\d+\.\d*|\.\d+|\d+))(?:[EeDd]?([+-]\d{1,3})|[EeDd](\d{1,3}))?")
+_TEXT = re.compile(r"[ -#%-~]*")
+#: End of a word, first field of a line, and last field, which names the next line.
+_BREAK = re.compile(r"[\s,]")
+_HEAD = re.compile(r"[A-Za-z]\w{0,7}\*?|[+*]?\w{0,7}")
+_NEXT = re.compile(r"[+*]\w{0,7}")
 
 
 class Entry(NamedTuple):
@@ -44,7 +49,7 @@ def entries(text: str, wanted: Callable[[str, int], bool], first: int = 1) -> It
         line = raw.rstrip()
         if not line or line.startswith("$"):
             continue
-        word = re.split(r"[\s,]", line[:8], maxsplit=1)[0].upper()
+        word = _BREAK.split(line[:8], maxsplit=1)[0].upper()
         if word[:1] not in ("", "+", "*"):
             if entry is not None:
                 yield entry
@@ -62,7 +67,7 @@ def _cells(line: str, number: int) -> list[str]:
     """Cells of a line after its word: eight of 8 characters, or four of 16."""
     wide = "*" in line[:8].partition(",")[0]
     count = 4 if wide else 8
-    if not re.fullmatch(r"[ -#%-~]*", line):  # no tabs, no comments behind
+    if not _TEXT.fullmatch(line):  # no tabs, no comments behind
         raise ValueError(
             f"line {number}: found {line[:60]!r}, must be fields of 8 or 16 characters, or commas"
         )
@@ -74,13 +79,13 @@ def _cells(line: str, number: int) -> list[str]:
         cells = [line[8 + width * k : 8 + width * (k + 1)].strip() for k in range(count)]
         rest = line[72:].strip()
     head = line[:8].partition(",")[0].strip()
-    if not re.fullmatch(r"[A-Za-z]\w{0,7}\*?|[+*]?\w{0,7}", head) or not any(cells):
+    if not _HEAD.fullmatch(head) or not any(cells):
         raise ValueError(f"line {number}: found {line[:60]!r}, must be fields of an entry")
-    if not re.fullmatch(r"(?:[+*]\w{0,7})?", rest):
+    if rest and not _NEXT.fullmatch(rest):
         raise ValueError(f"line {number}: found {rest[:40]!r} after the last field")
     cells = cells[:count]
     for cell in cells:
-        if re.search(r"\s", cell):
+        if " " in cell:
             raise ValueError(f"line {number}: found {cell!r} in a field, must be one number")
     return [*cells, *[""] * (count - len(cells))]
 
@@ -89,7 +94,7 @@ def whole(cell: str) -> int:
     """Number of a field, 0 if it is empty; ValueError if it is no whole number from 0 on."""
     if not cell:
         return 0
-    if not re.fullmatch(r"\d{1,9}", cell):
+    if not (cell.isascii() and cell.isdecimal() and len(cell) < 10):
         raise ValueError(f"found {cell!r}, must be a whole number")
     return int(cell)
 
