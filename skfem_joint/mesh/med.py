@@ -203,11 +203,13 @@ def _decoded(text: bytes) -> str:
 def _members(names: dict[int, list[str]], families: IntArray) -> dict[str, IntArray]:
     """Places of the members of each group."""
     found = defaultdict[str, list[IntArray]](list)
-    for number in np.unique(families).tolist():
-        if number not in names:
-            raise ValueError(f"family {number} is not in the file: it is damaged, or cut")
-        for name in names[number]:
-            found[name].append(np.flatnonzero(families == number))
+    unknown = np.setdiff1d(families, [*names])
+    if unknown.size:
+        raise ValueError(f"family {unknown[0]} is not in the file: it is damaged, or cut")
+    for number, own in names.items():
+        members = np.flatnonzero(families == number)
+        for name in own if members.size else ():
+            found[name].append(members)
     return {name: np.unique(np.concatenate(parts)) for name, parts in found.items()}
 
 
