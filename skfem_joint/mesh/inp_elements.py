@@ -116,10 +116,13 @@ def form_of(kind: str) -> ElementForm:
     if kind in TYPES:
         return TYPES[kind]
     why = next((why for start, why in _OTHERS.items() if kind.startswith(start)), "")
-    listed = ", ".join(f"{name} ({'/'.join(v or '-' for v in _VARIANTS[name])})" for name in _NAMES)
+    base = max((name for name in _NAMES if kind.startswith(name)), key=len, default="")
+    if base and not why:
+        endings = ", ".join(f"{base}{ending}" for ending in _VARIANTS[base])
+        raise ValueError(f"type {kind[:20]}: allowed are {endings}")
     raise ValueError(
-        f"type {kind or 'missing'}: {f'{why}; ' if why else ''}allowed are {listed}; in brackets "
-        "are the endings"
+        f"type {kind[:20] or 'missing'}: {f'{why}; ' if why else ''}allowed are "
+        f"{', '.join(_NAMES)}, most of them with endings such as R, I, H, M"
     )
 
 

@@ -77,6 +77,29 @@ class NodesOf:
         return np.unique(self.nodes_of(self.elements.members()))
 
 
+@dataclass(frozen=True)
+class Below:
+    """Set that a card lists and that stands further below."""
+
+    scope: Scope
+    kind: str
+    word: str
+    card: Card
+    line: int
+
+    def members(self) -> IntArray:
+        """Places of the members among all nodes or elements."""
+        known = self.scope.named(self.kind, self.word)
+        if known is None:
+            there = [each.name for each in self.scope.sets[self.kind].values()]
+            self.card.refuse(
+                f"found {bare(self.word)[:40]!r}, must be a number or a set of the file: "
+                f"{listed(there)}{closest(self.word.upper(), there)}",
+                self.line,
+            )
+        return known.members()
+
+
 @dataclass
 class NameSet:
     """A set: its name as first written, and what cards list in it."""
@@ -84,13 +107,23 @@ class NameSet:
     name: str
     card: Card
     internal: bool = False
-    parts: list[Listed | NodesOf] = field(default_factory=list)
+    parts: list[Listed | NodesOf | Below] = field(default_factory=list)
     used: int | None = None  # line of a card that has listed it
+    found: IntArray | None = None
 
     def members(self) -> IntArray:
-        """Sorted places of the members among all nodes or elements."""
-        every = np.concatenate([np.zeros(0, np.intp), *(part.members() for part in self.parts)])
-        return every if np.all(np.diff(every) > 0) else np.unique(every)
+        """Sorted places of the members among all nodes or elements, when all are placed."""
+        if self.found is None:
+            none = np.zeros(0, np.intp)
+            try:
+                every = np.concatenate([none, *(part.members() for part in self.parts)])
+            except RecursionError:
+                self.card.refuse(
+                    f"set {self.name!r} lists itself, or sets stand inside each other too often: "
+                    "write its members out"
+                )
+            self.found = every if np.all(np.diff(every) > 0) else np.unique(every)
+        return self.found
 
 
 @dataclass
@@ -300,7 +333,9 @@ class Scope:
             )
         return Listed(self, kind, card, line, np.array([first, last, step]), range=True)
 
-    def _members(self, kind: str, word: str, card: Card, line: int) -> Iterable[Listed | NodesOf]:
+    def _members(
+        self, kind: str, word: str, card: Card, line: int
+    ) -> Iterable[Listed | NodesOf | Below]:
         """Parts that a word of a set's card stands for: a number or the name of a set."""
         word = bare(word)
         for name, scope in self.others.items():
@@ -312,20 +347,20 @@ class Scope:
         return self._found(kind, word, card, line).parts
 
     def _found(self, kind: str, word: str, card: Card, line: int) -> NameSet:
-        """Set with a name, of this scope or, after a dot, of an instance."""
+        """Set with a name, which may stand further below."""
+        known = self.named(kind, word)
+        if known is None:
+            return NameSet(bare(word), card, parts=[Below(self, kind, word, card, line)])
+        known.used = known.used or line
+        return known
+
+    def named(self, kind: str, word: str) -> NameSet | None:
+        """Set with a name, of this scope or, after a dot, of an instance, if it stands above."""
         name = bare(word).upper()
         known = self.sets[kind].get(name)
         for instance, scope in self.others.items():
             if known is None and name.startswith(f"{instance}."):
                 known = scope.sets[kind].get(name[len(instance) + 1 :])
-        if known is None:
-            there = [each.name for each in self.sets[kind].values()]
-            card.refuse(
-                f"found {bare(word)[:40]!r}, must be a number or a set that stands above: "
-                f"{listed(there)}{closest(name, there)}",
-                line,
-            )
-        known.used = known.used or line
         return known
 
     def _scope_of(self, card: Card) -> Scope:

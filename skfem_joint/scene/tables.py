@@ -63,8 +63,8 @@ class MeshTable(SceneTable):
         by_form(Form.LIST, otherwise=Form.WORD),
     ] = key(
         "name of the mesh file, relative to the scene, or a list of files of several bodies; Gmsh "
-        ".msh of format 2.2 or 4.1, ASCII or binary, .inp of Abaqus or CalculiX, .med of Salome, or "
-        "bulk data of Nastran (.bdf, .nas, .dat)"
+        ".msh of format 2.2 or 4.1, ASCII or binary, .inp of Abaqus or CalculiX, .med of Salome, "
+        "or bulk data of Nastran (.bdf, .nas, .dat)"
     )
     scale: Positive = key("length of the mesh's unit, m", 1.0)
     order: Annotated[Literal["auto", 1, 2], BeforeValidator(_is_no_truth_value)] = key(
