@@ -69,7 +69,8 @@ def _cells(line: str, number: int) -> list[str]:
     count = 4 if wide else 8
     if not _TEXT.fullmatch(line):  # no tabs, no comments behind
         raise ValueError(
-            f"line {number}: found {line[:60]!r}, must be fields of 8 or 16 characters, or commas"
+            f"line {number}: found {line[:60]!r}, must be fields of 8 or 16 characters, or commas, "
+            "without tabs between them and comments behind"
         )
     if "," in line:
         cells = [cell.strip() for cell in line.split(",")][1:]

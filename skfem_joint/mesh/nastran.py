@@ -52,11 +52,14 @@ _PASSED = {
     "properties, which [material] and [section] say": r"P(SOLID|SHELL|LSOLID|COMP|ROD|TUBE|BAR|"
     r"BEAM)\w*",
     "supports and loads, which [support], [[load]] and [[bolt]] say": r"SPC\w*|FORCE\d?|MOMENT\d?|"
-    r"PLOAD\w*|GRAV|LOAD|LSEQ|TEMP\w*|RFORCE\d?|ACCEL\d?|DAREA|[DRT]LOAD\d?|DPHASE|SUPORT\d?",
-    "contact, which [[joint]] says": r"BC(TABLE|ONTACT|BODY|PROP|PARA|TSET|TADD|TPARM|RPARA|RIGID)"
-    r"\d?|BSURFS?|BFRIC",
-    "sets, tables and settings of the program": r"PARAM|MDLPRM|EIG[RCB]L?|TABLE\w*|TSTEP\w*|"
-    r"FREQ\d?|NLPARM|NLPCI|SET\d|CORD\d[RCS]|[ABCQO]SET\d?|OMIT\d?|USET\d?|PLOTEL\d?|ECHOO\w*",
+    r"PLOAD\w*|GRAV|LOAD|LSEQ|TEMP\w*|RFORCE\d?|ACCEL\d?|DAREA|[DRT]LOAD\d?|DPHASE|DEFORM|"
+    r"SUPORT\d?|CHBDY\w|PHBDY|QBDY\d|QVOL|QSET\d?|P?CONV\w?|RADM|RADBC",
+    "contact, which [[joint]] says": r"BC\w+|BSURFS?|BFRIC",
+    "what is to be optimised": r"DRESP\d|DCONSTR|DCONADD|DESVAR|DLINK|DVPREL\d|DVMREL\d|DVCREL\d|"
+    r"DOPTPRM|DSCREEN|DEQATN|TOPVAR",
+    "sets, tables and settings of the program": r"PARAM|MDLPRM|EIG[RCB]L?|TAB\w+|TSTEP\w*|"
+    r"FREQ\d?|RANDPS|RANDT1|NL(PARM|PCI|STEP|CNTL\w*|ADAPT)|SET\d|CORD\d[RCS]|[ABCO]SET\d?|"
+    r"OMIT\d?|USET\d?|PLOTEL\d?|ECHOO\w*",
 }
 _JOINED = (
     "it joins or stiffens parts of the model, which is not read: join the bodies in the mesh, by "
@@ -68,7 +71,7 @@ _REFUSED = {
     r"RBE\d|RBAR\d?|RROD|RTRPLT\d?|RSPLINE|RSSCON|RJOINT|MPC\w*|C(WELD|FAST|SEAM)|BGSET|BGADD": (
         _JOINED
     ),
-    r"C(ELAS|DAMP|MASS)\d|CBUSH\w*|CONM\d|CVISC|CGAP|DMIG|K2\w*": _MASS,
+    r"C(ELAS|DAMP|MASS)\d|P(ELAS|DAMP|MASS|VISC|GAP)\w*|[CP]BUSH\w*|CONM\d|CVISC|CGAP|DMIG": _MASS,
     r"GRDSET": "it gives nodes what their own fields leave out: write the fields of GRID out",
     r"SPOINT|EPOINT": "points without a place are not read: take them out",
     r"INCLUDE": "included files are not read: put the content of the file in its place",

@@ -226,6 +226,8 @@ def _kind(raw: meshio.Mesh) -> tuple[Cell, int]:
             f"it mixes cells of type {' and '.join(types)}: all elements of a mesh must have the "
             "same kind and order. In Gmsh, recombine all surfaces or none"
         )
+    if name not in kinds:
+        raise ValueError(f"it holds cells of type {types[0]}; allowed are {', '.join(kinds)}")
     return CELLS[kinds[name]], 1 + (name != types[0])
 
 

@@ -124,6 +124,7 @@ REFUSED = {
     "CTETRA,9,3,1,2,4,7.5": "line 20: CTETRA: found '7.5', must be a whole number",
     "CHEXA,9,4,2,3,6,5,8,9,+\n+,12,11": "element 9 has the nodes of element 2, which would count",
     "GRID,99,,\t1.": "line 20: found 'GRID,99,,.t1.', must be fields",
+    "CTETRA,9,3,1,2,4,7 $ four": "line 20: found 'CTETRA,9,3,1,2,4,7 . four', must be fields",
     "BEGIN SUPER=1": "it has several BEGIN BULK",
 }  # fmt: skip
 
@@ -132,6 +133,22 @@ REFUSED = {
 def test_what_is_not_read_is_refused_with_line_and_word(tmp_path, line):
     with pytest.raises(InputError, match=rf"mesh\.bdf: .*{REFUSED[line]}"):
         read(tmp_path, GRID, CUBES, [line])
+
+
+def test_what_a_scene_says_itself_is_passed_over_with_a_note(tmp_path):
+    words = [
+        "QVOL",
+        "BCTABL1",
+        "RANDPS",
+        "TABDMP1",
+        "DRESP1",
+        "NLSTEP",
+        "MATT1",
+        "PCOMPG",
+        "PLOAD4",
+    ]
+    note = read(tmp_path, GRID, CUBES, [f"{word},1,any thing" for word in words]).notes[0]
+    assert all(word in note for word in words)
 
 
 def test_a_file_that_is_cut_or_empty_is_refused(tmp_path):
