@@ -1,10 +1,11 @@
 """Order of the elements that a mesh is computed with: second order where the first one locks.
 
 A triangle or tetrahedron of first order has one strain in all of it, and bends too stiffly by tens
-of per cent on any mesh that can be paid for. Its displacement may be quadratic on the same straight
-mesh, since scikit-fem keeps mesh and element apart: that makes 4 (plates) to 7 times (solids) as
-many unknowns and errs by less than one per cent. Quadrilaterals and hexahedra have incompatible
-modes instead (`skfem_joint.body.incompatible`).
+of per cent on any mesh that can be paid for; a prism does so about its axis. Its displacement may
+be quadratic on the same straight mesh, since scikit-fem keeps mesh and element apart: that makes 4
+(plates) to 7 times (solids) as many unknowns and errs by less than one per cent. Quadrilaterals and
+hexahedra have incompatible modes instead (`skfem_joint.body.incompatible`). Where they stand beside
+triangles or prisms the mesh keeps its order, with a note.
 """
 
 from __future__ import annotations
@@ -13,7 +14,6 @@ from typing import Any
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.schur import physical_memory
-from skfem_joint.mesh.cells import cell_of
 from skfem_joint.mesh.named import NamedMesh
 
 
@@ -26,9 +26,10 @@ def of_order(
     ----------
     mesh : NamedMesh
     order : {"auto", 1, 2}
-        With "auto" triangles and tetrahedra of first order get quadratic displacements, unless the
-        mass is lumped, which second order does not allow, or a factor of their matrix would take
-        more than half of the memory. All other elements stay as they are.
+        With "auto" triangles, tetrahedra and prisms of first order get quadratic displacements,
+        unless they stand beside quadrilaterals or hexahedra, the mass is lumped, which second order
+        does not allow, or a factor of their matrix would take more than half of the memory. All
+        other elements stay as they are.
     lumped : bool
         Whether the mass is lumped.
     in_parts : bool
@@ -45,8 +46,7 @@ def of_order(
         raise InputError(
             "mesh.order: found 2 for a bar, whose elements are of first order; leave it out"
         )
-    cell = cell_of(mesh.mesh)[0]
-    many = cell.plural
+    many = " and ".join(part.kind.plural for part in mesh.parts)
     if order == mesh.order:
         return mesh, []
     if order == 1:
@@ -56,9 +56,16 @@ def of_order(
         ]
     if order == 2:
         return mesh.other_order, []
-    locks = mesh.order == 1 and mesh.dim > 1 and len(mesh.mesh.t) == cell.dim + 1
-    if not locks or lumped:
+    stiff = [part for part in mesh.parts if not part.kind.bends]
+    if mesh.order > 1 or mesh.dim == 1 or not stiff or lumped:
         return mesh, []
+    if len(stiff) < len(mesh.parts):
+        ((kind, elements, _),) = stiff
+        return mesh, [
+            f"{elements.size} of {mesh.n_elements} elements are {kind.plural} of first order, "
+            "which bend too stiffly: they may stand where little bends; mesh.order = 2 makes all "
+            "displacements quadratic."
+        ]
     needed, there = mesh.other_order.factor_bytes, physical_memory()
     if needed > 0.5 * there and not in_parts:
         return mesh, [

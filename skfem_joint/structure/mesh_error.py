@@ -289,6 +289,8 @@ class _Enriched:
         stays = np.zeros(((every - n) // self.dim, self.dim), dtype=bool)
         for part in straight:
             stays[_edges(body, part.name)[:, np.newaxis], part.components] = True
+        ends = body.mesh.mesh.facets if self.dim == 2 else body.mesh.mesh.edges
+        stays[ends[0] == ends[1]] = True  # collapsed edges have no middle
         middles = n + np.flatnonzero(~stays)
         vertices = selection(np.arange(n), every).T @ T
         #: All displacements from q and m.

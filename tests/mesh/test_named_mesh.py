@@ -100,7 +100,7 @@ def with_p(mesh: skfem.Mesh, changes: dict[int, tuple[float, ...]]) -> skfem.Mes
 @pytest.mark.parametrize(
     ("mesh", "reason"),
     [
-        (skfem.MeshWedge1(), "MeshWedge1 with 3 coordinates is not a mesh of line, tri"),
+        (skfem.MeshTri1DG.from_mesh(skfem.MeshTri1()), "MeshTri1DG with 2 coordinates is not a mesh of line, tri"),
         (skfem.MeshLine1(np.array([[0.0, 1.0, 2.0]]), np.array([[0], [1]])),
          "vertex 2 belongs to no element; take"),
         (skfem.MeshLine1(np.array([[0.0, np.nan]]), np.array([[0], [1]])),
