@@ -188,13 +188,16 @@ def named(
         regions = _numbers("region", mesh.subdomains, mesh.nelements)
         boundaries = _numbers("boundary", mesh.boundaries, mesh.nfacets)
         vertices = _numbers("point", points, mesh.nvertices)
+        is_side = cells.corner_count(mesh.facets) >= cell.dim  # not what a collapsed one has left
         checked = from_parts(
             cell,
             straight.p,
             t,
             order=own_order if order is None else order,
             regions=regions,
-            facets={name: mesh.facets[:, chosen] for name, chosen in boundaries.items()},
+            facets={
+                name: mesh.facets[:, chosen[is_side[chosen]]] for name, chosen in boundaries.items()
+            },
             points={name: int(numbers[0]) for name, numbers in vertices.items()},
             keep_order=True,
         )
