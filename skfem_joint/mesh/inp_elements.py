@@ -148,6 +148,8 @@ def remark(kind: str) -> str:
             f"are computed with {nodes} nodes, those {where} added on the same edges, and with "
             "full integration"
         )
+    if form.name == "wedge":
+        return "have full integration, and bend too stiffly unless mesh.order is 'auto' or 2"
     if form.name == "wedge15":
         return (
             "are computed with 21 nodes, those in the middles of faces and of the triangle between "
