@@ -388,7 +388,7 @@ def _rows(kind: Cell, cell: Cell, nodes: int) -> list[int]:
     else:
         places = kind.elements[1].doflocs
     apart = np.abs(places[:, np.newaxis] - kind.collapsed_places).max(axis=-1)
-    return apart.argmin(axis=1).tolist()
+    return [int(row) for row in apart.argmin(axis=1)]
 
 
 def _tables_of_sides(mesh: NamedMesh, nodes: IntArray) -> list[tuple[int, IntArray, IntArray]]:
@@ -417,7 +417,7 @@ def _without_spare(
     used = np.zeros(len(positions), dtype=np.bool_)
     for entity in entities:
         used[entity.nodes - 1] = True
-    number = np.cumsum(used)
+    number = np.cumsum(used, dtype=np.intp)
     return positions[used], [each._replace(nodes=number[each.nodes - 1]) for each in entities]
 
 

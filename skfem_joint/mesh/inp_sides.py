@@ -97,10 +97,10 @@ class Sides:
             if inside.all(axis=1).any():
                 return OF_A_BODY
             for label, own in form.nodes_of_sides.items():
-                corners = form.sides[label]
+                ends = form.sides[label]
                 # Nodes between the corners follow them; all sides have as many of both.
-                columns = _filled(corners, self._corners)
-                columns += _filled([*own[len(corners) :], corners[-1]], self._corners + 1)
+                columns = _filled(ends, self._corners)
+                columns += _filled([*own[len(ends) :], ends[-1]], self._corners + 1)
                 parts.append(self.elements[near[inside[:, own].all(axis=1)]][:, columns])
         sides = np.concatenate(parts)
         if not sides.size:
@@ -136,4 +136,4 @@ class Sides:
 
 def _filled(values: Sequence[int], count: int) -> list[int]:
     """Values, of which the last is repeated until they are so many."""
-    return [*values, *values[-1:] * (count - len(values))]
+    return [*values, *[values[-1]] * (count - len(values))]
