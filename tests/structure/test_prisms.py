@@ -18,11 +18,13 @@ from skfem.helpers import ddot, sym_grad, trace
 
 import skfem_joint as sj
 from skfem_joint.body.body import Body
+from skfem_joint.body.nodes import values_in
 from skfem_joint.joint.pressure import nodal_pressure
 from skfem_joint.joint.rigid import body_motions
 from skfem_joint.mesh import build_box, load_meshes, merged, named
 from skfem_joint.mesh.cells import CELLS
 from skfem_joint.mesh.collapsed import is_collapsed
+from skfem_joint.mesh.named import from_parts
 from skfem_joint.mesh.order import of_order
 from skfem_joint.output.series import blocks_of
 from skfem_joint.structure import mesh_error
@@ -374,4 +376,53 @@ def test_contact_that_opens_on_faces_of_both_kinds_carries_its_pressure(on, orde
     assert patch.opening.force.sum() == pytest.approx(1e4, rel=1e-9)
     load = sj.Load("end", sj.Harmonic(100.0, 50.0), direction=(1.0, 0.0, 0.0))
     run = sj.quasi_static(structure.system([load]), cycles=1, steps_per_cycle=8)
-    assert run.friction_energy > 0.0
+    assert sum(run.friction_work.ravel()) > 0.0
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_bolt_through_prisms_and_hexahedra_presses_with_its_force(order):
+    """Its head presses sides of both kinds; the joint carries the clamp force and no moment."""
+    first = mixed_box(1)
+    upper = build_box(
+        [("over", 0.2, 3), ("far", 0.4, 4)], (0.05, 0.02), (2, 2), origin=(0.4, 0.0, 0.02),
+        boundaries={"under": ("front", "over"), "head": ("back", "over"), "end": "right"},
+    )  # fmt: skip
+    nut = first.mesh.facets[:, first.boundaries["front"]]
+    nut = nut[:, (first.mesh.p[0, nut] > 0.4 - 1e-9).all(axis=0)]
+    sides = {name: first.mesh.facets[:, chosen] for name, chosen in first.boundaries.items()}
+    lower = from_parts(
+        CELLS["hexahedron"], first.mesh.p, first.mesh.t, regions={"low": np.arange(58)}, points={},
+        facets={"left": sides["left"], "face": sides["face"], "nut": nut},
+    )  # fmt: skip
+    joint = sj.Joint("face", "preload", 0.3, against="under", contact="unilateral")
+    structure = sj.Structure(
+        merged([lower, upper]), STEEL, fixed=["left"], order=order, joints=[joint],
+        bolts=[sj.Clamp(1e4, head="head", nut="nut")],
+    )  # fmt: skip
+    (patch,) = structure.patches
+    force = patch.opening.force
+    assert force.sum() == pytest.approx(1e4, rel=1e-6)
+    y = structure.nodes[patch.opening.nodes][:, 1]
+    assert force.size == y.size
+    assert force @ y / force.sum() == pytest.approx(0.025, abs=1e-4)
+
+
+@pytest.mark.parametrize(("what", "order"), BOTH)
+def test_interpolation_in_collapsed_elements_is_linear_up_to_their_edges(what, order):
+    """Also at points on the edge that is collapsed, where the map of the element is singular."""
+    body = body_of(what, order, inside=True)
+    rng = np.random.default_rng(6)
+    part = next(part for part in body.mesh.parts if part.kind is not body.cell)
+    shares = rng.dirichlet(np.ones(part.kind.corners), 30)
+    pairs = [(2, 5), (0, 3), (1, 4)] if what == "solid" else [(2, 2), (0, 1), (1, 2)]
+    for i, j in pairs:
+        on = np.zeros(part.kind.corners)
+        on[i] += 0.3
+        on[j] += 0.7
+        shares = np.vstack([shares, on])
+    chosen = rng.integers(part.elements.size, size=len(shares))
+    corners = body.mesh.mesh.p[:, part.corners[:, chosen]]
+    points = np.einsum("dck,kc->kd", corners, shares)
+    matrix, gap = values_in(body, part.elements[chosen], points, np.zeros(len(points)))
+    assert not gap.any()
+    np.testing.assert_allclose(matrix @ body.nodes, points, atol=1e-12)
