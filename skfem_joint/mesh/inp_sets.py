@@ -6,7 +6,7 @@ elements count within it. Sets keep what their cards list until all nodes and el
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,7 +15,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import closest, listed
 from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.inp_cards import Card, bare
-from skfem_joint.mesh.inp_elements import ElementForm, form_of
+from skfem_joint.mesh.inp_elements import ElementForm, form_of_type
 
 #: Largest coordinate.
 FARTHEST = 1e20
@@ -252,7 +252,7 @@ class Scope:
     def _read_elements(self, card: Card) -> None:
         kind = card.options.get("TYPE", "").upper()
         try:
-            width = 1 + form_of(kind).nodes
+            width = 1 + form_of_type(kind).nodes
         except ValueError as error:
             card.refuse(str(error))
         values, counts = card.numbers
@@ -434,9 +434,13 @@ class Scope:
         """Positions of the nodes as they are written, shape (n, 3)."""
         return np.concatenate([np.zeros((0, 3)), *(block.values for block in self._nodes)])
 
-    def nodes_of_elements(self, form: ElementForm) -> IntArray:
-        """Places of the nodes of all elements, shape (n, nodes)."""
-        found = [np.zeros((0, form.nodes), dtype=np.intp)]
+    def nodes_of_elements(self, forms: Sequence[ElementForm]) -> tuple[IntArray, IntArray]:
+        """Places of the nodes of all elements, shape (n, nodes), and the number of their form.
+
+        The places of nodes that an element does not have are -1.
+        """
+        width = max(form.nodes for form in forms)
+        found, form_of = [np.zeros((0, width), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
         for block in self._elements:
             numbers = np.asarray(block.values, dtype=np.intp)
             places = self.numbering["NSET"].places(numbers)
@@ -448,7 +452,10 @@ class Scope:
                     f"node {number} of element {block.numbers[row]} is not in the file",
                     block.card.line_of(int(block.rows[row])),
                 )
-            found.append(places)
+            more = ((0, 0), (0, width - places.shape[1]))
+            found.append(np.pad(places, more, constant_values=-1))
+            form = form_of_type(block.card.options["TYPE"].upper())
+            form_of.append(np.full(len(places), forms.index(form)))
         nodes = np.concatenate(found)
         if again := repeated(nodes):
             (block, row), (other, known) = (_block_of(self._elements, place) for place in again)
@@ -457,7 +464,7 @@ class Scope:
                 "which would count twice: take one of them out",
                 block.card.line_of(int(block.rows[row])),
             )
-        return nodes
+        return nodes, np.concatenate(form_of)
 
 
 def _whole(card: Card, values: FloatArray, rows: IntArray) -> IntArray:

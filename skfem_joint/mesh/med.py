@@ -21,7 +21,7 @@ from skfem_joint.ground.files import read_whole
 from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.file_mesh import FileMesh
 from skfem_joint.mesh.inp_elements import FORMS
-from skfem_joint.mesh.inp_sides import Sides
+from skfem_joint.mesh.inp_sides import Sides, blocks_of
 from skfem_joint.mesh.named import check_count
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ def _add_groups_of_nodes(
     for name, nodes in groups.items():
         shown = f"{name} (nodes)" if name in twice else name
         if sides is None and nodes.size > 1:
-            notes.append(f"group {shown!r} of nodes beside elements of several kinds: left out")
+            notes.append(f"group {shown!r} of nodes beside these elements: left out")
             continue
         what, members = ("nodes", nodes) if sides is None else sides.group(nodes)
         if isinstance(members, str):
@@ -245,15 +245,24 @@ def _add_groups_of_nodes(
         elif what == "nodes" or sides is None:
             mesh.point_sets[shown] = members
         else:
-            mesh.cell_sets[shown] = {len(mesh.cells): np.arange(len(members))}
-            mesh.cells.append(meshio.CellBlock(sides.form.side_name, members))
+            mesh.cell_sets[shown] = {}
+            for side, corners in blocks_of(members):
+                mesh.cell_sets[shown][len(mesh.cells)] = np.arange(len(corners))
+                mesh.cells.append(meshio.CellBlock(side, corners))
     return notes
 
 
 def _sides(mesh: meshio.Mesh) -> Sides | None:
-    """Sides of the elements; None where these are of several kinds, or of one without a table."""
+    """Sides of the elements; None where these are of kinds without a table."""
     top = max((block.dim for block in mesh.cells), default=0)
     blocks = [block for block in mesh.cells if block.dim == top]
-    if len(blocks) != 1 or blocks[0].type not in FORMS:
+    forms = [FORMS[block.type] for block in blocks if block.type in FORMS]
+    if len(forms) < len(blocks) or len({form.family for form in forms}) != 1:
         return None
-    return Sides(FORMS[blocks[0].type], blocks[0].data, len(mesh.points))
+    width = max(form.nodes for form in forms)
+    nodes = [
+        np.pad(block.data, ((0, 0), (0, width - form.nodes)), constant_values=-1)
+        for block, form in zip(blocks, forms, strict=True)
+    ]
+    form_of = np.repeat(np.arange(len(forms)), [len(block.data) for block in blocks])
+    return Sides(forms, form_of, np.concatenate(nodes), len(mesh.points))

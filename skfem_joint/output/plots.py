@@ -472,6 +472,7 @@ def _area(
 
     cells = cells[np.all(cells >= 0, axis=1)]
     triangles = cells if cells.shape[1] == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
     grid = Triangulation(place[:, 0], place[:, 1], triangles)
     drawn = panel.tripcolor(grid, slip, shading="gouraud", cmap="viridis", vmin=0.0)
     if not active.all():

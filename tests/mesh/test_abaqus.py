@@ -251,7 +251,7 @@ REFUSED = [
     ["*NODES", "14, 1., 1., 1."], ["*ELEMENTT, TYPE=B31", "13, 12, 13"], ["*SOMETHING NEW"],
     ["*NODE, SYSTEM=C", "14, 1., 90., 0."], ["*NODE, INPUT=nodes.txt"],
     ["*ELEMENT, TYPE=B31, OFFSET=100", "13, 12, 13"], ["*ELEMENT, TYPE=SPRING1", "13, 13"],
-    ["*ELEMENT, TYPE=C3D6", "13, 1, 2, 3, 4, 5, 6"], ["*ELEMENT, TYPE=S4R", "13, 1, 2, 3, 4"],
+    ["*ELEMENT, TYPE=C3D5", "13, 1, 2, 3, 4, 5"], ["*ELEMENT, TYPE=S4R", "13, 1, 2, 3, 4"],
     ["*SURFACE, NAME=S, COMBINE=UNION", "A, B"], ["*SURFACE, NAME=S, TYPE=CUTTING SURFACE", "1"],
     ["*INSTANCE, NAME=I, PART=P, LIBRARY=job", "*END INSTANCE"],
 ]  # fmt: skip
@@ -312,7 +312,8 @@ def test_what_is_not_read_is_refused_with_card_and_line(tmp_path, card, in_file)
         ((NODE, ["*ELEMENT, TYPE=B31"], FIXED), "line 15: .ELEMENT: has no elements"),
         ((NODE, ALL, ["*ELEMENT, TYPE=CPS3", "20, 1, 2, 3"]), "line 28: .*type CPS3: elements of "
                                                               "type B31 stand in line 15, and a"),
-        ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPS3", "20, 1, 2, 4"]), "line 11: .* same shape and"),
+        ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPS6", "20, 1, 2, 4, 7, 8, 9"]),
+         "line 11: .* same order, and"),
         ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPE4", "20, 1, 2, 5, 4"]), "line 11: .*choose one"),
         ((PLATE, SQUARES, ["7, 5, 2, 3, 6"]), "line 11: .*element 7 has the nodes of element 2"),
         ((PLATE, SQUARES, ["*SURFACE, NAME=S", "1, S5"]), "line 12: .*face 'S5', must be one of "
