@@ -156,9 +156,9 @@ def _whole(arrays: dict[str, np.ndarray], name: str, columns: int) -> np.ndarray
 def _cells(arrays: dict[str, np.ndarray], kind: str, n_nodes: int) -> tuple[str, IntArray]:
     """Cells of a type of MED, by meshio's name and the order that it has for the nodes."""
     if kind not in _TYPES:
-        what = {"PY": "pyramids", "P1": "pyramids", "PO": "polygons or polyhedra"}.get(kind[:2])
+        what = "pyramids" if kind in ("PY5", "P13") else "elements"
         raise ValueError(
-            f"it holds {what or 'elements'} of MED's type {kind}; allowed are {', '.join(_TYPES)}: "
+            f"it holds {what} of MED's type {kind}; allowed are {', '.join(_TYPES)}: "
             "mesh it with these, or take the others out"
         )
     name, nodes = _TYPES[kind]

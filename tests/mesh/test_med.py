@@ -157,7 +157,7 @@ REFUSED = {
     "a grid": (attribute("ENS_MAA/mesh", "TYP", 1), "a grid of rows and columns"),
     "polar": (attribute("ENS_MAA/mesh", "REP", 1), "coordinates that are not Cartesian"),
     "old": (attribute("INFOS_GENERALES", "MAJ", 2), "MED version 2, must be 3 or 4"),
-    "pyramid": (lambda file: file.move(f"{STEP}/MAI/SE2", f"{STEP}/MAI/PY5"), "MED's type PY5"),
+    "pyramid": (lambda file: file.move(f"{STEP}/MAI/SE2", f"{STEP}/MAI/PY5"), "pyramids of MED"),
     "node 0": (put(f"{STEP}/MAI/TE4/NOD", 0, 0), "TE4 refer to nodes that are not in the file"),
     "node 6": (put(f"{STEP}/MAI/TR3/NOD", 0, 6), "TR3 refer to nodes that are not in the file"),
     "twice": (put(f"{STEP}/MAI/TE4/NOD", slice(None), [1, 1, 2, 2, 3, 3, 4, 4]), "count twice"),
