@@ -67,6 +67,12 @@ def test_a_name_of_several_kinds_gets_its_kinds(tmp_path):
     assert {*mesh.points} == {"tip"}
 
 
+def test_a_name_that_comes_about_twice_is_refused(tmp_path):
+    sets = {"part": [[0, 1], [0], [], []], "part (faces)": [[], [0], [], []]}
+    with pytest.raises(InputError, match=r"come about twice: 'part \(faces\)'; give each its own"):
+        load_meshes(write(tmp_path, sets, {}))
+
+
 @pytest.mark.parametrize(
     "kind", [kind for kinds in TYPES.values() for kind in kinds if kind != "B32"]
 )
