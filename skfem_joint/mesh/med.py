@@ -8,7 +8,7 @@ VTK's elements, on the same edges: mirrored elements are turned over where all m
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -93,28 +93,8 @@ def read_med(path: Path) -> FileMesh:
         cells.append(_cells(arrays, kind, len(places)))
         families.append(_families(arrays, kind, len(cells[-1][1])))
     found = meshio.Mesh(places, cells)
-    top = max((block.dim for block in found.cells), default=0)
-    for block in found.cells:
-        if block.dim == top and (again := repeated(block.data)):
-            one, other = (place + 1 for place in again)
-            raise ValueError(
-                f"element {one} of its {block.type} cells has the nodes of element {other}, which "
-                "would count twice: take one of them out"
-            )
-    groups = _groups_of_elements(arrays, found, families)
-    of_nodes = _members(_names(arrays, "NOEUD"), _families(arrays, "", len(places)))
-    twice = {name for name, own in groups.items() if len(own) + (name in of_nodes) > 1}
-    check_count(sum(map(len, groups.values())) + len(of_nodes))
-    found.cell_sets = {  # as blocks and members, which meshio's constructor does not take
-        f"{name} ({kind})" if name in twice else name: blocks
-        for name, own in groups.items()
-        for kind, blocks in own.items()
-    }
-    known = {name for kind in ("ELEME", "NOEUD") for own in _names(arrays, kind).values()
-             for name in own}  # fmt: skip
-    empty = sorted(known - groups.keys() - of_nodes.keys())
-    notes = [f"groups without members are left out: {listed(empty)}"] if empty else []
-    return FileMesh([found], notes + _add_groups_of_nodes(found, of_nodes, twice))
+    _check_repeated(found)
+    return FileMesh([found], _named_parts(arrays, found, families))
 
 
 def _check(arrays: dict[str, np.ndarray]) -> None:
@@ -156,9 +136,9 @@ def _whole(arrays: dict[str, np.ndarray], name: str, columns: int) -> np.ndarray
 def _cells(arrays: dict[str, np.ndarray], kind: str, n_nodes: int) -> tuple[str, IntArray]:
     """Cells of a type of MED, by meshio's name and the order that it has for the nodes."""
     if kind not in _TYPES:
-        what = {"PY": "pyramids", "P1": "pyramids", "PO": "polygons or polyhedra"}.get(kind[:2])
+        what = "pyramids" if kind in ("PY5", "P13") else "elements"
         raise ValueError(
-            f"it holds {what or 'elements'} of MED's type {kind}; allowed are {', '.join(_TYPES)}: "
+            f"it holds {what} of MED's type {kind}; allowed are {', '.join(_TYPES)}: "
             "mesh it with these, or take the others out"
         )
     name, nodes = _TYPES[kind]
@@ -214,11 +194,44 @@ def _members(names: dict[int, list[str]], families: IntArray) -> dict[str, IntAr
     return {name: np.unique(np.concatenate(parts)) for name, parts in found.items()}
 
 
-def _groups_of_elements(
+def _check_repeated(mesh: meshio.Mesh) -> None:
+    """Refuse elements on the same nodes, but those that only name sides or edges."""
+    top = max((block.dim for block in mesh.cells), default=0)
+    for block in mesh.cells:
+        if block.dim == top and (again := repeated(block.data)):
+            one, other = (place + 1 for place in again)
+            raise ValueError(
+                f"element {one} of its {block.type} cells has the nodes of element {other}, which "
+                "would count twice: take one of them out"
+            )
+
+
+def _named_parts(
     arrays: dict[str, np.ndarray], mesh: meshio.Mesh, families: list[IntArray]
+) -> list[str]:
+    """Give a mesh its groups, of which ``families`` has those of each block; returns notes."""
+    names = {kind: _names(arrays, kind) for kind in ("ELEME", "NOEUD")}
+    groups = _groups_of_elements(names["ELEME"], mesh, families)
+    of_nodes = _members(names["NOEUD"], _families(arrays, "", len(mesh.points)))
+    twice = {name for name, own in groups.items() if len(own) + (name in of_nodes) > 1}
+    shown = [(f"{name} ({kind})" if name in twice else name, blocks)
+             for name, own in groups.items() for kind, blocks in own.items()]  # fmt: skip
+    nodes = {f"{name} (nodes)" if name in twice else name: own for name, own in of_nodes.items()}
+    check_count(len(shown) + len(nodes))
+    counts = Counter([name for name, _ in shown] + [*nodes])
+    if again := [name for name, count in counts.items() if count > 1]:
+        raise ValueError(f"names of groups come about twice: {listed(again)}; give each its own")
+    mesh.cell_sets = dict(shown)  # as blocks and members, which meshio's constructor does not take
+    known = {name for table in names.values() for own in table.values() for name in own}
+    empty = known - groups.keys() - of_nodes.keys()
+    notes = [f"groups without members are left out: {listed(empty)}"] if empty else []
+    return notes + _add_groups_of_nodes(mesh, nodes)
+
+
+def _groups_of_elements(
+    names: dict[int, list[str]], mesh: meshio.Mesh, families: list[IntArray]
 ) -> dict[str, dict[str, dict[int, IntArray]]]:
     """Members of each group by its name, the kind of its elements, and the block."""
-    names = _names(arrays, "ELEME")
     groups = defaultdict[str, dict[str, dict[int, IntArray]]](dict)
     for place, (block, own) in enumerate(zip(mesh.cells, families, strict=True)):
         kind = ("points", "edges", "faces", "volumes")[block.dim]
@@ -227,27 +240,24 @@ def _groups_of_elements(
     return groups
 
 
-def _add_groups_of_nodes(
-    mesh: meshio.Mesh, groups: dict[str, IntArray], twice: set[str]
-) -> list[str]:
+def _add_groups_of_nodes(mesh: meshio.Mesh, groups: dict[str, IntArray]) -> list[str]:
     """Add groups of nodes to a mesh, as points or as sides; returns notes on those left out."""
     import meshio
 
     sides, notes = _sides(mesh), list[str]()
     for name, nodes in groups.items():
-        shown = f"{name} (nodes)" if name in twice else name
         if sides is None and nodes.size > 1:
-            notes.append(f"group {shown!r} of nodes beside these elements: left out")
+            notes.append(f"group {name!r} of nodes beside these elements: left out")
             continue
         what, members = ("nodes", nodes) if sides is None else sides.group(nodes)
         if isinstance(members, str):
-            notes.append(f"group {shown!r} {members}: left out")
+            notes.append(f"group {name!r} {members}: left out")
         elif what == "nodes" or sides is None:
-            mesh.point_sets[shown] = members
+            mesh.point_sets[name] = members
         else:
-            mesh.cell_sets[shown] = {}
+            mesh.cell_sets[name] = {}
             for side, corners in blocks_of(members):
-                mesh.cell_sets[shown][len(mesh.cells)] = np.arange(len(corners))
+                mesh.cell_sets[name][len(mesh.cells)] = np.arange(len(corners))
                 mesh.cells.append(meshio.CellBlock(side, corners))
     return notes
 

@@ -247,3 +247,20 @@ def test_a_partitioned_lap_is_the_whole_one(gmsh, lap, folder, write):
     """With and without entities and groups between parts, and ghost cells."""
     path = write(gmsh, lap, folder)
     check_sizes(load_meshes(path, 1e-3), path)
+
+
+@pytest.mark.parametrize("name", ["mix8_lower", "mix20_lower"])
+def test_prisms_beside_hexahedra_are_the_same_in_all_formats(gmsh, tmp_path, name):
+    source = Path(__file__).parents[1] / "scene" / "gmsh" / f"{name}.msh"
+    right = load_meshes(source)
+    gmsh.clear()
+    gmsh.open(str(source))
+    for ending in ("med", "bdf"):
+        path = tmp_path / f"mesh.{ending}"
+        found = load_meshes(written(gmsh, path, SaveElementTagType=2, BdfFieldFormat=2))
+        assert (found.kind, found.order) == (right.kind, right.order)
+        for sizes_of in (region_sizes, boundary_sizes):
+            sizes = sizes_of(found)
+            if ending == "med":
+                assert sizes == pytest.approx(sizes_of(right), rel=1e-9)
+            assert sorted(sizes.values()) == pytest.approx(sorted(sizes_of(right).values()))

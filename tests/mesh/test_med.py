@@ -67,6 +67,12 @@ def test_a_name_of_several_kinds_gets_its_kinds(tmp_path):
     assert {*mesh.points} == {"tip"}
 
 
+def test_a_name_that_comes_about_twice_is_refused(tmp_path):
+    sets = {"part": [[0, 1], [0], [], []], "part (faces)": [[], [0], [], []]}
+    with pytest.raises(InputError, match=r"come about twice: 'part \(faces\)'; give each its own"):
+        load_meshes(write(tmp_path, sets, {}))
+
+
 @pytest.mark.parametrize(
     "kind", [kind for kinds in TYPES.values() for kind in kinds if kind != "B32"]
 )
@@ -157,7 +163,7 @@ REFUSED = {
     "a grid": (attribute("ENS_MAA/mesh", "TYP", 1), "a grid of rows and columns"),
     "polar": (attribute("ENS_MAA/mesh", "REP", 1), "coordinates that are not Cartesian"),
     "old": (attribute("INFOS_GENERALES", "MAJ", 2), "MED version 2, must be 3 or 4"),
-    "pyramid": (lambda file: file.move(f"{STEP}/MAI/SE2", f"{STEP}/MAI/PY5"), "MED's type PY5"),
+    "pyramid": (lambda file: file.move(f"{STEP}/MAI/SE2", f"{STEP}/MAI/PY5"), "pyramids of MED"),
     "node 0": (put(f"{STEP}/MAI/TE4/NOD", 0, 0), "TE4 refer to nodes that are not in the file"),
     "node 6": (put(f"{STEP}/MAI/TR3/NOD", 0, 6), "TR3 refer to nodes that are not in the file"),
     "twice": (put(f"{STEP}/MAI/TE4/NOD", slice(None), [1, 1, 2, 2, 3, 3, 4, 4]), "count twice"),
