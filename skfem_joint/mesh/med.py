@@ -1,9 +1,9 @@
 """MED files of Salome and code_aster (``.med``), with their groups.
 
 h5py reads the arrays of the file; here they become what meshio would have read, if it kept groups.
-Every node and element belongs to a family, and a family to the groups that it lists (MED 3 and 4,
-"MED file format", "Familles et groupes"). MED orders the nodes of solids as the mirror image of
-VTK's elements, on the same edges: mirrored elements are turned over where all meshes are.
+Every node and element belongs to a family, and a family to the groups that it lists, in versions 3
+and 4. MED orders the nodes of solids as the mirror image of VTK's elements, on the same edges:
+mirrored elements are turned over where all meshes are.
 """
 
 from __future__ import annotations
