@@ -60,8 +60,9 @@ class Structure:
     thickness : float, optional
         Of a bar or a plate, m.
     order : {"auto", 1, 2}
-        Order of the displacement. "auto" computes triangles and tetrahedra of first order, which
-        bend too stiffly, with quadratic displacements on the same mesh; see `mesh.order.of_order`.
+        Order of the displacement. "auto" computes meshes with triangles, tetrahedra or prisms of
+        first order, which bend too stiffly, with quadratic displacements on the same mesh; see
+        `mesh.order.of_order`.
     plane : {"stress", "strain"}
         State of a plate across its plane: stress for plates that are thin and loaded in their
         plane, strain for slices of bodies that are long across it.
