@@ -285,10 +285,13 @@ class Structure:
 
     def overview(self) -> str:
         """Sentence about what the structure is made of."""
-        bodies = int(self.mesh.body.max()) + 1
+        bodies, kinds = int(self.mesh.body.max()) + 1, ""
+        if len(self.mesh.parts) > 1:
+            each = (f"{part.elements.size} {part.kind.plural}" for part in self.mesh.parts)
+            kinds = f", {' and '.join(each)}"
         return (
             f"{bodies} {'body' if bodies == 1 else 'bodies'}, {self.mesh.n_elements} elements of "
-            f"order {self.mesh.order}."
+            f"order {self.mesh.order}{kinds}."
         )
 
     def at_rest(self) -> list[str]:
