@@ -68,8 +68,8 @@ class MeshTable(SceneTable):
     )
     scale: Positive = key("length of the mesh's unit, m", 1.0)
     order: Annotated[Literal["auto", 1, 2], BeforeValidator(_is_no_truth_value)] = key(
-        'order of the displacement; "auto" computes triangles and tetrahedra of first order, which '
-        "bend too stiffly, with quadratic displacements on the same mesh",
+        'order of the displacement; "auto" computes meshes with triangles, tetrahedra or prisms of '
+        "first order, which bend too stiffly, with quadratic displacements on the same mesh",
         "auto",
     )
     incompatible: bool = key(

@@ -19,6 +19,7 @@ from skfem.helpers import ddot, sym_grad, trace
 import skfem_joint as sj
 from skfem_joint.body.body import Body
 from skfem_joint.body.nodes import values_in
+from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.pressure import nodal_pressure
 from skfem_joint.joint.rigid import body_motions
 from skfem_joint.mesh import build_box, load_meshes, merged, named
@@ -360,6 +361,8 @@ def lap(order: int | str, lower: Any = mixed_box, **joint: Any) -> sj.Structure:
 def test_a_joint_on_faces_of_both_kinds_has_its_forces_and_follows_linear_motion(order):
     """Clamp force, area, and slip of a linear displacement of both bodies: none to round-off."""
     structure = lap(order)
+    words = f"2 bodies, 86 elements of order {order}, 42 hexahedra and 44 prisms."
+    assert structure.overview() == words
     (patch,) = structure.patches
     assert patch.clamping_force == pytest.approx(1e4, rel=1e-12)
     assert patch.area.sum() + patch.held_area == pytest.approx(0.01, rel=1e-12)
@@ -377,6 +380,18 @@ def test_contact_that_opens_on_faces_of_both_kinds_carries_its_pressure(on, orde
     load = sj.Load("end", sj.Harmonic(1500.0, 50.0), direction=(1.0, 0.0, 0.0))
     run = sj.quasi_static(structure.system([load]), cycles=1, steps_per_cycle=8)
     assert sum(run.friction_work.ravel()) > 0.0
+
+
+@pytest.mark.parametrize(
+    "mesh",
+    [skfem.MeshWedge1().with_boundaries({"end": [0]}), mixed_box().mesh],
+    ids=["own", "both"],
+)
+def test_contact_on_a_basis_of_prisms_is_refused(mesh):
+    basis = skfem.CellBasis(mesh, skfem.ElementVector(mesh.elem()), intorder=3)
+    with pytest.raises(InputError, match=r"prism elements, whose nodes .* give the mesh to sj.Str"):
+        sj.contact(basis, "end" if isinstance(mesh, skfem.MeshWedge1) else "face", pressure=1e6,
+                   friction=0.3)  # fmt: skip
 
 
 @pytest.mark.parametrize("order", [1, 2])
