@@ -9,7 +9,7 @@ import skfem_joint
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 #: Extras and groups that `tests/oldest.txt` installs; the others need a compiler or another system.
-EXTRAS = ("plot", "vtk", "report", "parquet")
+EXTRAS = ("plot", "vtk", "report", "parquet", "salome")
 
 
 def test_oldest_versions_are_the_lower_bounds():

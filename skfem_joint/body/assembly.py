@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
-from skfem import BilinearForm, asm
+from skfem import BilinearForm, CellBasis, asm
 
 from skfem_joint.body.incompatible import softening
 from skfem_joint.ground.arrays import FloatArray, IntArray
@@ -62,18 +62,19 @@ def stiffness(
     first, second : ndarray, shape (elements,)
         The constants lambda and mu times the extent across the mesh; mu is zero for bars.
     elements : ndarray of int, optional
-        Elements that count, which the constants belong to; all if not given.
+        Elements that count, which the constants belong to; all of the basis if not given.
     incompatible : bool
         Whether the elements, quadrilaterals or hexahedra of first order, have incompatible modes.
     """
     axes = range(int(basis.mesh.dim()))
     sums: dict[tuple[int, int], Any] = {}
     firsts, part_of = same_columns(np.stack([first, second]))
+    every = np.arange(basis.mesh.nelements) if basis.tind is None else basis.tind
     for part, element in enumerate(firsts):
         of_part = basis
         if firsts.size > 1 or elements is not None:
             own = np.flatnonzero(part_of == part)
-            of_part = basis.with_elements(own if elements is None else elements[own])
+            of_part = on_elements(basis, (every if elements is None else elements)[own])
         products, lam, mu = gradient_products(of_part), first[element], second[element]
         for (i, j), product in products.items():
             block = lam * product if mu == 0.0 else lam * product + mu * product.T
@@ -88,6 +89,12 @@ def stiffness(
     }
     blocks |= {(j, i): sparse.csr_array(A.T) for (i, j), A in blocks.items() if i < j}
     return interleaved([[blocks[i, j] for j in axes] for i in axes])
+
+
+def on_elements(basis: Any, elements: IntArray) -> Any:
+    """Basis on some elements, with the same numbers of nodes, which scikit-fem's would forget."""
+    same = {"mapping": basis.mapping, "quadrature": basis.quadrature, "dofs": basis.dofs}
+    return CellBasis(basis.mesh, basis.elem, elements=elements, **same)
 
 
 def gradient_products(basis: Any) -> dict[tuple[int, int], sparse.csr_array]:

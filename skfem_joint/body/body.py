@@ -171,7 +171,8 @@ class Body(Nodes):
     @property
     def has_incompatible_modes(self) -> bool:
         """Whether the elements have incompatible modes: such as can have them, unless unwanted."""
-        return self.incompatible and not self.is_simplex and self.mesh.order == 1
+        can = any(part.kind.bends for part in self.mesh.parts)
+        return self.incompatible and can and self.mesh.order == 1
 
     def in_unknowns(self, T: sparse.csr_array) -> tuple[Matrix, Matrix]:
         """Mass and stiffness in the unknowns q of u = T q; those of the last T are kept."""

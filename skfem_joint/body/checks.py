@@ -84,7 +84,8 @@ def both_faces(mesh: NamedMesh, name: str, where: str) -> Iterator[str]:
     corners = mesh.mesh.p.T[cells.T]
     middle = corners.mean(axis=1)
     edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1)
-    reach = (0.1 if side else TOLERANCE) * edges.min(axis=1)
+    shortest = np.min(edges, axis=1, where=edges > 0.0, initial=np.inf)
+    reach = (0.1 if side else TOLERANCE) * shortest
     first, second = within_reach(corners, cKDTree(middle), reach, 1)
     apart = body[first] != body[second]
     first, second = first[apart], second[apart]

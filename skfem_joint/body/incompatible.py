@@ -22,13 +22,14 @@ whose second part `softening` gives. Inertia and loads act on the corners alone.
 from __future__ import annotations
 
 from itertools import combinations_with_replacement
-from math import ceil
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.mesh.cells import cell_of
+from skfem_joint.mesh.collapsed import is_collapsed
 
 #: Elements whose matrices are in memory at the same time.
 _PIECE = 4096
@@ -43,6 +44,7 @@ def softening(
     ----------
     basis, first, second, elements
         As for `skfem_joint.body.assembly.stiffness`, of quadrilaterals or hexahedra of first order.
+        Collapsed ones, triangles and prisms, have no modes.
 
     Returns
     -------
@@ -51,8 +53,10 @@ def softening(
     """
     if elements is None:
         elements = np.arange(basis.mesh.nelements)
+    whole = ~is_collapsed(cell_of(basis.mesh)[0], basis.mesh.t[:, elements])
+    elements, first, second = elements[whole], first[whole], second[whole]
     blocks: dict[tuple[int, int], Any] = {}
-    for piece in np.array_split(np.arange(elements.size), ceil(elements.size / _PIECE)):
+    for piece in np.array_split(np.arange(elements.size), 1 + elements.size // _PIECE):
         of_elements = _of_elements(basis, first[piece], second[piece], elements[piece])
         nodes = basis.element_dofs[:, elements[piece]].T
         rows, columns = (

@@ -17,9 +17,12 @@ import skfem
 from scipy import sparse
 from scipy.spatial import cKDTree
 
+from skfem_joint.body.assembly import on_elements
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.mesh import NamedMesh
-from skfem_joint.mesh.cells import Cell, cell_of, nearest_places, split, within_reach
+from skfem_joint.mesh.cells import Cell, cell_of, nearest_places, within_reach
+from skfem_joint.mesh.collapsed import dofs_of
+from skfem_joint.mesh.splitting import split
 
 
 @dataclass(frozen=True)
@@ -61,18 +64,23 @@ class Nodes:
 
     @property
     def is_simplex(self) -> bool:
-        """Whether the elements are segments, triangles or tetrahedra."""
+        """Whether all elements are segments, triangles or tetrahedra, none of them collapsed."""
         return len(self.mesh.mesh.t) == self.cell.dim + 1
 
     @property
     def quadrature(self) -> int:
-        """Order of quadrature: exact for the mass of simplices and of parallelepipeds."""
+        """Order of quadrature: exact for the mass of simplices, prisms and parallelepipeds."""
         return 2 * self.mesh.order + (not self.is_simplex)
 
     @cached_property
     def basis(self) -> Any:
         """Scalar basis of scikit-fem: its degrees of freedom are the nodes."""
-        return skfem.Basis(self.mesh.mesh, self.element, intorder=self.quadrature)
+        return skfem.Basis(self.mesh.mesh, self.element, intorder=self.quadrature, dofs=self._dofs)
+
+    @cached_property
+    def _dofs(self) -> skfem.Dofs:
+        """Numbers of the nodes."""
+        return dofs_of(self.mesh.mesh, self.element)
 
     @cached_property
     def _split(self) -> tuple[FloatArray, IntArray, IntArray, IntArray, IntArray]:
@@ -146,7 +154,7 @@ class Nodes:
         if name in self.mesh.points:
             return np.bincount([self.mesh.points[name]], minlength=self.n_nodes).astype(float)
         if name in self.mesh.regions:
-            part = self.basis.with_elements(self.mesh.regions[name])
+            part = on_elements(self.basis, self.mesh.regions[name])
         else:
             part = self.facet_basis(self.mesh.boundaries[name])
         shares = np.asarray(skfem.LinearForm(lambda v, _: 1.0 * v).assemble(part))
@@ -155,7 +163,11 @@ class Nodes:
     def facet_basis(self, facets: IntArray) -> Any:
         """Scalar basis of scikit-fem on facets, with their normals."""
         return skfem.FacetBasis(
-            self.mesh.mesh, self.element, facets=facets, intorder=self.quadrature
+            self.mesh.mesh,
+            self.element,
+            facets=facets,
+            intorder=self.quadrature,
+            dofs=self._dofs,
         )
 
     def integrals(self, part: Any, value: FloatArray) -> FloatArray:

@@ -207,6 +207,11 @@ def contact(
     dim, order = basis.mesh.dim(), 1 + known_elements.index(scalar)
     section = {"width": width if dim == 1 else None, "thickness": thickness if dim == 2 else None}
     grid = Nodes(named(basis.mesh, order=order), **section)
+    if any(part.kind is not grid.cell for part in grid.mesh.parts):
+        raise InputError(
+            f"contact: the mesh has {grid.mesh.kind} elements, whose nodes scikit-fem numbers "
+            "otherwise: give the mesh to sj.Structure, which assembles them"
+        )
     wrong = [*joint_problems(grid.mesh, [pressed])]
     for key, extent in (("width", width), ("thickness", thickness)):
         wrong += problems(f"contact: {key}", extent, POSITIVE)

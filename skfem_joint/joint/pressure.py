@@ -219,7 +219,13 @@ def hat_simplices(
         columns = np.concatenate([first, first + 1, np.repeat(first + 2, 4)])
         values = np.concatenate([np.ones(2 * cells.size), np.full(4 * cells.size, 0.25)])
     shape = (len(nodes), corners.shape[0] * corners.shape[1])
-    return corners, sparse.csr_array((values, (rows, columns)), shape=shape), parent
+    gather = sparse.csr_array((values, (rows, columns)), shape=shape)
+    has_area = np.ones(len(corners), dtype=np.bool_)
+    if count == 4:  # of a triangle given as a quadrilateral one of the four has none
+        has_area = (cells != after).ravel()
+    if has_area.all():
+        return corners, gather, parent
+    return corners[has_area], gather[:, np.repeat(has_area, 3)], parent[has_area]
 
 
 def pressure_integrals(corners: FloatArray, pressure: float | PressureTable) -> FloatArray:

@@ -1,53 +1,28 @@
-"""ANSYS ``.full`` files, read by ansys-mapdl-reader in a process of its own.
-
-Its compiled part follows what the file says, and a damaged file could end this process. The other
-one has a limit of time and of memory, and hands arrays over in a file.
-"""
+"""ANSYS ``.full`` files, read by ansys-mapdl-reader in a process of its own."""
 
 from __future__ import annotations
 
-import io
 import struct
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.ground.array_files import npz_arrays
+from skfem_joint.ground.apart import arrays_read_apart
 from skfem_joint.ground.errors import first_of
 from skfem_joint.matrix_files.given import GivenMatrix
 from skfem_joint.matrix_files.labels import DIRECTIONS, label_text, repeated_labels
 from skfem_joint.matrix_files.symmetry import symmetric
 
 _FORM = "a .full file of ANSYS"
-#: Seconds for a file, and bytes beside it that the other process may take for each byte of it.
-_SECONDS, _MEMORY, _PER_BYTE = 50, 2**31, 16
-#: Status of the other process where its reader is not installed.
-_MISSING = 3
 _READ = """
-import sys
-try:
-    import numpy as np
-    from ansys.mapdl.reader.full import FullFile
-except ImportError:
-    sys.exit(3)
-path, to, most = sys.argv[1], sys.argv[2], int(sys.argv[3])
-try:
-    import resource
-    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
-except ImportError:
-    pass
 full = FullFile(path)
 labels, k, m = full.load_km(sort=True)
-arrays = {"labels": labels, "const": full.const}
+arrays |= {"labels": labels, "const": full.const}
 for name, A in (("K", k), ("M", m)):
     if A is not None:
         A = A.tocoo()
         arrays |= {name + "row": A.row, name + "column": A.col, name + "value": A.data}
-np.savez(to, **arrays)
 """
 
 
@@ -63,25 +38,14 @@ def read_full(path: Path, content: bytes, letter: str) -> GivenMatrix:
     """
     if letter == "C":
         raise ValueError("holds no damping matrix that can be read; leave C out, or give a ratio")
-    with tempfile.TemporaryDirectory() as folder:
-        to = Path(folder) / "arrays.npz"
-        most = str(_MEMORY + _PER_BYTE * len(content))
-        command = [sys.executable, "-c", _READ, str(path.resolve()), str(to), most]
-        try:
-            ended = subprocess.run(
-                command, capture_output=True, text=True, timeout=_SECONDS, check=False
-            )
-        except subprocess.TimeoutExpired as error:
-            raise ValueError(f"could not be read within {_SECONDS} s") from error
-        if ended.returncode == _MISSING:
-            raise ValueError(
-                "needs ansys-mapdl-reader: pip install 'skfem-joint[ansys]'; or let ANSYS write "
-                "MatrixMarket files, by *SMAT and *EXPORT"
-            )
-        if ended.returncode or not to.is_file():
-            said = (ended.stderr.strip().splitlines() or ["its reader ended without a word"])[-1]
-            raise ValueError(f"ansys-mapdl-reader: {said[:200]}")
-        arrays = npz_arrays(io.BytesIO(to.read_bytes()))
+    arrays = arrays_read_apart(
+        path,
+        "from ansys.mapdl.reader.full import FullFile",
+        _READ,
+        "ansys-mapdl-reader",
+        "pip install 'skfem-joint[ansys]'; or let ANSYS write MatrixMarket files, by *SMAT and "
+        "*EXPORT",
+    )
     return _matrix(arrays, letter)
 
 

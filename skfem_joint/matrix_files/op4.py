@@ -8,7 +8,10 @@ column more than the matrix. (MSC Nastran DMAP Programmer's Guide, "OUTPUT4"; MS
 Guide, "OUTPUT4"). Whole numbers have 32 or 64 bits, in either byte order.
 
 The loops here compare all lengths and places in a file before they follow them. K and M of a
-million unknowns with 33 entries in a row, 740 MB, take 3 s of one processor and 2 GiB.
+million unknowns with 33 entries in a row, 740 MB, take 3 s of one processor and 2 GiB. pyYeti,
+which reads such files too (29 s, 3.8 GiB), takes lengths as the file says them: of a hundred
+damaged binary files it read 13 of a diagonal matrix with eight to 57 wrong entries of 72, and 5 of
+half a matrix with more than 500, without a word.
 """
 
 from __future__ import annotations

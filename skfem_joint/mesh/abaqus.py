@@ -8,7 +8,7 @@ become what meshio would have read, if it read them: cells, sets of cells and po
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -19,11 +19,13 @@ from scipy.spatial.transform import Rotation
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import listed
+from skfem_joint.mesh.file_mesh import FileMesh
+from skfem_joint.mesh.gmsh import meshio_with_prisms
 from skfem_joint.mesh.inp_cards import Card, read_cards
 from skfem_joint.mesh.inp_elements import TYPES, ElementForm, plane_of, remark
 from skfem_joint.mesh.inp_keywords import sorted_out
 from skfem_joint.mesh.inp_sets import FARTHEST, NameSet, Scope, Surface
-from skfem_joint.mesh.inp_sides import OF_NO_ELEMENT, Sides
+from skfem_joint.mesh.inp_sides import Sides, blocks_of
 from skfem_joint.mesh.named import check_count
 
 if TYPE_CHECKING:
@@ -37,26 +39,7 @@ _BARE = ("PART", "END PART", "END INSTANCE", "ASSEMBLY", "END ASSEMBLY")
 _KINDS = {"NSET": "nodes", "ELSET": "elements", "SURFACE": "surface"}
 
 
-@dataclass(frozen=True)
-class InpMesh:
-    """Mesh of a file as meshio would give it, and what the file says beside it.
-
-    Attributes
-    ----------
-    bodies : list of meshio.Mesh
-        Each bar, or all that is not bars, with cell sets as blocks and members by name.
-    notes : list of str
-        What is passed over, left out, or computed otherwise than its type says.
-    plane : str
-        State across a plate, "stress" or "strain"; "" of bars and solids.
-    """
-
-    bodies: list[meshio.Mesh]
-    notes: list[str]
-    plane: str
-
-
-def read_inp(path: Path) -> InpMesh:
+def read_inp(path: Path) -> FileMesh:
     """Read an Abaqus or CalculiX file.
 
     Raises
@@ -103,7 +86,8 @@ class _Deck:
 
     def nodes_of(self, elements: IntArray) -> IntArray:
         """Nodes of elements."""
-        return self._nodes[elements]
+        nodes = self._nodes[elements]
+        return nodes[nodes >= 0]
 
     def read(self, keyword: str, card: Card) -> None:
         """Take up the next card."""
@@ -160,7 +144,7 @@ class _Deck:
         if last is not None:
             last.refuse(f"has no *END {last.keyword}: is the file cut?")
 
-    def mesh(self, notes: list[str]) -> InpMesh:
+    def mesh(self, notes: list[str]) -> FileMesh:
         """The mesh; ``notes`` are added to."""
         kinds = {kind: card for scope in self.scopes for kind, card in scope.kinds.items()}
         spare = [part.name for part in self.parts.values() if not part.used]
@@ -169,35 +153,38 @@ class _Deck:
             raise ValueError(f"it holds no elements: write *NODE and *ELEMENT{where}")
         if spare:
             notes.append(f"part {listed(spare)} is left out, since no *INSTANCE places it")
-        form, plane = _one_form(kinds)
+        forms, plane = _forms(kinds)
         notes += [
             f"elements of type {kind} {remark(kind)}" for kind in sorted(kinds) if remark(kind)
         ]
-        places, owns = self._placed(form)
-        if form.name == "line3":
+        places, form_of, owns = self._placed(forms)
+        if forms[0].name == "line3":
             self._nodes = _inner_last(places, self._nodes)
-        found = _Groups(Sides(form, self._nodes, len(places)))
+        sides = Sides(forms, form_of, self._nodes, len(places))
+        found = _Groups(sides)
         for scope in self.scopes:
             found.add(scope)
         notes += [f"{listed(names)} {why}: left out" for why, names in found.left_out.items()]
-        bodies = owns if form.dim == 1 else [slice(0, len(self._nodes))]
+        bodies = owns if sides.dim == 1 else [slice(0, len(self._nodes))]
         groups = found.named()
-        return InpMesh([_body(form, places, self._nodes, own, groups) for own in bodies], notes,
-                       plane)  # fmt: skip
+        return FileMesh([_body(sides, places, own, groups) for own in bodies], notes, plane)
 
-    def _placed(self, form: ElementForm) -> tuple[FloatArray, list[slice]]:
-        """Positions of all nodes, and the elements of each scope that has some."""
-        places, elements = list[FloatArray](), list[IntArray]()
+    def _placed(self, forms: Sequence[ElementForm]) -> tuple[FloatArray, IntArray, list[slice]]:
+        """Positions of all nodes, forms of elements, and the elements of scopes that have some."""
+        places, elements, form_of = list[FloatArray](), list[IntArray](), list[IntArray]()
         n_nodes = n_elements = 0
         for scope in self.scopes:
             scope.placed(n_nodes, n_elements)
             places.append(_moved(scope.places, self.shifts.get(scope.name.upper(), [])))
-            elements.append(scope.nodes_of_elements(form))
+            own, own_forms = scope.nodes_of_elements(forms)
+            elements.append(own)
+            form_of.append(own_forms)
             n_nodes, n_elements = n_nodes + len(places[-1]), n_elements + len(elements[-1])
         self._nodes = np.concatenate(elements)
         ends = np.cumsum([0, *map(len, elements)]).tolist()
         owns = [slice(*pair) for pair in pairwise(ends)]
-        return np.concatenate(places), [own for own in owns if own.start < own.stop]
+        owns = [own for own in owns if own.start < own.stop]
+        return np.concatenate(places), np.concatenate(form_of), owns
 
 
 @dataclass(frozen=True)
@@ -257,17 +244,16 @@ class _Groups:
             return "", f"{'with' if kind == 'NSET' else 'of elements with'} no members"
         if kind == "ELSET":
             return "elements", members
-        if self.sides.form.dim > 1 and members.size > 1:
-            return "sides", self.sides.of_nodes(members)
-        return "nodes", members if self.sides.used[members].all() else OF_NO_ELEMENT
+        return self.sides.group(members)
 
     def _of_surface(self, surface: Surface) -> tuple[str, IntArray | str]:
         """The same of a surface."""
         if surface.nodes is not None:
             return self._of_set("NSET", surface.nodes.members())
-        labels, parts = self.sides.form.sides, list[IntArray]()
+        parts = list[IntArray]()
         for label, own, line in surface.faces:
             elements = own.members()
+            labels = self.sides.labels(elements) if elements.size else [label]
             if label and label not in labels:
                 surface.card.refuse(
                     f"found face {label[:40]!r}, must be one of {', '.join(labels)}", line
@@ -286,7 +272,7 @@ class _Groups:
         sides = np.concatenate(parts)
         if not sides.size:
             return "", "with no members"
-        return ("nodes", np.unique(sides)) if self.sides.form.dim == 1 else ("sides", sides)
+        return ("nodes", np.unique(sides)) if self.sides.dim == 1 else ("sides", sides)
 
     def named(self) -> dict[str, _Group]:
         """Groups by the names that they get.
@@ -311,33 +297,40 @@ class _Groups:
         return named
 
 
-def _body(
-    form: ElementForm, places: FloatArray, nodes: IntArray, own: slice, groups: dict[str, _Group]
-) -> meshio.Mesh:
+def _body(sides: Sides, places: FloatArray, own: slice, groups: dict[str, _Group]) -> meshio.Mesh:
     """Mesh of some elements, with their groups."""
-    import meshio
-
-    cells: list[tuple[str, IntArray]] = [(form.name, nodes[own])]
+    chosen = np.arange(len(sides.elements))[own]
+    cells, block_of = list[tuple[str, IntArray]](), list[IntArray]()
+    for number, form in enumerate(sides.forms):
+        block_of.append(chosen[sides.form_of[chosen] == number])
+        cells.append((form.name, sides.elements[block_of[-1]][:, : form.nodes]))
     cell_sets, points = dict[str, dict[int, IntArray]](), dict[str, IntArray]()
     used = np.zeros(len(places), dtype=np.bool_)
-    used[nodes[own]] = True
+    nodes = sides.elements[own]
+    used[nodes[nodes >= 0]] = True
     for name, group in groups.items():
         if group.what == "elements":
-            inside = group.members[(group.members >= own.start) & (group.members < own.stop)]
-            if inside.size:
-                cell_sets[name] = {0: inside - own.start}
+            inside = [np.flatnonzero(np.isin(block, group.members)) for block in block_of]
+            members = {number: numbers for number, numbers in enumerate(inside) if numbers.size}
+            if members:
+                cell_sets[name] = members
         elif group.what == "sides":
-            cell_sets[name] = {len(cells): np.arange(len(group.members))}
-            cells.append((form.side_name, group.members))
+            cell_sets[name] = {}
+            for side in blocks_of(group.members):
+                cell_sets[name][len(cells)] = np.arange(len(side[1]))
+                cells.append(side)
         elif used[group.members].any():
             points[name] = group.members[used[group.members]]
-    mesh = meshio.Mesh(places, cells, point_sets=points)
+    mesh = meshio_with_prisms().Mesh(places, cells, point_sets=points)
     mesh.cell_sets = cell_sets  # as blocks and members, which its constructor does not take
     return mesh
 
 
-def _one_form(kinds: Mapping[str, Card]) -> tuple[ElementForm, str]:
-    """Shape of all elements, and the state across a plate; refuses several of either."""
+def _forms(kinds: Mapping[str, Card]) -> tuple[list[ElementForm], str]:
+    """Shapes of the elements, and the state across a plate.
+
+    Refuses shapes that do not go together, and several states.
+    """
     first, *others = kinds
     for kind in others:
         one, other = TYPES[first], TYPES[kind]
@@ -347,16 +340,18 @@ def _one_form(kinds: Mapping[str, Card]) -> tuple[ElementForm, str]:
                 f"type {kind}: {where}, and a mesh holds bars, plates or solids alone: take "
                 "elements of other kinds out, or save each body in a file of its own"
             )
-        if one != other:
+        if one.family != other.family:
             kinds[kind].refuse(
-                f"type {kind}: {where}, and all elements must have the same shape and order: mesh "
-                "one of them anew"
+                f"type {kind}: {where}, and all elements must have the same order, and shapes that "
+                "go together: hexahedra and prisms, or quadrilaterals and triangles; mesh one of "
+                "them anew"
             )
         if plane_of(first) != plane_of(kind):
             kinds[kind].refuse(
                 f"type {kind}: {where}, and a mesh has plane stress or plane strain: choose one"
             )
-    return TYPES[first], plane_of(first)
+    forms = {TYPES[kind].name: TYPES[kind] for kind in kinds}
+    return [*forms.values()], plane_of(first)
 
 
 def _shift(card: Card) -> list[FloatArray]:

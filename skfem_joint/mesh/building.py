@@ -13,6 +13,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.values import COUNT, FINITE, POSITIVE
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, spot
+from skfem_joint.mesh.collapsed import joined
 from skfem_joint.mesh.named import NamedMesh, from_parts, name_problems
 
 #: Name, length along x (m) and number of elements along x.
@@ -112,7 +113,7 @@ def build_box(
     elements: tuple[int, int],
     *,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
-    kind: Literal["hexahedron", "tetrahedron"] = "hexahedron",
+    kind: Literal["hexahedron", "prism", "tetrahedron"] = "hexahedron",
     order: int = 1,
     prefix: str = "",
     boundaries: Mapping[str, Side] | None = None,
@@ -120,7 +121,7 @@ def build_box(
 ) -> NamedMesh:
     """Box of consecutive strips along x, each of equal elements.
 
-    Each cell of the grid is one hexahedron or six tetrahedra.
+    Each cell of the grid is one hexahedron, two prisms along z or six tetrahedra.
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ def build_box(
         Numbers of elements along y and z.
     origin : sequence of three float
         Position of the corner with the smallest coordinates, m.
-    kind : {"hexahedron", "tetrahedron"}
+    kind : {"hexahedron", "prism", "tetrahedron"}
         Kind of the elements.
     order : {1, 2}
         Order of the displacement.
@@ -190,11 +191,12 @@ def _built(
     t = _elements(kind, shape)
     strip_of = np.repeat([names.index(name) for name in names], counts)
     strip_of = np.repeat(strip_of, t.shape[1] // strip_of.size)
+    cell, hosted = joined([(CELLS[kind], t)])
     try:
         return from_parts(
-            CELLS[kind],
+            cell,
             p,
-            t,
+            hosted,
             xyz=xyz,
             order=order,
             regions={name: np.flatnonzero(strip_of == names.index(name)) for name in names},
@@ -271,11 +273,13 @@ def _elements(kind: str, shape: Sequence[int]) -> IntArray:
     cells = np.stack([node[tuple(box)].ravel() for box in boxes])
     if kind == grid.name:
         return np.asarray(cells, dtype=np.intp)
-    # Corners of the grid's cells that the triangles or tetrahedra of even and odd cells have.
+    # Corners of the grid's cells that the elements of even and odd cells have.
     even, odd = [[0, 1, 2], [0, 2, 3]], [[0, 1, 3], [1, 2, 3]]
     if kind == "tetrahedron":
         even = [[0, 1, 3, 4], [0, 3, 2, 4], [2, 3, 4, 6], [3, 4, 6, 7], [3, 4, 5, 7], [1, 3, 4, 5]]
         odd = even
+    elif kind == "prism":  # along z
+        odd = even = [[7, 4, 1, 6, 2, 0], [7, 1, 5, 6, 0, 3]]
     parity = np.indices([n - 1 for n in shape]).sum(axis=0).ravel() % 2
     t = np.where(parity == 0, cells[np.array(even)], cells[np.array(odd)]).transpose(1, 2, 0)
     return np.asarray(t.reshape(t.shape[0], -1), dtype=np.intp)

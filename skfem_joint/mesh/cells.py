@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
-from skfem.element import BOUNDARY_ELEMENT_MAP
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 
@@ -44,7 +43,7 @@ class Cell:
         Mesh of first order in scikit-fem.
     elements : tuple of type
         Scalar elements of first and second order in scikit-fem; their degrees of freedom are the
-        nodes.
+        nodes. Prisms have the first alone.
     mirrored : tuple of int
         Order of the corners that mirrors the element.
     sign : int
@@ -53,19 +52,41 @@ class Cell:
     gmsh : tuple of int
         Order in which Gmsh numbers the nodes of scikit-fem's second-order element, as far as it has
         them; () for the same order.
+    host : str
+        Kind that this one is a collapsed element of, see `skfem_joint.mesh.collapsed`; "" if there
+        is none.
+    at : tuple of int
+        Corner of this element that stands at each corner of the host's.
     """
 
     name: str
     mesh: Any
-    elements: tuple[Any, Any]
+    elements: tuple[Any, ...]
     mirrored: tuple[int, ...]
     sign: int = 1
     gmsh: tuple[int, ...] = ()
+    host: str = ""
+    at: tuple[int, ...] = ()
 
     @property
     def dim(self) -> int:
         """Dimension of the element."""
         return int(self.elements[0].refdom.dim())
+
+    @property
+    def bends(self) -> bool:
+        """Whether elements of first order can have modes by which they bend."""
+        return self.name in ("quadrilateral", "hexahedron")
+
+    @property
+    def corners(self) -> int:
+        """Number of corners."""
+        return len(self.mirrored)
+
+    @property
+    def corners_of_sides(self) -> set[int]:
+        """Numbers of corners that sides of the element have."""
+        return {len(set(side)) for side in self.elements[0].refdom.facets}
 
     @property
     def plural(self) -> str:
@@ -76,6 +97,13 @@ class Cell:
     def measure(self) -> str:
         """Word for the size of an element."""
         return ("length", "area", "volume")[self.dim - 1]
+
+    @property
+    def collapsed_places(self) -> FloatArray:
+        """Own local places of the nodes of the host's element of second order, (nodes, dim)."""
+        first, second = CELLS[self.host].elements
+        weights = [first().lbasis(second.doflocs.T, i)[0] for i in range(len(self.at))]
+        return np.asarray(np.transpose(weights) @ self.elements[0].doflocs[list(self.at)])
 
     def facets(self, t: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
         """Vertices of each facet and facets of each element, numbered as scikit-fem does."""
@@ -90,7 +118,14 @@ CELLS = {
     cell.name: cell
     for cell in (
         Cell("line", skfem.MeshLine1, (skfem.ElementLineP1, skfem.ElementLineP2), (1, 0)),
-        Cell("triangle", skfem.MeshTri1, (skfem.ElementTriP1, skfem.ElementTriP2), (0, 2, 1)),
+        Cell(
+            "triangle",
+            skfem.MeshTri1,
+            (skfem.ElementTriP1, skfem.ElementTriP2),
+            (0, 2, 1),
+            host="quadrilateral",
+            at=(0, 1, 2, 2),
+        ),
         Cell(
             "quadrilateral", skfem.MeshQuad1, (skfem.ElementQuad1, skfem.ElementQuad2), (0, 3, 2, 1)
         ),
@@ -112,6 +147,14 @@ CELLS = {
                 *(21, 22, 20, 25, 23, 24, 26),
             ),
         ),
+        Cell(
+            "prism",
+            skfem.MeshWedge1,
+            (skfem.ElementWedge1,),
+            (3, 4, 5, 0, 1, 2),
+            host="hexahedron",
+            at=(0, 3, 2, 1, 5, 4, 2, 5),
+        ),
     )
 }
 
@@ -125,6 +168,20 @@ def cell_of(mesh: skfem.Mesh) -> tuple[Cell, int]:
         f"{type(mesh).__name__} with {len(mesh.p)} coordinates is not a mesh of "
         f"{', '.join(CELLS)} elements of first or second order in their own dimension"
     )
+
+
+def corner_count(columns: IntArray) -> IntArray:
+    """Number of different vertices in each column (corners, n), of which some stand twice."""
+    return np.asarray(1 + (np.diff(np.sort(columns, axis=0), axis=0) != 0).sum(axis=0))
+
+
+def distinct(columns: IntArray) -> IntArray:
+    """Columns (corners, n) sorted, with vertices that stand twice replaced by -1 at the end."""
+    ordered = np.sort(columns, axis=0)
+    ordered[1:][ordered[1:] == ordered[:-1]] = np.iinfo(ordered.dtype).max
+    ordered.sort(axis=0)
+    ordered[ordered == np.iinfo(ordered.dtype).max] = -1
+    return ordered
 
 
 def same_columns(a: NDArray[Any]) -> tuple[IntArray, IntArray]:
@@ -141,76 +198,13 @@ def same_columns(a: NDArray[Any]) -> tuple[IntArray, IntArray]:
     return order[new], set_of
 
 
-def split(
-    mesh: skfem.Mesh, values: FloatArray | None = None
-) -> tuple[FloatArray, IntArray, IntArray, IntArray, IntArray]:
-    """Split the elements and facets of a first-order mesh at the middles of their edges.
-
-    Nodes are numbered as the degrees of freedom of the second-order element. Of the eight parts of
-    a tetrahedron, the inner four meet at the shortest diagonal.
-
-    Parameters
-    ----------
-    mesh : skfem.Mesh
-        Of first order, with n elements or facets.
-    values : ndarray, shape (k, n_vertices), optional
-        Values at the vertices; their positions if not given.
-
-    Returns
-    -------
-    values : ndarray, shape (k, N)
-        Values interpolated at the nodes.
-    element_nodes, facet_nodes : ndarray of int, shape (nodes, n)
-        Nodes of the elements and of the facets.
-    element_parts, facet_parts : ndarray of int, shape (parts, corners, n)
-        Nodes of the parts of the elements and of the facets.
-    """
-    cell, _ = cell_of(mesh)
-    first, second = (element() for element in cell.elements)
-    dofs = skfem.Dofs(mesh, second)
-    nodes = np.asarray(dofs.element_dofs, dtype=np.intp)
-    weights = np.array([first.lbasis(second.doflocs.T, i)[0] for i in range(len(mesh.t))])
-    corners = (mesh.p if values is None else values)[:, mesh.t]
-    full = np.empty((len(corners), dofs.N))
-    for row, weight in zip(nodes, weights.T, strict=True):
-        full[:, row] = np.einsum("kcn,c->kn", corners, weight)
-    on_facet = [mesh.facets]
-    on_facet += [dofs.edge_dofs[0, mesh.f2e]] if cell.dim == 3 else []
-    on_facet += [dofs.facet_dofs] if dofs.facet_dofs.size else []
-    facet_nodes = np.asarray(np.vstack(on_facet), dtype=np.intp)
-    cells = nodes[_parts(second.doflocs, len(mesh.t))]
-    if cell.name == "tetrahedron":
-        cells = np.concatenate([cells, _around_diagonals(full, nodes)])
-    places = np.zeros((1, 1)) if cell.dim == 1 else BOUNDARY_ELEMENT_MAP[type(second)].doflocs
-    return full, nodes, facet_nodes, cells, facet_nodes[_parts(places, len(mesh.facets))]
-
-
-def _parts(places: FloatArray, corners: int) -> IntArray:
-    """Nodes of the parts of an element of second order, shape (parts, corners).
-
-    The corners of the part at a corner are the middles between this corner and all others. In a
-    triangle a fourth part joins the middles of the edges. ``places`` are the local coordinates of
-    the nodes.
-    """
-    half = 0.5 * (places[:corners, np.newaxis] + places[:corners])
-    parts = np.argmin(np.abs(half[:, :, np.newaxis] - places).sum(axis=-1), axis=-1)
-    middle = [[3, 4, 5]] if (corners, len(places)) == (3, 6) else np.empty((0, corners))
-    return np.vstack([parts, middle]).astype(np.intp)
-
-
-def _around_diagonals(positions: FloatArray, nodes: IntArray) -> IntArray:
-    """Nodes of the inner parts of tetrahedra of second order, shape (parts, corners, n).
-
-    They surround the shortest of the diagonals between the middles of opposite edges.
-    """
-    diagonals = np.array([[4, 9], [5, 7], [6, 8]])
-    rings = np.array([[5, 6, 7, 8], [4, 6, 9, 8], [4, 5, 9, 7]])
-    ends = positions[:, nodes[diagonals]]
-    shortest = np.argmin(((ends[:, :, 0] - ends[:, :, 1]) ** 2).sum(axis=0), axis=0)
-    around, across = nodes.T[:, rings.T], nodes.T[:, diagonals.T]
-    every = np.arange(nodes.shape[1])
-    ring, diagonal = around[every, :, shortest].T, across[every, :, shortest].T
-    return np.stack([np.stack([*diagonal, ring[i], ring[i - 3]]) for i in range(4)])
+def repeated(elements: IntArray) -> tuple[int, int] | None:
+    """First element, by its nodes (n, nodes), that has those of an earlier one, and that one."""
+    first, set_of = same_columns(np.sort(elements, axis=1).T)
+    if first.size == len(elements):
+        return None
+    again = int(np.argmax(first[set_of] != np.arange(len(elements))))
+    return again, int(first[set_of[again]])
 
 
 def _det(matrices: FloatArray) -> FloatArray:
@@ -239,7 +233,7 @@ def check_shapes(cell: Cell, p: FloatArray, t: IntArray, xyz: FloatArray) -> Boo
         raise ValueError(f"the mesh is {size:.3g} m in size: it must be 1e-20 m or more")
     pairs = combinations(range(len(t)), 2)
     lengths = [np.linalg.norm(p[:, t[i]] - p[:, t[j]], axis=0) for i, j in pairs]
-    places = cell.elements[1].doflocs
+    places = cell.elements[1].doflocs if cell.elements[1:] else cell.collapsed_places
     if len(t) == cell.dim + 1:
         places = places[:1]  # the Jacobian of a simplex is constant
     element, shape = cell.elements[0](), (cell.dim, len(places))
@@ -306,7 +300,7 @@ def find_bodies(
 
 def pieces(mesh: skfem.Mesh) -> int:
     """Number of parts of a mesh whose elements share facets; bodies may share less inside."""
-    first, second = mesh.f2t[:, mesh.f2t[1] >= 0]
+    first, second = mesh.f2t[:, (mesh.f2t[1] >= 0) & (corner_count(mesh.facets) >= mesh.dim())]
     n = mesh.nelements
     shared = coo_array((np.ones(first.size), (first, second)), shape=(n, n))
     return int(connected_components(shared, directed=False)[0])
@@ -326,14 +320,16 @@ def _check_conforming(
     Such a node hangs on an edge or face, or lies in one place with a corner. Both can only be where
     facets belong to one element, as cracks do.
     """
-    lone = np.flatnonzero((beside < 0).any(axis=0))
+    lone = np.flatnonzero((beside >= 0).sum(axis=0) == 1)
     sides, element = facets[:, lone], beside[:, lone].max(axis=0)
+    _check_kinds_of_sides(sides, xyz)
     nodes = np.unique(sides)
     places = cKDTree(p.T[nodes])
     body_of = np.empty(len(xyz), dtype=np.intp)
     body_of[t] = body
     pairs = combinations(t[:, element], 2)
-    shortest = np.min([np.linalg.norm(p[:, a] - p[:, b], axis=0) for a, b in pairs], axis=0)
+    lengths = [np.linalg.norm(p[:, a] - p[:, b], axis=0) for a, b in pairs]
+    shortest = np.min(lengths, axis=0, where=np.array(lengths) > 0.0, initial=np.inf)
     reach = CONFORMING * shortest
     found: list[IntArray] = []
     for part in np.array_split(np.arange(lone.size), 1 + lone.size // 5000):  # bounds the memory
@@ -367,6 +363,25 @@ def _check_conforming(
         "this place alike, so that elements meet corner to corner; mesh bodies in contact with "
         f"nodes of their own; open a gap that is meant by more than {reach[side]:.2g} m"
     )
+
+
+def _check_kinds_of_sides(sides: IntArray, xyz: FloatArray) -> None:
+    """Refuse a triangle that lies on half a quadrilateral; ``sides`` are those of one element."""
+    if len(sides) < 4:
+        return
+    count = corner_count(sides)
+    whole, half = sides[:, count == 4], distinct(sides[:, count == 3])[:3]
+    if not (whole.size and half.size):
+        return
+    halves = [np.sort(np.delete(whole, i, axis=0), axis=0) for i in range(4)]
+    first, set_of = same_columns(np.hstack([*halves, half]))
+    lies = first[set_of[4 * whole.shape[1] :]] < 4 * whole.shape[1]
+    if lies.any():
+        raise ValueError(
+            f"the triangle {spot(*xyz[half[:, np.argmax(lies)]])} lies on half a quadrilateral of "
+            f"another element ({lies.sum()} such sides): the body would open there. Mesh this "
+            "place so that triangles meet triangles, and quadrilaterals quadrilaterals"
+        )
 
 
 def outward(corners: FloatArray, centres: FloatArray) -> FloatArray:
@@ -404,7 +419,7 @@ def nearest_places(corners: FloatArray, points: FloatArray) -> FloatArray:
     """Nearest place in each of k cells to the point (k, dim) that is given for it.
 
     Cells are segments, triangles or quadrilaterals, (k, corners, dim). The corners of
-    quadrilaterals may have any order.
+    quadrilaterals may have any order, and two of them one place, as those of a triangle.
     """
     if len(points) == 0:
         return points
@@ -425,6 +440,9 @@ def _foot(corners: FloatArray, points: FloatArray) -> FloatArray:
     start, sides = corners[:, 0], corners[:, 1:] - corners[:, :1]
     gram = np.einsum("kid,kjd->kij", sides, sides)
     right = np.einsum("kid,kd->ki", sides, points - start)
+    # Of a triangle with two corners in one place the border is all there is, of a segment a point.
+    flat = (corners == np.roll(corners, 1, axis=1)).all(axis=-1).any(axis=1)
+    gram[flat] = np.eye(gram.shape[1])
     share = np.linalg.solve(gram, right[..., None])[..., 0]
     if corners.shape[1] == 2:
         share = np.clip(share, 0.0, 1.0)
@@ -432,7 +450,7 @@ def _foot(corners: FloatArray, points: FloatArray) -> FloatArray:
     if corners.shape[1] == 2:
         return np.asarray(foot)
     border = _nearest([_foot(corners[:, [i - 1, i]], points) for i in range(3)], points)
-    above = (share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0)
+    above = (share >= 0.0).all(axis=1) & (share.sum(axis=1) <= 1.0) & ~flat
     return np.where(above[:, np.newaxis], foot, border)
 
 
@@ -442,7 +460,7 @@ def _beside(
     """Element on each side of each facet, shape (2, n_facets); -1 where there is none.
 
     The sign of the determinant of vectors along the facet and to the element's centre tells the
-    side.
+    side. What is left of a side that a collapsed element has lost has no element on either.
     """
     dim, corners, centre = len(p), p[:, facets], p[:, t].mean(axis=1)
     spans = [corners[:, -1 - i] - corners[:, dim - 2 - i] for i in range(dim - 1)]
@@ -451,7 +469,8 @@ def _beside(
     for row, facet in zip(code, t2f, strict=True):
         vectors = np.array([*(span[:, facet] for span in spans), centre - middle[:, facet]])
         row += _det(vectors.transpose(2, 0, 1)) > 0.0
-    uses = np.bincount(code.ravel(), minlength=2 * facets.shape[1])
+    is_side = corner_count(facets) >= dim  # those that collapsed elements have lost are none
+    uses = np.bincount(code[is_side[t2f]], minlength=2 * facets.shape[1])
     if uses.max() > 1:
         both = np.flatnonzero((code == np.argmax(uses)).any(axis=0))[:2]
         a, b = (spot(xyz[t[:, element]].mean(axis=0)) for element in both)
@@ -463,4 +482,6 @@ def _beside(
         )
     beside = np.full(2 * facets.shape[1], -1, dtype=np.intp)
     beside[code] = np.arange(t.shape[1])
-    return beside.reshape(-1, 2).T
+    beside = beside.reshape(-1, 2).T
+    beside[:, ~is_side] = -1
+    return beside

@@ -13,20 +13,29 @@ from numpy.typing import NDArray
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh.cells import cell_of, same_columns, split
+from skfem_joint.mesh.cells import Cell, cell_of, corner_count, same_columns
 from skfem_joint.mesh.named import NamedMesh, check_count
+from skfem_joint.mesh.splitting import split
 
 # Number of nodes of each Gmsh element type that is read: points, lines of order 1 to 10, and
-# triangles, quadrangles, tetrahedra and hexahedra of first and second order.
+# triangles, quadrangles, tetrahedra, hexahedra and prisms of first and second order.
 _NODES = {
     **{15: 1, 1: 2, 8: 3, 26: 4, 27: 5, 28: 6, 62: 7, 63: 8, 64: 9, 65: 10, 66: 11},
-    **{2: 3, 9: 6, 3: 4, 16: 8, 10: 9, 4: 4, 11: 10, 5: 8, 17: 20, 12: 27},
+    **{2: 3, 9: 6, 3: 4, 16: 8, 10: 9, 4: 4, 11: 10, 5: 8, 17: 20, 12: 27, 6: 6, 18: 15, 13: 18},
 }
 # Gmsh element types that are written, by dimension, number of corners and order.
 _TYPES = {
     **{(0, 1, 1): 15, (0, 1, 2): 15, (1, 2, 1): 1, (1, 2, 2): 8, (2, 3, 1): 2, (2, 3, 2): 9},
     **{(2, 4, 1): 3, (2, 4, 2): 10, (3, 4, 1): 4, (3, 4, 2): 11, (3, 8, 1): 5, (3, 8, 2): 12},
+    **{(3, 6, 1): 6, (3, 6, 2): 13},
 }
+# Corners between which the nodes of a prism of 18 nodes lie, in Gmsh's order.
+_BETWEEN = (
+    *((0,), (1,), (2,), (3,), (4,), (5,), (0, 1), (0, 2), (0, 3), (1, 2), (1, 4), (2, 5)),
+    *((3, 4), (3, 5), (4, 5), (0, 1, 4, 3), (0, 2, 5, 3), (1, 2, 5, 4)),
+)
+#: Order of VTK for the nodes of Gmsh's prism of 18 nodes, which meshio leaves in Gmsh's.
+PRISM_18 = (0, 1, 2, 3, 4, 5, 6, 9, 7, 12, 14, 13, 8, 10, 11, 15, 17, 16)
 #: Tags of the physical groups, without sign, by dimension and tag of the entity.
 Groups = dict[tuple[int, int], set[int]]
 
@@ -35,7 +44,7 @@ class _Numbers:
     """Numbers of a section, read in turn; ValueError if fewer are left than are to be read."""
 
     def __init__(self, body: bytes, name: str, binary: bool) -> None:
-        self.name, self.binary, self.position = name, binary, 0
+        self.name, self.binary, self.position, self.body = name, binary, 0, body
         self.values: NDArray[Any] = np.frombuffer(body, "u1")
         if not binary:
             self.values = np.fromstring(body.decode("ascii"), sep=" ")
@@ -62,6 +71,15 @@ class _Numbers:
         text = self.values[:20].tobytes().partition(b"\n")[0]
         self.position = len(text) + 1
         return int(text)
+
+
+def meshio_with_prisms() -> Any:
+    """meshio, told of the prism of 15 nodes, which its table of dimensions has left out."""
+    import meshio
+    from meshio._mesh import topological_dimension
+
+    topological_dimension.setdefault("wedge15", 3)
+    return meshio
 
 
 def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
@@ -100,7 +118,10 @@ def check_msh(data: bytes) -> tuple[bytes, IntArray, Groups | None]:
         if count > 1:
             raise ValueError(f"{count} groups are named {name!r}: give each its own")
     numbers = {name: _Numbers(sections[name], name, mode == "1") for name in ("Nodes", "Elements")}
-    tags, used = (_walk_41 if version == "4.1" else _walk_22)(**numbers)
+    if version == "4.1":
+        tags, used = _walk_41(**numbers)
+    else:
+        tags, used, sections["Elements"] = _walk_22(**numbers)
     groups: Groups | None = None
     if version == "4.1" and "Entities" in sections:
         groups = {}
@@ -164,14 +185,19 @@ def _groups_of_entities(numbers: _Numbers) -> Groups:
     return groups
 
 
-def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Numbers of all nodes, and of the nodes of all elements, in format 2.2."""
+def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any], bytes]:
+    """Numbers of all nodes, of the nodes of all elements, and $Elements, in format 2.2.
+
+    In a binary file each element keeps two tags, its physical group and its entity: those of a
+    partitioned mesh have the numbers of their parts too, more or less of them, which meshio mixes.
+    """
     if Nodes.binary:
         record = np.dtype([("tag", "i4"), ("position", "f8", 3)])
         tags = Nodes.take("u1", record.itemsize * Nodes.line()).view(record)["tag"]
     else:
         tags = Nodes.take("f8", 4 * Nodes.line())[::4]
     used, with_tags, count_read, total = [np.empty(0)], set(), 0, Elements.line()
+    blocks = [b"%d\n" % total]
     while count_read < total:
         kind, count, n_tags = Elements.integers("i4", 3)
         if not Elements.binary:  # number of the element, kind, tags
@@ -181,14 +207,19 @@ def _walk_22(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
         width = n_tags + _nodes_of(kind) + Elements.binary
         table = Elements.take("i4", count * width).reshape(count, width)
         used.append(table[:, -_nodes_of(kind) :].ravel())
-        with_tags.add(n_tags if Elements.binary else n_tags > 0)
+        with_tags.add(min(n_tags, 2 if Elements.binary else 1))
+        if Elements.binary:
+            kept = [*range(1 + min(n_tags, 2)), *range(-_nodes_of(kind), 0)]
+            head = np.array([kind, count, min(n_tags, 2)], table.dtype)
+            blocks += [head.tobytes(), table[:, kept].tobytes()]
         count_read += count
     if len(with_tags) > 1:  # meshio shifts or mixes them
         raise ValueError(
-            "some elements have tags and some have none, or other numbers of them, as in a binary "
-            "file of parts; save it again with Mesh.MshFileVersion = 4.1"
+            "some elements have tags and some have none; save it again with "
+            "Mesh.MshFileVersion = 4.1"
         )
-    return tags, np.concatenate(used)
+    section = b"".join([*blocks, b"\n"]) if Elements.binary else Elements.body
+    return tags, np.concatenate(used), section
 
 
 def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -219,14 +250,17 @@ def _walk_41(Nodes: _Numbers, Elements: _Numbers) -> tuple[NDArray[Any], NDArray
 def _nodes_of(kind: int) -> int:
     """Number of nodes of an element type of Gmsh; ValueError for types that are not read."""
     if kind not in _NODES:
-        what = dict.fromkeys((6, 13, 18), "prisms") | dict.fromkeys((7, 14, 19), "pyramids")
-        cure = "Mesh it with tetrahedra or hexahedra alone: in Gmsh, recombine no surface, or all"
-        if kind not in what:
-            cure = "Save it with Mesh.ElementOrder = 1 or 2"
-        found = what.get(kind, "elements of third order, or of another kind")
+        found = "elements of third order, or of another kind"
+        cure = "Save it with Mesh.ElementOrder = 1 or 2"
+        if kind in (7, 14, 19):
+            found = "pyramids"
+            cure = (
+                "Mesh it with tetrahedra alone, or with hexahedra and prisms: in Gmsh, recombine "
+                "no surface, or extrude the surfaces that are recombined"
+            )
         raise ValueError(
             f"it holds {found} (Gmsh type {kind}); allowed are points, lines, and triangles, "
-            f"quadrangles, tetrahedra and hexahedra of first or second order. {cure}"
+            f"quadrangles, tetrahedra, hexahedra and prisms of first or second order. {cure}"
         )
     return _NODES[kind]
 
@@ -323,19 +357,81 @@ def _entities(mesh: NamedMesh) -> tuple[FloatArray, list[_Entity], dict[tuple[in
     named[cell.dim] = mesh.regions
     groups = [(dim, name) for dim, members in named.items() for name in members]
     tags = {group: tag for tag, group in enumerate(groups, 1)}
-    tables = {
-        0: (np.arange(len(mesh.coordinates))[np.newaxis], 1),
-        cell.dim - 1: (facets, len(mesh.mesh.facets)),
-        cell.dim: (nodes[list(cell.gmsh or range(27))[: len(nodes)]], len(mesh.mesh.t)),
-    }
+    points = np.arange(len(mesh.coordinates))
+    # Corners of a cell, numbers of the cells with as many, and their nodes, by dimension.
+    tables: dict[int, list[tuple[int, IntArray, IntArray]]] = {}
+    tables[0] = [(1, points, points[np.newaxis])]
+    tables[cell.dim - 1] = _tables_of_sides(mesh, facets)
+    tables[cell.dim] = [
+        (kind.corners, elements, nodes[:, elements][_rows(kind, cell, len(nodes))])
+        for kind, elements, _ in mesh.parts
+    ]
     entities = []
-    for dim, (table, corners) in tables.items():
-        kind = _TYPES[dim, corners, mesh.order]
-        for names, chosen in _by_membership(named[dim], table.shape[1]):
-            if names or dim == cell.dim:
-                of_names = [tags[dim, name] for name in names]
-                entities.append(_Entity(dim, of_names, kind, table[:, chosen].T + 1))
-    return positions, entities, tags
+    for dim, parts in tables.items():
+        count = 1 + max(numbers.max() for _, numbers, _ in parts)
+        for names, chosen in _by_membership(named[dim], count):
+            if not names and dim < cell.dim:
+                continue
+            for corners, numbers, table in parts:
+                inside = table[:, np.isin(numbers, chosen)]
+                if inside.size:
+                    of_names = [tags[dim, name] for name in names]
+                    kind = _TYPES[dim, corners, mesh.order]
+                    entities.append(_Entity(dim, of_names, kind, inside.T + 1))
+    return *_without_spare(positions, entities), tags
+
+
+def _rows(kind: Cell, cell: Cell, nodes: int) -> list[int]:
+    """Rows of the nodes of a kind, in Gmsh's order, among those of the elements of a mesh.
+
+    Parameters
+    ----------
+    kind, cell : Cell
+        Kind of some elements, and of the mesh.
+    nodes : int
+        Number of nodes of the elements of the mesh.
+    """
+    if kind is cell:
+        return list(cell.gmsh or range(27))[:nodes]
+    if nodes == len(kind.at):
+        return [kind.at.index(corner) for corner in range(kind.corners)]
+    if kind.name == "prism":
+        corners = kind.elements[0].doflocs
+        places = np.array([corners[list(between)].mean(axis=0) for between in _BETWEEN])
+    else:
+        places = kind.elements[1].doflocs
+    apart = np.abs(places[:, np.newaxis] - kind.collapsed_places).max(axis=-1)
+    return [int(row) for row in apart.argmin(axis=1)]
+
+
+def _tables_of_sides(mesh: NamedMesh, nodes: IntArray) -> list[tuple[int, IntArray, IntArray]]:
+    """Corners, numbers and nodes of the sides of a mesh, by their number of corners.
+
+    ``nodes`` (nodes, n) are those of all sides. Those of a collapsed quadrilateral come in the
+    order of a triangle, with some twice, and the last in the middle, where a triangle has none.
+    """
+    count = corner_count(mesh.mesh.facets)
+    tables = []
+    for corners in np.unique(count[count >= mesh.dim]).tolist():
+        numbers = np.flatnonzero(count == corners)
+        table = nodes[:, numbers]
+        if corners < len(mesh.mesh.facets):
+            table = table[: len(table) - (mesh.order - 1)]
+            again = np.array([(table[:i] == table[i]).any(axis=0) for i in range(len(table))])
+            table = table.T[~again.T].reshape(len(numbers), -1).T
+        tables.append((corners, numbers, table))
+    return tables
+
+
+def _without_spare(
+    positions: FloatArray, entities: list[_Entity]
+) -> tuple[FloatArray, list[_Entity]]:
+    """Positions and entities without nodes that no cell has, as in the middles of triangles."""
+    used = np.zeros(len(positions), dtype=np.bool_)
+    for entity in entities:
+        used[entity.nodes - 1] = True
+    number = np.cumsum(used, dtype=np.intp)
+    return positions[used], [each._replace(nodes=number[each.nodes - 1]) for each in entities]
 
 
 def _joined(values: list[Any]) -> str:

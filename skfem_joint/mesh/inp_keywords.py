@@ -55,6 +55,8 @@ PASSED = {
         SECTION PRINT, FILE FORMAT, MONITOR
     """,
 }
+#: Letters that an abbreviated option has at least.
+_SHORTEST = 3
 #: What to do about cards that are refused.
 _JOINED = (
     "it joins parts of the model, which is not read: join the bodies in the mesh, by shared nodes, "
@@ -127,6 +129,7 @@ def sorted_out(cards: Iterable[Card]) -> tuple[list[tuple[str, Card]], list[str]
             passed.setdefault("steps, which the tables of the scene say", {})[card.keyword] = None
         elif plain in _READ:
             keyword = _READ[plain]
+            _spell_out(card, READ[keyword])
             if unknown := [option for option in card.options if option not in READ[keyword]]:
                 own = ", ".join(sorted(READ[keyword])) or "none"
                 card.refuse(
@@ -154,3 +157,11 @@ def sorted_out(cards: Iterable[Card]) -> tuple[list[tuple[str, Card]], list[str]
             "elements but those of the regions that [material.regions.NAME] names"
         )
     return read, notes
+
+
+def _spell_out(card: Card, allowed: set[str]) -> None:
+    """Write abbreviated options of a card in full, where one option alone begins so."""
+    for option in [option for option in card.options if option not in allowed]:
+        whole = [name for name in allowed if name.startswith(option)]
+        if len(option) >= _SHORTEST and len(whole) == 1 and whole[0] not in card.options:
+            card.options[whole[0]] = card.options.pop(option)

@@ -6,16 +6,16 @@ elements count within it. Sets keep what their cards list until all nodes and el
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import closest, listed
-from skfem_joint.mesh.cells import same_columns
+from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.inp_cards import Card, bare
-from skfem_joint.mesh.inp_elements import ElementForm, form_of
+from skfem_joint.mesh.inp_elements import ElementForm, form_of_type
 
 #: Largest coordinate.
 FARTHEST = 1e20
@@ -77,6 +77,29 @@ class NodesOf:
         return np.unique(self.nodes_of(self.elements.members()))
 
 
+@dataclass(frozen=True)
+class Below:
+    """Set that a card lists and that stands further below."""
+
+    scope: Scope
+    kind: str
+    word: str
+    card: Card
+    line: int
+
+    def members(self) -> IntArray:
+        """Places of the members among all nodes or elements."""
+        known = self.scope.named(self.kind, self.word)
+        if known is None:
+            there = [each.name for each in self.scope.sets[self.kind].values()]
+            self.card.refuse(
+                f"found {bare(self.word)[:40]!r}, must be a number or a set of the file: "
+                f"{listed(there)}{closest(self.word.upper(), there)}",
+                self.line,
+            )
+        return known.members()
+
+
 @dataclass
 class NameSet:
     """A set: its name as first written, and what cards list in it."""
@@ -84,13 +107,23 @@ class NameSet:
     name: str
     card: Card
     internal: bool = False
-    parts: list[Listed | NodesOf] = field(default_factory=list)
+    parts: list[Listed | NodesOf | Below] = field(default_factory=list)
     used: int | None = None  # line of a card that has listed it
+    found: IntArray | None = None
 
     def members(self) -> IntArray:
-        """Sorted places of the members among all nodes or elements."""
-        every = np.concatenate([np.zeros(0, np.intp), *(part.members() for part in self.parts)])
-        return every if np.all(np.diff(every) > 0) else np.unique(every)
+        """Sorted places of the members among all nodes or elements, when all are placed."""
+        if self.found is None:
+            none = np.zeros(0, np.intp)
+            try:
+                every = np.concatenate([none, *(part.members() for part in self.parts)])
+            except RecursionError:
+                self.card.refuse(
+                    f"set {self.name!r} lists itself, or sets stand inside each other too often: "
+                    "write its members out"
+                )
+            self.found = every if np.all(np.diff(every) > 0) else np.unique(every)
+        return self.found
 
 
 @dataclass
@@ -219,7 +252,7 @@ class Scope:
     def _read_elements(self, card: Card) -> None:
         kind = card.options.get("TYPE", "").upper()
         try:
-            width = 1 + form_of(kind).nodes
+            width = 1 + form_of_type(kind).nodes
         except ValueError as error:
             card.refuse(str(error))
         values, counts = card.numbers
@@ -300,7 +333,9 @@ class Scope:
             )
         return Listed(self, kind, card, line, np.array([first, last, step]), range=True)
 
-    def _members(self, kind: str, word: str, card: Card, line: int) -> Iterable[Listed | NodesOf]:
+    def _members(
+        self, kind: str, word: str, card: Card, line: int
+    ) -> Iterable[Listed | NodesOf | Below]:
         """Parts that a word of a set's card stands for: a number or the name of a set."""
         word = bare(word)
         for name, scope in self.others.items():
@@ -312,20 +347,20 @@ class Scope:
         return self._found(kind, word, card, line).parts
 
     def _found(self, kind: str, word: str, card: Card, line: int) -> NameSet:
-        """Set with a name, of this scope or, after a dot, of an instance."""
+        """Set with a name, which may stand further below."""
+        known = self.named(kind, word)
+        if known is None:
+            return NameSet(bare(word), card, parts=[Below(self, kind, word, card, line)])
+        known.used = known.used or line
+        return known
+
+    def named(self, kind: str, word: str) -> NameSet | None:
+        """Set with a name, of this scope or, after a dot, of an instance, if it stands above."""
         name = bare(word).upper()
         known = self.sets[kind].get(name)
         for instance, scope in self.others.items():
             if known is None and name.startswith(f"{instance}."):
                 known = scope.sets[kind].get(name[len(instance) + 1 :])
-        if known is None:
-            there = [each.name for each in self.sets[kind].values()]
-            card.refuse(
-                f"found {bare(word)[:40]!r}, must be a number or a set that stands above: "
-                f"{listed(there)}{closest(name, there)}",
-                line,
-            )
-        known.used = known.used or line
         return known
 
     def _scope_of(self, card: Card) -> Scope:
@@ -399,9 +434,13 @@ class Scope:
         """Positions of the nodes as they are written, shape (n, 3)."""
         return np.concatenate([np.zeros((0, 3)), *(block.values for block in self._nodes)])
 
-    def nodes_of_elements(self, form: ElementForm) -> IntArray:
-        """Places of the nodes of all elements, shape (n, nodes)."""
-        found = [np.zeros((0, form.nodes), dtype=np.intp)]
+    def nodes_of_elements(self, forms: Sequence[ElementForm]) -> tuple[IntArray, IntArray]:
+        """Places of the nodes of all elements, shape (n, nodes), and the number of their form.
+
+        The places of nodes that an element does not have are -1.
+        """
+        width = max(form.nodes for form in forms)
+        found, form_of = [np.zeros((0, width), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
         for block in self._elements:
             numbers = np.asarray(block.values, dtype=np.intp)
             places = self.numbering["NSET"].places(numbers)
@@ -413,19 +452,19 @@ class Scope:
                     f"node {number} of element {block.numbers[row]} is not in the file",
                     block.card.line_of(int(block.rows[row])),
                 )
-            found.append(places)
+            more = ((0, 0), (0, width - places.shape[1]))
+            found.append(np.pad(places, more, constant_values=-1))
+            form = form_of_type(block.card.options["TYPE"].upper())
+            form_of.append(np.full(len(places), forms.index(form)))
         nodes = np.concatenate(found)
-        first, set_of = same_columns(np.sort(nodes, axis=1).T)
-        if first.size < len(nodes):
-            again = int(np.argmax(first[set_of] != np.arange(len(nodes))))
-            block, row = _block_of(self._elements, again)
-            other, known = _block_of(self._elements, int(first[set_of[again]]))
+        if again := repeated(nodes):
+            (block, row), (other, known) = (_block_of(self._elements, place) for place in again)
             block.card.refuse(
                 f"element {block.numbers[row]} has the nodes of element {other.numbers[known]}, "
                 "which would count twice: take one of them out",
                 block.card.line_of(int(block.rows[row])),
             )
-        return nodes
+        return nodes, np.concatenate(form_of)
 
 
 def _whole(card: Card, values: FloatArray, rows: IntArray) -> IntArray:

@@ -12,13 +12,21 @@ from typing import Any
 import numpy as np
 import skfem
 from scipy import sparse
-from skfem.assembly import Dofs
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.linalg.fill import fill
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
+from skfem_joint.mesh.collapsed import (
+    Part,
+    dofs_of,
+    is_collapsed,
+    joined,
+    parts_of,
+    turned_alike,
+)
+from skfem_joint.mesh.splitting import split
 from skfem_joint.mesh.straightening import straightening
 
 
@@ -29,11 +37,12 @@ class NamedMesh:
     Attributes
     ----------
     mesh : skfem.MeshLine1, MeshTri1, MeshQuad1, MeshTet1 or MeshHex1
-        Mesh with straight edges and vertices ``p``, shape (dim, n_vertices), m. The coordinate of a
-        bar is the arc length along the first bar. Regions are the subdomains of this mesh.
-        Boundaries, also those inside bodies, are its boundaries; points of a line mesh are among
-        them too. In meshes that were read or built, the corners of an element have the order of
-        Gmsh, and nodes and elements of each bar ascend.
+        Mesh with straight edges and vertices ``p``, shape (dim, n_vertices), m. Prisms, and
+        triangles beside quadrilaterals, are elements with corners that coincide, see
+        `skfem_joint.mesh.collapsed`. The coordinate of a bar is the arc length along the first
+        bar. Regions are the subdomains of this mesh. Boundaries, also those inside bodies, are its
+        boundaries; points of a line mesh are among them too. In meshes that were read or built, the
+        corners of an element have the order of Gmsh, and nodes and elements of each bar ascend.
     order : int
         Order of the displacement, 1 or 2.
     points : dict of str to int
@@ -65,10 +74,23 @@ class NamedMesh:
         """Dimension of the mesh."""
         return int(self.mesh.dim())
 
+    @cached_property
+    def parts(self) -> list[Part]:
+        """Elements by their kind."""
+        return parts_of(cell_of(self.mesh)[0], self.mesh.t)
+
     @property
     def kind(self) -> str:
-        """Kind of the elements: line, triangle, quadrilateral, tetrahedron or hexahedron."""
-        return cell_of(self.mesh)[0].name
+        """Kind of the elements: line, triangle, quadrilateral, tetrahedron, hexahedron, prism.
+
+        Of several kinds that of the most corners, then the others, such as "hexahedron and prism".
+        """
+        return " and ".join(part.kind.name for part in self.parts)
+
+    @property
+    def family(self) -> str:
+        """Kind of which all elements are, as they are or collapsed, or would be among others."""
+        return cell_of(self.mesh)[0].host or cell_of(self.mesh)[0].name
 
     @cached_property
     def regions(self) -> dict[str, IntArray]:
@@ -95,7 +117,7 @@ class NamedMesh:
     @cached_property
     def factor_bytes(self) -> float:
         """Memory of a factor of the stiffness, bytes; 0 below 50,000 unknowns, which always fit."""
-        nodes = Dofs(self.mesh, cell_of(self.mesh)[0].elements[self.order - 1]())
+        nodes = dofs_of(self.mesh, cell_of(self.mesh)[0].elements[self.order - 1]())
         if self.dim * nodes.N < 50_000:
             return 0.0
         of_element = nodes.element_dofs
@@ -127,9 +149,10 @@ def named(
     Parameters
     ----------
     mesh : skfem.Mesh
-        Mesh of lines, triangles, quadrilaterals, tetrahedra or hexahedra, of first or second order.
-        Its subdomains become regions. Boundaries of a line mesh with a single vertex become points.
-        Curved edges of second-order elements are made straight, with a note in ``notes``.
+        Mesh of lines, triangles, quadrilaterals, tetrahedra or hexahedra, of first or second
+        order, or of prisms (MeshWedge1). Its subdomains become regions. Boundaries of a line mesh
+        with a single vertex become points. Curved edges of second-order elements are made straight,
+        with a note in ``notes``.
     points : mapping of str to int, optional
         Vertex by point name.
     order : {1, 2}, optional
@@ -147,9 +170,15 @@ def named(
             "load_meshes, build_bar, build_plate or build_box, or the name of a file"
         )
     try:
-        cell, own_order = cell_of(mesh)
+        own_cell, own_order = cell_of(mesh)
+        cell, t = joined([(own_cell, mesh.t)])
         straight = mesh
         if own_order == 2:
+            if is_collapsed(cell, t).any():
+                raise ValueError(
+                    "elements of second order with corners in one place: give the mesh of first "
+                    "order, and order = 2"
+                )
             straight = cell.mesh(mesh.p[:, : mesh.nvertices], mesh.t, sort_t=False)
         spare = np.setdiff1d(np.arange(straight.p.shape[1]), mesh.t)
         if spare.size:
@@ -159,13 +188,16 @@ def named(
         regions = _numbers("region", mesh.subdomains, mesh.nelements)
         boundaries = _numbers("boundary", mesh.boundaries, mesh.nfacets)
         vertices = _numbers("point", points, mesh.nvertices)
+        is_side = cells.corner_count(mesh.facets) >= cell.dim  # not what a collapsed one has left
         checked = from_parts(
             cell,
             straight.p,
-            mesh.t,
+            t,
             order=own_order if order is None else order,
             regions=regions,
-            facets={name: mesh.facets[:, chosen] for name, chosen in boundaries.items()},
+            facets={
+                name: mesh.facets[:, chosen[is_side[chosen]]] for name, chosen in boundaries.items()
+            },
             points={name: int(numbers[0]) for name, numbers in vertices.items()},
             keep_order=True,
         )
@@ -243,9 +275,7 @@ def from_parts(
     p, t = np.ascontiguousarray(p, dtype=np.float64), np.ascontiguousarray(t, dtype=np.intp)
     xyz = np.pad(p, ((0, 3 - cell.dim), (0, 0))).T if xyz is None else xyz
     check_finite(xyz)
-    mirrored = cells.check_shapes(cell, p, t, xyz)
-    if mirrored.any() and not keep_order:
-        t = np.where(mirrored, t[list(cell.mirrored)], t)
+    t = _checked(cell, p, t, xyz, keep_order)
     sides, t2f = cell.facets(t, p.shape[1])
     body = cells.find_bodies(p, t, sides, t2f, xyz, regions) if body is None else body
     if cell.dim == 1:  # boundaries of one vertex are points, and nodes of bars ascend
@@ -265,7 +295,7 @@ def from_parts(
             facets = {name: rank[ends] for name, ends in facets.items()}
             points = {name: int(rank[vertex]) for name, vertex in points.items()}
     groups = {name: np.unique(chosen) for name, chosen in regions.items()}
-    boundaries = _facets(sides, facets, xyz)
+    boundaries = facet_numbers(sides, facets, xyz)
     problems = name_problems(region=groups, boundary=boundaries, point=points)
     if problems:
         raise ValueError("\n".join(problems))
@@ -273,6 +303,22 @@ def from_parts(
         boundaries |= {name: np.array([vertex]) for name, vertex in points.items()}
     mesh = cell.mesh(p, t, boundaries or None, groups or None, sort_t=False)
     return NamedMesh(mesh, order, dict(points), xyz, body)
+
+
+def _checked(cell: Cell, p: FloatArray, t: IntArray, xyz: FloatArray, keep_order: bool) -> IntArray:
+    """Vertices of the elements, of which all have a shape that is allowed.
+
+    Mirrored elements are turned over unless the order is kept; prisms are turned alike.
+    """
+    turned = t.copy()
+    for kind, elements, corners in parts_of(cell, t):
+        mirrored = cells.check_shapes(kind, p, corners, xyz)
+        if mirrored.any() and not keep_order:
+            corners = np.where(mirrored, corners[list(kind.mirrored)], corners)
+        if kind.name == "prism":
+            corners = turned_alike(corners, xyz)
+        turned[:, elements] = corners if kind is cell else corners[list(kind.at)]
+    return turned
 
 
 def check_finite(xyz: FloatArray) -> None:
@@ -285,7 +331,7 @@ def check_finite(xyz: FloatArray) -> None:
         )
 
 
-def _facets(
+def facet_numbers(
     facets: IntArray, groups: Mapping[str, IntArray], xyz: FloatArray
 ) -> dict[str, IntArray]:
     """Sorted numbers of the facets of each group, given by their vertices (corners, n)."""
@@ -293,7 +339,7 @@ def _facets(
         return {}
     n_facets = facets.shape[1]
     ends = [np.reshape(group, (len(facets), -1)) for group in groups.values()]
-    first, set_of = cells.same_columns(np.sort(np.hstack([facets, *ends]), axis=0))
+    first, set_of = cells.same_columns(cells.distinct(np.hstack([facets, *ends])))
     sizes = np.cumsum([group.shape[1] for group in ends])[:-1]
     numbers = np.split(first[set_of[n_facets:]], sizes)
     for name, own, group in zip(groups, numbers, ends, strict=True):
@@ -356,7 +402,7 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
     Parameters
     ----------
     meshes : sequence of NamedMesh
-        With the same kind and order of elements and with different names.
+        With the same order of elements, of kinds that go together, and with different names.
 
     Returns
     -------
@@ -371,12 +417,12 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
     if not meshes:
         raise InputError("no meshes to merge")
     titles = [each.path or f"mesh {number}" for number, each in enumerate(meshes, 1)]
-    kinds = [f"{each.kind} elements of order {each.order}" for each in meshes]
     problems = [
-        f"{title} holds {kind}, {titles[0]} {kinds[0]}: several meshes must have elements of "
-        "the same kind and order; mesh one of them anew"
-        for title, kind in zip(titles, kinds, strict=True)
-        if kind != kinds[0]
+        f"{title} holds {each.kind} elements of order {each.order}, {titles[0]} {meshes[0].kind} "
+        f"elements of order {meshes[0].order}: several meshes must have elements that go together, "
+        "of the same order; mesh one of them anew"
+        for title, each in zip(titles, meshes, strict=True)
+        if (each.order, each.family) != (meshes[0].order, meshes[0].family)
     ]
     names = [{*each.regions, *each.boundaries, *each.points} for each in meshes]
     problems += [
@@ -395,10 +441,13 @@ def merged(meshes: Sequence[NamedMesh]) -> NamedMesh:
     before = np.cumsum([(0, 0, 0), *counts[:-1]], axis=0).tolist()
     parts = list(zip(meshes, before, strict=True))
     try:
+        cell, t = joined(
+            [(cell_of(each.mesh)[0], each.mesh.t.astype(np.intp) + n) for each, (_, n, _) in parts]
+        )
         mesh = from_parts(
-            cell_of(meshes[0].mesh)[0],
+            cell,
             np.hstack([_along_first(meshes[0], each) for each in meshes]),
-            np.hstack([each.mesh.t.astype(np.intp) + vertices for each, (_, vertices, _) in parts]),
+            t,
             xyz=np.vstack([each.coordinates for each in meshes]),
             order=meshes[0].order,
             regions={
@@ -468,7 +517,7 @@ def refined(mesh: NamedMesh) -> NamedMesh:
     """
     number = np.arange(2**mesh.dim * mesh.n_elements).reshape(mesh.n_elements, -1)
     places = np.vstack([mesh.mesh.p, mesh.coordinates.T])
-    values, _, _, parts, sides = cells.split(mesh.mesh, places)
+    values, _, _, parts, sides = split(mesh.mesh, places)
     fine = from_parts(
         cell_of(mesh.mesh)[0],
         values[: mesh.dim],

@@ -1,9 +1,9 @@
-"""Reads mesh files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
+"""Reads mesh files of lines, triangles, quadrilaterals, tetrahedra, hexahedra or prisms.
 
-Files of Abaqus and CalculiX are read by `skfem_joint.mesh.abaqus`. meshio reads those
-of Gmsh, since ``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file holds
-twice, loses groups inside a mesh and boundaries of second-order files, and drops a kind of cell if
-a file mixes two.
+Files of Abaqus and CalculiX are read by `skfem_joint.mesh.abaqus`, MED files by
+`skfem_joint.mesh.med`, Nastran's by `skfem_joint.mesh.nastran`. meshio reads those of Gmsh, since
+``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file holds twice, loses groups
+inside a mesh and boundaries of second-order files, and drops a kind of cell if a file mixes two.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ import math
 import struct
 import tempfile
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -26,27 +26,48 @@ from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.files import read_whole
 from skfem_joint.ground.values import POSITIVE
 from skfem_joint.mesh.abaqus import read_inp
-from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, same_columns, spot
-from skfem_joint.mesh.gmsh import Groups, check_msh
-from skfem_joint.mesh.named import NamedMesh, check_finite, from_parts, merged, not_a_side
-from skfem_joint.mesh.straightening import straightening
+from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, distinct, same_columns, spot
+from skfem_joint.mesh.collapsed import joined
+from skfem_joint.mesh.file_mesh import FileMesh
+from skfem_joint.mesh.gmsh import PRISM_18, Groups, check_msh, meshio_with_prisms
+from skfem_joint.mesh.med import read_med
+from skfem_joint.mesh.named import (
+    NamedMesh,
+    check_finite,
+    facet_numbers,
+    from_parts,
+    merged,
+    not_a_side,
+)
+from skfem_joint.mesh.nastran import read_nastran
+from skfem_joint.mesh.straightening import at_nodes_of, straightening
 
 if TYPE_CHECKING:
     import meshio
 
 
+#: Readers of the package by the endings of files; Gmsh's have any other.
+_READERS: dict[str, Callable[[Path], FileMesh]] = {
+    **{".inp": read_inp, ".med": read_med},
+    **dict.fromkeys((".bdf", ".nas", ".dat"), read_nastran),
+}
+
+
 def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) -> NamedMesh:
-    """Read a mesh from files of lines, triangles, quadrilaterals, tetrahedra or hexahedra.
+    """Read a mesh from files of lines, triangles, quadrilaterals, tetrahedra, hexahedra or prisms.
 
     Gmsh files of format 2.2 or 4.1, ASCII or binary, are read: physical groups of the elements
     become regions, those of their sides boundaries, physical points points; of a bar several
     points with one name are a boundary. Files of Abaqus and CalculiX (.inp) are read, with element
     sets as regions, surfaces as boundaries, and node sets as points, or as boundaries where their
     nodes make up whole sides; the instance stands before a dot where several have a name;
-    materials, steps and contact are passed over with a note. Bodies that share no nodes, in the
+    materials, steps and contact are passed over with a note. MED files (.med, by h5py) are read
+    with their groups, and Nastran's bulk data (.bdf, .nas, .dat) with a region or boundary for each
+    property, such as PSOLID_3 and PSHELL_7. Bodies that share no nodes, in the
     same file or in several, stay separate even if they overlap. A file of lines is a straight bar
     in space; its first end is that with the lexicographically smaller position. Plane meshes lie in
-    a plane z = const.
+    a plane z = const. Prisms may stand beside hexahedra, and triangles beside quadrilaterals, in
+    one body and in several.
 
     Repairs: cells that a file repeats for each of their groups are merged and belong to all these
     groups; nodes that no element uses are dropped; mirrored elements are turned over; lines of
@@ -57,8 +78,8 @@ def load_meshes(paths: str | Path | Sequence[str | Path], scale: float = 1.0) ->
     Parameters
     ----------
     paths : str or Path, or a sequence of them
-        Mesh file, or several with the same kind and order of elements and with different names;
-        see `merged`.
+        Mesh file, or several with the same order of elements, of kinds that go together, and with
+        different names; see `merged`.
     scale : float
         Metres per unit of length of the files, e.g. 1e-3 for meshes drawn in mm.
 
@@ -100,9 +121,10 @@ def _meshes_of(file: Path, scale: float) -> list[NamedMesh]:
     if not file.is_file():
         wrong = "not a file" if file.exists() else "no such mesh file"
         raise InputError(f"{file}: {wrong}; a mesh file is needed, e.g. a Gmsh .msh")
-    if file.suffix.lower() != ".inp":
+    read = _READERS.get(file.suffix.lower())
+    if read is None:
         return [_named_mesh(_read(file), str(file), scale)]
-    found = read_inp(file)
+    found = read(file)
     meshes = [_named_mesh(body, str(file), scale) for body in found.bodies]
     notes = tuple(f"{file}: {note}" for note in found.notes)
     return [replace(each, notes=each.notes + notes, plane=found.plane) for each in meshes]
@@ -141,6 +163,8 @@ def _read(file: Path) -> meshio.Mesh:
             raw.points = raw.points[order]
             for block in raw.cells:
                 block.data = np.argsort(order)[block.data]
+                if block.type == "wedge18":
+                    block.data = block.data[:, PRISM_18]
     except failures as error:
         reason = str(error) or type(error).__name__
         if isinstance(error, SystemExit):
@@ -149,19 +173,19 @@ def _read(file: Path) -> meshio.Mesh:
             reason = f"it refers to something that it does not define ({error})"
         raise InputError(
             f"{file}: cannot be read as a mesh: {reason}. Readable are whole Gmsh files of format "
-            "2.2 or 4.1 (.msh) and files of Abaqus or CalculiX (.inp)"
+            "2.2 or 4.1 (.msh) and files of Abaqus or CalculiX (.inp), Salome (.med) or Nastran "
+            "(.bdf, .nas, .dat). Gmsh converts others, e.g. gmsh mesh.cgns -save -o mesh.msh"
         ) from error
     return raw
 
 
 def _through_meshio(content: bytes) -> meshio.Mesh:
     """Mesh that meshio reads from a file with this content."""
-    import meshio
-
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "mesh"
         copy.write_bytes(content)
-        return meshio.read(copy, file_format="gmsh")
+        mesh: meshio.Mesh = meshio_with_prisms().read(copy, file_format="gmsh")
+        return mesh
 
 
 def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, IntArray]]:
@@ -188,53 +212,70 @@ def _members(raw: meshio.Mesh, entities: Groups | None) -> dict[str, dict[int, I
     return members
 
 
-def _kind(raw: meshio.Mesh) -> tuple[Cell, int]:
-    """Kind of the elements of a file, and their order; ValueError for other kinds."""
+class _Elements(NamedTuple):
+    """Elements of a file.
+
+    Attributes
+    ----------
+    blocks : list of (Cell, ndarray of int, shape (nodes, n))
+        Kind and nodes, in scikit-fem's order, of the elements of each block of a file.
+    order : int
+    own : list of ndarray of int
+        Elements (cells, parts) of each block of a file; none of a block of other cells. A line of
+        higher order is split into parts at its inner nodes. Other cells have one part.
+    """
+
+    blocks: list[tuple[Cell, IntArray]]
+    order: int
+    own: list[IntArray]
+
+
+def _elements(raw: meshio.Mesh) -> _Elements:
+    """Elements of a file; ValueError for kinds that are not read, and orders that differ."""
+    from skfem.io.meshio import INV_HEX_MAPPING
+
     kinds = {  # by meshio's name, without the number of nodes that it ends with in second order
+        "line": "line",
         "triangle": "triangle",
         "quad": "quadrilateral",
         "tetra": "tetrahedron",
         "hexahedron": "hexahedron",
+        "wedge": "prism",
     }
     top = max((block.dim for block in raw.cells if len(block.data)), default=0)
     types = sorted({block.type for block in raw.cells if block.dim == top and len(block.data)})
     if top == 0:
         raise ValueError(
-            "it holds neither lines (a bar) nor triangles or quadrilaterals (a plate), tetrahedra "
-            "or hexahedra (a solid). In Gmsh, mesh the curves, surfaces or volumes, and save "
-            "elements of named groups or all"
+            "it holds neither lines (a bar) nor triangles or quadrilaterals (a plate), tetrahedra, "
+            "hexahedra or prisms (a solid). In Gmsh, mesh the curves, surfaces or volumes, and "
+            "save elements of named groups or all"
         )
-    if top == 1:
-        return CELLS["line"], 1
-    name = types[0].rstrip("0123456789")
-    if len(types) > 1:
+    names = {each: each.rstrip("0123456789") for each in types}
+    orders = {1 if top == 1 else 1 + (name != each) for each, name in names.items()}
+    if len(orders) > 1:
         raise ValueError(
             f"it mixes cells of type {' and '.join(types)}: all elements of a mesh must have the "
-            "same kind and order. In Gmsh, recombine all surfaces or none"
+            "same order"
         )
-    return CELLS[kinds[name]], 1 + (name != types[0])
-
-
-def _elements(raw: meshio.Mesh, dim: int) -> tuple[IntArray, list[IntArray]]:
-    """Nodes (n, nodes) of all elements of a file, and the elements (cells, parts) of each block.
-
-    A line of higher order is split into parts at its inner nodes. Other cells have one part.
-    """
-    elements, own, count = [], [], 0
+    if not set(names.values()) <= set(kinds):
+        raise ValueError(f"it holds {' and '.join(types)}: allowed are {', '.join(kinds)}")
+    blocks, own, count = [], [], 0
     for block in raw.cells:
         nodes = np.asarray(block.data, dtype=np.intp)
-        if block.dim == dim == 1:  # two ends, then inner nodes from the first end to the second
+        if block.dim == top == 1:  # two ends, then inner nodes from the first end to the second
             nodes = nodes[:, [0, *range(2, nodes.shape[1]), 1]]
             nodes = np.stack([nodes[:, :-1], nodes[:, 1:]], axis=-1).reshape(-1, 2)
-        if block.dim == dim:
-            elements.append(nodes)
+        if block.dim == top and len(nodes):
+            cell = CELLS[kinds[names[block.type]]]
+            rows = INV_HEX_MAPPING[: nodes.shape[1]] if cell.sign < 0 else slice(None)
+            blocks.append((cell, nodes.T[rows]))
             count += len(nodes)
         own.append(np.arange(count - len(nodes), count).reshape(len(block.data), -1))
-    return np.concatenate(elements), own
+    return _Elements(blocks, orders.pop(), own)
 
 
 def _groups(
-    raw: meshio.Mesh, cell: Cell, own: list[IntArray]
+    raw: meshio.Mesh, cell: Cell, elements: _Elements
 ) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
     """Groups of a file.
 
@@ -247,8 +288,9 @@ def _groups(
     left_out : list of str
         Names of groups of lines in a solid.
     """
-    corners = len(cell.elements[0].refdom.facets[0])
     corners_of = {"line": 2, "tria": 3, "quad": 4}  # by the first letters of meshio's name
+    allowed = {n for kind, _ in elements.blocks for n in kind.corners_of_sides}
+    own, rows = elements.own, max(cell.corners_of_sides)
     regions: dict[str, IntArray] = {}
     others = {name: np.reshape(nodes, (-1, 1)) for name, nodes in raw.point_sets.items()}
     left_out, lost = [], []
@@ -261,10 +303,14 @@ def _groups(
         elif 0 < dim < cell.dim - 1:
             left_out.append(name)
         elif dim >= 0:
-            if dim and any(corners_of[raw.cells[i].type[:4]] != corners for i in inside):
+            count = [corners_of[raw.cells[i].type[:4]] if dim else 1 for i in inside]
+            if dim and not set(count) <= allowed:
                 raise ValueError(f"group {name!r} holds cells that are no sides of its elements")
-            part = slice(corners if dim else 1)
-            others[name] = np.concatenate([raw.cells[i].data[blocks[i], part] for i in inside])
+            # The last corner of a triangle stands twice beside quadrilaterals.
+            corners = [np.minimum(range(rows if dim else 1), n - 1) for n in count]
+            others[name] = np.concatenate(
+                [raw.cells[i].data[blocks[i]][:, n] for i, n in zip(inside, corners, strict=True)]
+            )
         elif raw.field_data.get(name, (0, 0))[1] <= cell.dim:
             lost.append(name)
     if lost:
@@ -277,18 +323,14 @@ def _groups(
 
 def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
     """Named mesh of a file that meshio has read; ValueError says why there is none."""
-    from skfem.io.meshio import INV_HEX_MAPPING
-
-    cell, order = _kind(raw)
+    elements = _elements(raw)
+    cell, corners = joined([(kind, nodes[: kind.corners]) for kind, nodes in elements.blocks])
     position = np.zeros((len(raw.points), 3))
     position[:, : raw.points.shape[1]] = raw.points
     position *= scale
     check_finite(position)
-    elements, own = _elements(raw, cell.dim)
-    regions, others, left_out = _groups(raw, cell, own)
-    nodes = elements.T[INV_HEX_MAPPING[: elements.shape[1]]] if cell.sign < 0 else elements.T
-    corners = nodes[: len(cell.mirrored)]
-    first, set_of = same_columns(np.sort(corners, axis=0))  # cells are repeated for each group
+    regions, others, left_out = _groups(raw, cell, elements)
+    first, set_of = same_columns(distinct(corners))  # cells are repeated for each group
     kept = np.sort(first)
     number = np.searchsorted(kept, first)[set_of]
     used = np.zeros(len(position), dtype=np.bool_)
@@ -296,6 +338,7 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
     vertex = np.where(used, np.cumsum(used) - 1, -1)
     _check_sides(others, vertex, position, cell.dim)
     single = {name for name, parts in others.items() if np.unique(parts).size == 1}
+    sides = {n: vertex[parts.T] for n, parts in others.items() if n not in single}
     t = np.ascontiguousarray(vertex[corners[:, kept]])
     p = np.ascontiguousarray(_plain(position[used], t, cell.dim))
     mesh = from_parts(
@@ -303,9 +346,9 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
         p,
         t,
         xyz=position[used],
-        order=order,
+        order=elements.order,
         regions={name: number[members] for name, members in regions.items()},
-        facets={n: vertex[parts.T] for n, parts in others.items() if n not in single},
+        facets=sides,
         points={n: int(vertex[parts[0, 0]]) for n, parts in others.items() if n in single},
     )
     if cell.dim == 1 and mesh.body.max():
@@ -315,10 +358,11 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
             f"the bar is disconnected: no element joins {spot(*mesh.coordinates[ends])}"
         )
     notes = [f"group {name!r} of lines in a solid is left out" for name in left_out]
-    if order == 2:
+    if elements.order == 2:
         straight = cell.mesh(p, t, sort_t=False)
-        curved = position.T[: cell.dim, nodes[:, kept]]
-        notes += straightening(straight, curved, mesh.boundaries)
+        curved = [(kind, position.T[: cell.dim, nodes]) for kind, nodes in elements.blocks]
+        boundaries = facet_numbers(straight.facets, sides, position[used])
+        notes += straightening(straight, at_nodes_of(cell, curved)[..., kept], boundaries)
     notes = [f"{path}: {note}" for note in notes]
     return replace(mesh, path=path, notes=tuple(notes))
 

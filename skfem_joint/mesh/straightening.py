@@ -8,14 +8,60 @@ of size ``dx`` has the size ``det F dx`` or ``|cof(F) n| dx`` with curved edges.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import skfem
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
-from skfem_joint.mesh.cells import CONFORMING, cell_of, split, spot
+from skfem_joint.mesh.cells import CONFORMING, Cell, cell_of, spot
+from skfem_joint.mesh.collapsed import dofs_of
+from skfem_joint.mesh.splitting import split
+
+#: Elements without nodes inside of faces and cells, by their number of nodes.
+_SERENDIPITY = {8: skfem.ElementQuadS2, 20: skfem.ElementHexS2}
+
+
+def at_nodes_of(cell: Cell, given: Sequence[tuple[Cell, FloatArray]]) -> FloatArray:
+    """Positions at the nodes of the elements of second order of a mesh, (dim, nodes, n).
+
+    Parameters
+    ----------
+    cell : Cell
+        Kind of the mesh.
+    given : sequence of (Cell, ndarray of shape (dim, nodes, n))
+        Kinds of the elements, in their order, and positions of their own nodes in the order of
+        scikit-fem; those of prisms and of triangles beside quadrilaterals in the order of VTK.
+    """
+    if all(kind is cell for kind, _ in given) and len({x.shape[1] for _, x in given}) == 1:
+        return np.concatenate([x for _, x in given], axis=2)
+    return np.concatenate([_at_nodes(cell, kind, x) for kind, x in given], axis=2)
+
+
+def _at_nodes(cell: Cell, kind: Cell, x: FloatArray) -> FloatArray:
+    """Positions at the nodes of a mesh's element from those of an element of some kind."""
+    places = kind.collapsed_places if kind is not cell else cell.elements[1].doflocs
+    if kind.name == "prism":  # products of functions of a triangle and of a line
+        triangle, line = skfem.ElementTriP2(), skfem.ElementLineP2()
+        across = np.array([triangle.lbasis(places.T[:2], i)[0] for i in range(6)])
+        along = np.array([line.lbasis(places.T[2:], i)[0] for i in range(3)])
+        weights = np.array([across[i] * along[j] for j in range(3) for i in range(6)])
+        if x.shape[1] == 15:
+            x = np.concatenate([x, _middles_of_sides(x)], axis=1)
+        x = x[:, [0, 1, 2, 6, 7, 8, 3, 4, 5, 9, 10, 11, 12, 13, 14, 15, 16, 17]]
+    else:
+        element = _SERENDIPITY.get(x.shape[1], kind.elements[1])()
+        weights = np.array([element.lbasis(places.T, i)[0] for i in range(x.shape[1])])
+    return np.asarray(np.einsum("cin,ij->cjn", x, weights))
+
+
+def _middles_of_sides(x: FloatArray) -> FloatArray:
+    """Middles (dim, 3, n) of the quadrilateral sides of prisms of 15 nodes (dim, 15, n)."""
+    first, next_ = [0, 1, 2], [1, 2, 0]
+    corners = sum(x[:, np.add(at, shift)] for at in (first, next_) for shift in (0, 3))
+    edges = x[:, 6:9] + x[:, 9:12] + x[:, 12:15] + x[:, 12:15][:, next_]
+    return np.asarray(0.5 * edges - 0.25 * corners)
 
 
 def straightening(
@@ -46,9 +92,8 @@ def straightening(
     concerned = curved.any(axis=0)
     _check_order(positions[:, :, concerned], straight[:, nodes[:, concerned]])
     cell, _ = cell_of(mesh)
-    serendipity = {8: skfem.ElementQuadS2, 20: skfem.ElementHexS2}  # by number of nodes
-    element = serendipity.get(len(nodes), cell.elements[1])()
-    dofs = skfem.Dofs(mesh, element)
+    element = _SERENDIPITY.get(len(nodes), cell.elements[1])()
+    dofs = dofs_of(mesh, element)
     d = np.zeros((len(offset), dofs.N))
     d[:, dofs.element_dofs] = offset
 
@@ -93,7 +138,8 @@ def _check_order(positions: FloatArray, straight: FloatArray) -> None:
     least = CONFORMING * np.ptp(straight, axis=1).max(axis=0)
     for node in range(positions.shape[1]):
         apart = np.linalg.norm(straight - positions[:, [node]], axis=0)
-        wrong = (apart < least) & (np.arange(len(apart)) != node)[:, np.newaxis]
+        own = (straight == straight[:, [node]]).all(axis=0)  # of collapsed elements several
+        wrong = (apart < least) & ~own
         if wrong.any():
             element = positions[:, node, np.argmax(wrong.any(axis=0))]
             raise ValueError(

@@ -169,14 +169,20 @@ class Frames:
         It takes as many touching corners as what is pressed has: those of a cell or of a facet.
         """
         cells, n = self.structure.body.cells, len(self.structure.nodes)
+        once = np.ones(cells.shape, dtype=bool)  # a corner that stands twice counts once
+        for j in range(1, cells.shape[1]):
+            once[:, j] = (cells[:, :j] != cells[:, [j]]).all(axis=1)
+        collapsed = ~once.all(axis=1)
         inside = np.zeros(cells.shape, dtype=bool)
         for patch, reaction in zip(self.structure.patches, self._reactions, strict=True):
             pressed, held = np.zeros((2, n), dtype=bool)
             pressed[patch.nodes], held[patch.held_nodes] = True, True
             for side in (pressed, np.diff(reaction.indptr) > 0):
-                touching = side[cells]
-                count = np.count_nonzero(touching | held[cells], axis=1)
-                inside |= touching & (count >= patch.cells.shape[1])[:, np.newaxis]
+                touching = side[cells] & once
+                count = np.count_nonzero(touching | (held[cells] & once), axis=1)
+                corners = patch.cells.shape[1]
+                least = np.where(collapsed, min(corners, 3), corners)  # of a triangle
+                inside |= touching & (count >= least)[:, np.newaxis]
         row, column = np.nonzero(inside)
         weight = 1.0 / np.count_nonzero(inside, axis=1)[row]
         return sparse.csr_array((weight, (row, cells[row, column])), shape=(len(cells), n))

@@ -524,6 +524,7 @@ class _Area:
         place, cells, nodes = place[used], number.reshape(-1, width), np.searchsorted(used, nodes)
         sums = of_cells(cells.ravel(), width * np.arange(len(cells) + 1), used.size)
         triangles = cells if width == 3 else np.vstack([cells[:, :3], cells[:, [0, 2, 3]]])
+        triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
         pressed = np.zeros(used.size)
         pressed[nodes] = pressure
         grid = Triangulation(place[:, 0], place[:, 1], triangles)

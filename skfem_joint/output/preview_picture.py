@@ -129,6 +129,7 @@ def _add(panel: Any, shapes: FloatArray, **how: Any) -> Any:
 def _border(cells: IntArray) -> IntArray:
     """Edges that belong to one cell alone, by node numbers, shape (edges, 2)."""
     edges = np.sort(np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1)
+    edges = edges[edges[:, 0] != edges[:, 1]]  # a triangle may be a collapsed quadrilateral
     unique, count = np.unique(edges, axis=0, return_counts=True)
     return cells if cells.shape[1] == 2 else np.asarray(unique[count == 1], dtype=np.intp)
 

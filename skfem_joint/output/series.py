@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import needed, replacing, safe_names
 from skfem_joint.output.fields import (
@@ -155,7 +155,13 @@ def _grid(
     region, names = np.full(mesh.n_elements, -1, dtype=np.int32), list(mesh.regions)
     for name in sorted(names, key=lambda name: len(mesh.regions[name]), reverse=True):
         region[mesh.regions[name]] = names.index(name)
-    grid = pyvista.UnstructuredGrid({getattr(pyvista.CellType, kind): corners}, points)
+    collapsed = {"QUAD": "TRIANGLE", "HEXAHEDRON": "WEDGE"}.get(kind)
+    kept = _once(corners) if collapsed else np.ones(corners.shape, dtype=np.bool_)
+    count = kept.sum(axis=1)
+    types = np.full(len(corners), pyvista.CellType[kind], dtype=np.uint8)
+    types[count < corners.shape[1]] = pyvista.CellType[collapsed or kind]
+    used = np.column_stack([np.ones(len(corners), dtype=np.bool_), kept])
+    grid = pyvista.UnstructuredGrid(np.column_stack([count, corners])[used], types, points)
     grid.cell_data["region"] = region[elements]
     grid.cell_data["body"] = mesh.body[elements].astype(np.int32)
     meanings = {
@@ -169,6 +175,15 @@ def _grid(
     _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
     _add_texts(grid, "region_names", names)
     return grid
+
+
+def _once(corners: IntArray) -> BoolArray:
+    """Where corners of quadrilaterals or hexahedra, in VTK's order, do not repeat the one before.
+
+    Those in which some do are the triangles and wedges that they stand for.
+    """
+    rings = corners.reshape(len(corners), -1, 4)  # of a hexahedron two
+    return np.asarray((rings != np.roll(rings, 1, axis=2)).reshape(corners.shape))
 
 
 def _add_texts(grid: Any, name: str, texts: Sequence[str]) -> None:
@@ -306,7 +321,7 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     (see :meth:`Frames.arrays`), ``region`` (position in the field array ``region_names``, -1
     without one; of overlapping regions the one with fewest elements), ``body`` and ``thickness``
     (m, not of solids). The field array ``units`` says this in each file. Elements of second order
-    come as linear cells on their nodes.
+    come as linear cells on their nodes, prisms as wedges.
 
     ``NAME.pvd`` is the index of ``NAME/frame_0000.vtm`` and so on, which name the blocks in
     ``NAME/BLOCK_0000.vtu``: ParaView and pyvista show the names. Folders are made. Every file takes

@@ -63,12 +63,13 @@ class MeshTable(SceneTable):
         by_form(Form.LIST, otherwise=Form.WORD),
     ] = key(
         "name of the mesh file, relative to the scene, or a list of files of several bodies; Gmsh "
-        ".msh of format 2.2 or 4.1, ASCII or binary, or .inp of Abaqus or CalculiX"
+        ".msh of format 2.2 or 4.1, ASCII or binary, .inp of Abaqus or CalculiX, .med of Salome, "
+        "or bulk data of Nastran (.bdf, .nas, .dat)"
     )
     scale: Positive = key("length of the mesh's unit, m", 1.0)
     order: Annotated[Literal["auto", 1, 2], BeforeValidator(_is_no_truth_value)] = key(
-        'order of the displacement; "auto" computes triangles and tetrahedra of first order, which '
-        "bend too stiffly, with quadratic displacements on the same mesh",
+        'order of the displacement; "auto" computes meshes with triangles, tetrahedra or prisms of '
+        "first order, which bend too stiffly, with quadratic displacements on the same mesh",
         "auto",
     )
     incompatible: bool = key(

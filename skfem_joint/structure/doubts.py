@@ -54,7 +54,7 @@ def _cure(body: Body) -> str:
     """What to do about elements that are too stiff."""
     lumped = " Elements of second order need mass_matrix = 'consistent'."
     also = lumped if body.mass == "lumped" else ""
-    if body.is_simplex:
+    if not any(part.kind.bends for part in body.mesh.parts):
         return f"Take elements of second order: leave mesh.order out, or let it be 2.{also}"
     if not body.has_incompatible_modes:
         return "Leave out mesh.incompatible = false."

@@ -47,6 +47,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import MEMORY_SHARE, physical_memory
+from skfem_joint.mesh.cells import Cell
 from skfem_joint.system.modes import SEARCHED, eigenmodes, unshifted
 from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import congruent, selection
@@ -138,6 +139,39 @@ class _Hierarchical(skfem.ElementH1):  # type: ignore[misc]
 
     def lbasis(self, X: FloatArray, i: int) -> Any:
         return (self.first if i < self.corners else self.second).lbasis(X, i)
+
+
+class _Collapsed(_Hierarchical):
+    """The same for triangles or prisms that are collapsed elements.
+
+    The function of an edge is four times the product of three: of both ends across the axis and of
+    the end along it, or of both ends along the axis and of the edge across. Each is a sum of
+    functions of corners. An edge that the host has twice, or as a point, counts once or not.
+    """
+
+    def __init__(self, first: Any, second: Any, kind: Cell) -> None:
+        super().__init__(first, second)
+        column, level = np.array(kind.at) % 3, np.array(kind.at) // 3
+        self.factors: list[list[IntArray]] = []  # corners whose functions are summed, by edge
+        seen: set[tuple[int, ...]] = set()
+        for ends in first.refdom.edges or first.refdom.facets:
+            own = tuple(sorted({kind.at[end] for end in ends}))
+            across, along = np.unique(column[ends]), np.unique(level[ends])
+            factors = [np.flatnonzero(column == k) for k in across]
+            factors += [np.flatnonzero(level == k) for k in along]
+            self.factors.append(factors if len(own) == 2 and own not in seen else [])
+            seen.add(own)
+
+    def lbasis(self, X: FloatArray, i: int) -> Any:
+        if i < self.corners:
+            return super().lbasis(X, i)
+        value, slope = np.full(X.shape[1], 4.0), np.zeros_like(X)
+        for corners in self.factors[i - self.corners]:
+            parts = [self.first.lbasis(X, k) for k in corners]
+            factor = np.sum([part[0] for part in parts], axis=0)
+            slope = slope * factor + value * np.sum([part[1] for part in parts], axis=0)
+            value = value * factor
+        return (value, slope) if self.factors[i - self.corners] else (0.0 * value, 0.0 * slope)
 
 
 #: Elements whose functions for the middles of edges are added, by those of first order.
@@ -289,6 +323,8 @@ class _Enriched:
         stays = np.zeros(((every - n) // self.dim, self.dim), dtype=bool)
         for part in straight:
             stays[_edges(body, part.name)[:, np.newaxis], part.components] = True
+        ends = body.mesh.mesh.facets if self.dim == 2 else body.mesh.mesh.edges
+        stays[ends[0] == ends[1]] = True  # collapsed edges have no middle
         middles = n + np.flatnonzero(~stays)
         vertices = selection(np.arange(n), every).T @ T
         #: All displacements from q and m.
@@ -310,18 +346,20 @@ def _matrices(body: Body) -> tuple[Matrix, Matrix]:
 
     Mass of one component, and stiffness on ``dim * node + component``.
     """
-    element = _Hierarchical(body.element, _second(body))
+    of_both, parts = (body.element, _second(body)), []
     first, second = (constant * body.across for constant in body.lame())
     density = body.properties["density"] * body.across
     # Exact for products of shape functions, and of their gradients.
     of_mass, of_stiffness = (4, 2) if body.is_simplex else (5, 5)
-    n, parts = body.mesh.n_elements, []
-    for part in np.array_split(np.arange(n), 1 + n // _AT_ONCE):
-        basis = skfem.Basis(body.mesh.mesh, element, intorder=of_mass, elements=part)
-        M = assembly.mass(basis, density[part])
-        if of_stiffness != of_mass:
-            basis = skfem.Basis(body.mesh.mesh, element, intorder=of_stiffness, elements=part)
-        parts.append((M, assembly.stiffness(basis, first[part], second[part])))
+    for kind, elements, _ in body.mesh.parts:
+        whole = kind is body.cell
+        element = _Hierarchical(*of_both) if whole else _Collapsed(*of_both, kind)
+        for part in np.array_split(elements, 1 + elements.size // _AT_ONCE):
+            basis = skfem.Basis(body.mesh.mesh, element, intorder=of_mass, elements=part)
+            M = assembly.mass(basis, density[part])
+            if of_stiffness != of_mass:
+                basis = skfem.Basis(body.mesh.mesh, element, intorder=of_stiffness, elements=part)
+            parts.append((M, assembly.stiffness(basis, first[part], second[part])))
     return sum(M for M, _ in parts), sum(K for _, K in parts)
 
 

@@ -60,8 +60,9 @@ class Structure:
     thickness : float, optional
         Of a bar or a plate, m.
     order : {"auto", 1, 2}
-        Order of the displacement. "auto" computes triangles and tetrahedra of first order, which
-        bend too stiffly, with quadratic displacements on the same mesh; see `mesh.order.of_order`.
+        Order of the displacement. "auto" computes meshes with triangles, tetrahedra or prisms of
+        first order, which bend too stiffly, with quadratic displacements on the same mesh; see
+        `mesh.order.of_order`.
     plane : {"stress", "strain"}
         State of a plate across its plane: stress for plates that are thin and loaded in their
         plane, strain for slices of bodies that are long across it.
@@ -284,10 +285,13 @@ class Structure:
 
     def overview(self) -> str:
         """Sentence about what the structure is made of."""
-        bodies = int(self.mesh.body.max()) + 1
+        bodies, kinds = int(self.mesh.body.max()) + 1, ""
+        if len(self.mesh.parts) > 1:
+            each = (f"{part.elements.size} {part.kind.plural}" for part in self.mesh.parts)
+            kinds = f", {' and '.join(each)}"
         return (
             f"{bodies} {'body' if bodies == 1 else 'bodies'}, {self.mesh.n_elements} elements of "
-            f"order {self.mesh.order}."
+            f"order {self.mesh.order}{kinds}."
         )
 
     def at_rest(self) -> list[str]:

@@ -18,8 +18,11 @@ KINDS: list[tuple[Any, int]] = [
     ("line", 1),
     *(("triangle", 1), ("triangle", 2), ("quadrilateral", 1), ("quadrilateral", 2)),
     *(("tetrahedron", 1), ("tetrahedron", 2), ("hexahedron", 1), ("hexahedron", 2)),
+    *(("prism", 1), ("prism", 2)),
 ]
 FLAT_AND_SOLID = KINDS[1:]
+#: Kinds of which scikit-fem has meshes of their own.
+PLAIN = [kind for kind in KINDS if kind[0] != "prism"]
 #: Meshes of second order of scikit-fem.
 SECOND = {
     "triangle": skfem.MeshTri2,
@@ -91,7 +94,7 @@ def strip(kind: Any = "quadrilateral", order: int = 1, **options: Any) -> NamedM
 def sizes(mesh: NamedMesh) -> np.ndarray:
     """Length, area or volume of each element, negative where it runs the wrong way round."""
     places, weights = skfem.quadrature.get_quadrature(mesh.mesh.elem, 4)
-    sign = -1.0 if mesh.kind == "hexahedron" else 1.0  # scikit-fem's own cubes are mirrored
+    sign = -1.0 if mesh.family == "hexahedron" else 1.0  # scikit-fem's own cubes are mirrored
     determinants = mesh.mesh.mapping().detDF(places)
     return sign * np.broadcast_to(determinants, (mesh.n_elements, weights.size)) @ weights
 

@@ -251,7 +251,7 @@ REFUSED = [
     ["*NODES", "14, 1., 1., 1."], ["*ELEMENTT, TYPE=B31", "13, 12, 13"], ["*SOMETHING NEW"],
     ["*NODE, SYSTEM=C", "14, 1., 90., 0."], ["*NODE, INPUT=nodes.txt"],
     ["*ELEMENT, TYPE=B31, OFFSET=100", "13, 12, 13"], ["*ELEMENT, TYPE=SPRING1", "13, 13"],
-    ["*ELEMENT, TYPE=C3D6", "13, 1, 2, 3, 4, 5, 6"], ["*ELEMENT, TYPE=S4R", "13, 1, 2, 3, 4"],
+    ["*ELEMENT, TYPE=C3D5", "13, 1, 2, 3, 4, 5"], ["*ELEMENT, TYPE=S4R", "13, 1, 2, 3, 4"],
     ["*SURFACE, NAME=S, COMBINE=UNION", "A, B"], ["*SURFACE, NAME=S, TYPE=CUTTING SURFACE", "1"],
     ["*INSTANCE, NAME=I, PART=P, LIBRARY=job", "*END INSTANCE"],
 ]  # fmt: skip
@@ -312,7 +312,8 @@ def test_what_is_not_read_is_refused_with_card_and_line(tmp_path, card, in_file)
         ((NODE, ["*ELEMENT, TYPE=B31"], FIXED), "line 15: .ELEMENT: has no elements"),
         ((NODE, ALL, ["*ELEMENT, TYPE=CPS3", "20, 1, 2, 3"]), "line 28: .*type CPS3: elements of "
                                                               "type B31 stand in line 15, and a"),
-        ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPS3", "20, 1, 2, 4"]), "line 11: .* same shape and"),
+        ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPS6", "20, 1, 2, 4, 7, 8, 9"]),
+         "line 11: .* same order, and"),
         ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPE4", "20, 1, 2, 5, 4"]), "line 11: .*choose one"),
         ((PLATE, SQUARES, ["7, 5, 2, 3, 6"]), "line 11: .*element 7 has the nodes of element 2"),
         ((PLATE, SQUARES, ["*SURFACE, NAME=S", "1, S5"]), "line 12: .*face 'S5', must be one of "
@@ -324,6 +325,12 @@ def test_what_is_not_read_is_refused_with_card_and_line(tmp_path, card, in_file)
         ((PLATE, SQUARES, ["*SURFACE, NAME=S", "SOME, S1"]), "line 12: .*found 'SOME'"),
         ((PLATE, SQUARES, ["*ELSET, ELSET=A", "ALL", "*ELSET, ELSET=ALL", "1"]),
          "line 13: .ELSET: set 'ALL' is made larger after line 12 has used it"),
+        ((PLATE, SQUARES, ["*ELSET, ELSET=A", "B", "*ELSET, ELSET=B", "A"]),
+         "line 11: .ELSET: set 'A' lists itself|line 13: .ELSET: set 'B' lists itself"),
+        ((PLATE, SQUARES, ["*ELSET, ELSET=A", "B", "*NSET, NSET=B", "1"]),
+         "line 12: .ELSET: found 'B', must be a number or a set of the file: 'A', 'ALL'"),
+        ((PLATE, SQUARES, ["*ELSET, ELSET=A, IN", "1"]), "line 11: .ELSET: option 'IN' is not"),
+        ((PLATE, ["*ELEMENT, TYPE=CPS4X", "1, 1, 2, 5, 4"]), "line 8: .*allowed are CPS4, CPS4R, "),
         ((PLATE, SQUARES, ['*ELSET, ELSET="All"', "1"]), "line 11: .* in capitals alone"),
         ((PLATE, SQUARES, ['*ELSET, ELSET="A', "1"]), "line 11: .*quote is not closed"),
         ((PLATE, SQUARES, ["*NSET, NSET=A, ELSET=ALL", "1"]), "line 11: .*members beside ELSET"),
@@ -337,6 +344,17 @@ def test_what_is_not_read_is_refused_with_card_and_line(tmp_path, card, in_file)
 def test_what_is_wrong_is_refused_with_its_line(tmp_path, parts, reason):
     with pytest.raises(InputError, match=rf"bar\.inp: .*{reason}"):
         read(tmp_path, *parts)
+
+
+def test_sets_may_stand_below_those_that_list_them_and_options_be_abbreviated(tmp_path):
+    lists = ["*SURFACE, NAM=side", "FIRST, S1", "*NSET, NSET=NODES, ELS=BOTH"]
+    lists += ["*ELSET, ELSET=BOTH", "FIRST, LAST", "*ELSET, ELSET=CHAIN", "BOTH"]
+    below = ["*ELSET, ELSET=FIRST, GEN", "1, 1", "*Elset, elset=last, unsort, intern", "2"]
+    mesh = read(tmp_path, PLATE, lists, SQUARES, below)
+    sizes_of = {"ALL": 2.0, "FIRST": 1.0, "BOTH": 2.0, "CHAIN": 2.0}
+    assert region_sizes(mesh) == pytest.approx(sizes_of, rel=1e-12)
+    assert boundary_sizes(mesh) == pytest.approx({"side": 1.0}, rel=1e-12)
+    assert "'NODES' with all nodes of an element" in " ".join(mesh.notes)
 
 
 def test_bytes_that_are_no_text_are_refused_and_names_in_other_alphabets_are_read(tmp_path):

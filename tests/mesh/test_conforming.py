@@ -8,7 +8,7 @@ import skfem
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import named
-from skfem_joint.mesh.cells import split
+from skfem_joint.mesh.splitting import split
 
 PLAIN = {
     "triangle": skfem.MeshTri.init_tensor(*[np.linspace(0.0, 1.0, 4)] * 2),

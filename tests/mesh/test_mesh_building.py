@@ -9,7 +9,7 @@ from skfem.helpers import dot
 from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import build_bar, build_box, build_plate
 
-PER_CELL = {"triangle": 2, "tetrahedron": 6}
+PER_CELL = {"triangle": 2, "tetrahedron": 6, "prism": 2}
 SIDES = {"left": 0.05, "right": 0.05, "bottom": 0.6, "top": 0.6}
 PLACES = {"left": -0.1, "right": 0.7, "bottom": 0.2, "top": -0.15, "front": -0.3, "back": 0.32}
 FACES = {name: 0.02 * size for name, size in SIDES.items()} | {"front": 0.03, "back": 0.03}

@@ -188,6 +188,10 @@ def test_second_order_nodes_are_written_where_gmsh_wants_them(kind, order, tmp_p
             *((2, 6), (3, 7), (0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7)),
             *((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 2, 3, 4, 5, 6, 7)),
         ]),
+        "prism": ("wedge18", [  # meshio leaves Gmsh's order
+            *((0, 1), (0, 2), (0, 3), (1, 2), (1, 4), (2, 5), (3, 4), (3, 5), (4, 5)),
+            *((0, 1, 3, 4), (0, 2, 3, 5), (1, 2, 4, 5)),
+        ]),
     }[kind]  # fmt: skip
     mesh = strip(kind, order)
     write_mesh(mesh, tmp_path / "mesh.msh")
@@ -395,11 +399,11 @@ def test_middle_nodes_in_the_order_of_another_program_are_refused(tmp_path, kind
     """As converters write them: the last two of a tetrahedron's edges in Abaqus' order."""
     write_mesh(strip(kind, order), tmp_path / "mesh.msh")
     before, _, cells = (tmp_path / "mesh.msh").read_text().partition("$Elements\n")
-    nodes = {"triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27}[kind]
+    nodes = {"triangle": 6, "quadrilateral": 9, "tetrahedron": 10, "hexahedron": 27, "prism": 18}
     rows = [line.split(" ") for line in cells.splitlines()]
-    edge = {"triangle": 5, "quadrilateral": 7, "tetrahedron": 9, "hexahedron": 18}[kind]
+    edge = {"triangle": 5, "quadrilateral": 7, "tetrahedron": 9, "hexahedron": 18, "prism": 9}[kind]
     for row in rows:
-        if len(row) == 1 + nodes:
+        if len(row) == 1 + nodes[kind]:
             row[edge], row[edge + 1] = row[edge + 1], row[edge]
     text = before + "$Elements\n" + "".join(" ".join(row) + "\n" for row in rows)
     with pytest.raises(InputError, match=r"the node at \(.*\) m .* the order of another program"):
@@ -434,13 +438,13 @@ NAN, INF = float("nan"), float("inf")
         ([(0.0, 0, 0), (0.6, 0, 0), (0.3, 0.01, 0)], [(15, 3, [1]), (15, 4, [2]), (8, 1, [1, 2, 3]),
          (1, 2, [1, 2])], r"not straight: \(0\.3, 0\.01, 0\) m is 0\.01 m off"),
         (moved(PLATE, 3, 1.2, 0.3, 0.0), SQUARES, r"not convex.*\(1, 0, 0\) m to \(1\.2, 0\.3"),
-        (PLATE, [*SQUARES[:4], (2, 2, [2, 3, 6])], "mixes cells of type quad and triangle"),
-        (PLATE, [*SQUARES, (6, 2, [1, 2, 3, 4, 5, 6])], "holds prisms .*hexahedra alone"),
+        (PLATE, [*SQUARES, (9, 2, [1, 2, 3, 4, 5, 6])], "mixes cells of type quad and triangle6"),
+        (PLATE, [*SQUARES, (7, 2, [1, 2, 3, 4, 5])], "holds pyramids .*hexahedra and prisms: in"),
         (PLATE, [*SQUARES, (21, 2, [1, 2, 3, 4, 5, 6, 1, 2, 3, 4])], "third order.*ElementOrder"),
         (moved(PLATE, 3, 2.0, 0.0, 1e-6), SQUARES, "plane z = const: z runs from 0 to 1e-06 m"),
         (PLATE, [*SQUARES, (1, 3, [1, 5])], r"'left': \(0, 0, 0\) m to \(1, 1, 0\) m is no"),
         ([*PLATE, (5.0, 5.0, 0.0)], [*SQUARES, (1, 3, [1, 7])], r"'left': .* to \(5, 5, 0\)"),
-        (BOX, [*CUBES, TETRAHEDRON], "mixes cells of type hexahedron and tetra"),
+        (BOX, [*CUBES, TETRAHEDRON], "hexahedra and tetrahedra cannot stand in one"),
         (BOX, [*TETRAHEDRA, CUBES[1]], "group 'left' holds cells that are no sides"),
         (BOX, [*TETRAHEDRA, (2, 3, [1, 2, 12])], r"'left': .* m to \(1, 0, 0\) m to \(2, 1"),
     ],

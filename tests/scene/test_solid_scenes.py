@@ -2,7 +2,9 @@
 
 The files ``gmsh/KIND_lower.msh`` (100 x 20 x 10 mm) and ``KIND_upper.msh`` (60 x 20 x 10 mm, on the
 lower one from x = 40 mm on) hold a block each, with its volume, sides and corner named; hexahedra
-lie in format 4.1 and 2.2. Their faces do not match.
+lie in format 4.1 and 2.2. Their faces do not match. Those of the kinds mix8, mix20 and mix27 have
+hexahedra in the first 40 mm and prisms in the rest, with 8, 20 and 27 or 6, 15 and 18 nodes; the
+joint presses hexahedra and prisms on prisms.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from skfem_joint.scene import load_scene
 from skfem_joint.study.study import run_scene
 
 FILES = Path(__file__).parent / "gmsh"
-KINDS = ("tet4", "tet10", "hex8", "hex20", "hex27")
+KINDS = ("tet4", "tet10", "hex8", "hex20", "hex27", "mix8", "mix20", "mix27")
 SCENE = """\
 [mesh]
 file = ["{folder}/{kind}_lower.msh", "{folder}/{kind}_upper.msh"]
@@ -96,12 +98,13 @@ def test_a_scene_of_files_by_gmsh_runs_with_its_sizes_forces_and_balances(tmp_pa
     assert len(stiff) == (kind == "hex8")
 
 
-def test_tetrahedra_of_first_order_are_computed_as_those_of_second_order_on_the_same_mesh(tmp_path):
+@pytest.mark.parametrize("kinds", [("tet4", "tet10"), ("mix8", "mix20"), ("mix8", "mix27")])
+def test_what_locks_at_first_order_is_computed_as_of_second_order_on_the_same_mesh(tmp_path, kinds):
     runs, path = {}, tmp_path / "scene.toml"
-    for kind in ("tet4", "tet10"):
+    for kind in kinds:
         path.write_text(SCENE.format(folder=FILES.as_posix(), kind=kind))
         runs[kind] = run_scene(load_scene(path)).models["full"].run
-    raised, given = runs["tet4"], runs["tet10"]
+    raised, given = runs.values()
     np.testing.assert_allclose(raised.peak, given.peak, rtol=1e-7)
     assert raised.friction_energy == pytest.approx(given.friction_energy, rel=1e-7)
 
@@ -110,8 +113,8 @@ TWICE = '[[joint]]\non = "lower above"\npressure = 1e6\nfriction = 0.3\n[damping
 #: The lower and the upper file, what takes the place of the damping, and the message.
 WRONG = {
     "inverted tetrahedra": ("tet10_pushed", "tet10_upper", "[damping]", "an element is inverted"),
-    "hexahedra on tetrahedra": ("tet4_lower", "hex8_upper", "[damping]", "of the same kind and"),
-    "two orders": ("hex20_lower", "hex8_upper", "[damping]", "of the same kind and order"),
+    "hexahedra on tetrahedra": ("tet4_lower", "hex8_upper", "[damping]", "that go together"),
+    "two orders": ("hex20_lower", "hex8_upper", "[damping]", "of the same order"),
     "one face on two things": (
         *("hex8_lower", "hex8_upper", TWICE),
         "joint 'lower above': it lies on a part of joint 'upper",
