@@ -152,9 +152,10 @@ def _responses(
         or not isinstance(loads[0], Harmonic)
         or system.loads[0].on.startswith("mass_")
     ):
+        where = listed([load.on for load in system.loads])
         raise InputError(
-            f"curves: found {len(loads)} loads on {listed([load.on for load in system.loads])}, must "
-            "be one harmonic force on a part, over which responses are taken"
+            f"curves: found {len(loads)} loads on {where}, must be one harmonic force on a part, "
+            "over which responses are taken"
         )
     force = abs(loads[0].amplitude)
     places = [_place(structure, system, row) for row in np.asarray(system.P.toarray())]
