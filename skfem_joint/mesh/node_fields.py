@@ -44,7 +44,7 @@ def node_field(path: Path, name: str, on: str) -> tuple[FloatArray, FloatArray]:
     number = np.sort(check_msh(data)[1])[nodes]
     try:
         fields = [*_node_data(data)]
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, OverflowError, MemoryError) as error:
         raise InputError(f"{path}: a section $NodeData is cut or damaged: {error}") from error
     found = [(tags, values) for title, tags, values in fields if title == name]
     titles = dict.fromkeys(title for title, _, _ in fields)
@@ -71,7 +71,7 @@ def node_field(path: Path, name: str, on: str) -> tuple[FloatArray, FloatArray]:
 def _node_data(data: bytes) -> Iterator[tuple[str, IntArray, FloatArray]]:
     """Title, numbers of nodes (k,), and values (k, components) of each section $NodeData.
 
-    ValueError or IndexError if a section is damaged.
+    ValueError, IndexError, OverflowError or MemoryError if a section is damaged.
     """
     head = re.search(rb"\$MeshFormat\s+\S+\s+(\d)", data)
     binary = head is not None and head[1] == b"1"

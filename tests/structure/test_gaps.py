@@ -465,3 +465,48 @@ def test_a_cut_field_of_nodes_is_refused(tmp_path, part):
     path.write_text(text.replace(part, "", 1), encoding="utf-8")
     with pytest.raises(sj.InputError, match=r"block.msh"):
         sj.read_node_field(path, "bow", "base")
+
+
+def damaged(content: bytes, seed: int) -> bytes:
+    """Content of a file that is cut, or some of whose bytes are others, doubled or lost."""
+    random = np.random.default_rng(seed)
+    start, length = random.integers(0, len(content)), int(random.integers(1, 12))
+    before, part, after = (
+        content[:start],
+        content[start : start + length],
+        content[start + length :],
+    )
+    other = bytes(random.integers(0, 256, length).astype(np.uint8))
+    return (before, before + other + after, before + part + part + after, before + after)[seed % 4]
+
+
+def read_or_refusal(read: Any, path: Any) -> Any:
+    """What a file is read as, or the sentences that refuse it."""
+    try:
+        return read(path)
+    except sj.InputError as error:
+        return str(error)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(100))
+def test_damaged_scans_and_fields_are_read_or_refused_with_their_names(tmp_path, seed):
+    """None crashes; what is read is a finite gap at every place that was measured."""
+    mesh = block("quad", 1, 3)
+    binary = {"binary": True} if seed % 3 == 0 else {}
+    msh = with_field(tmp_path / "block.msh", mesh, lambda x: 1e-6 * (1.0 + x[:, 0]), **binary)
+    csv = tmp_path / "scan.csv"
+    csv.write_text(
+        "x (mm),gap (um)\n" + "".join(f"{k},{0.1 * k:.3f}\n" for k in range(30)), encoding="utf-8"
+    )
+    for path, read in (
+        (csv, sj.read_scan),
+        (msh, lambda path: sj.read_node_field(path, "bow", "base")),
+    ):
+        path.write_bytes(damaged(path.read_bytes(), seed))
+        found = read_or_refusal(read, path)
+        if isinstance(found, str):
+            assert str(path) in found
+        else:
+            assert np.isfinite(found.values).all()
+            assert np.isfinite(found.places).all()
