@@ -162,6 +162,10 @@ def drawn(bows, stuck, damping):
     left.legend()
     for amplitude, values in zip(AMPLITUDES, damping.T, strict=True):
         right.plot(place, values, "o-", label=f"{amplitude:g} m/s²")
+    right.set_yscale("log")
+    shares = [0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 3.0]
+    right.set_yticks(shares, map(str, shares))
+    right.minorticks_off()
     right.set_ylabel("damping ratio, %")
     right.legend(title="amplitude")
     for panel in (left, right):
