@@ -90,6 +90,9 @@ def without_plane(
 class Resolution:
     """How much of a gap the contact points of a mesh resolve.
 
+    It is known at the points of quadrature, three in the length of a sub-cell: of what is finer
+    the rest is a sample, which the hats fit in part, so that it is said too small by up to a third.
+
     Attributes
     ----------
     whole, resolved, rest : float
