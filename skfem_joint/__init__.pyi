@@ -30,6 +30,10 @@ from skfem_joint.joint.joints import Joint as Joint
 from skfem_joint.joint.pressure import Bolt as Bolt
 from skfem_joint.joint.pressure import Bolts as Bolts
 from skfem_joint.joint.pressure import PressureTable as PressureTable
+from skfem_joint.joint.scans import NodeField as NodeField
+from skfem_joint.joint.scans import Scan as Scan
+from skfem_joint.joint.scans import read_node_field as read_node_field
+from skfem_joint.joint.scans import read_scan as read_scan
 from skfem_joint.linalg.parts import Parts as Parts
 from skfem_joint.mesh import NamedMesh as NamedMesh
 from skfem_joint.mesh import build_bar as build_bar

@@ -326,6 +326,12 @@ CLAIMS = {
     "measured-beam": Claim(
         "python examples/measured_beam.py", 800, {"measured-beam": as_text}, short="--short"
     ),
+    "bowed-beam": Claim(
+        f"{BENCHMARKS}/bowed_beam.py",
+        500,
+        {"bowed-beam": printed},
+        {"bowed_beam": "bowed_beam.png"},
+    ),
     "contact-block": Claim(f"{BENCHMARKS}/contact.py block", 10, {"contact-block": printed}),
     "contact-wall": Claim(f"{BENCHMARKS}/contact.py wall", 10, {"contact-wall": printed}),
     "contact-alike": Claim(f"{BENCHMARKS}/contact.py alike", 30, {"contact-alike": printed}),

@@ -11,7 +11,6 @@ from __future__ import annotations
 import io
 import math
 import re
-import unicodedata
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -22,13 +21,20 @@ from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, Validat
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_real
 from skfem_joint.ground.errors import InputError, refuse
-from skfem_joint.ground.text_tables import Mistakes, number_in, read_rows
+from skfem_joint.ground.text_tables import (
+    LENGTHS,
+    Mistakes,
+    column_units,
+    number_in,
+    plain_unit,
+    read_rows,
+)
 from skfem_joint.scene.messages import mistake, sentences
 from skfem_joint.scene.values import Count, Positive, SceneTable, has_no_repeats, key
 
 #: Units of the amplitude of each quantity and what they are in SI.
 AMPLITUDES: Mapping[str, Mapping[str, float]] = {
-    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9},
+    "displacement": LENGTHS,
     "velocity": {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6},
     "acceleration": {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665},
 }
@@ -150,33 +156,9 @@ def given_samples(arrays: Mapping[str, Any], where: str) -> Samples:
     return Samples(where, columns, units, "sample", np.arange(count), [])
 
 
-def _plain(unit: str) -> str:
-    """Unit in the letters of `COLUMNS`: µ is u, powers are plain digits, spaces are left out."""
-    return re.sub(r"\s|\^|\*\*", "", unicodedata.normalize("NFKC", unit).replace("μ", "u"))
-
-
 def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
     """Units of columns by their names; InputError for others than those of a curve or a signal."""
-    units: dict[str, str | None] = {}
-    problems = []
-    for text in texts:
-        parts = re.fullmatch(r"(.*?)\s*(?:[(\[]([^()\[\]]*)[)\]])?", text.strip())
-        name, unit = (parts[1].casefold(), _plain(parts[2] or "")) if parts else (text, "")
-        if name not in COLUMNS:
-            problems.append(
-                f"{where}: column {text!r}: must be one of {', '.join(COLUMNS)}, with a unit in "
-                "brackets"
-            )
-        elif name in units:
-            problems.append(f"{where}: found column {name!r} again, must be once")
-        elif unit and unit not in COLUMNS[name]:
-            problems.append(
-                f"{where}: column {text!r}: found unit {parts and parts[2]!r}, must be one of "
-                f"{', '.join(COLUMNS[name])}"
-            )
-        else:
-            units[name] = unit or None
-    refuse(problems)
+    units = column_units(texts, COLUMNS, where)
     for name in OFFSETS:
         own, of = units.get(f"{name}_deviation"), units.get(name) or next(iter(COLUMNS[name]))
         if f"{name}_deviation" in units and name not in units:
@@ -231,9 +213,9 @@ def check_samples(samples: Samples) -> None:
 
 
 def _unit(text: str) -> str:
-    if _plain(text) not in _ANY_AMPLITUDE:
+    if plain_unit(text) not in _ANY_AMPLITUDE:
         raise mistake(f"found {text!r}, must be one of {', '.join(_ANY_AMPLITUDE)}")
-    return _plain(text)
+    return plain_unit(text)
 
 
 def _direction(text: str) -> tuple[float, ...]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import io
 import logging
-from collections.abc import Iterable, Iterator
+import re
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from skfem_joint.ground.errors import InputError, refuse
@@ -14,6 +16,8 @@ _log = logging.getLogger(__name__)
 
 #: What may stand between cells, by the word of messages.
 SEPARATORS = {",": "','", ";": "';'", "\t": "tab"}
+#: Units of lengths, and what they are in metres.
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
 #: Most lines of a file that an error names.
 MOST_LISTED = 10
 
@@ -75,6 +79,58 @@ def number_in(cell: str) -> float | None:
         return float(cell)
     except ValueError:
         return None
+
+
+def plain_unit(unit: str) -> str:
+    """Unit in plain letters: µ is u, powers are plain digits, spaces are left out."""
+    return re.sub(r"\s|\^|\*\*", "", unicodedata.normalize("NFKC", unit).replace("μ", "u"))
+
+
+def column_units(
+    texts: Sequence[str], allowed: Mapping[str, Mapping[str, float]], where: str
+) -> dict[str, str | None]:
+    """Units of columns by their names, from texts such as ``height (um)`` or ``height [µm]``.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        What stands over the columns.
+    allowed : mapping
+        Units of each column that there may be.
+    where : str
+        Place for messages.
+
+    Returns
+    -------
+    dict
+        None for a column without a unit.
+
+    Raises
+    ------
+    InputError
+        For other columns, other units, and columns that stand twice; all of them at once.
+    """
+    units: dict[str, str | None] = {}
+    problems = []
+    for text in texts:
+        parts = re.fullmatch(r"(.*?)\s*(?:[(\[]([^()\[\]]*)[)\]])?", text.strip())
+        name, unit = (parts[1].casefold(), plain_unit(parts[2] or "")) if parts else (text, "")
+        if name not in allowed:
+            problems.append(
+                f"{where}: column {text!r}: must be one of {', '.join(allowed)}, with a unit in "
+                "brackets"
+            )
+        elif name in units:
+            problems.append(f"{where}: found column {name!r} again, must be once")
+        elif unit and unit not in allowed[name]:
+            problems.append(
+                f"{where}: column {text!r}: found unit {parts and parts[2]!r}, must be one of "
+                f"{', '.join(allowed[name])}"
+            )
+        else:
+            units[name] = unit or None
+    refuse(problems)
+    return units
 
 
 class Mistakes(list[str]):

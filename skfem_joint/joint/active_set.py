@@ -176,7 +176,7 @@ class UnilateralContact:
         active: BoolArray,
         solve: Callable[[FloatArray], FloatArray],
         force: FloatArray,
-        gap: FloatArray | float,
+        gap: FloatArray,
         u: FloatArray,
         p: FloatArray,
     ) -> tuple[FloatArray, FloatArray, float]:
@@ -187,14 +187,17 @@ class UnilateralContact:
         forces.
         """
         G, penalty, area = self.G[active], self.penalty[active, None], self.area[active, None]
-        G_T, gap = sparse.csr_array(G.T), np.broadcast_to(gap, p.shape)[active]
+        G_T, gap = sparse.csr_array(G.T), gap[active]
         largest = np.abs(force).max(axis=0)
         p, left, last = p[active], np.inf, np.inf
         for _ in range(20):
             r, apart = force - self.K @ u - G_T @ p, gap - G @ u
-            left = float((np.abs(r).max(axis=0) / np.where(largest > 0.0, largest, 1.0)).max())
-            if apart.size and u.any():
-                least = max(self.reach, np.finfo(float).tiny)
+            bearing = np.where(largest > 0.0, largest, np.abs(G_T @ p).max(axis=0))
+            left = float((np.abs(r).max(axis=0) / np.where(bearing > 0.0, bearing, 1.0)).max())
+            if apart.size and (u.any() or apart.any()):
+                # Before anything has moved, the gaps themselves are the measure.
+                first = 0.0 if u.any() else np.abs(gap / area).max()
+                least = max(self.reach, np.finfo(float).tiny, first)
                 moved = np.abs(u).max(axis=0, initial=least)
                 left += float((np.abs(apart / area) / moved).max())
             # It is corrected until little is left, or until that falls no further.
@@ -207,7 +210,9 @@ class UnilateralContact:
         whole[active] = p
         return u, whole, left
 
-    def rates(self, active: BoolArray, force_rates: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rates(
+        self, active: BoolArray, force_rates: FloatArray, gap_rates: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
         """Derivatives of displacement, (n, k), and pressure, (m, k), while the same is closed.
 
         One factor serves all parameters: that of `solve`, if it was called before and ended with
@@ -220,6 +225,8 @@ class UnilateralContact:
             What is closed, from `solve`.
         force_rates : ndarray, shape (n, k)
             Derivatives of the forces by k parameters.
+        gap_rates : ndarray, shape (m, k)
+            Derivatives of the initial gaps times areas.
 
         Raises
         ------
@@ -230,7 +237,7 @@ class UnilateralContact:
         if solve is None:
             solve = factorised(sparse.csr_array(_shifted(self.K) + self._springs(active)))
         u, p = np.zeros(force_rates.shape), np.zeros((active.size, force_rates.shape[1]))
-        u, p, left = self._balanced(active, solve, force_rates, 0.0, u, p)
+        u, p, left = self._balanced(active, solve, force_rates, gap_rates, u, p)
         if left >= _TOLERANCE:
             raise ConvergenceError(
                 f"derivatives of the preload: a share of {left:.2g} of the forces is left out of "

@@ -19,10 +19,11 @@ from skfem_joint.body.nodes import Nodes
 from skfem_joint.ground.arrays import BoolArray, as_real
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.values import BETA, NOT_NEGATIVE, POSITIVE, STIFFNESS, check, problems
-from skfem_joint.joint.doubts import faces_apart
+from skfem_joint.joint.doubts import doubtful_gaps, faces_apart
 from skfem_joint.joint.joints import PRELOAD, Joint, joint_problems
 from skfem_joint.joint.manifold import SMALL
 from skfem_joint.joint.patch import Patch, make_patch
+from skfem_joint.joint.pressure_space import pressure_space
 from skfem_joint.mesh import named
 from skfem_joint.mesh.cells import cell_of
 from skfem_joint.system.normal import NormalPart
@@ -167,7 +168,8 @@ def contact(
     **joint
         What a `Joint` takes: ``pressure``, ``friction``, ``against``, ``beta``, ``normal_force``,
         ``tangential_stiffness``, and ``contact="unilateral"`` for contact that opens and closes,
-        with ``gap`` and ``normal_stiffness``. Only there the pressure may be left out.
+        with ``gap``, ``gap_scale``, ``remove_plane`` and ``normal_stiffness``. Only there the
+        pressure may be left out.
 
     Returns
     -------
@@ -220,7 +222,8 @@ def contact(
     for i, row in enumerate(np.asarray(basis.dofs.element_dofs)):
         table[grid.of_element[i // dim], i % dim] = row
     held = np.isin(table, dof_numbers(fixed, basis.N))
-    patch = make_patch(grid, pressed, held, np.full(grid.n_nodes, -1))
+    space = pressure_space(grid, pressed) if pressed.opens else None
+    patch = make_patch(grid, pressed, held, np.full(grid.n_nodes, -1), None, space)
     rows, order_of = contact_rows([patch], held), selection(table.ravel(), basis.N)
     return replace(
         rows,
@@ -232,7 +235,10 @@ def contact(
         normal=replace(
             rows.normal, D=rows.normal.D @ order_of, pivots=table.ravel()[rows.normal.pivots]
         ),
-        notes=tuple(faces_apart(grid, [patch])),
+        notes=(
+            *faces_apart(grid, [patch]),
+            *(() if space is None else doubtful_gaps([pressed], {0: space})),
+        ),
     )
 
 

@@ -5,13 +5,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
 from skfem_joint.body.body import SECTION, Body
 from skfem_joint.body.nodes import Nodes, feet
+from skfem_joint.joint.gaps import surfaces
+from skfem_joint.joint.joints import Joint
 from skfem_joint.joint.patch import Patch
+from skfem_joint.joint.pressure_space import PressureSpace
+from skfem_joint.joint.scans import Scan
 from skfem_joint.mesh.cells import CONFORMING
 from skfem_joint.system.system import System
 
@@ -76,7 +80,8 @@ def oscillating_impacts(body: Body, patches: Sequence[Patch]) -> Iterator[str]:
     with a consistent mass, by 0.3 % with a lumped one.
     """
     for patch in patches:
-        if patch.joint.opens and patch.joint.gap > 0.0 and body.mass != "lumped":
+        starts_apart = patch.joint.has_gap and not patch.opening.force.any()
+        if patch.joint.opens and starts_apart and body.mass != "lumped":
             cure = "give material.mass_matrix = 'lumped'"
             if body.mesh.order > 1:
                 cure = "take elements of first order with material.mass_matrix = 'lumped'"
@@ -84,6 +89,51 @@ def oscillating_impacts(body: Body, patches: Sequence[Patch]) -> Iterator[str]:
                 f"Joint '{patch.joint.name}' starts apart, so that its faces will hit each other: "
                 "behind an impact forces oscillate by 20 to 50 % with a consistent mass, by its "
                 f"own dispersion, and hardly with a lumped one; {cure}."
+            )
+
+
+def resolved_gaps(joints: Sequence[Joint], spaces: Mapping[int, PressureSpace]) -> Iterator[str]:
+    """Sentences about how much of the gap of joints the contact points of the mesh resolve."""
+    for i, space in spaces.items():
+        found, scale = space.resolution, joints[i].gap_scale
+        if found is not None:
+            yield (
+                f"Gap of joint '{joints[i].name}': up to {scale * found.largest:.4g} m, its root "
+                f"mean square {scale * found.whole:.4g} m about the mean; the contact points "
+                f"resolve {scale * found.resolved:.4g} m of it and leave "
+                f"{scale * found.rest:.4g} m, {100.0 * found.lost:.2g} %."
+            )
+
+
+def doubtful_gaps(joints: Sequence[Joint], spaces: Mapping[int, PressureSpace]) -> Iterator[str]:
+    """Sentences about gaps that the mesh does not resolve, or that are large beside the face."""
+    for i, space in spaces.items():
+        found, name = space.resolution, joints[i].name
+        if found is None:
+            continue
+        largest = joints[i].gap_scale * found.largest
+        # A face of 0.1 m that is 1 mm out of plane is bent, not rough or bowed.
+        if largest > 0.01 * found.length:
+            yield (
+                f"The gap of joint '{name}' is up to {largest:.4g} m on a face {found.length:.4g} "
+                "m long: is it in metres? A unit stands in brackets behind the name of a column, "
+                "as in height (um)."
+            )
+        for scan in surfaces(joints[i].gap):
+            # So much larger than the face is a scan whose places are in another unit.
+            if isinstance(scan, Scan) and scan.extent > 30.0 * found.length:
+                yield (
+                    f"The scan {scan.name} of joint '{name}' is {scan.extent:.4g} m long, its face "
+                    f"{found.length:.4g} m: are its places in metres? A unit stands in brackets "
+                    "behind the name of a column, as in x (mm)."
+                )
+        # A tenth of the root mean square is a hundredth of its square.
+        if found.lost > 0.1:
+            yield (
+                f"The contact points of joint '{name}' miss {100.0 * found.lost:.2g} % of the root "
+                f"mean square of its gap, {joints[i].gap_scale * found.rest:.3g} m of "
+                f"{joints[i].gap_scale * found.whole:.3g} m: what is finer than elements of the "
+                "face does not act; refine them, or smooth the gap."
             )
 
 

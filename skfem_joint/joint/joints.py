@@ -10,6 +10,7 @@ import numpy as np
 from skfem_joint.body.checks import both_faces, one_of, overlap, wrong_name
 from skfem_joint.ground.arrays import IntArray
 from skfem_joint.ground.values import BETA, NOT_NEGATIVE, STIFFNESS, problems
+from skfem_joint.joint.gaps import Gap, is_surface, surfaces
 from skfem_joint.joint.pressure import Bolts, Pressure, PressureTable
 from skfem_joint.mesh import NamedMesh
 
@@ -43,8 +44,15 @@ class Joint:
         Whether the normal force stays as it is at rest and the contact closed; or follows the
         motion, and the contact opens and closes wherever the faces meet. The latter needs a
         boundary, in two dimensions or three; without a ``pressure`` (0) it is not pressed at rest.
-    gap : float
-        Distance by which the faces are apart at rest, m, beside that of the mesh.
+    gap : float, callable, Scan, NodeField, or sequence of the latter three
+        Distance by which the faces are apart at rest, m, beside that of the mesh; of several their
+        sum. A callable gets places (k, dim), m, and returns the gaps there, (k,). It needs contact
+        that opens, or ``pressure = "preload"``.
+    gap_scale : float
+        Factor on the gap, from 0 on.
+    remove_plane : bool
+        Whether the plane that fits a gap best over the face is taken out of it; the faces then
+        touch at the contact point where they are nearest to each other.
     normal_stiffness : float
         Of contact that opens, Pa/m; rigid if ``inf``.
     axis : tuple of float, optional
@@ -64,13 +72,20 @@ class Joint:
     axis: tuple[float, ...] | None = None
     tangential_stiffness: float = np.inf
     contact: str = "constant"
-    gap: float = 0.0
+    gap: Gap = 0.0
     normal_stiffness: float = np.inf
+    gap_scale: float = 1.0
+    remove_plane: bool = False
 
     @property
     def opens(self) -> bool:
         """Whether contact opens and closes."""
         return self.contact == "unilateral"
+
+    @property
+    def has_gap(self) -> bool:
+        """Whether a gap is given, beside that of the mesh."""
+        return bool(surfaces(self.gap)) or self.gap != 0.0
 
     @property
     def pressed_by_bolts(self) -> bool:
@@ -97,23 +112,48 @@ def joint_value_problems(joint: Joint) -> Iterator[str]:
     yield from problems(*stiffness, STIFFNESS)
     yield from one_of(f"{joint.label}: normal_force", joint.normal_force, ("consistent", "equal"))
     yield from one_of(f"{joint.label}: contact", joint.contact, ("constant", "unilateral"))
-    yield from problems(f"{joint.label}: gap", joint.gap, NOT_NEGATIVE)
+    yield from _gap_problems(joint)
     yield from problems(f"{joint.label}: normal_stiffness", joint.normal_stiffness, BETA)
     if joint.opens and joint.normal_force != "consistent":
         yield (
             f"{joint.label}: normal_force: found {joint.normal_force!r} beside contact = "
             "'unilateral', must be 'consistent'"
         )
-    if not joint.opens and (joint.gap > 0.0 or np.isfinite(joint.normal_stiffness)):
+    if not joint.opens and np.isfinite(joint.normal_stiffness):
         yield (
-            f"{joint.label}: found gap or normal_stiffness, which need contact = 'unilateral': "
-            "give it, or leave them out"
+            f"{joint.label}: found normal_stiffness, which needs contact = 'unilateral': give it, "
+            "or leave this out"
         )
     pressure = joint.pressure
     if isinstance(pressure, str) and pressure != PRELOAD:
         yield f"{joint.label}: pressure: found {pressure!r}, must be in Pa, or {PRELOAD!r}"
     elif not isinstance(pressure, PressureTable | Bolts | str):
         yield from problems(f"{joint.label}: pressure", pressure, NOT_NEGATIVE)
+
+
+def _gap_problems(joint: Joint) -> Iterator[str]:
+    """What is wrong with the gap of a joint."""
+    several = isinstance(joint.gap, Sequence) and not isinstance(joint.gap, str)
+    parts = surfaces(joint.gap) if several else (joint.gap,)
+    if not all(map(is_surface, parts)):
+        if several or isinstance(joint.gap, str):
+            yield (
+                f"{joint.label}: gap: found {joint.gap!r}, must be a number in m, a function of "
+                "places, a Scan (read_scan reads its file), a NodeField, or a list of these"
+            )
+            return
+        yield from problems(f"{joint.label}: gap", joint.gap, NOT_NEGATIVE)
+        if joint.remove_plane:
+            yield (
+                f"{joint.label}: remove_plane: found true beside a gap that is a number, which has "
+                "no plane; leave it out"
+            )
+    yield from problems(f"{joint.label}: gap_scale", joint.gap_scale, NOT_NEGATIVE)
+    if joint.has_gap and not joint.opens and joint.pressure != PRELOAD:
+        yield (
+            f"{joint.label}: found a gap, which needs contact = 'unilateral', or pressure = "
+            f"{PRELOAD!r}, by which bolts close it: give one of them, or leave the gap out"
+        )
 
 
 def joint_problems(mesh: NamedMesh, joints: Sequence[Joint]) -> Iterator[str]:

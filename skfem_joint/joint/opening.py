@@ -21,7 +21,7 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.joints import Joint
 from skfem_joint.joint.manifold import SMALL
-from skfem_joint.joint.pressure_space import PressureSpace, pressure_space
+from skfem_joint.joint.pressure_space import PressureSpace
 from skfem_joint.mesh.cells import spot
 from skfem_joint.system.normal import NormalPart
 
@@ -111,8 +111,8 @@ def opening_face(
     held: BoolArray,
     normals: FloatArray | None,
     nodal: FloatArray,
-    preloaded: NodalForces | None = None,
-    space: PressureSpace | None = None,
+    preloaded: NodalForces | None,
+    space: PressureSpace | None,
 ) -> OpeningFace:
     """Pressure points of a joint that opens.
 
@@ -126,25 +126,26 @@ def opening_face(
         Outward unit normals of the face.
     nodal : ndarray, shape (nodes of the body,)
         Normal forces by the joint's own pressure, N.
-    preloaded : NodalForces, optional
+    preloaded : NodalForces or None
         What counts in their place under a preload, and in place of the gap of mesh and joint.
-    space : PressureSpace, optional
-        Of the joint, if the preload has made it.
+    space : PressureSpace or None
+        Of the joint; None where it has no boundary.
 
     Raises
     ------
     InputError
         If the joint has no boundary, or a pressure is given beside a gap.
     """
-    space = pressure_space(body, joint) if space is None else space
     if space is None or normals is None:
         raise InputError(f"{joint.label}: contact = 'unilateral' needs a boundary")
     if preloaded is None:
-        force, gap = nodal[space.nodes], np.maximum(space.gap, 0.0) + joint.gap
-        if joint.gap > 0.0 and force.any():
+        given = joint.gap_scale * space.given
+        force, gap = nodal[space.nodes], np.maximum(space.gap, 0.0) + given
+        if given.any() and force.any():
             raise InputError(
-                f"{joint.label}: found a pressure beside gap = {joint.gap:g} m: faces that are "
-                "apart carry no pressure; leave one of them out"
+                f"{joint.label}: found a pressure beside a gap of up to {given.max():.4g} m: faces "
+                "that are apart carry no pressure; leave one of them out, or let bolts close the "
+                "gap (pressure = 'preload')"
             )
     else:
         force, gap = preloaded.contact_force, np.maximum(preloaded.contact_gap, 0.0)

@@ -116,8 +116,8 @@ def make_patch(
     joint: Joint,
     held: BoolArray,
     numbering: IntArray,
-    preloaded: NodalForces | None = None,
-    space: PressureSpace | None = None,
+    preloaded: NodalForces | None,
+    space: PressureSpace | None,
 ) -> Patch:
     """Contact points of a joint.
 
@@ -129,10 +129,10 @@ def make_patch(
         Displacements that supports hold.
     numbering : ndarray of int, shape (N,)
         Contact point of each node, -1 where there is none. New points are entered in it.
-    preloaded : NodalForces, optional
+    preloaded : NodalForces or None
         Normal forces from clamping bolts.
-    space : PressureSpace, optional
-        Pressures of the joint, if the preload has made them.
+    space : PressureSpace or None
+        Pressures of a joint that opens.
 
     Raises
     ------

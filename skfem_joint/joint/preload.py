@@ -129,9 +129,10 @@ def preload(
     """Pressures of the joints that clamping bolts press, by a static frictionless contact problem.
 
     The initial gap between the faces is that of the mesh, along the shortest way from the pressed
-    face to the other. Nodes without an opposite face within the length of an element never touch.
-    Joints whose pressure is given stay closed. Rigid motions that neither supports nor contact
-    determine do not matter, because clamp forces are in equilibrium by themselves.
+    face to the other, and that of the joint. Nodes without an opposite face within the length of an
+    element never touch. Joints whose pressure is given stay closed. Rigid motions that neither
+    supports nor contact determine do not matter, because clamp forces are in equilibrium by
+    themselves.
 
     Parameters
     ----------
@@ -162,7 +163,7 @@ def preload(
     faces = dict(spaces)
     force = np.reshape(clamps @ [bolt.force for bolt in bolts], (body.n_nodes, body.dim))
     N, area = _all_rows(faces, force.size)
-    gap = np.concatenate([face.gap + joints[i].gap for i, face in faces.items()])
+    gap = np.concatenate([f.gap + joints[i].gap_scale * f.given for i, f in faces.items()])
     counts = [face.nodes.size for face in faces.values()]
     tied = np.repeat([not joints[i].pressed_by_bolts for i in faces], counts)
     free, left_out = _moving(body, held, N, force)
@@ -190,12 +191,12 @@ def preload(
 
 
 def preload_rates(
-    body: Body, held: Preload, force_rates: FloatArray
+    body: Body, held: Preload, force_rates: FloatArray, gap_rates: FloatArray
 ) -> dict[int, tuple[FloatArray, FloatArray]]:
     """Derivatives of contact forces and gaps while the same nodes touch.
 
-    Closed gaps stay closed, open ones without pressure: with K u' + N^T F' = f' and N u' = 0 where
-    closed, the derivatives of forces and gaps at the nodes are F' and -N u'.
+    Closed gaps stay closed, open ones without pressure: with K u' + N^T F' = f' and N u' = g' where
+    closed, the derivatives of forces and gaps at the nodes are F' and g' - N u'.
 
     Parameters
     ----------
@@ -205,6 +206,8 @@ def preload_rates(
     force_rates : ndarray, shape (dim N, k)
         Derivatives f' of the forces on the nodes by k parameters. A change of the stiffness counts
         as -K' u.
+    gap_rates : ndarray, shape (q, k)
+        Derivatives g' of the initial gaps of all faces in turn.
 
     Returns
     -------
@@ -225,8 +228,8 @@ def preload_rates(
         none, no_force = np.zeros(area.size), np.zeros(np.count_nonzero(free))
         contact = UnilateralContact(K[free][:, free], G[:, free], area, none, none > 0.0, no_force)
     u = np.zeros(force_rates.shape)
-    u[free], p = contact.rates(faces.closed, force_rates[free])
-    parts = (np.split(x, faces.ends) for x in (area[:, np.newaxis] * p, -(N @ u)))
+    u[free], p = contact.rates(faces.closed, force_rates[free], area[:, np.newaxis] * gap_rates)
+    parts = (np.split(x, faces.ends) for x in (area[:, np.newaxis] * p, gap_rates - N @ u))
     return dict(zip(faces.spaces, zip(*parts, strict=True), strict=True))
 
 

@@ -45,10 +45,18 @@ from skfem_joint.body.nodes import Nodes, feet, values_in
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.clamps import PARALLEL
+from skfem_joint.joint.gaps import (
+    Resolution,
+    covered,
+    gaps_at,
+    is_relative,
+    surfaces,
+    without_plane,
+)
 from skfem_joint.joint.joints import Joint
 from skfem_joint.joint.manifold import Manifold, manifold_of
 from skfem_joint.joint.pressure import hat_simplices, measure
-from skfem_joint.mesh.cells import CONFORMING
+from skfem_joint.mesh.cells import CONFORMING, spot
 from skfem_joint.system.slips import rows_along, unit_vectors
 
 
@@ -57,7 +65,8 @@ class PressureSpace:
     """Pressures of the face of a joint, which may touch the other body or a rigid base.
 
     With forces F >= 0 of the k nodes, contact acts on the displacements with ``-N.T @ F``, its
-    mean gaps are ``gap - N @ u``, and constant friction limits follow ``means(F) @ F``.
+    mean gaps are ``gap + gap_scale given - N @ u``, and constant friction limits follow
+    ``means(F) @ F``.
 
     Attributes
     ----------
@@ -68,7 +77,11 @@ class PressureSpace:
     area : ndarray, shape (k,)
         Integral of each hat over the part that lies over the other face, m2.
     gap : ndarray, shape (k,)
-        Mean initial gap over each hat, m.
+        Mean initial gap of the mesh over each hat, m.
+    given : ndarray, shape (k,)
+        Mean gap of the joint over each hat, m, without its factor ``gap_scale``.
+    resolution : Resolution, optional
+        How much of the joint's gap is in these means, where it is not the same everywhere.
     hats : sparse array, shape (k, corners)
         Values of the hats of the corners at the nodes; rows sum to 1.
     other : sparse array, shape (k, nodes of the body)
@@ -79,8 +92,10 @@ class PressureSpace:
     N: sparse.csr_array
     area: FloatArray
     gap: FloatArray
+    given: FloatArray
     hats: sparse.csr_array
     other: sparse.csr_array
+    resolution: Resolution | None = None
 
     def means(self, force: FloatArray) -> sparse.csr_array:
         """Means G of forces over the hats of corners, (k, k); columns sum to 1.
@@ -111,7 +126,7 @@ def pressure_space(body: Nodes, joint: Joint) -> PressureSpace | None:
     Raises
     ------
     InputError
-        If no node lies over the other face.
+        If no node lies over the other face, and what is wrong with the joint's gap there.
     """
     manifold = manifold_of(body, joint)
     if manifold.normals is None:
@@ -131,14 +146,49 @@ def pressure_space(body: Nodes, joint: Joint) -> PressureSpace | None:
     area = np.asarray(tests.sum(axis=1)).ravel()
     mean = sparse.csr_array(sparse.diags_array(1.0 / area) @ tests)
     hats = body.from_vertices[nodes]
+    given, resolution = _given_gap(joint, points, nodes, mean)
     return PressureSpace(
         nodes=nodes,
         N=sparse.csr_array(mean @ points.motion),
         area=area,
         gap=np.asarray(mean @ points.gap),
+        given=given,
+        resolution=resolution,
         hats=sparse.csr_array(hats[:, np.unique(hats.indices)]),
         other=sparse.csr_array(other[over]),
     )
+
+
+def _given_gap(
+    joint: Joint, points: _FacePoints, nodes: IntArray, mean: sparse.csr_array
+) -> tuple[FloatArray, Resolution | None]:
+    """Mean gap of a joint over the hats of nodes (k,), m, and how much of it these means have.
+
+    ``mean`` (k, points) are the means over hats.
+    """
+    parts = surfaces(joint.gap)
+    if not parts:
+        return np.full(nodes.size, joint.gap, dtype=float), None
+    over = np.flatnonzero(points.weight > 0.0)
+    x, normal, weight = points.x[over], points.normal[over], points.weight[over]
+    values = gaps_at(parts, x, normal, joint.label)
+    touches = joint.remove_plane or is_relative(parts)
+    if joint.remove_plane:
+        values = without_plane(values, x, normal, weight)
+    elif not touches and values.min() < 0.0:
+        worst = int(values.argmin())
+        raise InputError(
+            f"{joint.label}: gap: found {values[worst]:.4g} m at {spot(x[worst])}, must be >= 0; "
+            "is it a height (kind = 'height', the name of the column)? remove_plane = true shifts "
+            "it so that the faces touch"
+        )
+    given = np.asarray(mean[:, over] @ values)
+    level = given.min() if touches else 0.0
+    hats = sparse.csr_array(points.hats[nodes][:, over])
+    inside = covered(hats, weight)
+    fine = hats[:, np.flatnonzero(inside)]
+    known = Resolution.of(values[inside] - level, x[inside], fine, weight[inside])
+    return given - level, known
 
 
 @dataclass(frozen=True)
@@ -147,6 +197,8 @@ class _FacePoints:
 
     Attributes
     ----------
+    x, normal : ndarray, shape (k, dim)
+        Their positions, m, and the face's normals there.
     hats : sparse array, shape (nodes, k)
         Hats of the nodes.
     weight : ndarray, shape (k,)
@@ -157,6 +209,8 @@ class _FacePoints:
         Initial gap, m.
     """
 
+    x: FloatArray
+    normal: FloatArray
     hats: sparse.csr_array
     weight: FloatArray
     motion: sparse.csr_array
@@ -173,12 +227,15 @@ class _FacePoints:
         rows, columns, values = np.broadcast_arrays(corner, points[..., np.newaxis], places)
         entries = values.ravel(), (rows.ravel(), columns.ravel())
         hats = gather @ sparse.csr_array(entries, shape=(corner.size, len(x)))
-        n, gap, values_there = _opposite(body, joint, x, unit_vectors(hats.T @ normals))
+        normal = unit_vectors(hats.T @ normals)
+        n, gap, values_there = _opposite(body, joint, x, normal)
         weight = np.outer(measure(corners) * manifold.depth[parent], weights).ravel()
         parent = np.repeat(parent, points.shape[1])
         own_values = values_in(body, manifold.elements[parent], x, np.zeros(len(x)))[0]
         relative = sparse.kron(own_values - values_there, sparse.eye_array(body.dim))
         return _FacePoints(
+            x=x,
+            normal=normal,
             hats=sparse.csr_array(hats),
             weight=np.where(np.isnan(gap), 0.0, weight),
             motion=sparse.csr_array(rows_along(np.arange(len(x)), n, len(x)) @ relative),

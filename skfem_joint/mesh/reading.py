@@ -438,3 +438,18 @@ def _line(xyz: FloatArray) -> tuple[FloatArray, FloatArray]:
     if along[np.argmax(np.abs(along) > TOLERANCE * length)] < 0.0:
         a, along = b, -along
     return xyz[a], along / length
+
+
+def group_nodes(file: Path, name: str) -> tuple[IntArray, FloatArray]:
+    """Nodes of a physical group of a Gmsh file, and their places (k, 3) in its unit.
+
+    The nodes, (k,), count from 0 in the order of their numbers in the file. InputError if the file
+    cannot be read, or has no such group.
+    """
+    raw = _read(file)
+    groups = {group: blocks for group, blocks in raw.cell_sets.items() if blocks}
+    if name not in groups:
+        raise InputError(f"{file}: found no group {name!r}; it has {', '.join(groups) or 'none'}")
+    cells = (raw.cells[block].data[own].ravel() for block, own in groups[name].items())
+    nodes = np.unique(np.concatenate([*cells]))
+    return nodes, np.asarray(raw.points[nodes], dtype=np.float64)

@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeAlias
 
-from pydantic import Field, Tag, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PrivateAttr,
+    Tag,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.joints import Joint
 from skfem_joint.joint.pressure import Bolt, Bolts, PressureTable
+from skfem_joint.joint.scans import NodeField, Scan, read_node_field, read_scan
 from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.values import (
     Coordinates,
     Direction,
+    FileName,
     NotNegative,
     Number,
     Positive,
@@ -83,6 +94,83 @@ class BoltPressureTable(_PressureTable):
         return Bolts(bolts, self.reach)
 
 
+class ScanTable(SceneTable):
+    """``gap = { file, origin, axes, margin }``: measured topography of a face or of the gap."""
+
+    file: FileName = key(
+        "name of a CSV file, relative to the scene, whose first line names its columns: x, y (not "
+        "for plates from the side), and height, by which the face stands out towards the other, or "
+        "gap; in m, or with a unit in brackets, as in height (um)"
+    )
+    origin: Coordinates | None = key(
+        "where the scan's origin lies on the mesh, [x, y] or [x, y, z], m; at its origin if not "
+        "given",
+        None,
+    )
+    axes: TomlList[Direction] | None = key(
+        "directions of the scan's axes on the mesh, [[x, y, z], [x, y, z]], or [[x, y]]; x, and y, "
+        "if not given",
+        None,
+    )
+    margin: NotNegative = key(
+        "distance beyond the measured places up to which the values at the edge go on, m", 0.0
+    )
+    _scan: Scan = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _read(self, info: ValidationInfo) -> Self:
+        folder: Path = (info.context or {}).get("folder", Path())
+        try:
+            self._scan = read_scan(folder / self.file, **self.model_dump(exclude={"file"}))
+        except InputError as error:
+            raise mistake("\n".join(error.problems)) from error
+        return self
+
+    def to_surface(self) -> Scan:
+        """The scan of this table."""
+        return self._scan
+
+
+class NodeFieldTable(SceneTable):
+    """``gap = { file, field, on, kind, scale }``: a field of nodes of a mesh file."""
+
+    file: FileName = key("name of a Gmsh file, relative to the scene")
+    field: str = key("name of the field, a section $NodeData of the file, in m")
+    on: str = key("physical group of the face whose nodes count")
+    kind: Literal["gap", "height"] = key(
+        "distance of the faces, or how far this face stands out towards the other", "gap"
+    )
+    scale: Positive = key("length of the unit of the file's nodes, m", 1.0)
+    _field: NodeField = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _read(self, info: ValidationInfo) -> Self:
+        folder: Path = (info.context or {}).get("folder", Path())
+        try:
+            given = self.model_dump(exclude={"file"})
+            self._field = read_node_field(folder / self.file, **given)
+        except InputError as error:
+            raise mistake("\n".join(error.problems)) from error
+        return self
+
+    def to_surface(self) -> NodeField:
+        """The field of this table."""
+        return self._field
+
+
+def _as_table(given: object) -> object:
+    """Table of a scan whose file alone is given."""
+    return {"file": given} if isinstance(given, str) else given
+
+
+#: A surface of a list, or the only one.
+AnySurface: TypeAlias = Annotated[
+    Annotated[ScanTable, Tag(Form.TABLE)] | Annotated[NodeFieldTable, Tag(Form.FIELD)],
+    by_form(Form.FIELD, otherwise=Form.TABLE),
+    BeforeValidator(_as_table),
+]
+
+
 class JointTable(SceneTable):
     """``[[joint]]``: a part of a body pressed on a rigid base, or on another body."""
 
@@ -126,10 +214,25 @@ class JointTable(SceneTable):
         "direction along which the paper's modes are scaled, [x, y] or [x, y, z]; not for bars",
         None,
     )
-    gap: NotNegative = key(
-        "distance between the faces at rest, m, beside that of the mesh; with contact = "
-        "'unilateral'",
+    gap: Annotated[
+        Annotated[NotNegative, Tag(Form.NUMBER)]
+        | Annotated[ScanTable, Tag(Form.TABLE)]
+        | Annotated[NodeFieldTable, Tag(Form.FIELD)]
+        | Annotated[TomlList[AnySurface], Tag(Form.LIST)],
+        by_form(Form.TABLE, Form.FIELD, Form.LIST),
+        BeforeValidator(_as_table),
+    ] = key(
+        "distance between the faces at rest, m, beside that of the mesh, or files of measured "
+        "topography of a face, or of both; with contact = 'unilateral' or pressure = 'preload'",
         0.0,
+        allowed="number >= 0, name of a file, a table { file, origin, axes, margin } or { file, "
+        "field, on, kind, scale }, or a list of files and tables",
+    )
+    gap_scale: NotNegative = key("factor on the gap", 1.0)
+    remove_plane: bool = key(
+        "whether the plane that fits the gap best over the face is taken out of it; the faces then "
+        "touch where they are nearest to each other",
+        False,
     )
     normal_stiffness: Positive | None = key(
         "stiffness of the interface across the faces, Pa/m, with contact = 'unilateral'; rigid if "
@@ -152,9 +255,12 @@ class JointTable(SceneTable):
     @model_validator(mode="after")
     def _opens_alone(self) -> Self:
         if self.contact != "unilateral":
-            for name in ("gap", "normal_stiffness"):
-                if getattr(self, name):
-                    raise mistake("needs contact = 'unilateral'; give it, or leave this out", name)
+            if self.normal_stiffness:
+                wrong = "needs contact = 'unilateral'; give it, or leave this out"
+                raise mistake(wrong, "normal_stiffness")
+            if self.gap and self.pressure != "preload":
+                wrong = "needs contact = 'unilateral', or pressure = 'preload', by which bolts "
+                raise mistake(f"{wrong}close it; give one of them, or leave this out", "gap")
         return self
 
     @model_validator(mode="after")
@@ -181,6 +287,10 @@ class JointTable(SceneTable):
         values = self.model_dump(exclude={"law"})
         if isinstance(self.pressure, _PressureTable):
             values["pressure"] = self.pressure.to_pressure()
+        if isinstance(self.gap, ScanTable | NodeFieldTable):
+            values["gap"] = self.gap.to_surface()
+        elif isinstance(self.gap, tuple):
+            values["gap"] = tuple(part.to_surface() for part in self.gap)
         for name in ("beta", "tangential_stiffness", "normal_stiffness"):
             if values[name] is None:
                 values[name] = math.inf

@@ -109,8 +109,11 @@ def _tables(
         head, _, rest = " ".join(own_words.split()).partition("``: ")
         yield KeyTable(path, head.removeprefix("``"), rest, rows)
         for name, part in own.items():
-            inner = tables_in(part.get("additionalProperties", part), defs)
-            if with_keys := [each for each in inner if "properties" in each]:
+            with_keys: list[Schema] = []
+            for each in tables_in(part.get("additionalProperties", part), defs):
+                if "properties" in each and each not in with_keys:  # also as entry of a list
+                    with_keys.append(each)
+            if with_keys:
                 below = f"{path}.{name}" if path else name
                 what = part.get("description", "")
                 yield from _tables(below, f"[[{below}]]", what, with_keys, defs)

@@ -32,6 +32,7 @@ class Form(StrEnum):
     TABLE = "form: table"
     LIST = "form: list"
     BOLTS = "form: bolts"
+    FIELD = "form: field"
 
 
 def mistake(text: str, key: str = "") -> PydanticCustomError:

@@ -15,7 +15,7 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.key_paths import Location, key_parts
 
 #: Keys of a sweep whose values are names of files.
-_FILES_OF_SWEEP = re.compile(r"mesh\.file|load\[\d+\]\.file")
+_FILES_OF_SWEEP = re.compile(r"mesh\.file|load\[\d+\]\.file|joint\[\d+\]\.gap(\.file)?")
 
 
 def rewritten(text: str, values: Mapping[str, float], folder: Path, target: Path) -> str:
@@ -42,8 +42,8 @@ def rewritten(text: str, values: Mapping[str, float], folder: Path, target: Path
     document = tomlkit.parse(text)
     for key, value in values.items():
         _set(document, key_parts(key) or (key,), float(value), key)
-    for table, key in _file_keys(document):
-        table[key] = _moved(table[key], folder.resolve(), target.resolve())
+    for owner, place in _file_keys(document):
+        owner[place] = _moved(owner[place], folder.resolve(), target.resolve())
     return tomlkit.dumps(document)
 
 
@@ -60,23 +60,38 @@ def _set(document: Any, parts: Location, value: float, key: str) -> None:
         raise InputError(f"{key}: the scene has no such table") from error
 
 
-def _file_keys(document: Any) -> Iterator[tuple[Any, str]]:
-    """Tables of a scene and their keys that name files."""
+def _file_keys(document: Any) -> Iterator[tuple[Any, str | int]]:
+    """Tables and lists of a scene, and their keys and positions that name files."""
     if "file" in document.get("mesh", {}):
         yield document["mesh"], "file"
     for load in document.get("load", ()):
         if "file" in load:
             yield load, "file"
+    for joint in document.get("joint", ()):
+        if "gap" in joint:
+            yield from _files_of_gap(joint)
     sweep = document.get("sweep", {})
     for key in list(sweep):
         if _FILES_OF_SWEEP.fullmatch(key):
             yield sweep, key
 
 
+def _files_of_gap(joint: Any) -> Iterator[tuple[Any, str | int]]:
+    """As `_file_keys`, of a joint with a gap: a number, a file, a table with one, or a list."""
+    gap = joint["gap"]
+    if isinstance(gap, list):
+        for i, part in enumerate(gap):
+            yield (part, "file") if isinstance(part, dict) else (gap, i)
+    else:
+        yield (gap, "file") if isinstance(gap, dict) else (joint, "gap")
+
+
 def _moved(names: Any, folder: Path, target: Path) -> Any:
-    """Name of a file, or a list of such, relative to another folder."""
-    if not isinstance(names, str):
+    """Name of a file, or a list of such, relative to another folder; other values as they are."""
+    if isinstance(names, list):
         return [_moved(name, folder, target) for name in names]
+    if not isinstance(names, str):
+        return names
     path = folder / names
     if Path(names).is_absolute():
         return str(names)

@@ -72,8 +72,9 @@ def by_form(*forms: Form, otherwise: Form = Form.NUMBER) -> Discriminator:
         elif isinstance(value, list | tuple):
             form = Form.LIST
         elif isinstance(value, Mapping | BaseModel):
-            bolts = Form.BOLTS in forms and "bolts" in dict(value)
-            form = Form.BOLTS if bolts else Form.TABLE
+            own = {Form.BOLTS: "bolts", Form.FIELD: "field"}
+            named = (form for form in forms if form in own and own[form] in dict(value))
+            form = next(named, Form.TABLE)
         return form if form in forms else otherwise
 
     return Discriminator(form_of)

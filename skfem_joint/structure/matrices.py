@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import InputError, listed, refuse
+from skfem_joint.joint.gaps import surfaces
 from skfem_joint.joint.joints import Joint, joint_value_problems
 from skfem_joint.joint.manifold import SMALL, slip_directions
 from skfem_joint.joint.patch import Patch, point_stiffness
@@ -246,7 +247,7 @@ class MatrixModel:
         Degrees of freedom that the rows determine are added to ``taken``.
         """
         rows = self.contacts[joint.on]
-        gap = joint.gap + _gaps(rows)
+        gap = joint.gap_scale * (np.asarray(joint.gap, dtype=float) + _gaps(rows))
         force = np.where(gap > 0.0, 0.0, np.asarray(joint.pressure, dtype=float) * rows[:, 9])
         pressed = np.flatnonzero(rows[:, 9] > 0.0 if joint.opens else force > 0.0)
         rows, force, gap, k = rows[pressed], force[pressed], gap[pressed], pressed.size
@@ -449,15 +450,20 @@ def _on_surfaces(joint: Joint) -> Iterator[str]:
     for name, usual in (("against", None), ("axis", None), ("normal_force", "consistent")):
         if getattr(joint, name) != usual:
             yield f"{joint.label}: {name}: found beside matrices, whose contacts tell; leave it out"
+    if surfaces(joint.gap):
+        yield (
+            f"{joint.label}: gap: found a field beside matrices, whose nodes have no places; must "
+            f"be a number in m, or stand in column {COLUMNS} of the contact"
+        )
     if not isinstance(joint.pressure, int | float):
         what = repr(joint.pressure) if isinstance(joint.pressure, str) else "a table"
         yield (
             f"{joint.label}: pressure: found {what}, must be a number in Pa beside matrices; what "
             "differs from pair to pair goes into the areas"
         )
-    elif joint.pressure > 0.0 and joint.gap > 0.0:
+    elif joint.pressure > 0.0 and not surfaces(joint.gap) and joint.has_gap:
         yield (
-            f"{joint.label}: found a pressure beside gap = {joint.gap:g} m: nodes that are apart "
+            f"{joint.label}: found a pressure beside gap = {joint.gap} m: nodes that are apart "
             "carry no pressure; leave one of them out, or give single pairs gaps, in column "
             f"{COLUMNS} of the contact"
         )

@@ -104,7 +104,7 @@ def with_values(structure: Structure, values: Mapping[str, float]) -> Structure:
     ----------
     structure : Structure
     values : mapping
-        Values by key: friction, pressure, tangential_stiffness and normal_stiffness of
+        Values by key: friction, pressure, tangential_stiffness, normal_stiffness and gap_scale of
         ``joint[i]``, and ``joint[i].pressure.bolts[k].force`` of bolts that are a pressure;
         ``bolt[k].force``; ``material.E`` and ``material.regions.NAME.E``; ``damping.ratio``,
         ``damping.stiffness`` and ``damping.mass``.
@@ -199,6 +199,8 @@ def _numbers(structure: Structure) -> Iterator[tuple[Location, float]]:
         yield ("joint", i, "tangential_stiffness"), float(joint.tangential_stiffness)
         if joint.opens:
             yield ("joint", i, "normal_stiffness"), float(joint.normal_stiffness)
+        if joint.has_gap:
+            yield ("joint", i, "gap_scale"), float(joint.gap_scale)
     for i, clamp in enumerate(structure.bolts):
         yield ("bolt", i, "force"), float(clamp.force)
     yield ("material", "E"), float(structure.material.E)
@@ -230,6 +232,8 @@ def _why_not(structure: Structure, key: str, parts: Location | None) -> str:
             return "found a table, must be a number; a table of pressures cannot be varied"
         case ("joint", int(i), "normal_stiffness") if 0 <= i < len(structure.joints):
             return "needs a joint with contact = 'unilateral'"
+        case ("joint", int(i), "gap_scale") if 0 <= i < len(structure.joints):
+            return "needs a joint with a gap"
         case ("damping", "ratio"):
             return "found none; give it a value to start from"
         case ("damping", "stiffness" | "mass"):

@@ -5,7 +5,8 @@ All are exact as long as the same nodes touch:
 - Friction limits w = sum mu N are linear in the coefficients of friction mu and the normal forces N
   of a pressure or of bolts around their holes.
 - Normal forces of clamping bolts are those of the static problem of the preload. With its closed
-  gaps kept closed, K u' + N^T F' = f' - K' u and N u' = 0 there: a linear problem with one factor
+  gaps kept closed, K u' + N^T F' = f' - K' u and N u' = g' there, with the derivative g' of the
+  gap given by its scale: a linear problem with one factor
   for all parameters, :func:`skfem_joint.joint.preload.preload_rates`.
 - K is linear in each Young's modulus, springs in the stiffness of the surfaces.
 - C = a M + b K. With a damping ratio a and b follow two frequencies, of which those that are
@@ -146,22 +147,26 @@ class _Model:
 
         The dictionaries are empty where there are none. All parameters share a factor.
         """
-        body, found = self.structure.body, self.structure.preload
+        body, found, spaces = self.structure.body, self.structure.preload, self.structure.spaces
         none: list[dict[int, Rates]] = [{} for _ in wanted]
         if found is None:
             return none
-        forces, columns = [], []
+        forces, gaps, columns = [], [], []
         for number, (one, K) in enumerate(zip(wanted, by_modulus, strict=True)):
+            force = np.zeros(found.force.size)
             bolts = [int(place[1]) for place in one.places if place[0] == "bolt"]
+            scaled = {place[1] for place in one.places if place[2:] == ("gap_scale",)}
             if bolts:
-                forces.append(np.asarray(found.faces.clamps[:, bolts].sum(axis=1)).ravel())
+                force = np.asarray(found.faces.clamps[:, bolts].sum(axis=1)).ravel()
             elif K is not None:
-                forces.append(-(K @ found.displacement.ravel()))
-            else:
+                force = -(K @ found.displacement.ravel())
+            elif not scaled:
                 continue
+            forces.append(force)
+            gaps.append(np.concatenate([(i in scaled) * face.given for i, face in spaces.items()]))
             columns.append(number)
         if forces:
-            rates = preload_rates(body, found, np.stack(forces, axis=1))
+            rates = preload_rates(body, found, np.stack(forces, axis=1), np.stack(gaps, axis=1))
             for column, number in enumerate(columns):
                 none[number] = {
                     i: self._at_joint(i, pressed, F[:, column], g[:, column])
@@ -191,7 +196,10 @@ class _Model:
         gap, force, stiffness = ([np.zeros(0)] for _ in range(3))
         for i, (patch, keys) in enumerate(zip(patches, own, strict=True)):
             face = patch.opening
-            nodal, gaps = rates.get(i, (self._pressed(one, i), np.zeros(face.gap.size)))
+            own_gap = np.zeros(face.gap.size)
+            if "gap_scale" in keys and patch.joint.opens:
+                own_gap = self.structure.spaces[i].given
+            nodal, gaps = rates.get(i, (self._pressed(one, i), own_gap))
             w[patch.points] += patch.joint.friction * _on_points(patch, nodal)
             w[patch.points] += ("friction" in keys) * patch.normal_force
             gap.append(np.where(face.gap > 0.0, gaps, 0.0)[face.moves])

@@ -196,21 +196,27 @@ class Structure:
             object.__setattr__(other, name, getattr(self, name))
 
         def pressed(structure: Structure) -> list[Any]:
-            joints = ((j.on, j.against, j.gap, j.pressed_by_bolts) for j in structure.joints)
-            return [*joints, *(replace(bolt, force=1.0) for bolt in structure.bolts)]
+            faces = (
+                (j.on, j.against, j.gap, j.remove_plane, j.pressed_by_bolts)
+                for j in structure.joints
+            )
+            return [*faces, *(replace(bolt, force=1.0) for bolt in structure.bolts)]
+
+        def forced(structure: Structure) -> list[Any]:
+            return [*structure.bolts, *(j.gap_scale for j in structure.joints)]
 
         if self.mesh is not other.mesh or not np.array_equal(self.held, other.held):
             return
         known = vars(self).get("preload")
         if known is None or pressed(self) != pressed(other):
             return
-        if other.body is self.body and self.bolts == other.bolts:
-            vars(other)["preload"] = known
-        elif all(
+        if all(
             np.array_equal(self.body.properties[name], other.body.properties[name])
             for name in ("width", "thickness")
         ):
             object.__setattr__(other, "_faces", known.faces)
+        if other.body is self.body and forced(self) == forced(other):
+            vars(other)["preload"] = known
 
     def _damping_problems(self) -> list[str]:
         """What is wrong with the damping."""
@@ -300,6 +306,7 @@ class Structure:
         pressed, creep = self.preload, ", and creeps under the arctan law"
         steep = all(np.isinf(patch.joint.beta) for patch in self.patches)
         return [
+            *doubts.resolved_gaps(self.joints, self.spaces),
             *(() if pressed is None else pressed.sentences(self.joints, self.bolts)),
             *(
                 f"Friction alone holds {label}: it may slip away{'' if steep else creep}."
@@ -314,6 +321,7 @@ class Structure:
             *self.mesh.notes,
             *self._order_notes,
             *doubts.unusual_values(self.body),
+            *doubts.doubtful_gaps(self.joints, self.spaces),
             *stiff(self.body, self.mesh_error),
         ]
 
@@ -381,26 +389,36 @@ class Structure:
         """Static solution under the clamp forces; what is wrong without it is refused before."""
         like = self._faces
         clamps = like.clamps if like else unit_clamps(self.body, self.bolts)
-        spaces = like.spaces if like else self._pressure_spaces()
-        _ = self.cuts, self._patches(None, spaces)  # which refuse what is wrong
-        solved = self.body, self.held, self.joints, self.bolts, clamps, spaces
+        _ = self.cuts, self._patches(None)  # which refuse what is wrong
+        solved = self.body, self.held, self.joints, self.bolts, clamps, self.spaces
         return preload(*solved, like, progress, self.parts)
 
-    def _pressure_spaces(self) -> dict[int, PressureSpace]:
-        """Pressures of the joints, by their numbers."""
-        every = ((i, pressure_space(self.body, joint)) for i, joint in enumerate(self.joints))
-        return {i: space for i, space in every if space is not None}
+    @cached_property
+    def spaces(self) -> Mapping[int, PressureSpace]:
+        """Pressures of the joints that open, or of all with clamping bolts, by their numbers."""
+        if self._faces is not None:
+            return self._faces.spaces
+        spaces: dict[int, PressureSpace] = {}
+        wrong: list[str] = []
+        for i, joint in enumerate(self.joints):
+            try:
+                space = pressure_space(self.body, joint) if joint.opens or self.bolts else None
+            except InputError as error:
+                wrong += error.problems
+                continue
+            if space is not None:
+                spaces[i] = space
+        refuse(wrong)
+        return spaces
 
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
         """Contact points of each joint."""
         if self.preload is None:
-            return self._patches([None] * len(self.joints), {})
-        return self._patches(self.preload.joints, self.preload.faces.spaces)
+            return self._patches([None] * len(self.joints))
+        return self._patches(self.preload.joints)
 
-    def _patches(
-        self, pressed: Sequence[NodalForces | None] | None, spaces: Mapping[int, PressureSpace]
-    ) -> tuple[Patch, ...]:
+    def _patches(self, pressed: Sequence[NodalForces | None] | None) -> tuple[Patch, ...]:
         """Contact points of joints that are pressed so.
 
         Before a preload, without ``pressed``, those whose contact points do not depend on it: all
@@ -411,7 +429,7 @@ class Structure:
         numbering = np.full(self.n_nodes, -1, dtype=np.intp)
         for i, joint in enumerate(self.joints):
             try:
-                known = pressed[i] if pressed else None, spaces.get(i)
+                known = pressed[i] if pressed else None, self.spaces.get(i)
                 patch = make_patch(self.body, joint, self.held, numbering, *known)
                 check_shared(self.body, patches, patch)
                 patches.append(patch)

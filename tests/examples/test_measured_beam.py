@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from benchmarks import bowed_beam
 from gallery import EXAMPLES
 
 from skfem_joint.mesh import load_meshes
@@ -33,3 +34,19 @@ def test_measured_curves_are_of_one_mode_and_damping_rises_with_amplitude():
         assert np.all(np.diff(damping) > 0.0)
         assert np.all((damping > 1e-3) & (damping < 1e-2))
         assert np.all(np.abs(frequency / 80.4 - 1.0) < 0.005)
+
+
+def test_a_bow_opens_the_lap_at_its_ends_or_in_its_middle():
+    x = np.array([[-0.06, 0.0, 0.0], [0.0, 0.01, 0.0], [0.03, 0.0, 0.0], [0.0601, 0.0, 0.0]])
+    assert bowed_beam.shape(x, 1.0) == pytest.approx([1.0, 0.0, 0.25, 1.0])
+    assert bowed_beam.shape(x, -1.0) == pytest.approx([0.0, 1.0, 0.75, 0.0])
+
+
+@pytest.mark.slow
+def test_the_benchmark_of_bows_runs(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    bowed_beam.main(["--quick"])
+    shown = capsys.readouterr().out
+    assert "| -10 |" in shown
+    assert "80.57 Hz measured" in shown
+    assert (tmp_path / "bowed_beam.png").stat().st_size > 1000

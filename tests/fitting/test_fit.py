@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from clamped_plates import bar, lapped
+from clamped_plates import bar, bolted, lapped
+from clamped_plates import loads as plate_loads
 
 import skfem_joint as sj
 from skfem_joint.fitting import fit as fit_module
@@ -308,6 +309,21 @@ def test_a_value_that_may_be_zero_is_fitted_as_it_is():
     assert found.values == pytest.approx(TRUTH, rel=1e-4)
     low, high = found.interval(RATIO)
     assert high - found.values[RATIO] == pytest.approx(found.values[RATIO] - low, rel=1e-9)
+
+
+def test_the_scale_of_a_gap_is_found():
+    """Of a bow between bolted plates, whose preload it changes."""
+    scale, on = "joint[0].gap_scale", plate_loads("right", 2)
+    bow = {"gap": lambda x: 3e-6 * (x[:, 0] / 0.075 - 1.0) ** 2}
+    given = bolted(joint=bow, damping_ratio=2e-3)
+    amplitude = np.geomspace(1e-4, 2.5e-4, 5)
+    like = samples(np.full(5, 300.0), np.full(5, 0.01), amplitude, point="right", direction="y")
+    problem = sj.FitProblem(given, like, {scale: (0.1, 3.0)}, on)
+    (known,) = problem.predict(problem.start, [like.displacement])
+    data = samples(known.frequency, known.damping, amplitude, point="right", direction="y")
+    start = with_values(given, {scale: 0.5})
+    found = sj.fit(start, data, {scale: (0.1, 3.0)}, on)
+    assert found.values[scale] == pytest.approx(1.0, rel=1e-3)
 
 
 # %% What is refused

@@ -249,6 +249,29 @@ def test_texts_keep_all_but_the_values(tmp_path):
     }
 
 
+def test_files_of_gaps_are_those_beside_the_scene(tmp_path):
+    text = """\
+joint = [
+  { on = "a", gap = "a.csv" }, { on = "b", gap = { file = "b.csv", margin = 1e-3 } },
+  { on = "c", gap = ["c.csv", { file = "d.csv" }] }, { on = "d", gap = 1e-6 }, { on = "e" },
+]
+[sweep]
+"joint[0].gap" = ["a.csv", "f.csv"]
+"joint[3].gap" = [1e-6, 2e-6]
+"""
+    moved = tomllib.loads(rewritten(text, {"joint[0].gap_scale": 2.0}, tmp_path, tmp_path / "out"))
+    assert moved["joint"] == [
+        {"on": "a", "gap": "../a.csv", "gap_scale": 2.0},
+        {"on": "b", "gap": {"file": "../b.csv", "margin": 1e-3}},
+        {"on": "c", "gap": ["../c.csv", {"file": "../d.csv"}]},
+        {"on": "d", "gap": 1e-6},
+        {"on": "e"},
+    ]
+    assert moved["sweep"] == {
+        "joint[0].gap": ["../a.csv", "../f.csv"], "joint[3].gap": [1e-6, 2e-6]
+    }  # fmt: skip
+
+
 BOLTS = """pressure = { bolts = [
   { at = [0.03, 0.0], force = 20e3, head_radius = 0.01, spreading_angle = 45.0 },  # held
   { at = [0.07, 0.0], force = 20e3, head_radius = 0.01, spreading_angle = 45.0 },

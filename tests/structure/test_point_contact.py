@@ -146,6 +146,8 @@ def test_pairs_with_gaps_are_apart_at_rest_and_the_others_pressed():
     assert normal.force.tolist() == [10.0, 0.0]
     assert normal.gap.tolist() == [0.0, 0.3]
     assert normal.stiffness.tolist() == [8.0, 8.0]
+    scaled = model(np.vstack([PAIR, other]), gap_scale=2.0).unloaded.contact.normal
+    assert scaled.gap.tolist() == [0.0, 0.6]
     even = model(pressure=0.0, gap=0.1).unloaded.contact
     assert even.normal.gap.tolist() == [0.1]
     assert even.w.tolist() == [0.0]
@@ -173,6 +175,8 @@ SHARED = "give all that open a finite normal_stiffness"
          "contact.foot: pair 1, found .*gap must be a finite number"),
         (model, {"pairs": changed(10, 0.1), "contact": "constant"}, "needs contact = 'unilateral'"),
         (model, {"gap": 0.1}, "joint 'foot': found a pressure beside gap = 0.1 m"),
+        (model, {"gap": lambda x: x[:, 0], "pressure": 0.0},
+         "joint 'foot': gap: found a field beside matrices.*column 11"),
         (model, {"fixed": [1]}, "no pair with an area has a degree of freedom along its normal"),
         (model, {"pairs": PAIR[:, [*range(11), 10]]},
          "must have 10 columns.*one more where pairs have ga"),

@@ -159,9 +159,13 @@ def test_derivatives_of_a_preload_need_no_factor_that_was_kept():
     """Sent to another process a structure has no factor, a large one not even its problem."""
     given = bolted(joint={"contact": "unilateral"}, regions={"ub": {"E": 100e9}})
     sent = pickle.loads(pickle.dumps(given))  # noqa: S301 - its own
-    rates = np.random.default_rng(1).normal(size=(given.n_dofs, 2))
+    rng = np.random.default_rng(1)
+    rates = (
+        rng.normal(size=(given.n_dofs, 2)),
+        1e-9 * rng.normal(size=(given.spaces[0].area.size, 2)),
+    )
     preloads = given.preload, sent.preload, replace(given.preload, contact=None)
-    known, *others = (preload_rates(given.body, held, rates)[0] for held in preloads)
+    known, *others = (preload_rates(given.body, held, *rates)[0] for held in preloads)
     for found in others:
         for one, two in zip(found, known, strict=True):
             np.testing.assert_allclose(one, two, atol=1e-9 * np.abs(two).max())
