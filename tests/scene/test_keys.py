@@ -15,6 +15,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
 #: Keys that hold pure numbers: factors, ratios and relative errors.
 PURE = {
     *("poisson", "friction", "ratio", "rho_infinity", "displacement", "energy", "levels", "up_to"),
+    "acceleration_g",
     *("axis", "direction"),  # their length does not count
     *("sweep.KEY.from", "sweep.KEY.to"),  # in the unit of the key they stand for
     *("reduction.range.slip", "reduction.range.KEY"),
