@@ -230,15 +230,15 @@ def _mode(backbone: SceneBackbone, model: ModelBackbone, k: int, places: Places)
 
 
 def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = ()) -> Figure:
-    """Frequency and damping over the amplitude of each mode.
+    """Frequency, damping ratio and loss factor over the amplitude of each mode.
 
     ``largest`` is, for each mode, the displacement (m) of the node that it moves most at a modal
     amplitude of 1 m kg^1/2: the amplitude is then drawn as this node's displacement. Without it the
     modal amplitude is drawn, which grows with the load even where a named point does not.
     """
     first = models[0].curves
-    figure = new_figure(7.5, 3.3 * len(first))
-    panels = figure.subplots(len(first), 2, squeeze=False)
+    figure = new_figure(10.5, 3.3 * len(first))
+    panels = figure.subplots(len(first), 3, squeeze=False)
     for k, (row, curve) in enumerate(zip(panels, first, strict=True)):
         label, scale = "modal amplitude, m·√kg", 1.0
         if largest:
@@ -265,8 +265,10 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
                     panel.plot(
                         at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
                     )
+            _draw_losses(row[2], c, model.at[k : k + 1], scale, colour, LINES[model.name])
         row[0].set(xlabel=label, ylabel="frequency, Hz")
         row[1].set(xlabel=label, ylabel="damping ratio, %")
+        row[2].set(xlabel=label, ylabel="loss factor")
         row[0].axhline(curve.stuck_frequency, color="#888888", linestyle=":", label="stuck")
         row[0].set_title(f"mode {curve.mode}", loc="left")
         row[0].legend(fontsize="small")
@@ -274,6 +276,18 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
             plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
     return figure
+
+
+def _draw_losses(
+    panel: Any, c: Backbone, asked: Sequence[AtAmplitudes], scale: float, colour: str, line: str
+) -> None:
+    """Loss factor of a curve, and with its error at the amplitudes that were asked for."""
+    panel.semilogx(c.amplitude / scale, c.losses.loss_factor, line, color=colour)
+    for at in asked:
+        eta = at.curve.losses.loss_factor
+        error = np.nan_to_num(at.total) * eta
+        look = {"color": colour, "capsize": 3, "markerfacecolor": "none"}
+        panel.errorbar(at.curve.amplitude / scale, eta, error, fmt="o", **look)
 
 
 def write_response(
@@ -388,13 +402,13 @@ def _at_peak(curve: Curve, by_place: PlaceResults) -> dict[str, Any]:
 
 
 def response_figure(response: SceneResponse) -> Figure:
-    """Amplitude over load level, and phase, of the point that moves most.
+    """Amplitude over load level and phase of the point that moves most, and loss factor.
 
     The linear structures with stuck and with loose joints are drawn beside them.
     """
     points, most = response.scene.system().points, response.models[0].largest
-    figure = new_figure(7.5, 6.0)
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    figure = new_figure(7.5, 7.5)
+    upper, lower, lost = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 1))
     drawn = drawn_curves(response)
     columns = [curve.column("amplitude")[:, most] / curve.level for curve, _ in drawn]
     unit, scale = prefixed_unit("m", [np.nan_to_num(column) for column in columns])
@@ -406,12 +420,14 @@ def response_figure(response: SceneResponse) -> Figure:
         upper.semilogy(f, column / scale, **look)
         phase = np.degrees(np.unwrap(np.nan_to_num(curve.column("phase")[:, most])))
         lower.plot(f, phase, **look)
+        lost.plot(f, curve.losses.loss_factor, **look)
     upper.set(ylabel=f"amplitude over level, {unit}", xmargin=0.0)
     upper.set_title(points[most], loc="left")
     upper.legend(fontsize="small", ncols=2)
-    lower.set(xlabel="frequency, Hz", ylabel="phase, degrees")
+    lower.set(ylabel="phase, degrees")
+    lost.set(xlabel="frequency, Hz", ylabel="loss factor")
     plain_ticks(upper.yaxis)
-    for panel in (upper, lower):
+    for panel in (upper, lower, lost):
         panel.grid(alpha=0.3)
     return figure
 
