@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -151,17 +151,10 @@ def scene_backbone(
         if change is not None:
             normal[c.mode] = change
             warnings += change.doubts(f"Mode {c.mode}: at the highest level ")
-    report = partial(progress, "error of the mesh")
-    mesh, why = _by_mesh(scene, system, full, report)
+    mesh, why = _by_mesh(scene, system, full, partial(progress, "error of the mesh"))
     warnings += why
-    full_at: dict[int, AtAmplitudes] = {}
-    for curve in full:
-        if asked is None:
-            break
-        at = _at(scene, system, curve, asked, partial(progress, "full model, amplitudes"))
-        if curve.mode in mesh:
-            at.errors["mesh"] = _mesh_at(scene, at, report)
-        full_at[curve.mode] = at
+    full_at, why = _full_at(scene, system, full, mesh, progress)
+    warnings += why
     released = _released(scene, system)
     models = []
     for name in scene.models.run:
@@ -201,6 +194,30 @@ def _amplitudes(scene: Scene) -> Amplitudes | None:
     return None if table is None else Amplitudes(**table.model_dump(exclude_none=True))
 
 
+def _full_at(
+    scene: Scene,
+    system: System,
+    curves: Sequence[Backbone],
+    mesh: Collection[int],
+    progress: Progress,
+) -> tuple[dict[int, AtAmplitudes], list[str]]:
+    """Full model's modes at the amplitudes that a scene asks for, and notes; none if it asks none.
+
+    The error by the mesh is that of the modes of which ``mesh`` has that of the curve.
+    """
+    asked, found, notes = _amplitudes(scene), dict[int, AtAmplitudes](), list[str]()
+    if asked is None:
+        return found, notes
+    for curve in curves:
+        report = partial(progress, "full model, amplitudes")
+        at = _at(scene, system, curve, asked, report)
+        if curve.mode in mesh:
+            errors, why = _mesh_at(scene, at, partial(progress, "error of the mesh, amplitudes"))
+            at, notes = replace(at, errors=at.errors | errors), notes + why
+        found[curve.mode] = at
+    return found, notes
+
+
 def _at(
     scene: Scene, system: System, curve: Backbone, asked: Amplitudes, report: Progress
 ) -> AtAmplitudes:
@@ -216,12 +233,23 @@ def _at(
     return AtAmplitudes(asked, found, errors)
 
 
-def _mesh_at(scene: Scene, at: AtAmplitudes, report: Progress) -> FloatArray:
-    """Errors of the loss factor at amplitudes by the mesh: what halved elements change there."""
-    finer, mode, up_to = finer_mesh(scene).system(), at.curve.mode, scene.backbone.up_to
-    (other,) = backbone(finer, (mode,), at.asked, up_to, progress=report)
+def _mesh_at(
+    scene: Scene, at: AtAmplitudes, report: Progress
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """Errors of the loss factor at amplitudes by the mesh, and why they are not known.
+
+    They are what halved elements change at the same amplitudes.
+    """
+    mode, up_to = at.curve.mode, scene.backbone.up_to
+    try:
+        finer = finer_mesh(scene).system()
+        (other,) = backbone(finer, (mode,), at.asked, up_to, progress=report)
+    except JointError as error:
+        return {}, [
+            f"Mode {mode}: the errors by the mesh at given amplitudes are not estimated: {error}"
+        ]
     change = other.losses.loss_factor / at.curve.losses.loss_factor - 1.0
-    return np.asarray(BEYOND * np.abs(change))
+    return {"mesh": np.asarray(BEYOND * np.abs(change))}, []
 
 
 def _beside(small: AtAmplitudes, full: AtAmplitudes) -> AtAmplitudes:

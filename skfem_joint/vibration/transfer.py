@@ -82,8 +82,9 @@ def check_kind(system: System, kind: str) -> None:
     if kind not in KINDS:
         raise InputError(f"frequency response: found {kind!r}, must be one of {', '.join(KINDS)}")
     load = system.loads[0]
-    period = common_period(one.amplitude for one in system.loads) or 1.0
-    if not abs(_load_harmonics(system, 1.0 / period, 1.0)[0]) > 0.0:
+    period = common_period(one.amplitude for one in system.loads) or 0.0
+    turns = [round(part.frequency * period) for part in load.amplitude.harmonics if part.amplitude]
+    if 1 not in turns:
         raise InputError(
             f"frequency response: the first load, on {load.on!r}, has no first harmonic to divide "
             "by; put one that has it first"

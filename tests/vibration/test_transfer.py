@@ -1,5 +1,7 @@
 """Frequency responses of linear vibration against closed forms, and of the moving base."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bodies import DENSITY, STEEL, THICKNESS, WIDTH, E
@@ -67,3 +69,12 @@ def test_what_there_is_not_is_refused():
         sj.frequency_response(system, curve, "tip")
     with pytest.raises(sj.InputError, match="needs a base that moves"):
         sj.frequency_response(system, curve, "mass", "transmissibility")
+
+
+def test_a_load_without_a_first_harmonic_has_nothing_to_divide_by():
+    system = oscillator(sj.Harmonic(2.0, 2.0), damping_ratio=ZETA)
+    other = system.loads[0]
+    both = replace(system, loads=(other, replace(other, amplitude=sj.Harmonic(1.0, 1.0))))
+    curve = responded(both, FREQUENCIES[:1])
+    with pytest.raises(sj.InputError, match="has no first harmonic"):
+        sj.frequency_response(both, curve, "mass")
