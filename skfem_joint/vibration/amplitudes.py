@@ -180,21 +180,12 @@ class LevelSearch:
     def correct(self, reached: FloatArray) -> None:
         """Next levels, after values (values,) at those tried last."""
         self._found.append((self.tried, reached))
-        slope = self._expected / level_of(np.maximum(reached, 1e-300), *self._curve)
+        change = self._expected / level_of(np.maximum(reached, 1e-300), *self._curve)
         # Beyond the value, so that it lies between two levels.
-        step = np.clip(np.log(slope) * 1.2, -STEP, STEP)
-        every = [(np.array(x), np.array(y)) for x, y in zip(*self._by_value(), strict=True)]
-        self.tried = np.array(
-            [
-                _between(*one, value, last * np.exp(move))
-                for one, value, last, move in zip(every, self.asked, self.tried, step, strict=True)
-            ]
-        )
-
-    def _by_value(self) -> tuple[FloatArray, FloatArray]:
-        """Levels tried so far, and what was reached there, (values, tries)."""
-        levels, values = zip(*self._found, strict=True)
-        return np.array(levels).T, np.array(values).T
+        beyond = self.tried * np.exp(np.clip(1.2 * np.log(change), -STEP, STEP))
+        levels, values = (np.array(tries).T for tries in zip(*self._found, strict=True))
+        every = zip(levels, values, self.asked, beyond, strict=True)
+        self.tried = np.array([_between(*one) for one in every])
 
 
 def _between(level: FloatArray, value: FloatArray, asked: float, otherwise: float) -> float:
