@@ -54,8 +54,13 @@ from skfem_joint.results.active_region import ActiveRegion as ActiveRegion
 from skfem_joint.results.active_region import active_region as active_region
 from skfem_joint.results.history import Errors as Errors
 from skfem_joint.results.history import compare as compare
+from skfem_joint.results.loss import Losses as Losses
+from skfem_joint.results.loss import losses as losses
 from skfem_joint.results.natural_modes import NaturalModes as NaturalModes
 from skfem_joint.results.natural_modes import natural_modes as natural_modes
+from skfem_joint.results.places import PlaceResults as PlaceResults
+from skfem_joint.results.places import Places as Places
+from skfem_joint.results.places import places_of as places_of
 from skfem_joint.results.stress import StressCycle as StressCycle
 from skfem_joint.results.stress import StressHistory as StressHistory
 from skfem_joint.results.stress import stress_history as stress_history
@@ -97,6 +102,7 @@ from skfem_joint.system.system import AppliedLoad as AppliedLoad
 from skfem_joint.system.system import System as System
 from skfem_joint.system.system_files import load as load
 from skfem_joint.system.system_files import save as save
+from skfem_joint.vibration.amplitudes import Amplitudes as Amplitudes
 from skfem_joint.vibration.backbone import Backbone as Backbone
 from skfem_joint.vibration.backbone import backbone as backbone
 from skfem_joint.vibration.backbone_sensitivity import (
@@ -110,6 +116,7 @@ from skfem_joint.vibration.response_curve import Curve as Curve
 from skfem_joint.vibration.response_curve import SteadyPoint as SteadyPoint
 from skfem_joint.vibration.ring_down import RingDown as RingDown
 from skfem_joint.vibration.ring_down import ring_down as ring_down
+from skfem_joint.vibration.transfer import frequency_response as frequency_response
 
 __version__: str
 __all__: list[str]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -110,20 +111,46 @@ def _off_path(mesh: NamedMesh, bolt: Clamp, where: str, joints: Sequence[Joint])
         )
 
 
-def clamp_forces(body: Body, bolt: Clamp, where: str) -> FloatArray:
-    """Forces (N, dim) of a bolt, N: opposite on both surfaces, along the line of their middles."""
+class ClampLine(NamedTuple):
+    """The line along which a bolt pulls.
+
+    Attributes
+    ----------
+    shares : list of ndarray, shape (N,)
+        Share of each node in the force on each of its surfaces.
+    outwards : list of ndarray, shape (dim,)
+        Mean outward normal of each surface.
+    middle : ndarray, shape (dim,)
+        Middle of the first surface, m.
+    along : ndarray, shape (dim,)
+        Unit vector along the line; zero where both middles are one point.
+    """
+
+    shares: list[FloatArray]
+    outwards: list[FloatArray]
+    middle: FloatArray
+    along: FloatArray
+
+
+def clamp_line(body: Body, bolt: Clamp) -> ClampLine:
+    """Line of a bolt: through the middles of its surfaces, or along the normal of a single one."""
     shares = [body.even_shares(name) for _, name in bolt.surfaces]
     middles = [share @ body.nodes for share in shares]
     outwards = []
     for _, name in bolt.surfaces:
         part = body.facet_basis(body.mesh.boundaries[name])
         outwards.append(np.einsum("dfq,fq->d", part.normals, part.dx) / part.dx.sum())
-    pulls = 1.0 if bolt.shank else -1.0
     line = middles[1] - middles[0] if len(middles) == 2 else -outwards[0]
     if np.linalg.norm(line) < 1e-6 * body.size and bolt.shank:
         line = outwards[0]
     size = float(np.linalg.norm(line))
-    e = line / size if size else line
+    return ClampLine(shares, outwards, middles[0], line / size if size else line)
+
+
+def clamp_forces(body: Body, bolt: Clamp, where: str) -> FloatArray:
+    """Forces (N, dim) of a bolt, N: opposite on both surfaces, along the line of their middles."""
+    shares, outwards, _, e = clamp_line(body, bolt)
+    pulls = 1.0 if bolt.shank else -1.0
     for sign, (key, name), normal in zip((1.0, -1.0), bolt.surfaces, outwards, strict=False):
         if sign * pulls * (normal @ e) < PARALLEL:
             what = "pull the faces of the cut together" if bolt.shank else "press"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import safe_names
+from skfem_joint.output import loss
 from skfem_joint.output.backbone_peaks import (
     COLOURS,
     LINES,
@@ -24,15 +25,17 @@ from skfem_joint.output.tables import Table, by_columns, write_table
 from skfem_joint.output.universal import scene_uff
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.results.history import QUANTITIES
+from skfem_joint.results.places import PlaceResults, Places, places_of
 from skfem_joint.scene import Scene
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.study.backbone_peaks import backbone_peaks
 from skfem_joint.study.premises import premises
-from skfem_joint.study.scene_backbone import ModelBackbone, SceneBackbone
-from skfem_joint.study.scene_response import SceneResponse
+from skfem_joint.study.scene_backbone import AtAmplitudes, ModelBackbone, SceneBackbone
+from skfem_joint.study.scene_response import SceneResponse, asked_table
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.response import HARMONICS
 from skfem_joint.vibration.response_curve import Curve
+from skfem_joint.vibration.transfer import KINDS, frequency_response
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,26 +46,24 @@ _DOTS = {"full": ".", "condensed": "+", "reduced": "x"}
 def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     """Write ``backbone.csv``, ``ring_down.csv`` if asked for, ``backbone.png``, a summary."""
     structure = backbone.scene.structure()
-    names = safe_names(backbone.scene.system().points)
-    rows = [
-        {
-            "model": model.name, "mode": c.mode, "level": c.level[k] / c.slips_at,
-            "modal_amplitude": c.amplitude[k], "frequency_Hz": c.frequency[k],
-            "damping_ratio": c.damping_ratio[k],
-            **_named("displacement_{}_m", names, c.displacement[k]),
-            "slipping_share": c.share[k], "friction_damping_ratio": c.friction_damping[k],
-            "viscous_damping_ratio": c.viscous_damping[k],
-            "state": c.state[k], "doubt": c.doubts[k],
-            **({} if c.offset is None else {"modal_offset": c.offset[k]}),
-            **({} if c.opened is None else {"opened_share": c.opened[k]}),
-            **_by_mesh(backbone, c.mode, k),
-            **_active_lengths(structure, c.slip[k]),
-        }
-        for model in backbone.models
-        for c in model.curves
-        for k in range(c.level.size)
-    ]  # fmt: skip
+    system = backbone.scene.system()
+    names, places = safe_names(system.points), places_of(structure, system)
+    rows, at_rows = [], []
+    for model in backbone.models:
+        for c in model.curves:
+            by_place = places.of_curve(c.friction_work, c.slip)
+            for k, row in enumerate(_curve_rows(model.name, c, names)):
+                row |= _by_mesh(backbone, c.mode, k)
+                row |= c.losses.row(k) | loss.place_cells(by_place, k)
+                rows.append(row | _active_lengths(structure, c.slip[k]))
+        for at in model.at:
+            c, by_place = at.curve, places.of_curve(at.curve.friction_work, at.curve.slip)
+            for k, row in enumerate(_curve_rows(model.name, c, names)):
+                row |= c.losses.row(k) | loss.error_cells(at, k) | loss.place_cells(by_place, k)
+                at_rows.append(loss.asked_cells(at, k) | row)
     tables = {"backbone.csv": by_columns(rows)}
+    if at_rows:
+        tables["amplitudes.csv"] = by_columns(at_rows)
     if backbone.models[0].ring_downs:
         rows = [
             {
@@ -76,7 +77,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         ]  # fmt: skip
         tables["ring_down.csv"] = by_columns(rows)
     models = {
-        model.name: {"modes": [_mode(backbone, model, k) for k in range(len(model.curves))]}
+        model.name: {"modes": [_mode(backbone, model, k, places) for k in range(len(model.curves))]}
         for model in backbone.models
     }
     figures = {"backbone.png": backbone_figure(backbone.models, backbone.largest)}
@@ -86,6 +87,22 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         _content(backbone.scene, models, backbone_lines(backbone), backbone.notes),
         tables,
     )
+
+
+def _curve_rows(model: str, c: Backbone, names: Sequence[str]) -> Iterator[dict[str, Any]]:
+    """Rows of the table of a curve, without what comes from elsewhere."""
+    for k in range(c.level.size):
+        yield {
+            "model": model, "mode": c.mode, "level": c.level[k] / c.slips_at,
+            "modal_amplitude": c.amplitude[k], "frequency_Hz": c.frequency[k],
+            "damping_ratio": c.damping_ratio[k],
+            **_named("displacement_{}_m", names, c.displacement[k]),
+            "slipping_share": c.share[k], "friction_damping_ratio": c.friction_damping[k],
+            "viscous_damping_ratio": c.viscous_damping[k],
+            "state": c.state[k], "doubt": c.doubts[k],
+            **({} if c.offset is None else {"modal_offset": c.offset[k]}),
+            **({} if c.opened is None else {"opened_share": c.opened[k]}),
+        }  # fmt: skip
 
 
 def _by_mesh(backbone: SceneBackbone, mode: int, level: int) -> dict[str, float]:
@@ -113,6 +130,8 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"It errs by {worst['frequency']:.2g} % in frequency and by "
                 f"{worst['damping_ratio']:.2g} % in damping at most."
             )
+    for model in backbone.models:
+        lines += [line for at in model.at for line in _asked_lines(backbone, model.name, at)]
     lines += [
         f"Mode {mode}: the mesh errs by an estimated {_to(errors.frequency)} % in frequency and "
         f"{_to(errors.damping_ratio)} % in damping, from the lowest level to the highest."
@@ -124,6 +143,12 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
         for mode, change in backbone.normal.items()
     ]
     return lines
+
+
+def _asked_lines(backbone: SceneBackbone, model: str, at: AtAmplitudes) -> Iterator[str]:
+    """What is printed of the amplitudes that were asked for."""
+    places = places_of(backbone.scene.structure(), backbone.scene.system())
+    yield from loss.amplitude_lines(model, at, places)
 
 
 def _to(errors: FloatArray) -> str:
@@ -173,7 +198,7 @@ def _active_lengths(structure: AnyStructure, slip: FloatArray) -> dict[str, floa
     return _named("active_length_{}_m", safe_names(lengths), lengths.values())
 
 
-def _mode(backbone: SceneBackbone, model: ModelBackbone, k: int) -> dict[str, Any]:
+def _mode(backbone: SceneBackbone, model: ModelBackbone, k: int, places: Places) -> dict[str, Any]:
     """Content of the summary about the curve number ``k`` of a model."""
     c = model.curves[k]
     content: dict[str, Any] = {
@@ -184,7 +209,10 @@ def _mode(backbone: SceneBackbone, model: ModelBackbone, k: int) -> dict[str, An
         "masing_error": c.masing_error,
         "largest_damping_ratio": float(c.damping_ratio.max()),
         "lowest_frequency_Hz": float(c.frequency.min()),
+        "highest_level": loss.content(c.losses, places.of_curve(c.friction_work, c.slip), -1),
     }
+    for at in model.at[k : k + 1]:
+        content["amplitudes"] = loss.amplitude_content(at, places)
     if c.estimated:
         content["estimated_error"] = dict(c.estimated)
     if c.mode in backbone.mesh:
@@ -210,15 +238,15 @@ def _mode(backbone: SceneBackbone, model: ModelBackbone, k: int) -> dict[str, An
 
 
 def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = ()) -> Figure:
-    """Frequency and damping over the amplitude of each mode.
+    """Frequency, damping ratio and loss factor over the amplitude of each mode.
 
     ``largest`` is, for each mode, the displacement (m) of the node that it moves most at a modal
     amplitude of 1 m kg^1/2: the amplitude is then drawn as this node's displacement. Without it the
     modal amplitude is drawn, which grows with the load even where a named point does not.
     """
     first = models[0].curves
-    figure = new_figure(7.5, 3.3 * len(first))
-    panels = figure.subplots(len(first), 2, squeeze=False)
+    figure = new_figure(10.5, 3.3 * len(first))
+    panels = figure.subplots(len(first), 3, squeeze=False)
     for k, (row, curve) in enumerate(zip(panels, first, strict=True)):
         label, scale = "modal amplitude, m·√kg", 1.0
         if largest:
@@ -245,8 +273,10 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
                     panel.plot(
                         at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
                     )
+            _draw_losses(row[2], c, model.at[k : k + 1], scale, colour, LINES[model.name])
         row[0].set(xlabel=label, ylabel="frequency, Hz")
         row[1].set(xlabel=label, ylabel="damping ratio, %")
+        row[2].set(xlabel=label, ylabel="loss factor")
         row[0].axhline(curve.stuck_frequency, color="#888888", linestyle=":", label="stuck")
         row[0].set_title(f"mode {curve.mode}", loc="left")
         row[0].legend(fontsize="small")
@@ -254,6 +284,18 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
             plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
     return figure
+
+
+def _draw_losses(
+    panel: Any, c: Backbone, asked: Sequence[AtAmplitudes], scale: float, colour: str, line: str
+) -> None:
+    """Loss factor of a curve, and with its error at the amplitudes that were asked for."""
+    panel.semilogx(c.amplitude / scale, c.losses.loss_factor, line, color=colour)
+    for at in asked:
+        eta = at.curve.losses.loss_factor
+        error = np.nan_to_num(at.total) * eta
+        look = {"color": colour, "capsize": 3, "markerfacecolor": "none"}
+        panel.errorbar(at.curve.amplitude / scale, eta, error, fmt="o", **look)
 
 
 def write_response(
@@ -265,6 +307,11 @@ def write_response(
     """
     points, structure = response.scene.system().points, response.scene.structure()
     names, numbers = safe_names(points), range(1, HARMONICS + 1)
+    places = places_of(structure, response.scene.system())
+    every_curve = [(model.name, curve) for model in response.models for curve in model.curves]
+    losses = {(name, curve.level): curve.losses for name, curve in every_curve}
+    functions = {(name, curve.level): _functions(response, curve) for name, curve in every_curve}
+    by_place = {(name, curve.level): loss.of_response(places, curve) for name, curve in every_curve}
     every = [p for model in response.models for curve in model.curves for p in curve.points]
     served = any(np.isfinite(p.model_error) for p in every)  # by a model for a range
     harmonics = [f"{k}_{name}" for name in names for k in numbers]
@@ -278,13 +325,16 @@ def write_response(
             **_named("harmonic_{}_m", harmonics, np.abs(p.harmonics).ravel()),
             "friction_energy_J": p.friction_energy, "input_energy_J": p.input_energy,
             "largest_slip_m": p.slip.max(initial=0.0), "slipping_share": p.share,
+            **{column: values[k] for column, values in functions[model.name, curve.level].items()},
             "periods": p.periods, "residual": p.change, "step_error": p.step_error,
             **({"model_error": p.model_error} if served else {}),
+            **losses[model.name, curve.level].row(k),
+            **loss.place_cells(by_place[model.name, curve.level], k),
             **_active_lengths(structure, p.slip),
         }
         for model in response.models
         for curve in model.curves
-        for p in curve.points
+        for k, p in enumerate(curve.points)
     ]  # fmt: skip
     models = {
         model.name: {
@@ -293,6 +343,7 @@ def write_response(
             "wall_s": model.wall_s,
             "levels": [
                 _level(curve, points, None if not model.estimates else model.estimates[k])
+                | {"peak": _at_peak(curve, by_place[model.name, curve.level])}
                 for k, curve in enumerate(model.curves)
             ],
         }
@@ -347,14 +398,35 @@ def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]
     }
 
 
+def _functions(response: SceneResponse, curve: Curve) -> dict[str, FloatArray]:
+    """Columns of the frequency responses that a scene asks for: size and phase, first harmonic."""
+    system, columns = response.scene.system(), dict[str, FloatArray]()
+    names = safe_names(system.points)
+    for kind in asked_table(response.scene).functions:
+        unit = KINDS[kind][0].replace("/", "_per_").replace("²", "2")
+        for point, name in zip(system.points, names, strict=True):
+            found = frequency_response(system, curve, point, kind)[:, 0]
+            columns[f"{kind}_{name}{'_' * bool(unit)}{unit}"] = np.abs(found)
+            columns[f"{kind}_{name}_phase_rad"] = np.angle(found)
+    return columns
+
+
+def _at_peak(curve: Curve, by_place: PlaceResults) -> dict[str, Any]:
+    """Content of the summary about the frequency of a response nearest to its peak."""
+    f, amplitude = curve.column("frequency"), curve.column("amplitude")[:, curve.largest]
+    known = np.isfinite(amplitude)
+    nearest = int(np.where(known, np.abs(f - curve.peak[0]), np.inf).argmin())
+    return {"frequency_Hz": float(f[nearest]), **loss.content(curve.losses, by_place, nearest)}
+
+
 def response_figure(response: SceneResponse) -> Figure:
-    """Amplitude over load level, and phase, of the point that moves most.
+    """Amplitude over load level and phase of the point that moves most, and loss factor.
 
     The linear structures with stuck and with loose joints are drawn beside them.
     """
     points, most = response.scene.system().points, response.models[0].largest
-    figure = new_figure(7.5, 6.0)
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    figure = new_figure(7.5, 7.5)
+    upper, lower, lost = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 1))
     drawn = drawn_curves(response)
     columns = [curve.column("amplitude")[:, most] / curve.level for curve, _ in drawn]
     unit, scale = prefixed_unit("m", [np.nan_to_num(column) for column in columns])
@@ -366,12 +438,14 @@ def response_figure(response: SceneResponse) -> Figure:
         upper.semilogy(f, column / scale, **look)
         phase = np.degrees(np.unwrap(np.nan_to_num(curve.column("phase")[:, most])))
         lower.plot(f, phase, **look)
+        lost.plot(f, curve.losses.loss_factor, **look)
     upper.set(ylabel=f"amplitude over level, {unit}", xmargin=0.0)
     upper.set_title(points[most], loc="left")
     upper.legend(fontsize="small", ncols=2)
-    lower.set(xlabel="frequency, Hz", ylabel="phase, degrees")
+    lower.set(ylabel="phase, degrees")
+    lost.set(xlabel="frequency, Hz", ylabel="loss factor")
     plain_ticks(upper.yaxis)
-    for panel in (upper, lower):
+    for panel in (upper, lower, lost):
         panel.grid(alpha=0.3)
     return figure
 

@@ -178,13 +178,14 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
             add(f"{label} at {name}, mm", "{:.5g}", at(key, name), 1e3)
     add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
     add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
+    add("loss factor", "{:.4g}", at("loss_factor"))
     if not cycles:
         totals = [sum(energies.values()) for energies in at("friction_energy_J")]
         add("friction energy, J", "{:.4g}", totals)
     for name in _names(table or {} for table in at("loads")):
         stiffness = at("loads", name, "secant_stiffness_N_per_m")
         add(f"secant stiffness at {name}, N/m", "{:.4g}", stiffness)
-    for row in _joint_rows(at):
+    for row in (*_joint_rows(at), *_bolt_rows(at)):
         add(*row)
     for label, key, form in (
         ("displacement history", "displacement_rms", "{:.3g}"),
@@ -240,6 +241,16 @@ def _joint_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[A
             ("points of {} that slip, %", "slipping_fraction", 100.0),
         ):
             yield label.format(name), "{:.4g}", at("joints", name, key), scale
+
+
+def _bolt_rows(at: Callable[..., list[Any]]) -> Iterator[tuple[str, str, list[Any], float]]:
+    """The same for each bolt."""
+    for name in _names(table or {} for table in at("bolts")):
+        for label, key in (
+            ("share of {} in the friction loss, %", "loss_share"),
+            ("share of {} that slips, %", "slipping_share"),
+        ):
+            yield label.format(name), "{:.3g}", at("bolts", name, key), 100.0
 
 
 def _percent(value: float | None) -> str:

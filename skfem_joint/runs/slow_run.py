@@ -140,7 +140,14 @@ class _SlowDriver:
         self.given, self.plan, self.solver, self.done = given, plan, solver, 0
         self.system = solver.to.system
         self.loads = LoadSteps(self.system, plan.step, plan.n_steps)
-        self.recorder = Recorder(self.system, plan.save, plan.n_steps, plan.step, creeps=False)
+        self.recorder = Recorder(
+            self.system,
+            plan.save,
+            plan.n_steps,
+            plan.step,
+            creeps=False,
+            by_cycle=plan.cycle_steps is not None,
+        )
         self.loops = LoopRecorder(self.system)
         self.vectors = self.system.load_vectors()
         self.limits = self.system.contact.on_rows(self.system.contact.w)

@@ -18,6 +18,7 @@ MOST_SCENES = 10**5
 # Entries of a model's summary that the table of results may have.
 _Motion = Literal["peak_displacement_m", "peak_displacement_whole_run_m", "active_length_m"]
 _Energy = Literal["friction_energy_per_cycle_J", "loop_energy_per_cycle_J", "friction_energy_J"]
+_Loss = Literal["loss_factor", "equivalent_viscous_ratio", "quality_factor"]
 _Cost = Literal["estimated_error", "error", "dofs", "wall_s", "offline_s"]
 
 
@@ -63,7 +64,7 @@ class SweepTable(SceneTable):
         "product",
     )
     results: Annotated[
-        TomlList[Literal[_Motion, _Energy, _Cost]], AfterValidator(has_no_repeats)
+        TomlList[Literal[_Motion, _Energy, _Loss, _Cost]], AfterValidator(has_no_repeats)
     ] = key(
         "columns of the table of results, from each model's summary",
         ("peak_displacement_m", *get_args(_Energy), "estimated_error", "wall_s"),

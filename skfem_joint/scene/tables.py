@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from inspect import signature
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self, TypeAlias
 
@@ -45,6 +46,17 @@ from skfem_joint.scene.values import (
     has_no_repeats,
     key,
 )
+
+
+def _rises(values: list[float]) -> list[float]:
+    """Refuse values that do not rise."""
+    if any(b <= a for a, b in pairwise(values)):
+        raise mistake(f"found {values}, must rise")
+    return values
+
+
+#: Values that rise.
+Rising: TypeAlias = Annotated[TomlList[Positive], Field(min_length=1), AfterValidator(_rises)]
 
 
 def _is_no_truth_value(value: object) -> object:
@@ -509,6 +521,41 @@ class ResponseTable(SceneTable):
         "table { from, to, points }: fundamental frequencies of the loads, Hz"
     )
     levels: TomlList[Positive] = key("factors of the loads' amplitudes", (1.0,), min_length=1)
+    functions: Annotated[
+        TomlList[Literal["receptance", "mobility", "accelerance", "transmissibility"]],
+        AfterValidator(has_no_repeats),
+    ] = key(
+        "frequency responses of each named point to write: displacement, velocity or acceleration "
+        "over the first load's force, or absolute motion over that of the moving base",
+        (),
+    )
+
+
+class AmplitudesTable(SceneTable):
+    """``at = { point, force }``: amplitudes of one quantity of a named point, half of peak to peak.
+
+    One of the quantities is given, as a list that rises.
+    """
+
+    point: str = key("named point, as results show it: a load's, or in a direction, as 'tip.x'")
+    displacement: Rising | None = key("displacements, m", None)
+    velocity: Rising | None = key("velocities, m/s", None)
+    acceleration: Rising | None = key("accelerations, m/s²", None)
+    acceleration_g: Rising | None = key("accelerations over 9.80665 m/s²", None)
+    force: Rising | None = key(
+        "amplitudes of a harmonic force at the point, N; the mode vibrates at its resonance", None
+    )
+
+    @model_validator(mode="after")
+    def _one_quantity(self) -> Self:
+        given = [
+            name for name in type(self).model_fields if name != "point" and getattr(self, name)
+        ]
+        if len(given) != 1:
+            quantities = ", ".join(name for name in type(self).model_fields if name != "point")
+            found = " and ".join(given) or "none"
+            raise mistake(f"found {found}, must be exactly one of {quantities}")
+        return self
 
 
 class BackboneTable(SceneTable):
@@ -522,6 +569,11 @@ class BackboneTable(SceneTable):
     levels: Count = key("number of points of each curve", 20)
     up_to: Positive = key(
         "the highest load level, as a share of that at which the first joint slips as a whole", 0.7
+    )
+    at: AmplitudesTable | None = key(
+        "table { point, force } or with another quantity: amplitudes at which frequency, loss "
+        "factor and the parts of joints and bolts are computed beside the curve",
+        None,
     )
     ring_down: CountOrZero = key("cycles of free vibration that the curves are compared with", 0)
     released: Literal["mode", "loads"] = key(

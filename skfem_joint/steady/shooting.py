@@ -242,16 +242,17 @@ class Shooting:
                 most * patient,
             )
 
-    def through(self, start: Start, save: Save, parts: int) -> float:
+    def through(self, start: Start, save: Save, parts: int, by_cycle: bool = False) -> float:
         """Go through a period, or one of two ``parts`` of it, from ``start``.
 
-        Returns the largest energy at its quarters, J.
+        ``by_cycle`` is whether it is recorded as a cycle. Returns the largest energy at its
+        quarters, J.
         """
         driver, energy = self.driver, 0.0
         steps = driver.n_steps // parts
         driver.done = 0
         driver.stepper.go_on(*start)
-        driver.begin(Recorder(driver.system, save, driver.n_steps, driver.h))
+        driver.begin(Recorder(driver.system, save, driver.n_steps, driver.h, by_cycle=by_cycle))
         for end in sorted({max(1, k * steps // 4) for k in (1, 2, 3, 4)}):
             while driver.done < end:
                 driver.advance(end, CHUNK_S)
@@ -325,15 +326,16 @@ def steady_run(
     start = end._replace(state=end.state._replace(u=end.state.u + shift))
     # One more passage suffices where it stores every row.
     save = replace(plan.save, points=True) if plan.save.every == 1 else Save()
-    shooting.through(start.copied(), save, 1)
+    by_cycle = plan.cycle_steps is not None
+    shooting.through(start.copied(), save, 1, by_cycle)
     drift = system.P @ moved
     ahead = np.linspace(0.0, 1.0, driver.n_steps + 1)[:, np.newaxis] * drift
     vibration = driver.recorder.stored.point_u - ahead
     high, low = vibration.max(axis=0), vibration.min(axis=0)
     if plan.save != save:
-        shooting.through(start.copied(), plan.save, 1)
+        shooting.through(start.copied(), plan.save, 1, by_cycle)
         periods += 1
-    if plan.cycle_steps is not None:
+    if by_cycle:
         driver.recorder.end_cycle()
     driver.elapsed = time.perf_counter() - begin
     state = start.state

@@ -25,7 +25,7 @@ from skfem_joint.ground.files import replacing
 
 Arrays = Mapping[str, NDArray[Any]]
 
-_FORM = 4
+_FORM = 5
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,8 @@ class Driver:
         self.to = replace(self.to, system=warped(self.to.system, self.warp))
         self.system, self.h, self.n_steps, self.done = self.to.system, plan.step, plan.n_steps, 0
         self.loads = LoadSteps(self.system, self.h, self.n_steps)
-        self.recorder = Recorder(self.system, plan.save, self.n_steps, self.h)
+        by_cycle = plan.cycle_steps is not None and plan.until != "steady"
+        self.recorder = Recorder(self.system, plan.save, self.n_steps, self.h, by_cycle=by_cycle)
         u, v = self.to.inner(start[0]), self.to.inner(start[1]) / self.warp
         self.stepper = choose(
             self.to.kind, self.system, plan.scheme, u, v, tolerance, self.recorder

@@ -48,6 +48,8 @@ class Opening(NamedTuple):
         Forces at rest on the unknowns, N.
     apart, stiffness : ndarray, shape (q,)
         Approach at which each point begins to carry, m, and its stiffness, N/m.
+    at_rest : float
+        Energy that the points store at rest, J.
     bound, pressing : ndarray, shape (q,)
         Of the step problem: velocity at which each point begins to carry, and its force, N.
     w : ndarray, shape (rows,)
@@ -72,6 +74,7 @@ class Opening(NamedTuple):
     rest: Any
     apart: Any
     stiffness: Any
+    at_rest: Any
     bound: Any
     pressing: Any
     w: Any
@@ -109,6 +112,11 @@ def at_end(contact, sigma, new_force):
 
 def add_normal_work(contact, change, dissipated):
     """Add what the scheme takes of the work of normal forces, J, and see to their peaks."""
+    raise NotImplementedError
+
+
+def potential(contact, u):
+    """Energy of normal forces at the displacements u, J, as `NormalPart.potential` has it."""
     raise NotImplementedError
 
 
@@ -150,6 +158,11 @@ def _normalised_at_end(contact, sigma, new_force):
 @compiled_for(add_normal_work, Constant, inlined=True)
 def _add_no_normal_work(contact, change, dissipated):
     pass
+
+
+@compiled_for(potential, Constant, inlined=True)
+def _no_potential(contact, u):
+    return 0.0
 
 
 @compiled_for(raise_slider_peaks, Constant, inlined=True)
@@ -204,6 +217,16 @@ def _add_normal_work(contact, change, dissipated):
         )
         contact.peak[c] = max(contact.peak[c], new)
         contact.least[c] = min(contact.least[c], new)
+
+
+@compiled_for(potential, Opening, inlined=True)
+def _potential(contact, u):
+    energy = -contact.at_rest
+    for i in range(u.size):
+        energy -= contact.rest[i] * u[i]
+    for c in range(contact.pressing.size):
+        energy += contact.pressing[c] ** 2 / (2.0 * contact.stiffness[c])
+    return energy
 
 
 @compiled_for(raise_slider_peaks, Opening, inlined=True)

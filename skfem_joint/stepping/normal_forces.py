@@ -415,6 +415,7 @@ class NormalForces:
             rest=np.asarray(self._faces @ contact.force),
             apart=contact.gap - contact.force / contact.stiffness,
             stiffness=np.array(contact.stiffness),
+            at_rest=float((0.5 * contact.force**2 / contact.stiffness).sum()),
             bound=none, pressing=none, w=none,
             p=np.zeros(q), force=np.zeros(rows), limits=np.zeros(m),
             new_force=np.zeros(rows), weight=np.ones(rows),

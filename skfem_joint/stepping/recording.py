@@ -25,6 +25,7 @@ from skfem_joint.system.system import System
 _SUMS = (
     *("input_work", "dissipated", "friction_work", "peak", "run_peak", "slip_peak", "slider_peak"),
     *("impact_work", "normal_force_peak", "normal_force_least"),
+    *("strain_peak", "work_before", "cycle_work"),
 )
 _NUMBERS = ("rows", "field_rows", "halved_steps")
 #: Slip of a slider, over that of its point, that the round-off of its spring's force may be.
@@ -123,18 +124,29 @@ class Cycles:
     viscous, scheme, friction : ndarray, shape (cycles,)
         Energy dissipated by the damping matrix, by the integration scheme itself and by friction
         in all joints, J.
+    impact : ndarray, shape (cycles,)
+        Energy lost by impacts where contact closes, J.
+    strain : ndarray, shape (cycles,)
+        Largest strain energy, J, with that of springs in series and of contact that opens, which is
+        zero at rest.
     peak : ndarray, shape (cycles, points)
         Largest displacement of each named point, m.
     by_joint : ndarray, shape (cycles, joints)
         Energy dissipated by friction in each joint, J.
+    by_point : ndarray, shape (m,)
+        Energy dissipated by friction at each contact point in the last cycle, J; empty without
+        cycles.
     """
 
     input: FloatArray
     viscous: FloatArray
     scheme: FloatArray
     friction: FloatArray
+    impact: FloatArray
+    strain: FloatArray
     peak: FloatArray
     by_joint: FloatArray
+    by_point: FloatArray
 
     def __repr__(self) -> str:
         if not self.friction.size:
@@ -486,6 +498,9 @@ class Recorder:
         friction of each joint: its parts in their works, and what `energy.joint_slips` takes.
     creeps : bool
         Whether points that stick creep under their law, as time goes on.
+    by_cycle : bool
+        Whether cycles end in the run, so that their strain energies and the works of their points
+        are kept.
     """
 
     system: System
@@ -497,6 +512,7 @@ class Recorder:
     halved_steps: int = 0
     dissipated: FloatArray = field(default_factory=lambda: np.zeros(2))
     creeps: bool = True
+    by_cycle: bool = False
 
     def __post_init__(self) -> None:
         s, (every, fields_every) = self.system, self.save.strides
@@ -536,12 +552,16 @@ class Recorder:
         self.normal_force_peak = np.zeros(q)
         self.normal_force_least = s.contact.normal.force.copy()
         self.vectors = s.load_vectors()
+        # Largest strain energy in the cycle, friction works at its start and those in the last one.
+        self.strain_peak = np.zeros(int(self.by_cycle))
+        self.work_before, self.cycle_work = np.zeros((2, m * self.by_cycle))
         # Works up to the start and to the end of each cycle, and the peaks in the cycle.
-        self.boundaries = [np.zeros(len(s.loads) + 3 + joints + p)]
+        self.boundaries = [np.zeros(len(s.loads) + 4 + joints + p + self.strain_peak.size)]
 
     def sums(self) -> tuple[FloatArray, ...]:
         """Works and peaks so far, which the compiled loop adds to in place."""
-        return self.input_work, self.dissipated, self.friction_work, self.peak, self.slip_peak
+        works = self.input_work, self.dissipated, self.friction_work
+        return *works, self.peak, self.slip_peak, self.strain_peak
 
     def free_rows(self) -> StoredRows:
         """Views of the stored rows from the next free one on."""
@@ -606,6 +626,9 @@ class Recorder:
         """Update the peaks; ``limits`` (m,), N, are given if they change."""
         system = self.system
         raise_to(self.peak, system.P @ state.u)
+        if self.by_cycle:
+            strain = system.strain_energy(state.u, state.sigma, limits)
+            np.maximum(self.strain_peak, strain, out=self.strain_peak)
         if self.slip_peak.size:
             slip = np.asarray(system.contact.B @ state.u)
             self._raise(self.slip_peak, slip)
@@ -737,17 +760,29 @@ class Recorder:
     def end_cycle(self) -> None:
         """Note the accumulated works and this cycle's peaks at the end of a cycle."""
         by_joint, total = self.system.contact.J @ self.friction_work, [self.friction_work.sum()]
-        works = self.input_work, self.dissipated, total, by_joint, self.peak
-        self.boundaries.append(np.concatenate(works))
+        works = self.input_work, self.dissipated, total, self.impact_work, by_joint
+        self.boundaries.append(np.concatenate([*works, self.peak, self.strain_peak]))
         np.maximum(self.run_peak, self.peak, out=self.run_peak)
-        self.peak[:] = 0.0
+        self.cycle_work[:] = self.friction_work - self.work_before
+        self.work_before[:] = self.friction_work
+        self.peak[:] = self.strain_peak[:] = 0.0
 
     def _cycles(self) -> Cycles:
         marks, k = np.array(self.boundaries), self.input_work.size
         works = marks[1:] - marks[:-1]
-        end = k + 3 + len(self.system.contact.joints)
-        sums = works[:, :k], works[:, k], works[:, k + 1], works[:, k + 2]
-        return Cycles(*sums, marks[1:, end:], works[:, k + 3 : end])
+        first, end = k + 4, k + 4 + len(self.system.contact.joints)
+        peaks = marks[1:, end:]
+        return Cycles(
+            input=works[:, :k],
+            viscous=works[:, k],
+            scheme=works[:, k + 1],
+            friction=works[:, k + 2],
+            impact=works[:, k + 3],
+            strain=peaks[:, self.peak.size :].ravel(),
+            peak=peaks[:, : self.peak.size],
+            by_joint=works[:, first:end],
+            by_point=self.cycle_work if len(works) else np.zeros(0),
+        )
 
     def finish(
         self,

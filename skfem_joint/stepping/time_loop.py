@@ -18,7 +18,14 @@ from typing import Any, NamedTuple
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.compiling import compiled, compiled_inside
 from skfem_joint.linalg.kernels import aligned
-from skfem_joint.linalg.vectors import point_norms, product, raise_to, raise_to_norms, weighted
+from skfem_joint.linalg.vectors import (
+    dot,
+    point_norms,
+    product,
+    raise_to,
+    raise_to_norms,
+    weighted,
+)
 from skfem_joint.minimise.problem import minimise_step, slips
 from skfem_joint.stepping import energy, loop_contact
 
@@ -121,7 +128,7 @@ def time_loop(
     M, C, K, loads, observed, joints, row_place, point_place, stretch = system
     u, v, a, d, sigma = state
     load_start, load_column, load_value = loads
-    input_work, dissipated, friction_work, peak, slip_peaks = sums
+    input_work, dissipated, friction_work, peak, slip_peaks, strain_peak = sums
     joint_start, joint_point, joint_value, joint_share, joint_sliding, joint_creep = joints
     stored_u, stored_v, stored_sigma, worked, stored_point_u, stored_point_v = stored[:6]
     by_joint, joint_slip, joint_slipping = stored[6:]
@@ -199,6 +206,13 @@ def time_loop(
         loop_contact.add_normal_work(contact, change, dissipated)
         raise_to_norms(slip_peak, slip)
         loop_contact.raise_slider_peaks(contact, stretch, slip, slip_change)
+        if strain_peak.size > 0:
+            product(K, u, image)
+            strain = 0.5 * dot(u, image) + loop_contact.potential(contact, u)
+            for q in range(stretch.size):
+                pulled = contact.weight[q] * new_force[q]
+                strain += 0.5 * stretch[q] * pulled * new_force[q]
+            strain_peak[0] = max(strain_peak[0], strain)
         loop_contact.follow(contact)
         for q in range(sigma.size):
             sigma[q] = sigma_new[q]

@@ -512,8 +512,8 @@ class Structure:
         notes = [*doubts.faces_apart(self.body, self.patches)]
         for load in loads:
             on = load.on or f"mass_{load.base}"
-            vector, scale, note = acting(self.body, load, M)
-            vector, amplitude = T.T @ vector, load.amplitude
+            full, scale, note = acting(self.body, load, M)
+            vector, amplitude = T.T @ full, load.amplitude
             if note:
                 notes += note
                 amplitude = Scaled(amplitude, scale)
@@ -524,19 +524,26 @@ class Structure:
                     f"{load.label}: a support holds it along {along}, a force there does nothing; "
                     "load a free part"
                 )
-            name = _free_name(on, vector, rows)
-            rows[name] = vector
-            applied.append(AppliedLoad(vector, amplitude, name))
+            name = _free_name(on, full, rows)
+            rows[name] = full
+            mass = -scale if load.base is not None else 0.0
+            applied.append(AppliedLoad(vector, amplitude, name, mass))
         for name in self.free_points if points is None else dict.fromkeys(points):
             shares = self.body.even_shares(name)
-            parts = [T.T @ np.outer(shares, axis).ravel() for axis in np.eye(self.dim)]
-            if not np.any(parts):
+            parts = [np.outer(shares, axis).ravel() for axis in np.eye(self.dim)]
+            if not np.any([T.T @ part for part in parts]):
                 wrong.append(f"points: {name!r} is supported and does not move")
             labels = [name] if self.dim == 1 else [f"{name}.{c}" for c in "xyz"[: self.dim]]
             rows |= dict(zip(labels, parts, strict=True))
         refuse(wrong)
+        for k, load in enumerate(loads):
+            if load.base is not None:
+                moves = np.tile(load.unit(self.dim), self.n_nodes)
+                carried = np.array([row @ moves for row in rows.values()])
+                applied[k] = replace(applied[k], carried=carried)
         damping = self.damping_ratio, notes, self.fitted
-        system = under_loads(self.unloaded, self.patches, applied, rows, *damping)
+        of_unknowns = {name: T.T @ row for name, row in rows.items()}
+        system = under_loads(self.unloaded, self.patches, applied, of_unknowns, *damping)
         doubtful = self.unusual, self.patches, self.body
         return doubted(system, *doubtful, quasi_static=quasi_static)
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.accuracy.halved_mesh import affords
+from skfem_joint.accuracy.halved_mesh import BEYOND, affords
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError, JointError
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.models import notes_of, reduced_for_mode
 from skfem_joint.results.normal_force import NormalChange, normal_change_of_mode
+from skfem_joint.results.places import of_all
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.plan import Plan
@@ -23,6 +24,7 @@ from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.study.models import finer_mesh, options_of, other_reference
 from skfem_joint.study.scene_range import of_scene, range_model, served_scene
 from skfem_joint.system.system import System
+from skfem_joint.vibration.amplitudes import Amplitudes
 from skfem_joint.vibration.backbone import Backbone, backbone
 from skfem_joint.vibration.mesh_of_curve import MeshOfCurve, mesh_of_curve
 from skfem_joint.vibration.ring_down import RingDown, ring_down
@@ -47,12 +49,41 @@ class ModelBackbone:
         Free vibration of each mode; empty if it was not asked for.
     errors : list of dict
         Of each curve the largest relative distances from the full model's, by name.
+    at : list of AtAmplitudes
+        The same mode at the amplitudes that are asked for; empty if none are.
     """
 
     name: str
     curves: list[Backbone]
     ring_downs: list[RingDown]
     errors: list[dict[str, float]]
+    at: list[AtAmplitudes] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class AtAmplitudes:
+    """A mode at amplitudes that are asked for.
+
+    Attributes
+    ----------
+    asked : Amplitudes
+    curve : Backbone
+        Its levels are those of the amplitudes.
+    errors : dict of str to ndarray, shape (levels,)
+        Stated relative errors of the loss factor by source, as far as they are known: "mesh",
+        "cycles", of their increments, and "model", the distance of a smaller model from the full
+        one. They are for friction, pressure and damping as given.
+    """
+
+    asked: Amplitudes
+    curve: Backbone
+    errors: dict[str, FloatArray]
+
+    @property
+    def total(self) -> FloatArray:
+        """Sum of all known errors, (levels,); nan where none is."""
+        known = [error for error in self.errors.values() if np.isfinite(error).all()]
+        return np.sum(known, axis=0) if known else np.full(self.curve.level.size, np.nan)
 
 
 @dataclass(frozen=True)
@@ -106,6 +137,9 @@ def scene_backbone(
         As :func:`backbone` and :func:`ring_down`.
     """
     structure, system = scene.structure(), scene.system()
+    asked = _amplitudes(scene)
+    if asked is not None:
+        asked.number(system.points)
     full = _curves(scene, system, scene.backbone.modes, partial(progress, "full model"))
     warnings = [*system.notes, *other_reference(scene)]
     warnings += [warning for curve in full for warning in curve.notes]
@@ -119,6 +153,8 @@ def scene_backbone(
             warnings += change.doubts(f"Mode {c.mode}: at the highest level ")
     mesh, why = _by_mesh(scene, system, full, partial(progress, "error of the mesh"))
     warnings += why
+    full_at, why = _full_at(scene, system, full, mesh, progress)
+    warnings += why
     released = _released(scene, system)
     models = []
     for name in scene.models.run:
@@ -131,6 +167,11 @@ def scene_backbone(
             elif name != "full":
                 small, own, notes = _of_small_model(name, scene, curve, report)
             warnings += notes
+            if asked is not None:
+                at = full_at[curve.mode]
+                if small is not system:
+                    at = _beside(_at(scene, small, own, asked, report), at)
+                model.at.append(at)
             model.curves.append(own)
             model.errors.append(_distances(own, curve))
             if scene.backbone.ring_down:
@@ -145,6 +186,86 @@ def scene_backbone(
                 warnings += _doubts(model, curve.mode)
         models.append(model)
     return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal, mesh)
+
+
+def _amplitudes(scene: Scene) -> Amplitudes | None:
+    """Amplitudes that a scene asks for."""
+    table = scene.backbone.at
+    return None if table is None else Amplitudes(**table.model_dump(exclude_none=True))
+
+
+def _full_at(
+    scene: Scene,
+    system: System,
+    curves: Sequence[Backbone],
+    mesh: Collection[int],
+    progress: Progress,
+) -> tuple[dict[int, AtAmplitudes], list[str]]:
+    """Full model's modes at the amplitudes that a scene asks for, and notes; none if it asks none.
+
+    The error by the mesh is that of the modes of which ``mesh`` has that of the curve.
+    """
+    asked, found, notes = _amplitudes(scene), dict[int, AtAmplitudes](), list[str]()
+    if asked is None:
+        return found, notes
+    for curve in curves:
+        report = partial(progress, "full model, amplitudes")
+        at = _at(scene, system, curve, asked, report)
+        if curve.mode in mesh:
+            errors, why = _mesh_at(scene, at, partial(progress, "error of the mesh, amplitudes"))
+            at, notes = replace(at, errors=at.errors | errors), notes + why
+        found[curve.mode] = at
+    return found, notes
+
+
+def _at(
+    scene: Scene, system: System, curve: Backbone, asked: Amplitudes, report: Progress
+) -> AtAmplitudes:
+    """Mode of a model at amplitudes, with slips and works of the full model's points."""
+    up_to = scene.backbone.up_to
+    (found,) = backbone(system, (curve.mode,), asked, up_to, curve.slips_at, report)
+    errors = {}
+    if "damping_ratio" in found.estimated:
+        source = "cycles" if system.serves is None else "model"
+        errors[source] = np.full(found.level.size, found.estimated["damping_ratio"])
+    if system is not scene.system():
+        found = _of_all_points(scene.system(), system, found)
+    return AtAmplitudes(asked, found, errors)
+
+
+def _mesh_at(
+    scene: Scene, at: AtAmplitudes, report: Progress
+) -> tuple[dict[str, FloatArray], list[str]]:
+    """Errors of the loss factor at amplitudes by the mesh, and why they are not known.
+
+    They are what halved elements change at the same amplitudes.
+    """
+    mode, up_to = at.curve.mode, scene.backbone.up_to
+    try:
+        finer = finer_mesh(scene).system()
+        (other,) = backbone(finer, (mode,), at.asked, up_to, progress=report)
+    except JointError as error:
+        return {}, [
+            f"Mode {mode}: the errors by the mesh at given amplitudes are not estimated: {error}"
+        ]
+    change = other.losses.loss_factor / at.curve.losses.loss_factor - 1.0
+    return {"mesh": np.asarray(BEYOND * np.abs(change))}, []
+
+
+def _beside(small: AtAmplitudes, full: AtAmplitudes) -> AtAmplitudes:
+    """Smaller model's results with their distance from the full one's, and its other errors."""
+    distance = np.abs(small.curve.losses.loss_factor / full.curve.losses.loss_factor - 1.0)
+    return replace(small, errors=full.errors | {"model": distance})
+
+
+def _of_all_points(system: System, small: System, curve: Backbone) -> Backbone:
+    """Curve of a smaller model with slips and works of the full model's points."""
+    work, shares = of_all(small, curve.friction_work), small.contact.shares
+    if small.origin is not None:
+        slip = system.contact.slip_norm(curve.states @ (system.contact.B @ small.origin.basis.V).T)
+    else:
+        slip = curve.slip if shares is None else curve.slip @ (shares > 0.0)
+    return replace(curve, slip=slip, friction_work=work)
 
 
 def _by_mesh(
@@ -207,9 +328,7 @@ def _of_range_model(
         f"Mode {curve.mode}: the curve of the reduced model for the range errs by an estimated "
         f"share of its largest value: {shown}."
     )
-    shares = model.contact.shares
-    slip = own.slip if shares is None else own.slip @ (shares > 0.0)
-    return model, replace(own, slip=slip), (note,)
+    return model, _of_all_points(scene.system(), model, own), (note,)
 
 
 def _of_small_model(
@@ -226,8 +345,7 @@ def _of_small_model(
     levels = curve.level if ends else scene.backbone.levels
     up_to, slips_at = scene.backbone.up_to, curve.slips_at
     (own,) = backbone(small, (curve.mode,), levels, up_to, slips_at, report)
-    slip = system.contact.slip_norm(own.states @ (system.contact.B @ small.origin.basis.V).T)
-    return small, replace(own, slip=slip), notes_of(small)
+    return small, _of_all_points(system, small, own), notes_of(small)
 
 
 def _ring_down(

@@ -18,6 +18,8 @@ from skfem_joint.ground.rows import Rows
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.friction_points import NOWHERE
 from skfem_joint.reduction.models import notes_of, reduced_for_response
+from skfem_joint.results.loss import Losses
+from skfem_joint.results.places import of_all
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
@@ -36,6 +38,7 @@ from skfem_joint.vibration.response import (
     suited_steps,
 )
 from skfem_joint.vibration.response_curve import Curve, State, SteadyPoint
+from skfem_joint.vibration.transfer import check_kind
 
 #: What the response of a reduced model says that has contact that opens.
 CREPT = (
@@ -44,7 +47,7 @@ CREPT = (
     "see its estimated errors at the peaks, or run 'condensed' in its place."
 )
 #: Dataclasses that rows of finished work of `scene_response` hold.
-RESPONSE_ROWS = (SteadyPoint,)
+RESPONSE_ROWS = (SteadyPoint, Losses)
 #: Frequencies of the linear limits beside those asked for, and entries that the stiffness may have
 #: in all of them together. Their factors take some ten seconds so, of plates and of solids.
 BETWEEN, ENTRIES = 400, 10_000_000
@@ -132,6 +135,8 @@ def response_table(scene: Scene) -> ResponseTable:
     """
     table = asked_table(scene)
     at_frequency(scene.system(), table.frequencies.to)
+    for kind in table.functions:
+        check_kind(scene.system(), kind)
     with_friction(scene)
     return table
 
@@ -266,15 +271,17 @@ def _coarse(model: System, scene: Scene, resonance: float) -> tuple[CoarseModel 
 
 
 def _with_all_slips(curve: Curve, model: System, full: System) -> Curve:
-    """Curve of a model with the slip of the full model's points."""
+    """Curve of a model with slip and friction work of the full model's points."""
     shares, origin = model.contact.shares, model.origin
     slips = None if origin is None else full.contact.B @ origin.basis.V
 
     def changed(point: SteadyPoint) -> SteadyPoint:
-        if origin is None and shares is not None:  # of a range, which is of many bases
-            return replace(point, slip=(shares > 0.0).T @ point.slip, course=None)
-        if slips is None or point.course is None:
-            return point
+        if point.friction_work is not None:
+            point = replace(point, friction_work=of_all(model, point.friction_work))
+        if shares is not None:
+            point = replace(point, slip=(shares > 0.0).T @ point.slip)
+        if slips is None or point.course is None:  # as of a range, which is of many bases
+            return replace(point, course=None)
         slip = full.contact.slip_norm(point.course @ slips.T).max(axis=0)
         return replace(point, slip=slip, course=None)
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.accuracy.estimate import SOURCES, Estimate
-from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.joint.pressure import Bolts
 from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.results.history import QUANTITIES
+from skfem_joint.results.loss import known, losses
+from skfem_joint.results.places import Places, of_all, places_of
 from skfem_joint.runs.last_cycle import beyond_round_off, energies, peaks, steady_state
 from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.recording import Run
@@ -30,6 +30,8 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     cycles = run.cycles
     has_cycles = cycles.friction.size > 0
     state, contact = steady_state(run), run.system.contact.normal
+    places = places_of(study.structure, study.system)
+    by_place = places.of_run(run, model.slider_peak(study.system), study.period)
     opens = run.system.contact.opens
     content: dict[str, Any] = {
         "dofs": run.system.n,
@@ -50,6 +52,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "drift_per_period_m": run.steady and _by_point(run, run.steady.drift),
         "friction_energy_per_cycle_J": energies(run)[0] if has_cycles else None,
         "loop_energy_per_cycle_J": energies(run)[1] if has_cycles else None,
+        **(known(losses(run).row()) if has_cycles else {}),
         "friction_energy_J": _friction_energy(run),
         "input_work_J": float(beyond_round_off(run, run.input_work.sum())),
         "viscous_work_J": float(beyond_round_off(run, run.viscous_work)),
@@ -59,7 +62,8 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "opened_fraction": opens and float(np.mean(contact.at_all(run.opened) > 0.0)),
         "active_length_m": model.active_length,
         "active_area_fraction": model.active_area_fraction,
-        "joints": _joints(study, model),
+        "joints": _joints(study, model, places),
+        "bolts": {},
         "loads": _loads(run),
         "energy_balance_residual": run.energy_residual,
         "steady_state_reached": state.reached if state is not None else run.steady and True,
@@ -69,6 +73,11 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "estimated_error": _estimated(model.estimate, "_per_cycle" if has_cycles else ""),
         "estimated_total_without_mesh": _lacks_mesh(study, model),
     }
+    for name, is_bolt, values in by_place.entries():
+        table = content["bolts" if is_bolt else "joints"]
+        table[name] = values | table.get(name, {})
+    if not content["bolts"]:
+        del content["bolts"]
     if content["loads"] is None:  # of a run in time
         del content["loads"]
     if not opens:
@@ -83,19 +92,18 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     return content
 
 
-def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
+def _joints(study: Study, model: Model, places: Places) -> dict[str, dict[str, Any]]:
     """Results of each joint. The slip of a reduced model is that of its friction points."""
     run = model.run
     per_cycle: list[Any] = beyond_round_off(run, run.cycles.by_joint[-1:]).ravel().tolist()
     energy = _friction_energy(run)
     per_cycle = per_cycle or [None] * len(run.system.contact.joints)
     by_name: dict[str, dict[str, Any]] = {}
-    shares = run.system.contact.shares
-    work = run.friction_work if shares is None else shares.T @ run.friction_work
+    by_bolt = beyond_round_off(run, places.share @ of_all(run.system, run.friction_work))
     for k, patch in enumerate(study.structure.patches):
         name, own = patch.joint.name, run.system.contact.J[[k]].toarray()[0] > 0.0
-        known = {} if model.estimate is None else model.estimate.by_joint
-        of_all, of_own = known.get(name, (None, None))
+        errors = {} if model.estimate is None else model.estimate.by_joint
+        beside_all, beside_own = errors.get(name, (None, None))
         by_name[name] = {
             "friction_energy_J": energy[name],
             "friction_energy_per_cycle_J": per_cycle[k],
@@ -103,20 +111,16 @@ def _joints(study: Study, model: Model) -> dict[str, dict[str, Any]]:
             "slipping_fraction": model.slipping_fraction.get(name),
             "active_length_m": model.active_length.get(name),
             "active_area_fraction": model.active_area_fraction.get(name),
-            "friction_energy_error": of_all,
-            "friction_energy_error_of_own": of_own,
+            "friction_energy_error": beside_all,
+            "friction_energy_error_of_own": beside_own,
         }
         if run.loops is not None:
             by_name[name] |= _joint_loop(run.loops, k)
         if np.isfinite(patch.joint.tangential_stiffness):
             springs = patch.stiffness[np.isfinite(patch.stiffness)]
             by_name[name]["tangential_stiffness_N_per_m"] = float(springs.sum())
-        body = study.structure.body
-        if isinstance(patch.joint.pressure, Bolts) and body is not None:
-            part = study.system.contact.J[[k]].toarray()[0] * work
-            nodes = body.nodes[patch.nodes]
-            by_bolt = _by_bolt(nodes, patch.joint.pressure, part[patch.points])
-            by_name[name]["friction_energy_by_bolt_J"] = beyond_round_off(run, by_bolt).tolist()
+        if bolts := [b for b in range(places.joints, len(places.names)) if places.owner[b] == k]:
+            by_name[name]["friction_energy_by_bolt_J"] = by_bolt[bolts].tolist()
     return by_name
 
 
@@ -150,13 +154,6 @@ def _loads(run: Run) -> dict[str, dict[str, float | None]] | None:
         }
         for k, (load, work, stiffness) in enumerate(rows)
     }
-
-
-def _by_bolt(nodes: FloatArray, bolts: Bolts, work: FloatArray) -> FloatArray:
-    """Work (J) of contact points at nodes (k, dim), summed for the bolt that each is nearest to."""
-    at = np.array([bolt.at[: nodes.shape[1]] for bolt in bolts.bolts])
-    nearest = np.linalg.norm(nodes[:, np.newaxis] - at, axis=2).argmin(axis=1)
-    return np.asarray(np.bincount(nearest, work, len(at)), dtype=float)
 
 
 def _by_point(run: Run, values: Any) -> dict[str, float]:

@@ -206,13 +206,13 @@ class Contact:
         return np.where((weightless > 0) & self.rubs, 1.0, self.w)
 
     def slid(self, friction_work: FloatArray) -> FloatArray:
-        """Slip of each point in a cycle, (m,), m: a quarter of the way that its friction works on.
+        """Slip of each point in a cycle, (..., m), m: a quarter of the way that friction works on.
 
         Slip that remains from before the cycle does not count. Where limits follow normal forces
-        the way is taken under those at rest. ``friction_work``, (m,), J, is that of the cycle.
+        the way is taken under those at rest. ``friction_work``, (..., m), J, is that of the cycle.
         """
         w = self.point_weights
-        way = np.divide(friction_work, w, out=np.zeros_like(w), where=w > 0.0)
+        way = np.divide(friction_work, w, out=np.zeros_like(friction_work), where=w > 0.0)
         return np.asarray(0.25 * way)
 
     # Rows of B

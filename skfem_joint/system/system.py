@@ -62,11 +62,18 @@ class AppliedLoad:
         function.
     on : str
         Name of the loaded place.
+    mass : float
+        Of an accelerated base the mass, kg, that minus its acceleration gives the amplitude; 0 for
+        other loads.
+    carried : ndarray, shape (points,), optional
+        Of an accelerated base the displacement of each named point as all moves with it by 1 m.
     """
 
     vector: FloatArray
     amplitude: Amplitude
     on: str = ""
+    mass: float = 0.0
+    carried: FloatArray | None = None
 
     def __post_init__(self) -> None:
         vector = np.asarray(as_real(self.vector, f"load on {self.on!r}"))
@@ -552,9 +559,16 @@ class System:
         in a spring in series is its force, and ``limits``, (m,), N, are these limits, those at rest
         if not given.
         """
-        energy = float(0.5 * (v @ (self.M @ v)) + 0.5 * (u @ (self.K @ u)))
-        energy += self.contact.normal.potential(u)
-        return energy if sigma is None else energy + self.contact.spring_energy(sigma, limits)
+        return float(0.5 * (v @ (self.M @ v))) + self.strain_energy(u, sigma, limits)
+
+    def strain_energy(
+        self, u: FloatArray, sigma: FloatArray | None = None, limits: FloatArray | None = None
+    ) -> float:
+        """Strain energy, J; arguments as of `stored_energy`."""
+        energy = float(0.5 * (u @ (self.K @ u))) + self.contact.normal.potential(u)
+        if sigma is None or not self.contact.has_springs:
+            return energy
+        return energy + self.contact.spring_energy(sigma, limits)
 
     def load_amplitudes(self, times: FloatArray) -> FloatArray:
         """Amplitudes of all loads, shape (loads, times), N."""

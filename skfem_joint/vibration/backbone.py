@@ -23,7 +23,7 @@ free of these assumptions, can be compared with the curve.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,8 +31,8 @@ from numpy.typing import ArrayLike
 from scipy import sparse
 
 from skfem_joint.accuracy.range_modes import alone, check_modes, distances
-from skfem_joint.ground.arrays import BoolArray, FloatArray, as_real
-from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_real
+from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_some
 from skfem_joint.reduction.stuck import Stuck, StuckMode
@@ -41,14 +41,21 @@ from skfem_joint.results.gross_slip import (
     is_gross,
     sticking_share,
 )
+from skfem_joint.results.loss import Losses, stacked
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.arrangement import Arranged, arranged
 from skfem_joint.system.served import Served
 from skfem_joint.system.system import System
+from skfem_joint.vibration.amplitudes import Amplitudes, LevelSearch
 from skfem_joint.vibration.cycles import CyclePath, ModePath, RisingCycles, items_of_work
 
 #: Largest force residual of a level, relative to its force.
 TOLERANCE = 1e-6
+#: Levels of the curve along which amplitudes are looked for, most rounds of the search, and
+#: relative distance from an amplitude that ends it.
+SEARCHED, ROUNDS, REACHED = 12, 20, 1e-4
+#: Displacement of a point, over the largest, below which a mode does not move it.
+STILL = 1e-6
 #: Slipping points below which the damping is rough, so that a note says so.
 FEWEST = 5
 #: Multiples of the mode's frequency near which friction excites higher modes, those near which
@@ -98,6 +105,13 @@ class Backbone:
         Share of the friction limits whose points slip, see `System.slipping`.
     state : tuple of str
         At each level "stick", "partial", or "gross", where a joint slips as a whole.
+    losses : Losses
+        Energies that a cycle of each level loses, and its loss factor, by the strain energy of the
+        structure itself: ``friction_damping`` and ``viscous_damping`` are over half of alpha q,
+        which is larger by the work of friction on the way to the level. What impacts take is not
+        known.
+    friction_work : ndarray, shape (levels, m)
+        Energy lost by friction in a cycle at each contact point, J.
     masing_error : float or None
         Largest relative error of the work by Masing's rule, before its correction; None where a
         cycle was followed at each level.
@@ -107,7 +121,7 @@ class Backbone:
     estimated : dict of str to float
         Estimated largest relative errors of ``frequency`` and ``damping_ratio``: of a reduced model
         for a range, or of the increments and of what is left open of the cycles with contact that
-        opens; empty for others.
+        opens; at given amplitudes that of the increments of half cycles; empty for others.
     friction : ndarray, shape (levels, rows of B), optional
         Friction over its limit, where it has springs in series; with contact that opens that of the
         turning point at the level, ``middle + states``.
@@ -142,6 +156,8 @@ class Backbone:
     slip: FloatArray
     share: FloatArray
     state: tuple[str, ...]
+    losses: Losses
+    friction_work: FloatArray
     masing_error: float | None
     notes: tuple[str, ...]
     estimated: Mapping[str, float] = field(default_factory=dict)
@@ -166,6 +182,19 @@ class Backbone:
             for state, apart in zip(self.state, differs, strict=True)
         )
 
+    def at_levels(self, rows: IntArray) -> Backbone:
+        """Curve at some of its levels, by their numbers, without what it was followed along."""
+
+        def some(name: str) -> Any:
+            value = getattr(self, name)
+            by_level = isinstance(value, np.ndarray) and name not in ("shape", "loops")
+            return value[rows] if by_level else value
+
+        arrays = {f.name: some(f.name) for f in fields(self)}
+        state = tuple(self.state[k] for k in rows.tolist())
+        losses = stacked([self.losses.at(k) for k in rows.tolist()])
+        return replace(self, **arrays | {"state": state, "losses": losses, "path": None})
+
     @property
     def damping_ratio(self) -> FloatArray:
         """Damping ratio of friction, under Coulomb's law, and viscous forces."""
@@ -187,7 +216,7 @@ class Backbone:
 def backbone(
     system: System,
     modes: Sequence[int] = (1,),
-    levels: int | ArrayLike = 20,
+    levels: int | ArrayLike | Amplitudes = 20,
     up_to: float = 0.7,
     slips_at: float | None = None,
     progress: Progress = silent,
@@ -206,11 +235,14 @@ def backbone(
     modes : sequence of int
         Numbers of the modes with the contact stuck, from 1; a reduced model has as many as its
         basis has fixed-interface modes.
-    levels : int or array_like
+    levels : int, array_like or Amplitudes
         Levels of each mode, evenly spaced on a logarithmic axis over a factor of twenty; or the
-        levels themselves, rising, m/s² kg^1/2, without regard to ``up_to``.
+        levels themselves, rising, m/s² kg^1/2, without regard to ``up_to``; or the amplitudes of a
+        point that the levels shall have, such as ``Amplitudes("tip", force=[10.0, 50.0])``, to
+        1e-4.
     up_to : float
-        The highest level, as a share of that at which the first joint slips as a whole.
+        The highest level, as a share of that at which the first joint slips as a whole; that up to
+        which given amplitudes are looked for.
     slips_at : float, optional
         Level at which the first joint slips as a whole, m/s² kg^1/2, such as that of the full
         model's `Backbone`; computed if not given. A model that was made of a curve has that of the
@@ -220,7 +252,8 @@ def backbone(
         included; with contact that opens, with cycles.
     keep_path : bool
         Whether `Backbone.path` is kept, which `backbone_sensitivity` computes derivatives from. It
-        has factors of the stiffness, and with contact that opens all levels that were computed.
+        has factors of the stiffness, and with contact that opens all levels that were computed. It
+        goes with levels, not with amplitudes.
     factors : Factors, optional
         Of the stiffness, from earlier curves and for later ones of a system that differs in limits,
         springs and damping alone.
@@ -234,14 +267,23 @@ def backbone(
     ------
     InputError
         If there is no friction, no such mode, it is a motion as a rigid body, a joint slips as a
-        whole at the first level, friction alone holds the structure and cannot at the last, or the
-        system is a reduced model made for something else, or a level is above its highest.
+        whole at the first level, friction alone holds the structure and cannot at the last, an
+        amplitude is not reached, or the system is a reduced model made for something else, or a
+        level is above its highest.
     ConvergenceError
-        If a level does not converge, or with contact that opens the first one has no state.
+        If a level does not converge, an amplitude is not found, or with contact that opens the
+        first level has no state.
     """
     if slips_at is None:
         slips_at = getattr(system.origin, "slips_at", None)
-    asked = _Levels.of(levels, up_to, slips_at)
+    amplitudes, point = None, 0
+    if isinstance(levels, Amplitudes):
+        amplitudes, point = levels, levels.number(system.points)
+        if keep_path:
+            raise InputError("backbone: keep_path: needs levels, found amplitudes; leave it out")
+        asked = _Levels.of(SEARCHED, up_to, slips_at)
+    else:
+        asked = _Levels.of(levels, up_to, slips_at)
     system.check_any_load("backbone", float(asked.shares[-1]) * (asked.slips_at or 0.0))
     if not system.contact.count:
         why = "frequency and damping do not depend on amplitude"
@@ -267,7 +309,10 @@ def backbone(
         larger = alone(system)
     curves = []
     for k in numbers.tolist():
-        curve = _curve(path, StuckMode(k, frequencies, shapes, stuck), asked)
+        mode = StuckMode(k, frequencies, shapes, stuck)
+        curve = _curve(path, mode, asked)
+        if amplitudes:
+            curve = _at_amplitudes(path, mode, curve, amplitudes, point)
         curves.append(curve if keep_path else replace(curve, path=None))
     if larger is None:
         return curves
@@ -357,8 +402,10 @@ def _same(A: Any, B: Any) -> bool:
     return A.format == B.format and all(map(np.array_equal, *parts))
 
 
-def _curve(path: CyclePath, mode: StuckMode, asked: _Levels) -> Backbone:
-    """Backbone of a mode at the levels that are asked for.
+def _curve(
+    path: CyclePath, mode: StuckMode, asked: _Levels, checked: IntArray | None = None
+) -> Backbone:
+    """Backbone of a mode at the levels that are asked for; ``checked`` as `CyclePath.follow`.
 
     Whether joints slip as a whole is asked of the path of contact that stays closed.
     """
@@ -366,11 +413,12 @@ def _curve(path: CyclePath, mode: StuckMode, asked: _Levels) -> Backbone:
     to, shape = path.to, path.of_closed(mode.shape)
     system = to.system
     force = np.asarray(system.M @ shape)
-    found = path.follow(force, asked.shares * slips_at, float(shape @ (system.C @ shape)))
+    found = path.follow(force, asked.shares * slips_at, float(shape @ (system.C @ shape)), checked)
     level, states = found.level, found.states
     springs = system.contact.has_springs
     q = states @ force
     omega = np.sqrt(level / q)
+    viscous_damping = float(shape @ (system.C @ shape)) / (2.0 * omega)
     frequency = omega / (2.0 * np.pi)
     slipping = path.stays.to.system.slipping(found.sliding)
     state = _stick_or_slip(path.stays, mode, asked, found, slipping)
@@ -390,13 +438,20 @@ def _curve(path: CyclePath, mode: StuckMode, asked: _Levels) -> Backbone:
         amplitude=q,
         frequency=frequency,
         friction_damping=found.work / (2.0 * np.pi * level * q),
-        viscous_damping=float(shape @ (system.C @ shape)) / (2.0 * omega),
+        viscous_damping=viscous_damping,
         displacement=np.abs((system.P @ states.T).T),
         states=to.outer(states),
         loops=to.outer(found.loops),
         slip=found.slip,
         share=path.stays.to.system.slipping_share(found.sliding),
         state=state,
+        losses=Losses(
+            friction=found.work,
+            viscous=2.0 * np.pi * level * q * viscous_damping,
+            strain=found.strain,
+            by_joint=np.asarray((system.contact.J @ found.by_point.T).T),
+        ),
+        friction_work=found.by_point,
         masing_error=found.masing_error,
         notes=tuple(f"Mode {mode.number}: {note}" for note in notes),
         estimated=found.errors,
@@ -406,6 +461,55 @@ def _curve(path: CyclePath, mode: StuckMode, asked: _Levels) -> Backbone:
         offset=None if middle is None else middle @ force,
         opened=found.opened,
         path=ModePath(path.system, path.closed, mode, shape, path, found),
+    )
+
+
+def _at_amplitudes(
+    path: CyclePath, mode: StuckMode, curve: Backbone, amplitudes: Amplitudes, point: int
+) -> Backbone:
+    """Curve of a mode at given amplitudes of a point, from one that goes up to its highest level.
+
+    InputError if an amplitude is above that of the highest level, or not found.
+    """
+
+    def values(curve: Backbone) -> FloatArray:
+        return amplitudes.along(curve.displacement[:, point], curve.frequency, curve.losses.lost)
+
+    largest = float(np.abs(path.system.expand(curve.states[-1])).max())
+    if curve.displacement[-1, point] <= STILL * largest:
+        raise InputError(
+            f"backbone: amplitudes: mode {mode.number} does not move {amplitudes.point!r}, which "
+            "has a direction of its own; choose another point or mode"
+        )
+    level, known, asked = curve.level, values(curve), amplitudes.values
+    most = float(known.max())
+    if asked[-1] > most:
+        raise InputError(
+            f"backbone: amplitudes: found a {amplitudes.text(float(asked[-1]))}, but at its "
+            f"highest level the curve of mode {mode.number} has a {amplitudes.text(most)}; ask for "
+            "less, or set up_to higher"
+        )
+    by_way = level[: 0 if path.opens else None]  # see `amplitudes`
+    search = LevelSearch(asked, level, known)
+    for _ in range(ROUNDS):
+        all_levels = np.union1d(search.tried, by_way)
+        rows = np.searchsorted(all_levels, search.tried)
+        path.tally.total += items_of_work(all_levels.size, path.opens)
+        shares = _Levels(all_levels / curve.slips_at, curve.slips_at, False)
+        found = _curve(path, mode, shares, rows)
+        if found.level.size < all_levels.size:  # the structure lifts off
+            raise InputError(f"backbone: amplitudes: {' '.join(found.notes)}")
+        found = found.at_levels(rows)
+        reached = values(found)
+        apart = reached / asked - 1.0
+        if np.abs(apart).max() <= REACHED:
+            return found
+        search.correct(reached)
+    worst = int(np.abs(apart).argmax())
+    raise ConvergenceError(
+        f"backbone: amplitudes: a {amplitudes.text(float(asked[worst]))} of mode {mode.number} is "
+        f"not found to {REACHED:g}; after {ROUNDS} rounds it is off by {apart[worst]:.2g}: the "
+        "quantity jumps or does not rise with the level there; ask for the levels themselves"
     )
 
 

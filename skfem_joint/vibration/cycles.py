@@ -64,8 +64,10 @@ class RisingCycles:
         Multiples of the force; fewer than asked for where the last ones have no state.
     states : ndarray, shape (levels, n)
         Displacement from the middle of a cycle to its end at the level, m.
-    work : ndarray, shape (levels,)
-        Work of friction in a cycle, J.
+    by_point : ndarray, shape (levels, m)
+        Work of friction in a cycle at each contact point, J.
+    strain : ndarray, shape (levels,)
+        Largest strain energy in a cycle, J; with contact that opens above that at rest.
     slip, sliding : ndarray, shape (levels, m)
         Slip of each contact point that belongs to ``states``, m, and that of its slider: what is
         left by a spring in series, and zero where nothing is pressed all along.
@@ -93,7 +95,8 @@ class RisingCycles:
 
     level: FloatArray
     states: FloatArray
-    work: FloatArray
+    by_point: FloatArray
+    strain: FloatArray
     slip: FloatArray
     sliding: FloatArray
     friction: FloatArray
@@ -105,6 +108,11 @@ class RisingCycles:
     limits: FloatArray | None = None
     errors: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    @property
+    def work(self) -> FloatArray:
+        """Work of friction in a cycle, (levels,), J."""
+        return np.asarray(self.by_point.sum(axis=1))
 
 
 def items_of_work(levels: int, opens: bool) -> int:
@@ -148,8 +156,10 @@ class _Cycle(NamedTuple):
         Whether each pressure point was without force at an increment.
     slid : ndarray, shape (m,)
         Half of the slip of each slider between the turning points, m; zero where no friction acts.
-    work : float
-        Of friction, J.
+    by_point : ndarray, shape (m,)
+        Work of friction at each contact point, J.
+    strain : float
+        Largest strain energy, J.
     slip_left : float
         Work of the mean friction limits on the slips that are left at its end, over ``work``.
     way_left : float
@@ -160,9 +170,15 @@ class _Cycle(NamedTuple):
     low: FloatArray
     opened: BoolArray
     slid: FloatArray
-    work: float
+    by_point: FloatArray
+    strain: float
     slip_left: float
     way_left: float
+
+    @property
+    def work(self) -> float:
+        """Work of friction, J."""
+        return float(self.by_point.sum())
 
     @property
     def half(self) -> FloatArray:
@@ -219,8 +235,18 @@ class CyclePath:
             return u
         return self.to.inner(np.asarray(self._motions @ self.closed.outer(u.T).T))
 
-    def follow(self, force: FloatArray, level: FloatArray, damping: float = 0.0) -> RisingCycles:
+    def follow(
+        self,
+        force: FloatArray,
+        level: FloatArray,
+        damping: float = 0.0,
+        checked: IntArray | None = None,
+    ) -> RisingCycles:
         """Cycles of a force (n,), N, between both signs of some levels, from rest.
+
+        ``checked`` are numbers of levels at which Masing's rule is checked, a few evenly spread
+        ones if not given. The half cycles of given ones have twice the increments, and the error of
+        the damping ratio is known there.
 
         With contact that opens they end with the last level that has a state, which a note says,
         and the error of the damping ratio is that of friction over the whole one, with the modal
@@ -233,9 +259,11 @@ class CyclePath:
         """
         if self.opens:
             return self._around(force, level, damping)
-        return self._by_masings_rule(force, level)
+        return self._by_masings_rule(force, level, damping, checked)
 
-    def _by_masings_rule(self, force: FloatArray, level: FloatArray) -> RisingCycles:
+    def _by_masings_rule(
+        self, force: FloatArray, level: FloatArray, damping: float, checked: IntArray | None
+    ) -> RisingCycles:
         """Cycles with constant limits."""
         levels, contact = self.levels, self.to.system.contact
         ways = [[way] for way in levels.walk(levels.rest(), force, np.append(0.0, level))]
@@ -243,36 +271,72 @@ class CyclePath:
         states, rows, friction = _stacked(contact, ends)
         sliders = contact.slider_slip(rows, friction)
         slip, sliding = contact.slip_norm(rows), contact.slip_norm(sliders)
-        work, idle = 4.0 * sliding @ contact.w, 1e-12 * level * (states @ force)
-        work[work <= idle] = 0.0  # round-off
+        by_point, idle = 4.0 * sliding * contact.w, 1e-12 * level * (states @ force)
+        by_point[by_point.sum(axis=1) <= idle] = 0.0  # round-off
+        work = by_point.sum(axis=1)
         along = np.cumsum(contact.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
         masing = bool(np.all(4.0 * along @ contact.w <= np.maximum(TURNED * work, idle)))
-        followed = spread(level.size, CHECKED) if masing else np.arange(level.size)
+        followed = spread(level.size, CHECKED) if checked is None else checked
+        followed = followed if masing else np.arange(level.size)
         followed = followed[work[followed] > 0.0]
+        twice = [] if checked is None else checked.tolist()
         self.tally.total += HALF_CYCLE * (followed.size - min(CHECKED, level.size))
-        turn, loops = np.linspace(1.0, -1.0, HALF_CYCLE + 1), [states[:0]]
-        cycle = np.zeros(followed.size)
+        self.tally.total += 2 * HALF_CYCLE * len(twice)
+        loops, apart = [states[:0]], 0.0
+        cycle = np.zeros((followed.size, contact.w.size))
         for k, at in enumerate(followed.tolist()):
-            parts = levels.walk(ends[at], level[at] * force, turn)
-            half = [(share * level[at], one) for part in parts for share, one in part]
+            half, moved, cycle[k] = self._half_cycle(ends[at], force, level[at], HALF_CYCLE)
+            if at in twice:
+                coarse = cycle[k].sum()
+                half, moved, cycle[k] = self._half_cycle(ends[at], force, level[at], 2 * HALF_CYCLE)
+                q, fine = float(force @ states[at]), cycle[k].sum()
+                whole = fine + np.pi * damping * np.sqrt(q / level[at]) * level[at] * q
+                apart = max(apart, float(abs(coarse - fine) / whole))
             ways[at].append(half)
-            u, _, sigma = _stacked(contact, [ends[at], *(one for _, one in half)])
-            loops.append(np.diff(u, axis=0))
-            slips = np.asarray((contact.B @ loops[-1].T).T)
-            slid = contact.slip_norm(contact.slider_slip(slips, np.diff(sigma, axis=0)))
-            cycle[k] = 2.0 * (slid @ contact.w).sum()
-        ratio = cycle / work[followed]
+            loops.append(moved)
+        ratio = cycle.sum(axis=1) / work[followed]
+        by_point *= between(level, followed, ratio)[:, np.newaxis]
+        by_point[followed] = cycle
         return RisingCycles(
             level=level,
             states=states,
-            work=work * between(level, followed, ratio),
+            by_point=by_point,
+            strain=np.array([self._strain(end) for end in ends]),
             slip=slip,
             sliding=sliding,
             friction=friction,
             loops=np.concatenate(loops),
             ways=ways,
             masing_error=float(np.abs(ratio - 1.0).max(initial=0.0)) if masing else None,
+            errors={} if checked is None else {"damping_ratio": apart},
         )
+
+    def _half_cycle(
+        self, end: Level, force: FloatArray, alpha: float, count: int
+    ) -> tuple[Walk, FloatArray, FloatArray]:
+        """Way from a level to its opposite in some increments, with constant limits.
+
+        Also returns the increments of displacement, (increments, n), m, and the work of friction of
+        the whole cycle at each contact point, (m,), J.
+        """
+        contact, turn = self.to.system.contact, np.linspace(1.0, -1.0, count + 1)
+        parts = self.levels.walk(end, alpha * force, turn)
+        half = [(share * alpha, one) for part in parts for share, one in part]
+        u, _, sigma = _stacked(contact, [end, *(one for _, one in half)])
+        moved = np.diff(u, axis=0)
+        slips = np.asarray((contact.B @ moved.T).T)
+        slid = contact.slip_norm(contact.slider_slip(slips, np.diff(sigma, axis=0)))
+        return half, moved, 2.0 * slid.sum(axis=0) * contact.w
+
+    def _strain(self, level: Level) -> float:
+        """Strain energy of a level, J, that of springs and of contact that opens included."""
+        system = self.to.system
+        if not system.contact.has_springs:
+            return system.strain_energy(level.u)
+        limits = system.contact.w if level.limits is None else level.limits
+        w = system.contact.on_rows(limits)
+        sigma = np.divide(level.friction, w, out=np.zeros_like(w), where=w > 0.0)
+        return system.strain_energy(level.u, sigma, limits)
 
     def _around(self, force: FloatArray, level: FloatArray, damping: float) -> RisingCycles:
         """Cycles with contact that opens."""
@@ -344,7 +408,8 @@ class CyclePath:
         limits = np.array([level.limits for level in path])
         ways = np.array([x.slip - contact.spring_flexibility * x.friction for x in path])
         slips = np.diff(ways, axis=0)
-        work = float((0.5 * (limits[1:] + limits[:-1]) * contact.slip_norm(slips)).sum())
+        by_point = (0.5 * (limits[1:] + limits[:-1]) * contact.slip_norm(slips)).sum(axis=0)
+        work = float(by_point.sum())
         normal = np.array([level.normal for level in path])
         end, low = path[-1], path[middle].u
         left = float(limits.mean(axis=0) @ contact.slip_norm(ways[-1] - ways[0]))
@@ -355,7 +420,8 @@ class CyclePath:
             low=low,
             opened=np.any(normal <= 0.0, axis=0) & pressed,
             slid=np.where(np.any(limits > 0.0, axis=0), slid, 0.0),
-            work=work,
+            by_point=by_point,
+            strain=max(map(self._strain, path[1:])),
             slip_left=left / max(work, 0.5 * LEAST * way),
             way_left=abs(float(force @ (end.u - begin.u)) / way),
         )
@@ -391,7 +457,8 @@ class CyclePath:
         return RisingCycles(
             level=level,
             states=states,
-            work=np.array([cycle.work for cycle in done]),
+            by_point=np.array([cycle.by_point for cycle in done]),
+            strain=np.array([cycle.strain for cycle in done]),
             slip=slip,
             sliding=np.where(slid > creep, slid, 0.0),
             friction=_stacked(system.contact, [cycle.end for cycle in done])[2],

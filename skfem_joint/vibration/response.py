@@ -27,6 +27,7 @@ from skfem_joint.ground.rows import Rows
 from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at
 from skfem_joint.results.history import relative
+from skfem_joint.results.loss import losses
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.steady.correction import Correction
 from skfem_joint.steady.steady import odd_loads
@@ -481,8 +482,8 @@ def _steady(
     except ConvergenceError as error:
         return _without_vibration(system, frequency, error)
     slip = system.contact.slid(run.friction_work)
-    vibration, harmonics = run.vibration, _harmonics(run.point_u[:-1])
-    load = _harmonics(system.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
+    vibration, harmonics = run.vibration, harmonics_of(run.point_u[:-1])
+    load = harmonics_of(system.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
     return SteadyPoint(
         frequency=frequency,
         amplitude=vibration.amplitude,
@@ -492,6 +493,8 @@ def _steady(
         friction_energy=float(run.friction_work.sum()),
         input_energy=float(run.input_work.sum()),
         slip=run.slip_peak,
+        losses=losses(run),
+        friction_work=run.cycles.by_point,
         share=float(system.slipping_share(slip, plan.duration)),
         gross=system.slips_as_a_whole(slip, plan.duration),
         periods=vibration.periods,
@@ -517,7 +520,7 @@ def _without_vibration(system: System, frequency: float, why: ConvergenceError) 
     )
 
 
-def _harmonics(rows: FloatArray) -> FloatArray:
+def harmonics_of(rows: FloatArray) -> FloatArray:
     """Harmonics of the columns over a period, (columns, harmonics), complex.
 
     Those from half the sampling rate on, which so few rows do not determine, are nan.

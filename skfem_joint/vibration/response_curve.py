@@ -10,6 +10,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.results.loss import Losses, stacked
 from skfem_joint.results.peaks import parabola_vertex
 
 State = tuple[FloatArray, FloatArray]
@@ -59,6 +60,10 @@ class SteadyPoint:
     model_error : float
         Estimated relative error of the largest amplitude by the modes of a reduced model for a
         range; nan for other models.
+    losses : Losses, optional
+        Energies that a period loses, J, and its loss factor.
+    friction_work : ndarray, shape (m,), optional
+        Energy lost by friction in a period at each contact point, J.
     failure : str, optional
         Why no steady vibration was found.
     gross : bool
@@ -80,6 +85,8 @@ class SteadyPoint:
     course: FloatArray | None = None
     step_error: float = np.nan
     model_error: float = np.nan
+    losses: Losses | None = None
+    friction_work: FloatArray | None = None
     failure: str | None = None
     gross: bool = False
 
@@ -107,6 +114,11 @@ class Curve:
     def column(self, name: str) -> FloatArray:
         """A quantity of `SteadyPoint` at all frequencies, by its name."""
         return np.array([getattr(point, name) for point in self.points])
+
+    @property
+    def losses(self) -> Losses:
+        """Energies that a period loses at all frequencies, J, and loss factors."""
+        return stacked([point.losses for point in self.points])
 
     @property
     def found(self) -> bool:

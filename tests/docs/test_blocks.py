@@ -17,7 +17,17 @@ RUN_BY_CI = "main-job", "tests"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("start/*.md"))]
 PAGES += sorted((ROOT / "docs").glob("how-to/*.md"))
 #: Pages that take long, by the names of their files.
-SLOW = {"README", "accuracy", "bolts", "damping", "matrices", "opening-contact", "plate", "python"}
+SLOW = {
+    "README",
+    "accuracy",
+    "bolts",
+    "damping",
+    "loss-factor",
+    "matrices",
+    "opening-contact",
+    "plate",
+    "python",
+}
 SLOW |= {"ranges", "solid", "sweeps"}
 
 

@@ -12,7 +12,15 @@ from skfem_joint.cli import main
 ROOT = Path(__file__).resolve().parents[2]
 #: Tables whose keys are names of points, joints or models.
 NAMED = {
-    *["models", "joints", "static_displacement_m", "peak_displacement_m", "offset_m", "files"],
+    *[
+        "models",
+        "joints",
+        "bolts",
+        "static_displacement_m",
+        "peak_displacement_m",
+        "offset_m",
+        "files",
+    ],
     *["ring_down_friction_energy_J", "failures", "warnings"],
     *["peak_displacement_whole_run_m", "amplitude_m", "drift_per_period_m", "friction_energy_J"],
     *["active_length_m", "active_area_fraction"],

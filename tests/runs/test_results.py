@@ -48,7 +48,7 @@ def test_shapes_are_those_that_are_described(run):
                 expected = tuple(sizes[part.strip()] for part in shape[1].split(",") if part)
                 assert getattr(result, name).shape == expected, name
                 checked += 1
-    assert checked == 29
+    assert checked == 32
     assert [part.shape for part in run.final] == [(system.n,), (system.n,)]
 
 

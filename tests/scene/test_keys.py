@@ -16,6 +16,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "keys.md"
 PURE = {
     *("poisson", "friction", "ratio", "rho_infinity", "displacement", "energy", "levels", "up_to"),
     *("gap_scale", "axes"),
+    "acceleration_g",
     *("axis", "direction"),  # their length does not count
     *("sweep.KEY.from", "sweep.KEY.to"),  # in the unit of the key they stand for
     *("reduction.range.slip", "reduction.range.KEY"),

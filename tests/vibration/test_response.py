@@ -15,10 +15,9 @@ import skfem_joint as sj
 from skfem_joint.ground.rows import Rows
 from skfem_joint.mesh import build_bar
 from skfem_joint.runs.integrate import integrate_plan
-from skfem_joint.study.scene_response import scene_response
+from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
 from skfem_joint.vibration.linear_response import linear_response
 from skfem_joint.vibration.response import at_frequency, steady_plan, steady_point
-from skfem_joint.vibration.response_curve import SteadyPoint
 
 
 def bar() -> sj.System:
@@ -232,10 +231,10 @@ def test_what_finished_beside_a_worker_that_fails_is_kept(tmp_path):
                 future.set_result(function(*arguments, **keywords))
             return future
 
-    kept, levels = Rows(tmp_path / "rows.jsonl", (SteadyPoint,)), (1.0, 2.0, 3.0, 4.0, 5.0)
+    kept, levels = Rows(tmp_path / "rows.jsonl", RESPONSE_ROWS), (1.0, 2.0, 3.0, 4.0, 5.0)
     with pytest.raises(sj.InputError, match="the first cannot"):
         sj.response(bar(), [500.0], levels, executor=Workers(), rows=kept, refined=False)
-    assert Rows(kept.path, (SteadyPoint,)).known == len(levels) - 1
+    assert Rows(kept.path, RESPONSE_ROWS).known == len(levels) - 1
 
 
 def test_a_linear_response_is_exact_at_few_steps_whatever_the_damping():

@@ -1,0 +1,133 @@
+"""Loss factors, and the parts of joints and bolts, as tables, summaries and sentences have them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from skfem_joint.ground.files import safe_names
+from skfem_joint.results.loss import Losses, known
+from skfem_joint.results.places import PlaceResults, Places
+from skfem_joint.study.scene_backbone import AtAmplitudes
+from skfem_joint.vibration.amplitudes import UNITS
+from skfem_joint.vibration.response_curve import Curve
+
+#: Share of the friction limit of a place whose points slip from which it slips as a whole.
+WHOLE = 0.99
+#: Share of a friction limit below which nothing is said to slip.
+NOTHING = 5e-4
+
+
+def of_response(places: Places, curve: Curve) -> PlaceResults:
+    """Results of joints and bolts at the frequencies of a response."""
+    unknown = np.full(places.system.contact.w.size, np.nan)
+    works = [unknown if p.friction_work is None else p.friction_work for p in curve.points]
+    slip = np.array([p.slip for p in curve.points])
+    return places.of_curve(np.array(works), slip, 1.0 / curve.column("frequency"))
+
+
+def place_cells(results: PlaceResults, row: int) -> dict[str, float]:
+    """Cells of a row with results of each joint and bolt; none where there is a single joint."""
+    if len(results.names) < 2:
+        return {}
+    names = safe_names(results.names)
+    return {
+        column.format(name): value
+        for column, values in results.columns.items()
+        for name, value in zip(names, values[row].tolist(), strict=True)
+    }
+
+
+def asked_cells(at: AtAmplitudes, k: int) -> dict[str, Any]:
+    """First cells of a row of the amplitude number ``k``: point, quantity, value, its unit."""
+    asked = at.asked
+    return {
+        "point": asked.point,
+        "quantity": asked.quantity.removesuffix("_g"),
+        "value": float(asked.values[k]),
+        "unit": UNITS[asked.quantity],
+    }
+
+
+def error_cells(at: AtAmplitudes, k: int) -> dict[str, float]:
+    """Stated relative errors of the loss factor at an amplitude, by source and in all.
+
+    nan where a source is not known, or does not apply.
+    """
+    unknown = np.full(at.total.size, np.nan)
+    errors = dict.fromkeys(("mesh", "cycles", "model"), unknown) | at.errors | {"total": at.total}
+    return {f"loss_factor_error_{name}": float(error[k]) for name, error in errors.items()}
+
+
+def content(losses: Losses, by_place: PlaceResults, k: int) -> dict[str, Any]:
+    """Content of a summary about the cycle number ``k``: energies, joints and bolts."""
+    entries = [*by_place.entries(k)]
+    bolts = {name: values for name, is_bolt, values in entries if is_bolt}
+    joints = {name: values for name, is_bolt, values in entries if not is_bolt}
+    return {**known(losses.row(k)), "joints": joints, **({"bolts": bolts} if bolts else {})}
+
+
+def amplitude_content(at: AtAmplitudes, places: Places) -> list[dict[str, Any]]:
+    """Content of a summary about each amplitude that was asked for."""
+    c = at.curve
+    by_place = places.of_curve(c.friction_work, c.slip)
+    return [
+        {
+            **asked_cells(at, k),
+            "frequency_Hz": float(c.frequency[k]),
+            "damping_ratio": float(c.damping_ratio[k]),
+            "state": c.state[k],
+            **known(error_cells(at, k)),
+            **content(c.losses, by_place, k),
+        }
+        for k in range(c.level.size)
+    ]
+
+
+def amplitude_lines(model: str, at: AtAmplitudes, places: Places) -> Iterator[str]:
+    """Lines about a mode at the amplitudes that were asked for."""
+    c, asked = at.curve, at.asked
+    by_place = places.of_curve(c.friction_work, c.slip)
+    for k, value in enumerate(asked.values.tolist()):
+        losses = c.losses.row(k)
+        yield (
+            f"{model} model, mode {c.mode}, {asked.text(value)}: loss factor "
+            f"{losses['loss_factor']:.3g}{_error(at, k)}, equivalent viscous ratio "
+            f"{100.0 * losses['equivalent_viscous_ratio']:.3g} %, Q "
+            f"{losses['quality_factor']:.3g}, {c.frequency[k]:.5g} Hz."
+        )
+        yield (
+            f"  A cycle loses {losses['lost_by_friction_J']:.3g} J by friction and "
+            f"{losses['lost_by_damping_J']:.3g} J by damping; its largest strain energy is "
+            f"{losses['largest_strain_energy_J']:.3g} J."
+        )
+        yield from _place_lines(by_place, k)
+
+
+def _error(at: AtAmplitudes, k: int) -> str:
+    """What is known of the error of a loss factor, with its sources, and what is not."""
+    known = [source for source, error in at.errors.items() if np.isfinite(error[k])]
+    unknown = [source for source in ("mesh", "cycles") if source not in known]
+    stated = f" ± {100.0 * at.total[k]:.2g} %" if known else ""
+    sources = [*known, *(f"{source} not known" for source in unknown)]
+    return f"{stated} ({', '.join(sources)})"
+
+
+def _place_lines(by_place: PlaceResults, k: int) -> Iterator[str]:
+    """Line about each bolt, or about each joint where there are no bolts."""
+    entries = [*by_place.entries(k)]
+    for name, _, values in [entry for entry in entries if entry[1]] or entries:
+        slips, share = values["slipping_share"] or 0.0, values["loss_share"]
+        loses = "" if share is None else f"{100.0 * share:.3g} % of the friction loss, "
+        how = f"{100.0 * slips:.2g} % of its friction limit slips"
+        if slips <= NOTHING:
+            how = "it sticks"
+        elif slips >= WHOLE:
+            how = "it slips as a whole"
+        normal = 100.0 * (values["normal_force_share"] or 0.0)
+        yield (
+            f"  {name}: {loses}{how}, slip up to {values['largest_slip_m']:.3g} m, "
+            f"{normal:.3g} % of the normal force."
+        )

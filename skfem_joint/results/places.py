@@ -1,0 +1,255 @@
+"""What each joint and each bolt has of loss, slip and normal force.
+
+A place is a joint or a bolt. A joint's part in a contact point is its share of the friction limit
+there. Bolts divide the points of the joints that they press among themselves: bolts on rings in
+proportion to the forces with which they press a point, and points without any by distance; clamps,
+which press by way of the bodies, by the distance from their axes. So bolts of one joint are told
+apart without a joint for each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy import sparse
+
+from skfem_joint.body.body import Body
+from skfem_joint.ground.arrays import BoolArray, FloatArray, as_dense
+from skfem_joint.joint.clamps import clamp_line
+from skfem_joint.joint.manifold import manifold_of
+from skfem_joint.joint.patch import Patch
+from skfem_joint.joint.pressure import Bolts, nodal_pressure
+from skfem_joint.results.loss import known, over
+from skfem_joint.runs.last_cycle import energies
+from skfem_joint.stepping.recording import Run
+from skfem_joint.structure.model import AnyStructure
+from skfem_joint.structure.structure import Structure
+from skfem_joint.system.system import System
+
+
+@dataclass(frozen=True)
+class Places:
+    """Joints of a structure and their bolts, with their parts of the m contact points.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the joints; of their bolts on rings ``JOINT_bolt_1`` and so on; of clamps, which may
+        press several joints, ``bolt_1`` and so on.
+    joints : int
+        How many are joints; the others are bolts.
+    owner : tuple of int
+        Number of the joint of each place; -1 of clamps.
+    share : sparse array, shape (places, m)
+        Part of each place in each contact point. Those of the joints add up to 1.
+    normal_force : ndarray, shape (places,)
+        Of the points of each place at rest, N.
+    system : System
+        The full model, in which these points are.
+    """
+
+    names: tuple[str, ...]
+    joints: int
+    owner: tuple[int, ...]
+    share: sparse.csr_array
+    normal_force: FloatArray
+    system: System
+
+    def of_run(self, run: Run, slipped: FloatArray, period: float) -> PlaceResults:
+        """Results of all places in the last cycle of a run, or in all of it without cycles.
+
+        Parameters
+        ----------
+        run : Run
+            Of the full model, or of a smaller one, whose points stand for those of the full one.
+        slipped : ndarray, shape (m,)
+            Largest slip of the slider of each contact point of the full model, m; taken where there
+            are no cycles.
+        period : float
+            Time that a point has to creep in, s.
+        """
+        cycles = run.cycles.friction.size > 0
+        work = of_all(run.system, run.cycles.by_point if cycles else run.friction_work)
+        if not energies(run)[0]:
+            work = np.zeros_like(work)
+        shares = run.system.contact.shares
+        slip = run.slip_peak if shares is None else (shares > 0.0).T @ run.slip_peak
+        slid = self.system.contact.slid(work) if cycles else slipped
+        return self.of(work, slip, self.system.slipping(slid, period))
+
+    def of_curve(
+        self, work: FloatArray, slip: FloatArray, period: FloatArray | float = 0.0
+    ) -> PlaceResults:
+        """Results of all places in many cycles.
+
+        Parameters
+        ----------
+        work, slip : ndarray, shape (cycles, m)
+            Energy that friction takes in a cycle at each contact point of the full model, J, and
+            largest slip, m.
+        period : ndarray, shape (cycles,), or float
+            Time that a point has to creep in, s; 0 for slow cycles.
+        """
+        slid, periods = self.system.contact.slid(work), np.broadcast_to(period, len(work))
+        both = zip(slid, periods.tolist(), strict=True)
+        return self.of(work, slip, np.array([self.system.slipping(*one) for one in both]))
+
+    def of(self, work: FloatArray, slip: FloatArray, slips: BoolArray) -> PlaceResults:
+        """Results of all places.
+
+        Parameters
+        ----------
+        work : ndarray, shape (..., m)
+            Energy that friction takes at each contact point, J; nan where it is not known.
+        slip : ndarray, shape (..., m)
+            Largest slip of each contact point, m.
+        slips : ndarray of bool, shape (..., m)
+            Whether each contact point slips, see `System.slipping`.
+        """
+        share, w = self.share, self.system.contact.point_weights
+        whole = np.asarray(share @ w)
+        mostly = as_dense(share) >= 0.5
+        largest = [np.where(own, slip, 0.0).max(axis=-1, initial=0.0) for own in mostly]
+        by_place = np.asarray((share @ work.T).T)
+        slipping = np.where(np.isnan(work), np.nan, slips * w)
+        total = by_place[..., : self.joints].sum(axis=-1, keepdims=True)
+        return PlaceResults(
+            names=self.names,
+            joints=self.joints,
+            loss_share=over(by_place, total),
+            slipping_share=over(np.asarray((share @ slipping.T).T), whole),
+            largest_slip=np.stack(largest, axis=-1) if largest else by_place,
+            normal_force=self.normal_force,
+        )
+
+
+def of_all(model: System, work: FloatArray) -> FloatArray:
+    """Works of all contact points, (..., m), J, from those of a model's own points.
+
+    Points that a model's point stands for have its work in proportion to their shares in it.
+    """
+    shares = model.contact.shares
+    return work if shares is None else np.asarray((shares.T @ work.T).T)
+
+
+@dataclass(frozen=True)
+class PlaceResults:
+    """Results of joints and bolts; shapes begin with that of the cycles that they are of.
+
+    Attributes
+    ----------
+    names, joints
+        As of `Places`.
+    loss_share : ndarray, shape (..., places)
+        Of what friction takes in all joints; nan where it takes nothing.
+    slipping_share : ndarray, shape (..., places)
+        Share of the friction limit of each place whose points slip, 1 where it slips as a whole.
+    largest_slip : ndarray, shape (..., places)
+        Of the points that belong to a place by half at least, m.
+    normal_force : ndarray, shape (places,)
+        At rest, N.
+    """
+
+    names: tuple[str, ...]
+    joints: int
+    loss_share: FloatArray
+    slipping_share: FloatArray
+    largest_slip: FloatArray
+    normal_force: FloatArray
+
+    @property
+    def normal_share(self) -> FloatArray:
+        """Share of each place in the normal force of all joints at rest, (places,)."""
+        return over(self.normal_force, self.normal_force[: self.joints].sum())
+
+    @property
+    def columns(self) -> dict[str, FloatArray]:
+        """Columns of tables by name, {} for the place, with an array (..., places) each."""
+        return {
+            "loss_share_{}": self.loss_share,
+            "slipping_share_{}": self.slipping_share,
+            "largest_slip_{}_m": self.largest_slip,
+        }
+
+    def entries(self, *cycle: int) -> Iterator[tuple[str, bool, dict[str, float | None]]]:
+        """Name of each place, whether it is a bolt, and its content of a summary, of one cycle."""
+        share = self.normal_share
+        for k, name in enumerate(self.names):
+            values = {
+                "loss_share": self.loss_share[(*cycle, k)],
+                "slipping_share": self.slipping_share[(*cycle, k)],
+                "largest_slip_m": self.largest_slip[(*cycle, k)],
+                "normal_force_N": self.normal_force[k],
+                "normal_force_share": share[k],
+            }
+            yield name, k >= self.joints, known({key: float(x) for key, x in values.items()})
+
+
+def places_of(structure: AnyStructure, system: System) -> Places:
+    """Joints and bolts of a structure, with their parts of its contact points.
+
+    Parameters
+    ----------
+    structure : Structure or MatrixModel
+    system : System
+        Its full model, under any loads.
+
+    Returns
+    -------
+    Places
+    """
+    J = sparse.csr_array(system.contact.J)
+    names, rows = [*system.contact.joints], [as_dense(J)]
+    joints = len(names)
+    owner = [*range(joints)]
+    force = np.zeros(system.contact.w.size)
+    for patch in structure.patches:
+        np.add.at(force, patch.points, patch.normal_force)
+    if isinstance(structure, Structure):
+        for name, joint, row in _bolts(structure, as_dense(J)):
+            names.append(name)
+            owner.append(joint)
+            rows.append(row[np.newaxis])
+    share = sparse.csr_array(np.vstack(rows))
+    return Places(tuple(names), joints, tuple(owner), share, share @ force, system)
+
+
+def _bolts(structure: Structure, J: FloatArray) -> Iterator[tuple[str, int, FloatArray]]:
+    """Name, joint and parts of all contact points, (m,), of each bolt of a structure."""
+    for k, patch in enumerate(structure.patches):
+        if isinstance(patch.joint.pressure, Bolts):
+            parts = _ring_parts(structure.body, patch, patch.joint.pressure)
+            for number, part in enumerate(parts, 1):
+                row = np.zeros(J.shape[1])
+                row[patch.points] = J[k, patch.points] * part
+                yield f"{patch.joint.name}_bolt_{number}", k, row
+    pressed = [(k, p) for k, p in enumerate(structure.patches) if p.joint.pressed_by_bolts]
+    if not structure.bolts:
+        return
+    lines = [clamp_line(structure.body, bolt) for bolt in structure.bolts]
+    rows = np.zeros((len(lines), J.shape[1]))
+    for k, patch in pressed:
+        away = structure.body.nodes[patch.nodes] - np.array([[line.middle] for line in lines])
+        along = np.array([line.along for line in lines])
+        way = np.einsum("bkd,bd->bk", away, along)
+        distance = np.linalg.norm(away - way[..., None] * along[:, None], axis=2)
+        rows[distance.argmin(axis=0), patch.points] += J[k, patch.points]
+    for number, row in enumerate(rows, 1):
+        yield f"bolt_{number}", -1, row
+
+
+def _ring_parts(body: Body, patch: Patch, pressure: Bolts) -> FloatArray:
+    """Part of each bolt of a joint in its contact points, (bolts, k)."""
+    manifold = manifold_of(body, patch.joint)
+    at = [np.asarray(bolt.at[: body.dim]) for bolt in pressure.bolts]
+    nodes = body.nodes[patch.nodes]
+    distance = np.array([np.linalg.norm(nodes - place, axis=1) for place in at])
+    nearest = np.eye(len(at))[:, distance.argmin(axis=0)]
+    cells = body.nodes, manifold.cells, manifold.depth
+    alone = (replace(pressure, bolts=(bolt,)) for bolt in pressure.bolts)
+    force = np.array(
+        [nodal_pressure(*cells, one, patch.joint.label)[0][patch.nodes] for one in alone]
+    )
+    return np.where(force.sum(axis=0) > 0.0, over(force, force.sum(axis=0)), nearest)

@@ -1,0 +1,139 @@
+"""Loss factors, joints and bolts in tables, summaries and printed lines of scenes."""
+
+import csv
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from joint_scenes import harmonic, plate_scene
+from pydantic import ValidationError
+
+import skfem_joint as sj
+from skfem_joint.mesh import build_plate
+from skfem_joint.output.damping import backbone_lines, write_backbone, write_response
+from skfem_joint.results.loss import COLUMNS
+from skfem_joint.scene import Scene
+from skfem_joint.study.scene_backbone import scene_backbone
+from skfem_joint.study.scene_response import scene_response
+
+BOLTS = [
+    {"at": [x, 0.025], "force": 20e3, "head_radius": 0.009, "hole_radius": 0.0055}
+    for x in (0.05, 0.15)
+]
+PLACES = ("joint", "joint_bolt_1", "joint_bolt_2")
+
+
+def bracket(*models: str, **changes: Any) -> Scene:
+    """Plate held by two bolts and shaken across its free end."""
+    values: dict[str, Any] = {
+        "mesh": build_plate([("joint", 0.2, 16), ("free", 0.3, 10)], 0.05, 4),
+        "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
+        "joint": [{"on": "joint", "pressure": {"bolts": BOLTS, "reach": 0.01}, "friction": 0.7}],
+        "load": [harmonic("right", 50.0, 300.0) | {"direction": [0.0, 1.0]}],
+        "damping": {"ratio": 2e-3},
+    }
+    return plate_scene(*models, **values | changes)
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture(scope="module")
+def answered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """Folder and printed lines of a curve with two amplitudes."""
+    at = {"point": "right", "force": [5.0, 20.0]}
+    scene = bracket("full", "condensed", backbone={"modes": [1], "levels": 4, "at": at})
+    found, folder = scene_backbone(scene), tmp_path_factory.mktemp("answered")
+    write_backbone(folder, found)
+    return folder, backbone_lines(found)
+
+
+def test_one_command_says_loss_factor_error_and_bolt(answered):
+    _, lines = answered
+    (first,) = [line for line in lines if line.startswith("full model, mode 1, force of 20 N")]
+    assert "at right: loss factor 0." in first
+    assert " % (cycles, mesh), equivalent viscous ratio " in first
+    bolts = [line for line in lines if line.startswith("  joint_bolt_2: ")]
+    assert len(bolts) == 4
+    assert all(
+        "% of the friction loss" in line and "of the normal force." in line for line in bolts
+    )
+
+
+def test_a_table_has_the_amplitudes_their_errors_and_all_places(answered):
+    folder, _ = answered
+    rows = rows_of(folder / "amplitudes.csv")
+    assert [(row["model"], row["value"], row["unit"]) for row in rows] == [
+        ("full", "5", "N"), ("full", "20", "N"), ("condensed", "5", "N"), ("condensed", "20", "N")
+    ]  # fmt: skip
+    for row in rows:
+        eta, lost = float(row["loss_factor"]), 0.0
+        assert set(COLUMNS) - {"lost_by_impacts_J"} <= row.keys()
+        for name in ("lost_by_friction_J", "lost_by_damping_J"):
+            lost += float(row[name])
+        assert eta == pytest.approx(lost / (2.0 * np.pi * float(row["largest_strain_energy_J"])))
+        force = lost / (np.pi * float(row["displacement_right_m"]))
+        assert force == pytest.approx(float(row["value"]), rel=1e-4)
+        shares = [float(row[f"loss_share_{name}"]) for name in PLACES]
+        assert shares[0] == pytest.approx(shares[1] + shares[2]) == pytest.approx(1.0)
+        known = [float(row[f"loss_factor_error_{name}"]) for name in ("mesh", "cycles")]
+        model = row["loss_factor_error_model"]
+        assert bool(model) == (row["model"] == "condensed")
+        total = float(row["loss_factor_error_total"])
+        assert total == pytest.approx(sum(known) + float(model or 0.0))
+    levels = rows_of(folder / "backbone.csv")
+    assert set(COLUMNS) - {"lost_by_impacts_J"} <= levels[0].keys()
+    for row in levels:
+        assert float(row["damping_ratio"]) < float(row["equivalent_viscous_ratio"])
+
+
+def test_the_summary_has_what_a_report_needs(answered):
+    folder, _ = answered
+    summary = json.loads((folder / "summary.json").read_text())
+    (mode,) = summary["models"]["full"]["modes"]
+    assert [entry["value"] for entry in mode["amplitudes"]] == [5.0, 20.0]
+    for entry in (*mode["amplitudes"], mode["highest_level"]):
+        assert set(entry["bolts"]) == set(PLACES[1:])
+        assert sum(bolt["loss_share"] for bolt in entry["bolts"].values()) == pytest.approx(1.0)
+        for bolt in entry["bolts"].values():
+            assert bolt["normal_force_N"] == pytest.approx(20e3)
+            assert bolt["normal_force_share"] == pytest.approx(0.5)
+        assert entry["quality_factor"] == pytest.approx(1.0 / entry["loss_factor"])
+
+
+def test_a_response_has_losses_places_and_the_functions_asked_for(tmp_path):
+    functions = ["receptance", "mobility", "accelerance"]
+    response = {"frequencies": {"from": 200.0, "to": 240.0, "points": 2}, "functions": functions}
+    scene = bracket("reduced", response=response, accuracy={"estimate": False})
+    found = scene_response(scene)
+    write_response(tmp_path, found)
+    (curve,), system = found.models[0].curves, scene.system()
+    rows = rows_of(tmp_path / "response.csv")
+    for k, row in enumerate(rows):
+        assert float(row["loss_factor"]) == pytest.approx(curve.losses.loss_factor[k])
+        bolts = [float(row[f"loss_share_{name}"]) for name in PLACES]
+        assert bolts[0] == pytest.approx(bolts[1] + bolts[2])
+        for kind, unit in zip(
+            functions, ("m_per_N", "m_per_s_per_N", "m_per_s2_per_N"), strict=True
+        ):
+            expected = sj.frequency_response(system, curve, "right", kind)[k, 0]
+            assert float(row[f"{kind}_right_{unit}"]) == pytest.approx(abs(expected))
+            assert float(row[f"{kind}_right_phase_rad"]) == pytest.approx(np.angle(expected))
+    (level,) = json.loads((tmp_path / "summary.json").read_text())["models"]["reduced"]["levels"]
+    assert set(level["peak"]["bolts"]) == set(PLACES[1:])
+
+
+def test_what_does_not_fit_together_is_refused():
+    with pytest.raises((sj.InputError, ValidationError), match="exactly one of displacement"):
+        bracket("full", backbone={"at": {"point": "right"}})
+    with pytest.raises((sj.InputError, ValidationError), match="must rise"):
+        bracket("full", backbone={"at": {"point": "right", "force": [2.0, 1.0]}})
+    with pytest.raises(sj.InputError, match="found 'left', must be one of right"):
+        scene_backbone(bracket("full", backbone={"at": {"point": "left", "force": [2.0]}}))
+    response = {"frequencies": {"from": 2e2, "to": 3e2}, "functions": ["transmissibility"]}
+    with pytest.raises(sj.InputError, match="needs a base that moves"):
+        scene_response(bracket("full", response=response))
