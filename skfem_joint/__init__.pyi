@@ -99,6 +99,10 @@ from skfem_joint.vibration.backbone_sensitivity import (
 from skfem_joint.vibration.backbone_sensitivity import (
     backbone_sensitivity as backbone_sensitivity,
 )
+from skfem_joint.vibration.power_density import PowerDensity as PowerDensity
+from skfem_joint.vibration.random_response import RandomMode as RandomMode
+from skfem_joint.vibration.random_response import RandomResponse as RandomResponse
+from skfem_joint.vibration.random_response import random_response as random_response
 from skfem_joint.vibration.response import response as response
 from skfem_joint.vibration.response_curve import Curve as Curve
 from skfem_joint.vibration.response_curve import SteadyPoint as SteadyPoint
