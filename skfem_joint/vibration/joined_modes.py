@@ -24,13 +24,13 @@ from scipy.optimize import nnls
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.power_density import PowerDensity
 from skfem_joint.vibration.modal_amplitudes import (
     Beside,
     ModalAmplitudes,
     ModeCurve,
     modal_amplitudes,
 )
-from skfem_joint.vibration.power_density import PowerDensity
 
 #: Samples of the other modes' amplitudes and phases, and seed of the generator.
 SAMPLES, SEED = 16, 1

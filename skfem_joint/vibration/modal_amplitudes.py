@@ -25,7 +25,7 @@ from scipy.interpolate import PchipInterpolator
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
-from skfem_joint.vibration.power_density import PowerDensity
+from skfem_joint.ground.power_density import PowerDensity
 
 #: Intervals of the amplitude, an even number.
 INTERVALS = 200

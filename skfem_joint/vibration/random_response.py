@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Harmonic, Scaled
+from skfem_joint.ground.power_density import GRAVITY, PowerDensity
 from skfem_joint.ground.values import POSITIVE, check
 from skfem_joint.reduction.stuck import Stuck
 from skfem_joint.stepping.arrangement import arranged
@@ -27,7 +28,6 @@ from skfem_joint.system.system import AppliedLoad, System
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.joined_modes import joined_modes
 from skfem_joint.vibration.modal_amplitudes import ModalAmplitudes, ModeCurve
-from skfem_joint.vibration.power_density import GRAVITY, PowerDensity
 from skfem_joint.vibration.response_spectra import Spectra
 
 #: Units of a density by their names, and factors to SI.

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.power_density import PowerDensity
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.system.system import System
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.modal_amplitudes import ModalAmplitudes, at_amplitudes, peak_of
-from skfem_joint.vibration.power_density import PowerDensity
 
 #: Euler's constant, of the mean of a largest value.
 EULER = float(np.euler_gamma)
