@@ -366,7 +366,7 @@ def test_random_vibration_leaves_tables_a_picture_and_a_summary(scene, tmp_path,
     shown = capsys.readouterr().out
     assert "root mean square" in shown
     assert "friction does" in shown
-    tables = {f"random{part}.csv" for part in ("", "_joints", "_psd")}
+    tables = {f"random{part}.csv" for part in ("", "_joints", "_points", "_psd")}
     assert set(files_below(out)) == tables | {"random.png", "summary.json"}
     content = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     (mode,) = content["models"]["full"]["modes"]

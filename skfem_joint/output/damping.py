@@ -374,12 +374,15 @@ def response_figure(response: SceneResponse) -> Figure:
 def write_random(
     folder: Path, scene: Scene, found: RandomResponse, curves: Sequence[Backbone]
 ) -> list[Path]:
-    """Write ``random.csv``, ``random_psd.csv``, ``random_joints.csv``, a picture, a summary."""
+    """Write ``random.csv``, ``random_psd.csv``, ``random.png`` and a summary.
+
+    Works are in ``random_joints.csv``, and of contact points in ``random_points.csv``.
+    """
     names = safe_names(found.points)
     spectra: dict[str, Any] = {"frequency_Hz": found.frequencies}
     spectra |= _named("displacement_{}_m2_Hz", names, found.displacement_psd)
     spectra |= _named("acceleration_{}_m2_s4_Hz", names, found.acceleration_psd)
-    tables = {
+    tables: dict[str, Any] = {
         "random.csv": {
             "point": list(found.points),
             "displacement_rms_m": found.displacement_rms,
@@ -390,6 +393,9 @@ def write_random(
         "random_joints.csv": {"joint": list(found.joints), "work_J_per_hour": found.joint_work},
         "random_psd.csv": spectra,
     }
+    wear = _wear(scene.structure(), found.point_work)
+    if wear:
+        tables["random_points.csv"] = by_columns(wear)
     whole = {c.mode: float(np.interp(c.slips_at, c.level, c.amplitude)) for c in curves}
     modes = [
         {
@@ -411,6 +417,27 @@ def write_random(
         "estimated_error": dict(found.estimated),
     }
     return _written(folder, {"random.png": random_figure(found)}, content, tables)
+
+
+def _wear(structure: AnyStructure, work: FloatArray) -> list[dict[str, Any]]:
+    """Rows of the contact points with their place and work in an hour, (m,), J, for wear maps.
+
+    None where nodes are not known.
+    """
+    if structure.body is None:
+        return []
+    places = structure.body.positions
+    return [
+        {
+            "joint": patch.joint.name,
+            **dict(zip(("x_m", "y_m", "z_m"), places[node].tolist(), strict=False)),
+            "area_m2": area,
+            "work_J_per_hour": work[point],
+            "work_density_J_m2_per_hour": work[point] / area if area > 0.0 else np.nan,
+        }
+        for patch in structure.patches
+        for node, point, area in zip(patch.nodes, patch.points, patch.area, strict=True)
+    ]
 
 
 def random_lines(found: RandomResponse) -> list[str]:

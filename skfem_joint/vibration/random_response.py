@@ -291,17 +291,18 @@ class _StuckUnder:
     """
 
     def __init__(self, system: System, vector: FloatArray, count: int) -> None:
-        to = arranged(system.closed())
-        stuck = Stuck(to.system)
+        load = AppliedLoad(vector, Harmonic(1.0, 1.0))
+        inner = arranged(replace(system, loads=(load,)).closed()).system
+        stuck = Stuck(inner)
         self.frequencies, _ = stuck.modes(count)
         if self.frequencies[0] == 0.0:
             raise InputError(
                 "random_response: the structure floats, so that a random load moves it away "
                 "without limit; support it"
             )
-        loads = replace(system, loads=(AppliedLoad(vector, Harmonic(1.0, 1.0)),)).closed()
-        moved = stuck.F @ stuck.solver[0](stuck.F.T @ to.force(loads.loads[0].vector))
-        self.static = np.asarray(to.system.P @ moved)
+        solve, _ = stuck.solver
+        moved = stuck.F @ solve(stuck.F.T @ inner.loads[0].vector)
+        self.static = np.asarray(inner.P @ moved)
 
 
 # Curves by joint
