@@ -18,9 +18,11 @@ from skfem_joint.ground.loads import Harmonic as Harmonic
 from skfem_joint.ground.loads import MultiHarmonic as MultiHarmonic
 from skfem_joint.ground.loads import RampAndHold as RampAndHold
 from skfem_joint.ground.loads import Rectangle as Rectangle
+from skfem_joint.ground.loads import SweptSine as SweptSine
 from skfem_joint.ground.loads import Table as Table
 from skfem_joint.ground.loads import Triangle as Triangle
 from skfem_joint.ground.loads import Versine as Versine
+from skfem_joint.ground.power_density import PowerDensity as PowerDensity
 from skfem_joint.ground.rows import Rows as Rows
 from skfem_joint.joint.clamps import Clamp as Clamp
 from skfem_joint.joint.contact import contact as contact
@@ -111,6 +113,9 @@ from skfem_joint.vibration.backbone_sensitivity import (
 from skfem_joint.vibration.backbone_sensitivity import (
     backbone_sensitivity as backbone_sensitivity,
 )
+from skfem_joint.vibration.random_response import RandomMode as RandomMode
+from skfem_joint.vibration.random_response import RandomResponse as RandomResponse
+from skfem_joint.vibration.random_response import random_response as random_response
 from skfem_joint.vibration.response import response as response
 from skfem_joint.vibration.response_curve import Curve as Curve
 from skfem_joint.vibration.response_curve import SteadyPoint as SteadyPoint

@@ -142,9 +142,12 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     add("backbone", _backbone, "frequency and damping of modes over amplitude", scene, out)
     add("response", _response, "steady vibration over frequency", scene, out, workers)
+    add("random", _random, "response to a load by its power spectral density", scene, out)
     fitted = add("fit", _fit, "fit values of a scene to measured frequency and damping", scene, out)
     _add_fit_options(fitted)
-    page = add("report", _report, "one page of HTML about the results of run, backbone or response")
+    page = add(
+        "report", _report, "one page of HTML about the results of run, backbone, response or random"
+    )
     page.add_argument("results", type=Path, metavar="DIR", help="folder of the results")
     timed = add("error-time", _error_time, "error against run time of many models", scene, out)
     timed.add_argument(
@@ -458,6 +461,25 @@ def _response(options: argparse.Namespace) -> int:
         files = damping.write_response(options.out, response, curves)
     print("\n".join(damping.response_lines(response, curves)))
     return _print_notes(response.notes, options.out, files)
+
+
+def _random(options: argparse.Namespace) -> int:
+    """Compute the response to a random load, write and print it."""
+    from skfem_joint.output import damping
+    from skfem_joint.study.scene_backbone import random_table, scene_random
+
+    def ready(scene: Scene) -> None:
+        scene.check_vibrates(options.name)
+        random_table(scene)
+
+    scene = _loaded(options, ready)
+    with _kept(options) as notes:
+        with _progress(options) as progress:
+            found, curves = scene_random(scene, progress)
+        found = replace(found, notes=(*found.notes, *notes))
+        files = damping.write_random(options.out, scene, found, curves)
+    print("\n".join(damping.random_lines(found)))
+    return _print_notes(found.notes, options.out, files)
 
 
 def _fit(options: argparse.Namespace) -> int:

@@ -89,7 +89,7 @@ def test_as_much_is_said_as_is_asked_for(scene, tmp_path, capsys):
 
 def test_a_shell_completes_every_command():
     shown = pytest.importorskip("shtab").complete(cli.parser(), "bash")
-    names = "run check example keys backbone response fit error-time sweep"
+    names = "run check example keys backbone response random fit error-time sweep"
     for name in names.split():
         assert name in shown
     assert "--checkpoint-every" in shown
@@ -356,6 +356,25 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(name, scene, tm
     shown = capsys.readouterr().out
     assert f"Written to {out}" in shown
     assert "which stay unless results replace them: notes.txt." in shown
+
+
+def test_random_vibration_leaves_tables_a_picture_and_a_summary(scene, tmp_path, capsys):
+    (tmp_path / "psd.csv").write_text("Hz,N2/Hz\n500,1e3\n5000,1e3\n", encoding="utf-8")
+    more = "[backbone]\nlevels = 12\nup_to = 2.0\n[random]\npsd = 'psd.csv'\n"
+    path, out = scene(FULL_ONLY, more=more), tmp_path / "out"
+    assert cli.main(["random", str(path), "--out", str(out)]) == 0
+    shown = capsys.readouterr().out
+    assert "root mean square" in shown
+    assert "friction does" in shown
+    tables = {f"random{part}.csv" for part in ("", "_joints", "_points", "_psd")}
+    assert set(files_below(out)) == tables | {"random.png", "summary.json"}
+    content = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    (mode,) = content["models"]["full"]["modes"]
+    assert mode["mode"] == 1
+    assert content["load"] == "free_end"
+    assert cli.main(["report", str(out)]) == 0
+    assert cli.main(["random", str(scene(FULL_ONLY)), "--out", str(out)]) == 2
+    assert "random: missing" in capsys.readouterr().err
 
 
 def test_files_that_no_list_has_are_of_other_origin_and_stay(scene, tmp_path, capsys):

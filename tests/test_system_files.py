@@ -22,6 +22,7 @@ SHAPES = [
     sj.Versine(40e3, 2e-4),
     sj.RampAndHold(40e3, 2e-4),
     sj.Rectangle(40e3, 2e-4),
+    sj.SweptSine(40e3, 500.0, 1000.0, 60.0),
     sj.Table(TIMES, 1e4 * np.sin(1e3 * TIMES)),
     Scaled(sj.Table(TIMES, np.sin(1e3 * TIMES)), 1e4),
 ]

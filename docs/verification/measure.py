@@ -317,6 +317,7 @@ CLAIMS = {
         timed=True,
     ),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
+    "random": Claim(f"{BENCHMARKS}/noise.py", 600, {"random": printed}, timed=True),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),
     "fit-gradients": Claim(
         f"{BENCHMARKS}/fits.py gradients", 300, {"fit-gradients": printed}, timed=True

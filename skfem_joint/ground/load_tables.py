@@ -1,4 +1,4 @@
-"""Tables of force over time in text files."""
+"""Tables of two columns in text files: force over time, density over frequency."""
 
 from __future__ import annotations
 
@@ -6,22 +6,36 @@ from pathlib import Path
 
 import numpy as np
 
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.loads import Table
 from skfem_joint.ground.text_tables import Mistakes, number_in, read_rows
 
 
 def read_table(path: str | Path) -> Table:
-    """Table from a UTF-8 text file with two columns: time (s) and force (N).
+    """Table from a UTF-8 text file with two columns: time (s) and force (N), see `read_pairs`."""
+    return Table(*read_pairs(path, ("time", "s"), ("force", "N")))
+
+
+def read_pairs(
+    path: str | Path, first: tuple[str, str], second: tuple[str, str]
+) -> tuple[FloatArray, FloatArray]:
+    """Two columns of a UTF-8 text file, of which the first one rises.
 
     They are separated by a comma, a semicolon or a tab. Lines of two words before the first number
     are a header. Empty lines and comments after ``#`` are left out. Numbers are at most 1e20 in
     size, so that slopes and energies do not overflow.
 
+    Parameters
+    ----------
+    path : str or Path
+    first, second : tuple of str
+        Name and unit of each column, for messages.
+
     Raises
     ------
     InputError
-        If the file cannot be read, or if lines are not two finite numbers with increasing times.
-        The message names the file and the lines.
+        If the file cannot be read, or if lines are not two finite numbers, or the first ones do not
+        rise. The message names the file and the lines.
     """
     path = Path(path)
     number, largest = 1, 1e20
@@ -32,20 +46,21 @@ def read_table(path: str | Path) -> Table:
         if values == [None, None] and not rows and not mistakes:  # a header
             continue
         match values:
-            case [float(time), float(force)] if abs(time) <= largest and abs(force) <= largest:
-                if rows and not time - rows[-1][0] >= 1.0 / largest:
+            case [float(x), float(y)] if abs(x) <= largest and abs(y) <= largest:
+                if rows and not x - rows[-1][0] >= 1.0 / largest:
                     mistakes.append(
-                        f"{path}: line {number}: found time {time:g}, "
-                        f"must be > {rows[-1][0]:g}, the time before it"
+                        f"{path}: line {number}: found {first[0]} {x:g}, "
+                        f"must be > {rows[-1][0]:g}, the {first[0]} before it"
                     )
-                rows.append([time, force])
+                rows.append([x, y])
             case _:
                 mistakes.append(
                     f"{path}: line {number}: found {text[:60]!r}, must be two finite "
-                    "numbers separated by a comma: time in s, force in N; none larger than "
-                    f"{largest:g}"
+                    f"numbers separated by a comma: {first[0]} in {first[1]}, {second[0]} in "
+                    f"{second[1]}; none larger than {largest:g}"
                 )
     if not mistakes and len(rows) < 2:
         mistakes.append(f"{path}: line {number}: found {len(rows)} points, must be >= 2")
     mistakes.refuse()
-    return Table(*np.array(rows).T)
+    x_column, y_column = np.array(rows).T
+    return x_column, y_column

@@ -49,6 +49,11 @@ class Amplitude(ABC):
         return common_period([self])
 
     @property
+    def oscillates(self) -> bool:
+        """Whether it goes up and down as a harmonic does: steps must follow each period."""
+        return self.period is not None
+
+    @property
     def corners(self) -> tuple[float, ...]:
         """Times (s) at which the value or the slope jumps; a step should end there."""
         return ()
@@ -87,7 +92,7 @@ class Amplitude(ABC):
         return max((harmonic.frequency for harmonic in self.harmonics), default=None)
 
 
-def _check(amplitude: Any, positive: str) -> None:
+def _check(amplitude: Any, *positive: str) -> None:
     """Raise InputError naming every field that is not finite or out of its range."""
     meaning = {
         "amplitude": "force, N",
@@ -97,8 +102,11 @@ def _check(amplitude: Any, positive: str) -> None:
         "rise_time": "time from start to peak, s",
         "duration": "time that the force lasts, s",
         "start": "time at which the force sets in, s",
+        "first_frequency": "Hz",
+        "last_frequency": "Hz",
+        "rate": "octaves per minute",
     }
-    kinds = {positive: POSITIVE, "start": NOT_NEGATIVE}
+    kinds = dict.fromkeys(positive, POSITIVE) | {"start": NOT_NEGATIVE}
     refuse(
         f"{problem} ({meaning[field.name]})"
         for field in fields(amplitude)
@@ -127,7 +135,7 @@ class Harmonic(Amplitude):
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        _check(self, positive="frequency")
+        _check(self, "frequency")
 
     def _force(self, t: FloatArray) -> Any:
         return self.amplitude * np.sin(2 * np.pi * self.frequency * t + self.phase)
@@ -201,6 +209,72 @@ class MultiHarmonic(Amplitude):
         )
 
 
+@dataclass(frozen=True)
+class SweptSine(Amplitude):
+    """Sine whose frequency goes from a first to a last value at a rate, zero after that.
+
+    Its frequency at the time t (s) is first_frequency * 2^(rate t / 60), or the first one divided
+    by that where the last one is lower.
+
+    Attributes
+    ----------
+    amplitude : float
+        N, of either sign.
+    first_frequency, last_frequency : float
+        Hz, above 0, not the same.
+    rate : float
+        Octaves per minute, above 0.
+    """
+
+    amplitude: float
+    first_frequency: float
+    last_frequency: float
+    rate: float
+
+    def __post_init__(self) -> None:
+        _check(self, "first_frequency", "last_frequency", "rate")
+        if self.first_frequency == self.last_frequency:
+            raise InputError(
+                f"last_frequency: found {self.last_frequency:g}, must differ from first_frequency"
+            )
+
+    @property
+    def _growth(self) -> float:
+        """Rate at which the logarithm of the frequency changes, 1/s."""
+        rises = 1.0 if self.last_frequency > self.first_frequency else -1.0
+        return rises * self.rate * math.log(2.0) / 60.0
+
+    def _force(self, t: FloatArray) -> Any:
+        k = self._growth
+        angle = 2.0 * np.pi * self.first_frequency * np.expm1(k * np.minimum(t, self.span[1])) / k
+        return np.where((t >= 0.0) & (t <= self.span[1]), self.amplitude * np.sin(angle), 0.0)
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """From zero to the end of the sweep, s."""
+        return 0.0, math.log(self.last_frequency / self.first_frequency) / self._growth
+
+    @property
+    def corners(self) -> tuple[float, ...]:
+        """Start and end of the sweep, s."""
+        return self.span
+
+    @property
+    def oscillates(self) -> bool:
+        """True, though no period repeats."""
+        return True
+
+    @property
+    def peak_value(self) -> float:
+        """Absolute amplitude, N."""
+        return abs(self.amplitude)
+
+    @property
+    def highest_frequency(self) -> float:
+        """The larger one of both frequencies, Hz."""
+        return max(self.first_frequency, self.last_frequency)
+
+
 class _Pulse(Amplitude):
     """Base of the shapes that rise to a peak; they are zero before their start.
 
@@ -215,7 +289,7 @@ class _Pulse(Amplitude):
     _END: ClassVar[float] = 2.0
 
     def __post_init__(self) -> None:
-        _check(self, positive=self._LENGTH)
+        _check(self, self._LENGTH)
 
     @property
     def corners(self) -> tuple[float, ...]:
@@ -512,6 +586,11 @@ class Scaled(Amplitude):
     def harmonics(self) -> tuple[Harmonic, ...]:
         """Harmonics of the other amplitude, scaled."""
         return tuple(replace(h, amplitude=self.factor * h.amplitude) for h in self.of.harmonics)
+
+    @property
+    def oscillates(self) -> bool:
+        """Whether the other amplitude does."""
+        return self.of.oscillates
 
     @property
     def corners(self) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""Tables and pictures of steady vibration: damping against amplitude, response over frequency."""
+"""Tables and pictures of vibration: damping against amplitude, response, random vibration."""
 
 from __future__ import annotations
 
@@ -33,6 +33,7 @@ from skfem_joint.study.premises import premises
 from skfem_joint.study.scene_backbone import AtAmplitudes, ModelBackbone, SceneBackbone
 from skfem_joint.study.scene_response import SceneResponse, asked_table
 from skfem_joint.vibration.backbone import Backbone
+from skfem_joint.vibration.random_response import RandomResponse
 from skfem_joint.vibration.response import HARMONICS
 from skfem_joint.vibration.response_curve import Curve
 from skfem_joint.vibration.transfer import KINDS, frequency_response
@@ -447,6 +448,117 @@ def response_figure(response: SceneResponse) -> Figure:
     plain_ticks(upper.yaxis)
     for panel in (upper, lower, lost):
         panel.grid(alpha=0.3)
+    return figure
+
+
+def write_random(
+    folder: Path, scene: Scene, found: RandomResponse, curves: Sequence[Backbone]
+) -> list[Path]:
+    """Write ``random.csv``, ``random_psd.csv``, ``random.png`` and a summary.
+
+    Works are in ``random_joints.csv``, and of contact points in ``random_points.csv``.
+    """
+    names = safe_names(found.points)
+    spectra: dict[str, Any] = {"frequency_Hz": found.frequencies}
+    spectra |= _named("displacement_{}_m2_Hz", names, found.displacement_psd)
+    spectra |= _named("acceleration_{}_m2_s4_Hz", names, found.acceleration_psd)
+    tables: dict[str, Any] = {
+        "random.csv": {
+            "point": list(found.points),
+            "displacement_rms_m": found.displacement_rms,
+            "displacement_peak_m": found.displacement_peak,
+            "acceleration_rms_m_s2": found.acceleration_rms,
+            "acceleration_peak_m_s2": found.acceleration_peak,
+        },
+        "random_joints.csv": {"joint": list(found.joints), "work_J_per_hour": found.joint_work},
+        "random_psd.csv": spectra,
+    }
+    wear = _wear(scene.structure(), found.point_work)
+    if wear:
+        tables["random_points.csv"] = by_columns(wear)
+    whole = {c.mode: float(np.interp(c.slips_at, c.level, c.amplitude)) for c in curves}
+    modes = [
+        {
+            "mode": mode.mode,
+            "frequency_Hz": mode.frequency,
+            "damping_ratio": mode.damping_ratio,
+            "rms_modal_amplitude": mode.rms,
+            "peak_modal_amplitude": mode.peak,
+            "rms_over_slip_as_a_whole": mode.rms / whole[mode.mode],
+            "share_above_the_curve": mode.beyond,
+        }
+        for mode in found.modes
+    ]
+    content = _content(scene, {"full": {"modes": modes}}, random_lines(found), found.notes)
+    content |= {
+        "load": found.load,
+        "duration_s": found.duration,
+        "viscous_work_J_per_hour": found.viscous_work,
+        "estimated_error": dict(found.estimated),
+    }
+    return _written(folder, {"random.png": random_figure(found)}, content, tables)
+
+
+def _wear(structure: AnyStructure, work: FloatArray) -> list[dict[str, Any]]:
+    """Rows of the contact points with their place and work in an hour, (m,), J, for wear maps.
+
+    None where nodes are not known.
+    """
+    if structure.body is None:
+        return []
+    places = structure.body.positions
+    return [
+        {
+            "joint": patch.joint.name,
+            **dict(zip(("x_m", "y_m", "z_m"), places[node].tolist(), strict=False)),
+            "area_m2": area,
+            "work_J_per_hour": work[point],
+            "work_density_J_m2_per_hour": work[point] / area if area > 0.0 else np.nan,
+        }
+        for patch in structure.patches
+        for node, point, area in zip(patch.nodes, patch.points, patch.area, strict=True)
+    ]
+
+
+def random_lines(found: RandomResponse) -> list[str]:
+    """What is printed of random vibration: modes, points, joints and errors."""
+    lines = [
+        f"Mode {mode.mode}: {mode.frequency:.6g} Hz, damping {100.0 * mode.damping_ratio:.3g} %."
+        for mode in found.modes
+    ]
+    lines += [
+        f"{point}: root mean square {1e3 * found.displacement_rms[k]:.5g} mm and "
+        f"{found.acceleration_rms[k]:.5g} m/s², largest in {found.duration:g} s "
+        f"{1e3 * found.displacement_peak[k]:.4g} mm and {found.acceleration_peak[k]:.4g} m/s²."
+        for k, point in enumerate(found.points)
+    ]
+    lines += [
+        f"Joint {joint}: friction does {work:.5g} J in an hour."
+        for joint, work in zip(found.joints, found.joint_work.tolist(), strict=True)
+    ]
+    errors = found.estimated
+    return [
+        *lines,
+        f"The levels of the curves cause an estimated {100.0 * errors['displacement_rms']:.2g} % "
+        f"of root mean squares and {100.0 * errors['friction_work']:.2g} % of the work.",
+    ]
+
+
+def random_figure(found: RandomResponse) -> Figure:
+    """Spectral densities of displacement and acceleration of the named points."""
+    figure = new_figure(7.5, 6.0)
+    upper, lower = figure.subplots(2, 1, sharex=True)
+    for panel, density, unit in (
+        (upper, found.displacement_psd, "displacement, m²/Hz"),
+        (lower, found.acceleration_psd, "acceleration, (m/s²)²/Hz"),
+    ):
+        for point, values in zip(found.points, density, strict=True):
+            panel.loglog(found.frequencies, values, label=point)
+        panel.set(ylabel=unit)
+        panel.grid(alpha=0.3)
+    upper.legend(fontsize="small")
+    lower.set(xlabel="frequency, Hz")
+    plain_ticks(lower.xaxis)
     return figure
 
 

@@ -31,6 +31,8 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
         *("loss_factor", "slipping_share", "state", "doubt", "mesh_error_"),
     ),
     "peaks.csv": (),
+    "random.csv": (),
+    "random_joints.csv": (),
 }
 _CAPTIONS = {
     "histories": "Displacement of the named points over time",
@@ -45,6 +47,7 @@ _CAPTIONS = {
     "backbone_response": "Response beside the damping curves",
     "backbone": "Frequency and damping over amplitude",
     "response": "Amplitude over frequency",
+    "random": "Spectral density of displacement and acceleration",
 }
 _KINDS = {".png": "image/png", ".gif": "image/gif"}
 
@@ -67,7 +70,7 @@ class _Picture(NamedTuple):
 
 
 def write_report(folder: Path | str) -> Path:
-    """Write ``report.html`` about the results of `run`, `backbone` or `response` in a folder.
+    """Write ``report.html`` about results of `run`, `backbone`, `response` or `random`.
 
     The page has the results with their stated errors, what to beware of, the structure, what is
     assumed, the pictures, and the scene. Pictures are part of the file, which needs no network.
@@ -106,7 +109,8 @@ def _content(folder: Path) -> dict[str, Any]:
     path = folder / SUMMARY
     if not path.is_file():
         raise InputError(
-            f"{folder}: has no {SUMMARY}, must be the folder --out of run, backbone or response"
+            f"{folder}: has no {SUMMARY}, must be the folder --out of run, backbone, response "
+            "or random"
         )
     try:
         content = json.loads(read_text(path))
@@ -114,8 +118,8 @@ def _content(folder: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not the JSON that skfem-joint wrote: {error}") from error
     if not isinstance(content, dict) or "premises" not in content:
         raise InputError(
-            f"{path}: is of another command or an older version, must be of run, backbone or "
-            "response; run it again"
+            f"{path}: is of another command or an older version, must be of run, backbone, "
+            "response or random; run it again"
         )
     return content
 

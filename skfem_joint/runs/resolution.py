@@ -155,7 +155,7 @@ def _load_bounds(system: System, duration: float, vibrates: bool = True) -> Iter
         frequency = amplitude.highest_frequency
         if frequency is None:
             continue
-        if amplitude.period is not None:
+        if amplitude.oscillates:
             why = f"is longer than 1/{PER_PERIOD} of its fastest period"
             yield Bound(name, 1.0 / frequency / PER_PERIOD, why)
             continue

@@ -128,7 +128,8 @@ def _shared(forms: list[Schema]) -> dict[str, Schema]:
 def _key(name: str, part: Schema, needed: bool = False) -> Key:
     """Row of a key, from its schema."""
     meaning = part.get("description", "")
-    with_unit = re.compile(r", (Pa|Pa/m|kg/m³|m|m/s|m/s²|s|Hz|N|rad|degrees|s/m|1/s)(?=[;:,]|$)")
+    units = "Pa|Pa/m|kg/m³|m|m/s|m/s²|s|Hz|N|rad|degrees|s/m|1/s|octaves/min"
+    with_unit = re.compile(rf", ({units})(?=[;:,]|$)")
     unit = with_unit.search(meaning)
     default = "required" if needed else _value(part.get("default"))
     meaning = with_unit.sub("", meaning, count=1)

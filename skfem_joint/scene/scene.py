@@ -81,6 +81,7 @@ class Scene(SceneTable):
     backbone: tables.BackboneTable = key(
         "modes whose frequency and damping are computed against amplitude", tables.BackboneTable()
     )
+    random: tables.RandomTable | None = key("load by its power spectral density", None)
     sweep: SweepTable | None = key("keys of the scene and the values they take in turn", None)
 
     _path: Path | None = PrivateAttr(None)

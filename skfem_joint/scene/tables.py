@@ -25,6 +25,7 @@ from pydantic import (
 from skfem_joint.ground import loads
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.load_tables import read_table
+from skfem_joint.ground.power_density import PowerDensity
 from skfem_joint.runs.resolution import PER_PERIOD
 from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.range_table import ServedRangeTable
@@ -218,6 +219,7 @@ class _Load(SceneTable):
             "versine": loads.Versine,
             "ramp_and_hold": loads.RampAndHold,
             "rectangle": loads.Rectangle,
+            "swept_sine": loads.SweptSine,
         }
         shape = shapes[self.kind]
         return shape(**{name: getattr(self, name) for name in signature(shape).parameters})
@@ -249,6 +251,25 @@ class MultiHarmonicLoad(_Load):
         """Force (N) as a function of time."""
         parts = [loads.Harmonic(**component.model_dump()) for component in self.components]
         return loads.MultiHarmonic(parts)
+
+
+class SweptSineLoad(_Load):
+    """``kind = "swept_sine"``: a sine whose frequency rises or falls at a rate, then zero."""
+
+    kind: Literal["swept_sine"] = key("shape of the force in time")
+    amplitude: Number = key("amplitude of the force, N")
+    first_frequency: Positive = key("frequency at time zero, Hz")
+    last_frequency: Positive = key("frequency at which it ends, Hz")
+    rate: Positive = key("rate of the frequency, octaves/min")
+
+    @model_validator(mode="after")
+    def _sweeps(self) -> Self:
+        if self.first_frequency == self.last_frequency:
+            raise mistake(
+                f"found {self.last_frequency:g}, must differ from first_frequency",
+                "last_frequency",
+            )
+        return self
 
 
 class PulseLoad(_Load):
@@ -298,7 +319,7 @@ class TableLoad(_Load):
 
 
 AnyLoad: TypeAlias = Annotated[
-    HarmonicLoad | MultiHarmonicLoad | PulseLoad | RectangleLoad | TableLoad,
+    HarmonicLoad | MultiHarmonicLoad | SweptSineLoad | PulseLoad | RectangleLoad | TableLoad,
     Field(discriminator="kind"),
 ]
 
@@ -478,6 +499,39 @@ class AccuracyTable(SceneTable):
     def is_given(self) -> bool:
         """Whether a largest error is given."""
         return self.displacement is not None or self.energy is not None
+
+
+class RandomTable(SceneTable):
+    """``[random]``: a load by its power spectral density."""
+
+    psd: FileName = key(
+        "name of a CSV file, relative to the scene: frequency in Hz, density of one side in "
+        "N²/Hz, or (m/s²)²/Hz of a base"
+    )
+    unit: Literal["SI", "g2/Hz"] = key(
+        "unit of the density; 'g2/Hz' with g = 9.80665 m/s² is for a base that is accelerated", "SI"
+    )
+    load: str | None = key(
+        "place of the load that has the density, whose course over time then does not count: its "
+        "on, or mass_x, mass_y or mass_z of a base; not needed where there is one load",
+        None,
+    )
+    duration: Positive = key("time for which the largest values are expected, s", 3600.0)
+    _density: PowerDensity = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _read(self, info: ValidationInfo) -> Self:
+        folder: Path = (info.context or {}).get("folder", Path())
+        try:
+            self._density = PowerDensity.of(folder / self.psd)
+        except InputError as error:
+            raise mistake("\n".join(error.problems), "psd") from error
+        return self
+
+    @property
+    def density(self) -> PowerDensity:
+        """Density of the file."""
+        return self._density
 
 
 class OutputTable(SceneTable):

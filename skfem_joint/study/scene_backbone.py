@@ -1,4 +1,4 @@
-"""Backbone curves of a scene's models, by its table ``[backbone]``."""
+"""Backbone curves of a scene's models, and random vibration by them."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ import numpy as np
 from skfem_joint.accuracy.halved_mesh import BEYOND, affords
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError, JointError
-from skfem_joint.ground.progress import Progress, silent
+from skfem_joint.ground.progress import Progress, announced, silent
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.models import notes_of, reduced_for_mode
 from skfem_joint.results.normal_force import NormalChange, normal_change_of_mode
 from skfem_joint.results.places import of_all
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
+from skfem_joint.scene.tables import RandomTable
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.study.models import finer_mesh, options_of, other_reference
@@ -27,6 +28,7 @@ from skfem_joint.system.system import System
 from skfem_joint.vibration.amplitudes import Amplitudes
 from skfem_joint.vibration.backbone import Backbone, backbone
 from skfem_joint.vibration.mesh_of_curve import MeshOfCurve, mesh_of_curve
+from skfem_joint.vibration.random_response import RandomResponse, random_response
 from skfem_joint.vibration.ring_down import RingDown, ring_down
 
 #: Displacement (m) and velocity (m/s), each of shape (n,), and friction as `integrate` takes it.
@@ -284,6 +286,37 @@ def _by_mesh(
         return {curve.mode: mesh_of_curve(curve, finer, report) for curve in curves}, []
     except JointError as error:
         return {}, [f"The errors by the mesh are not estimated: {error}"]
+
+
+def random_table(scene: Scene) -> RandomTable:
+    """Table ``[random]`` of a scene; InputError if there is none."""
+    if scene.random is None:
+        raise InputError(f"{scene.path}: random: missing; say psd = 'file.csv' in a table [random]")
+    return scene.random
+
+
+def scene_random(
+    scene: Scene, progress: Progress = silent
+) -> tuple[RandomResponse, list[Backbone]]:
+    """Response of a scene's full model to its random load, and the curves that it is made of.
+
+    They are of the modes and levels of the scene's table ``[backbone]``.
+
+    InputError and ConvergenceError as :func:`backbone` and :func:`random_response`.
+    """
+    table, system = random_table(scene), scene.system()
+    curves = _curves(scene, system, scene.backbone.modes, partial(progress, "backbones"))
+    with announced(progress, "random vibration"):
+        found = random_response(
+            system,
+            curves,
+            table.density,
+            load=table.load,
+            unit=table.unit,
+            duration=table.duration,
+        )
+    notes = (*system.notes, *(note for curve in curves for note in curve.notes), *found.notes)
+    return replace(found, notes=tuple(dict.fromkeys(notes))), curves
 
 
 def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]:

@@ -30,7 +30,7 @@ _KIND = {"kind": "skfem_joint system", "form": 4}  #: files of another form are 
 #: Shapes of loads that a file can hold.
 _SHAPES = (
     *(loads.Harmonic, loads.MultiHarmonic, loads.Triangle, loads.HalfSine, loads.Versine),
-    *(loads.RampAndHold, loads.Rectangle, loads.Table, loads.Scaled),
+    *(loads.RampAndHold, loads.Rectangle, loads.Table, loads.Scaled, loads.SweptSine),
 )
 _FORM = PlainForm((System, AppliedLoad, Contact, NormalPart, Served, Range, Point, *_SHAPES))
 

@@ -202,6 +202,8 @@ def test_a_plain_function_of_time_is_a_force(function):
         (lambda: sj.Harmonic(math.nan, -5.0, math.inf), ["amplitude", "frequency", "phase"]),
         (lambda: sj.Harmonic(1.0, 0.0), ["frequency"]),
         (lambda: sj.MultiHarmonic(()), ["components"]),
+        (lambda: sj.SweptSine(1.0, 0.0, 2.0, -1.0), ["first_frequency", "rate"]),
+        (lambda: sj.SweptSine(1.0, 2.0, 2.0, 1.0), ["last_frequency"]),
         (lambda: sj.Triangle(1.0, 0.0, -1.0), ["rise_time", "start"]),
         (lambda: sj.Versine(math.inf, 1.0), ["peak"]),
         (lambda: sj.Rectangle(1.0, -2.0), ["duration"]),
@@ -216,6 +218,35 @@ def test_arguments_out_of_range_are_refused_by_name(make, names):
         make()
     refused = {problem.split(":")[0] for problem in caught.value.problems}
     assert set(names) == refused
+
+
+@pytest.mark.parametrize(("first", "last"), [(10.0, 80.0), (80.0, 10.0)])
+def test_the_frequency_of_a_swept_sine_changes_by_octaves_at_its_rate(first, last):
+    """Three octaves at ninety a minute take two seconds; zeros lie where whole halves have passed.
+
+    In each half of a second the number of periods is the integral of the frequency.
+    """
+    load = sj.SweptSine(2.0, first, last, 90.0)
+    assert load.span == pytest.approx((0.0, 2.0))
+    assert (load.peak_value, load.highest_frequency, load.period) == (2.0, 80.0, None)
+    t = np.linspace(0.0, 2.0, 200_001)
+    crossings = t[1:][np.diff(np.signbit(load(t))) != 0]
+    growth = np.log(last / first) / 2.0
+    for begin, end in ((0.0, 0.5), (0.5, 1.0), (1.5, 2.0)):
+        count = np.count_nonzero((crossings > begin) & (crossings <= end)) / 2.0
+        exact = first * (np.exp(growth * end) - np.exp(growth * begin)) / growth
+        assert count == pytest.approx(exact, abs=1.0)
+    assert load(2.0 + 1e-9) == load(-1e-9) == 0.0
+
+
+def test_a_step_must_follow_the_fastest_period_of_a_swept_sine():
+    system = sj.System(
+        M=np.eye(1), C=None, K=np.eye(1) * 1e4,
+        loads=(sj.AppliedLoad(np.ones(1), sj.SweptSine(1.0, 5.0, 50.0, 600.0), "mass"),),
+    )  # fmt: skip
+    sj.integrate(system, step=0.0024, duration=0.3)
+    with pytest.raises(sj.InputError, match="1/8 of its fastest period"):
+        sj.integrate(system, step=0.0026, duration=0.3)
 
 
 def test_a_function_is_asked_for_all_times_at_once_and_its_mistakes_are_not_hidden():

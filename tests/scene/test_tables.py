@@ -260,6 +260,11 @@ def test_the_law_is_coulombs_unless_beta_is_given(keys, law, beta):
         ("versine", "peak = 2\nrise_time = 0.3\nstart = 1", loads.Versine(2, 0.3, 1)),
         ("ramp_and_hold", "peak = 2\nrise_time = 0.3\nstart = 1", loads.RampAndHold(2, 0.3, 1)),
         ("rectangle", "peak = 2\nduration = 0.3\nstart = 1", loads.Rectangle(2, 0.3, 1)),
+        (
+            "swept_sine",
+            "amplitude = 2\nfirst_frequency = 9\nlast_frequency = 3\nrate = 2",
+            loads.SweptSine(2, 9, 3, 2),
+        ),
     ],
 )
 def test_each_kind_of_load_arrives_with_its_numbers(kind, keys, expected):

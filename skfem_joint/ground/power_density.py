@@ -1,0 +1,108 @@
+"""Power spectral densities of random loads: tables over frequency, from arrays and files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skfem_joint.ground.arrays import FloatArray, as_real
+from skfem_joint.ground.errors import InputError, refuse
+from skfem_joint.ground.load_tables import read_pairs
+
+#: Standard acceleration of gravity, m/s².
+GRAVITY = 9.80665
+#: Points of Gauss's rule in each interval, and the largest ratio of the ends of an interval. With
+#: a pole of the response half an interval away from it the rule errs by 1e-7.
+GAUSS, LARGEST_RATIO = 10, 1.25
+
+
+@dataclass(frozen=True, eq=False)
+class PowerDensity:
+    """Power spectral density of one side, by straight lines on logarithmic axes.
+
+    It is zero outside of its frequencies.
+
+    Attributes
+    ----------
+    frequencies : ndarray, shape (k,)
+        Rising, above zero, Hz; at least two.
+    values : ndarray, shape (k,)
+        Positive: N²/Hz of a force, (m/s²)²/Hz of the acceleration of a base.
+    """
+
+    frequencies: FloatArray
+    values: FloatArray
+
+    def __post_init__(self) -> None:
+        for name in ("frequencies", "values"):
+            object.__setattr__(self, name, np.asarray(as_real(getattr(self, name), f"psd: {name}")))
+        f, G = self.frequencies, self.values
+        if f.ndim != 1 or f.shape != G.shape or f.size < 2:
+            raise InputError(
+                f"psd: found {f.shape} frequencies and {G.shape} values, must be two columns of "
+                "one length, at least 2: frequency in Hz and density"
+            )
+        wrong = [
+            f"psd: {name}[{k}]: found {x[k]:g}, must be > 0 and finite"
+            for name, x in (("frequencies", f), ("values", G))
+            for k in np.flatnonzero(~((x > 0.0) & np.isfinite(x)))
+        ]
+        wrong += [
+            f"psd: frequencies[{k + 1}]: found {f[k + 1]:g}, must be > {f[k]:g}, the one before"
+            for k in np.flatnonzero(~(np.diff(f) > 0.0))
+        ]
+        refuse(wrong)
+
+    @classmethod
+    def of(cls, psd: PowerDensity | ArrayLike | str | Path) -> PowerDensity:
+        """From a file or an array with two columns; InputError if it has others."""
+        if isinstance(psd, PowerDensity):
+            return psd
+        if isinstance(psd, str | Path):
+            columns = read_pairs(psd, ("frequency", "Hz"), ("density", "units of it over Hz"))
+            try:
+                return cls(*columns)
+            except InputError as error:
+                raise InputError(f"{psd}: {error}") from error
+        table = np.asarray(as_real(psd, "psd"))
+        if table.ndim != 2 or table.shape[1] != 2:
+            raise InputError(
+                f"psd: found shape {table.shape}, must be two columns: frequency in Hz and density"
+            )
+        return cls(*table.T)
+
+    def scaled(self, factor: float) -> PowerDensity:
+        """Density times a factor."""
+        return PowerDensity(self.frequencies, factor * self.values)
+
+    def __call__(self, frequency: FloatArray) -> FloatArray:
+        """Density at frequencies, Hz."""
+        f, at = np.log(self.frequencies), np.log(frequency)
+        inside = (at >= f[0]) & (at <= f[-1])
+        return np.where(inside, np.exp(np.interp(at, f, np.log(self.values))), 0.0)
+
+    def quadrature(self, peaks: list[tuple[float, float, float]]) -> tuple[FloatArray, FloatArray]:
+        """Frequencies, (k,), Hz, and weights, Hz, of integrals of responses over the density.
+
+        Parameters
+        ----------
+        peaks : list of tuple
+            Of each mode the lowest and highest natural frequency, Hz, and its least half width, Hz.
+        """
+        low, high = self.frequencies[[0, -1]]
+        count = int(np.ceil(np.log(high / low) / np.log(LARGEST_RATIO)))
+        edges = [self.frequencies, np.geomspace(low, high, count + 1)]
+        for first, last, width in peaks:
+            # Intervals as wide as the peak across it, and twice the one before beyond it.
+            beyond = width * 2.0 ** np.arange(int(np.log2(high / width)) + 1)
+            across = np.linspace(first, last, 2 + int((last - first) / (2.0 * width)))
+            edges += [first - beyond, across, last + beyond]
+        every = np.unique(np.concatenate(edges))
+        every = every[(every >= low) & (every <= high)]
+        every = every[np.append(True, np.diff(every) > 1e-12 * high)]
+        x, w = np.polynomial.legendre.leggauss(GAUSS)
+        half = 0.5 * np.diff(every)[:, np.newaxis]
+        return (every[:-1, np.newaxis] + half * (1.0 + x)).ravel(), (half * w).ravel()

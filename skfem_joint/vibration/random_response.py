@@ -1,0 +1,437 @@
+"""Response to random loads, by the backbones of modes.
+
+Each mode vibrates as :mod:`skfem_joint.vibration.modal_amplitudes` says, beside the others as
+:mod:`skfem_joint.vibration.joined_modes` says. All else of the structure follows the load without
+inertia, with the contact stuck. Frequency, damping and the displacement per modal amplitude are
+those of the backbones at each amplitude: :mod:`skfem_joint.vibration.response_spectra`.
+Friction in joint j takes the power <zeta_kj omega^3 a^2> from mode k, with < > the mean over the
+amplitudes a.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import Harmonic, Scaled
+from skfem_joint.ground.power_density import GRAVITY, PowerDensity
+from skfem_joint.ground.values import POSITIVE, check
+from skfem_joint.reduction.stuck import Stuck
+from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.system.system import AppliedLoad, System
+from skfem_joint.vibration.backbone import Backbone
+from skfem_joint.vibration.joined_modes import joined_modes
+from skfem_joint.vibration.modal_amplitudes import ModalAmplitudes, ModeCurve
+from skfem_joint.vibration.response_spectra import Spectra
+
+#: Units of a density by their names, and factors to SI.
+UNITS = {"SI": 1.0, "g2/Hz": GRAVITY**2}
+#: Share of the mean square beyond a curve's highest level from which a note says so, and above
+#: which the curve is refused.
+DOUBTFUL, MOST_BEYOND = 0.01, 0.5
+#: Seconds in an hour.
+HOUR = 3600.0
+#: Modes beyond those given among which ones inside the density's frequencies are looked for.
+LOOKED_FOR = 10
+
+
+@dataclass(frozen=True)
+class RandomMode:
+    """A mode under a random load.
+
+    Attributes
+    ----------
+    mode : int
+        Number of the mode, from 1.
+    rms : float
+        Root mean square of the modal displacement, m kg^1/2.
+    frequency : float
+        Mean number of cycles in a second, Hz.
+    damping_ratio : float
+        Of the linear mode that loses as much.
+    peak : float
+        Expected largest modal displacement in the duration, m kg^1/2.
+    beyond : float
+        Share of its mean square at amplitudes above its backbone's highest.
+    """
+
+    mode: int
+    rms: float
+    frequency: float
+    damping_ratio: float
+    peak: float
+    beyond: float
+
+
+@dataclass(frozen=True)
+class RandomResponse:
+    """Stationary response to a random load.
+
+    Attributes
+    ----------
+    load : str
+        Where it acts.
+    duration : float
+        For which the peaks are, s.
+    points : tuple of str
+    modes : tuple of RandomMode
+    frequencies : ndarray, shape (k,)
+        Of the spectral densities, Hz; narrow across the peaks.
+    displacement_psd, acceleration_psd : ndarray, shape (points, k)
+        Of one side, m²/Hz and (m/s²)²/Hz. Displacements under a moving base are relative to it,
+        accelerations are absolute.
+    displacement_rms, acceleration_rms : ndarray, shape (points,)
+        Root mean squares, m and m/s².
+    displacement_peak, acceleration_peak : ndarray, shape (points,)
+        Expected largest absolute values in the duration, m and m/s².
+    joints : tuple of str
+    joint_work : ndarray, shape (joints,)
+        Work of friction in each joint in an hour, J.
+    point_work : ndarray, shape (m,)
+        Work of friction at each contact point in an hour, J, for maps of wear.
+    viscous_work : float
+        Work of the modes' viscous damping in an hour, J.
+    estimated : dict of str to float
+        Estimated relative errors of "displacement_rms" and "friction_work" by the levels of the
+        curves, and by what these state themselves; not those of the method.
+    notes : tuple of str
+        What to beware of.
+    """
+
+    load: str
+    duration: float
+    points: tuple[str, ...]
+    modes: tuple[RandomMode, ...]
+    frequencies: FloatArray
+    displacement_psd: FloatArray
+    acceleration_psd: FloatArray
+    displacement_rms: FloatArray
+    acceleration_rms: FloatArray
+    displacement_peak: FloatArray
+    acceleration_peak: FloatArray
+    joints: tuple[str, ...]
+    joint_work: FloatArray
+    point_work: FloatArray
+    viscous_work: float
+    estimated: Mapping[str, float]
+    notes: tuple[str, ...]
+
+
+def random_response(
+    system: System,
+    curves: Sequence[Backbone],
+    psd: PowerDensity | ArrayLike | str | Path,
+    *,
+    load: str | None = None,
+    unit: str = "SI",
+    duration: float = HOUR,
+) -> RandomResponse:
+    """Stationary response to a load whose power spectral density is given.
+
+    Parameters
+    ----------
+    system : System
+        With the load, whose course over time does not count.
+    curves : sequence of Backbone
+        Of this system: of all modes inside the density's frequencies, up to amplitudes that the
+        vibration seldom exceeds; levels may be above that at which joints slip as a whole.
+    psd : array_like, shape (k, 2), str or Path
+        Frequencies, Hz, and densities of one side, straight between them on logarithmic axes and
+        zero beyond; or a file of two such columns. N²/Hz of a force, (m/s²)²/Hz of the acceleration
+        of a base.
+    load : str, optional
+        Place of the load, ``system.loads[k].on``; not needed for a system with one load.
+    unit : {"SI", "g2/Hz"}
+        Of the densities; g²/Hz with g = 9.80665 m/s² for the acceleration of a base.
+    duration : float
+        For which peaks are expected, s.
+
+    Returns
+    -------
+    RandomResponse
+
+    Raises
+    ------
+    InputError
+        If the density, the load or a curve is not as above, no mode is moved, or more than half of
+        the mean square of a mode is above its curve's highest level.
+    ConvergenceError
+        If the amplitudes of a mode are not found, or modes do not settle beside each other.
+    """
+    check("random_response: duration", duration, POSITIVE)
+    _check_curves(system, curves)
+    acting = _chosen(system, load)
+    density = PowerDensity.of(psd).scaled(_factor(acting, unit))
+    vector = acting.vector
+    if isinstance(acting.amplitude, Scaled):
+        vector = acting.amplitude.factor * vector
+    push = np.array([float(curve.shape @ vector) for curve in curves])
+    moved = np.abs(push) > 1e-9 * np.abs(push).max()
+    if not moved.any():
+        raise InputError(f"random_response: the load on {acting.on!r} moves none of the modes")
+    still = [curve.mode for curve, moves in zip(curves, moved, strict=True) if not moves]
+    curves = [curve for curve, moves in zip(curves, moved, strict=True) if moves]
+    works = [cycle_work(system, curve) for curve in curves]
+    modes = [mode_curve(system, *pair) for pair in zip(curves, works, strict=True)]
+    forces = [density.scaled(each**2) for each in push[moved]]
+    overlap = _overlaps(system, curves)
+    found = joined_modes(modes, forces, overlap)
+    coarse = joined_modes([mode.every_second() for mode in modes], forces, overlap)
+    _check_beyond(found)
+    stuck = _StuckUnder(system, vector, max(curve.mode for curve in curves) + LOOKED_FOR)
+    base = _is_base(acting)
+    spectra = Spectra(system, curves, found, density, vector, stuck.static, base)
+    friction = [mode.mean(mode.power(mode.friction_damping)) for mode in found]
+    viscous = [mode.mean(mode.power(mode.viscous_damping)) for mode in found]
+    J = as_dense(system.contact.J)
+    points = [_point_power(J, *each) for each in zip(modes, works, found, strict=True)]
+    own_peaks = np.array([mode.peak(duration) / mode.rms for mode in found])
+    displacement, acceleration = (spectra.of(order) for order in (0, 2))
+    return RandomResponse(
+        load=acting.on,
+        duration=duration,
+        points=system.points,
+        modes=tuple(
+            RandomMode(m.mode, m.rms, m.frequency, m.damping_ratio, factor * m.rms, m.beyond)
+            for m, factor in zip(found, own_peaks.tolist(), strict=True)
+        ),
+        frequencies=spectra.frequency,
+        displacement_psd=displacement.density,
+        acceleration_psd=acceleration.density,
+        displacement_rms=displacement.rms,
+        acceleration_rms=acceleration.rms,
+        displacement_peak=displacement.peak(own_peaks, duration),
+        acceleration_peak=acceleration.peak(own_peaks, duration),
+        joints=system.contact.joints,
+        joint_work=HOUR * np.sum(friction, axis=0),
+        point_work=HOUR * np.sum(points, axis=0),
+        viscous_work=HOUR * float(np.sum(viscous)),
+        estimated=_estimated(curves, found, coarse),
+        notes=tuple(_notes(system, stuck.frequencies, density, curves, found, still)),
+    )
+
+
+def _check_curves(system: System, curves: Sequence[Backbone]) -> None:
+    """Refuse curves that are none, of another system, or twice of a mode."""
+    if not curves:
+        raise InputError("random_response: curves: found none, must be those of sj.backbone")
+    numbers = [curve.mode for curve in curves]
+    if len(set(numbers)) < len(numbers):
+        raise InputError(f"random_response: curves: found modes {numbers}, each must be there once")
+    for curve in curves:
+        found, expected = (curve.shape.size, curve.slip.shape[1]), (system.n, system.contact.w.size)
+        if found != expected:
+            raise InputError(
+                f"random_response: the curve of mode {curve.mode} has {found[0]} unknowns and "
+                f"{found[1]} contact points, must have the system's {expected[0]} and "
+                f"{expected[1]}; compute it by sj.backbone(system, ...)"
+            )
+
+
+def _chosen(system: System, name: str | None) -> AppliedLoad:
+    """Load of a system by its place; InputError if there is none, or several."""
+    names = [load.on for load in system.loads]
+    chosen = [load for load in system.loads if name is None or load.on == name]
+    if len(chosen) != 1:
+        raise InputError(
+            f"random_response: load: found {name!r}, must be one of the system's loads, {names}"
+        )
+    return chosen[0]
+
+
+def _is_base(load: AppliedLoad) -> bool:
+    """Whether a load is the inertia of a moving base."""
+    return load.on.startswith("mass_") and isinstance(load.amplitude, Scaled)
+
+
+def _factor(load: AppliedLoad, unit: str) -> float:
+    """Factor from a density's unit to SI; InputError for one that does not suit the load."""
+    if unit not in UNITS:
+        raise InputError(f"random_response: unit: found {unit!r}, must be one of {[*UNITS]}")
+    if unit != "SI" and not _is_base(load):
+        raise InputError(
+            f"random_response: unit: found {unit!r} for the load on {load.on!r}, must be 'SI' for "
+            "a force, N²/Hz; accelerations are of a load with base"
+        )
+    return UNITS[unit]
+
+
+def _check_beyond(modes: Sequence[ModalAmplitudes]) -> None:
+    """Refuse curves whose highest level is too low."""
+    for mode in modes:
+        if mode.beyond > MOST_BEYOND:
+            raise InputError(
+                f"random_response: {100.0 * mode.beyond:.3g} % of the mean square of mode "
+                f"{mode.mode} is above the highest amplitude of its curve; compute the curve up to "
+                "higher levels (up_to, which may be above 1 where supports hold the structure), or "
+                "lower the load"
+            )
+
+
+class _StuckUnder:
+    """A structure with its contact stuck, under a constant force (n,), N.
+
+    Attributes
+    ----------
+    static : ndarray, shape (points,)
+        Displacements of the named points, m.
+    frequencies : ndarray, shape (k,)
+        Its lowest natural frequencies, Hz.
+
+    Raises
+    ------
+    InputError
+        If nothing holds it.
+    """
+
+    def __init__(self, system: System, vector: FloatArray, count: int) -> None:
+        load = AppliedLoad(vector, Harmonic(1.0, 1.0))
+        inner = arranged(replace(system, loads=(load,)).closed()).system
+        stuck = Stuck(inner)
+        self.frequencies, _ = stuck.modes(count)
+        if self.frequencies[0] == 0.0:
+            raise InputError(
+                "random_response: the structure floats, so that a random load moves it away "
+                "without limit; support it"
+            )
+        solve, _ = stuck.solver
+        moved = stuck.F @ solve(stuck.F.T @ inner.loads[0].vector)
+        self.static = np.asarray(inner.P @ moved)
+
+
+# Curves by joint
+
+
+def cycle_work(system: System, curve: Backbone) -> FloatArray:
+    """Work of friction in a cycle at each level and contact point, (levels, m), J.
+
+    Points share the work of the whole as those do that slip once there and back.
+    """
+    contact = system.contact
+    slips = np.asarray((contact.B @ curve.states.T).T)
+    if curve.friction is not None:
+        slips = contact.slider_slip(slips, curve.friction)
+    way = np.where(curve.slip > 0.0, contact.slip_norm(slips), 0.0) * contact.point_weights
+    whole = way.sum(axis=1, keepdims=True)
+    share = np.divide(way, whole, out=np.zeros_like(way), where=whole > 0.0)
+    work = 2.0 * np.pi * curve.level * curve.amplitude * curve.friction_damping
+    return np.asarray(work[:, np.newaxis] * share)
+
+
+def mode_curve(system: System, curve: Backbone, work: FloatArray) -> ModeCurve:
+    """Backbone by joint, from the work of its points, (levels, m), J."""
+    by_joint = np.asarray((system.contact.J @ work.T).T)
+    omega = 2.0 * np.pi * curve.frequency
+    return ModeCurve(
+        mode=curve.mode,
+        stuck=2.0 * np.pi * curve.stuck_frequency,
+        viscous=float(2.0 * omega[0] * curve.viscous_damping[0]),
+        amplitude=curve.amplitude,
+        omega=omega,
+        friction=by_joint / (2.0 * np.pi * curve.level * curve.amplitude)[:, np.newaxis],
+    )
+
+
+def _point_power(
+    J: FloatArray, curve: ModeCurve, work: FloatArray, mode: ModalAmplitudes
+) -> FloatArray:
+    """Power of friction that a mode does at each contact point, (m,), W.
+
+    Points share that of their joint as in the curve, at the levels about each amplitude; below the
+    lowest level at which the joint slips as there. ``J`` is that of the contact, ``work``,
+    (levels, m), J, that of the points in a cycle.
+    """
+    power = mode.power(mode.friction_damping)
+    levels = np.eye(curve.amplitude.size)
+    near = np.array([np.interp(mode.amplitude, curve.amplitude, level) for level in levels])
+    points = np.zeros(work.shape[1])
+    for of_joint, own, taken in zip(J, curve.work.T, power.T, strict=True):
+        slips = np.flatnonzero(own > 0.0)
+        if slips.size:
+            at_level = mode.mean((near * taken).T)
+            at_level[slips[0]] += at_level[: slips[0]].sum()
+            points += (at_level[slips] / own[slips]) @ (of_joint * work[slips])
+    return points
+
+
+def _overlaps(system: System, curves: Sequence[Backbone]) -> FloatArray:
+    """Cosines between the slips of modes in each joint, (joints, modes, modes), not negative."""
+    contact = system.contact
+    slips = np.array([contact.B @ curve.states[curve.level.size // 2] for curve in curves])
+    overlap = []
+    for limits in contact.limits_by_joint:
+        products = (slips * contact.on_rows(limits)) @ slips.T
+        size = np.sqrt(np.diagonal(products))
+        both = np.outer(size, size)
+        overlap.append(np.divide(np.abs(products), both, out=np.zeros_like(both), where=both > 0.0))
+    return np.array(overlap)
+
+
+# What is stated
+
+
+def _estimated(
+    curves: Sequence[Backbone],
+    found: Sequence[ModalAmplitudes],
+    coarse: Sequence[ModalAmplitudes],
+) -> dict[str, float]:
+    """Relative errors by the levels of curves, by every second of them, and their own errors."""
+    apart = max(abs(other.rms / mode.rms - 1.0) for mode, other in zip(found, coarse, strict=True))
+    fine, rough = (
+        sum(float(np.sum(mode.mean(mode.power(mode.friction_damping)))) for mode in modes)
+        for modes in (found, coarse)
+    )
+    frequency, damping = (
+        max(curve.estimated.get(name, 0.0) for curve in curves)
+        for name in ("frequency", "damping_ratio")
+    )
+    # s² = G / (8 zeta omega³), and friction takes what viscous damping leaves of the input.
+    return {
+        "displacement_rms": apart + 1.5 * frequency + 0.5 * damping,
+        "friction_work": (abs(rough / fine - 1.0) if fine > 0.0 else 0.0) + damping,
+    }
+
+
+def _notes(
+    system: System,
+    frequencies: FloatArray,
+    density: PowerDensity,
+    curves: Sequence[Backbone],
+    found: Sequence[ModalAmplitudes],
+    still: Sequence[int],
+) -> Iterator[str]:
+    """Sentences on what to beware of."""
+    low, high = density.frequencies[[0, -1]].tolist()
+    given = {curve.mode for curve in curves} | {*still}
+    missing = [
+        f"{number} ({frequency:.5g} Hz)"
+        for number, frequency in enumerate(frequencies.tolist(), 1)
+        if low <= frequency <= high and number not in given
+    ]
+    if missing:
+        yield (
+            f"The density, from {low:g} to {high:g} Hz, has the natural frequencies of modes "
+            f"{', '.join(missing)}, of which no curve is given: they are taken to follow the load "
+            "without inertia, and what they do to the joints is left out. Root mean squares are "
+            "too low there, and those of the modes given may be too large."
+        )
+    for mode in found:
+        if mode.beyond > DOUBTFUL:
+            yield (
+                f"Mode {mode.mode}: {100.0 * mode.beyond:.2g} % of the mean square is above the "
+                "highest amplitude of its curve, where its last frequency and damping are taken: "
+                "compute the curve up to higher levels."
+            )
+    for number in still:
+        yield f"Mode {number}: the load does not move it; it is left out."
+    if system.contact.opens and len(curves) > 1:
+        yield (
+            "What the modes do to each other is that of joints with constant limits of friction, "
+            "though the contact opens."
+        )

@@ -1,0 +1,133 @@
+"""Spectral densities of named points under a random load, from the vibration of modes.
+
+    S = G ( |sum_k <c_k H_k> + R|^2 + sum_k (<|c_k H_k|^2> - |<c_k H_k>|^2) ),
+
+with G that of the load, H_k the transfer function of mode k at an amplitude, c_k its displacement
+of the point there, R what stiffness alone gives to the modes that are left out, with the contact
+stuck, and < > the mean over amplitudes by their share in the mean square.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.power_density import PowerDensity
+from skfem_joint.linalg.factors import factorised
+from skfem_joint.system.system import System
+from skfem_joint.vibration.backbone import Backbone
+from skfem_joint.vibration.modal_amplitudes import ModalAmplitudes, at_amplitudes, peak_of
+
+#: Euler's constant, of the mean of a largest value.
+EULER = float(np.euler_gamma)
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Spectral densities of a quantity at the points.
+
+    Attributes
+    ----------
+    frequency, weight : ndarray, shape (k,)
+        Of integrals, Hz.
+    density : ndarray, shape (points, k)
+    of_modes : ndarray, shape (modes, points)
+        Mean squares of the modes alone.
+    """
+
+    frequency: FloatArray
+    weight: FloatArray
+    density: FloatArray
+    of_modes: FloatArray
+
+    @property
+    def rms(self) -> FloatArray:
+        """Root mean squares, (points,)."""
+        return np.asarray(np.sqrt(self.density @ self.weight))
+
+    def peak(self, factors: FloatArray, duration: float) -> FloatArray:
+        """Expected largest values in a duration, s, (points,).
+
+        Modes have their own peaks over root mean squares, ``factors``; the rest is Gaussian
+        (A. G. Davenport, Proc. ICE 28, 1964). Squares of peaks are added in shares of the mean
+        square.
+        """
+        square = self.density @ self.weight
+        rest = np.maximum(square - self.of_modes.sum(axis=0), 0.0)
+        moment = self.density @ (self.weight * self.frequency**2)
+        rate = np.sqrt(np.divide(moment, square, out=np.ones_like(square), where=square > 0.0))
+        root = np.sqrt(2.0 * np.log(np.maximum(rate * duration, np.e)))
+        squares = factors**2 @ self.of_modes + (root + EULER / root) ** 2 * rest
+        whole = self.of_modes.sum(axis=0) + rest
+        ratio = np.divide(squares, whole, out=np.zeros_like(whole), where=whole > 0.0)
+        return np.asarray(np.sqrt(ratio * square))
+
+
+class Spectra:
+    """Transfer functions to the points, as means over the modes' amplitudes.
+
+    Parameters
+    ----------
+    system : System
+    curves, modes : sequence
+        Backbones, and their amplitudes under the load.
+    density : PowerDensity
+        Of the load.
+    vector : ndarray, shape (n,)
+        Force of a load of 1, N.
+    static : ndarray, shape (points,)
+        Displacement under this force with the contact stuck, m.
+    base : bool
+        Whether the load is an acceleration of the base, of which absolute accelerations have a
+        part.
+
+    Attributes
+    ----------
+    frequency : ndarray, shape (k,)
+        Hz.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        curves: Sequence[Backbone],
+        modes: Sequence[ModalAmplitudes],
+        density: PowerDensity,
+        vector: FloatArray,
+        static: FloatArray,
+        base: bool,
+    ) -> None:
+        peaks = [peak_of(mode.omega, mode.damping) for mode in modes]
+        self.frequency, self.weight = density.quadrature(peaks)
+        self.G, P = density(self.frequency), as_dense(system.P)
+        turn = 2.0 * np.pi * self.frequency
+        means, self.squares = [], []
+        for curve, mode in zip(curves, modes, strict=True):
+            push = float(curve.shape @ vector)
+            static = static - P @ curve.shape * (push / (2.0 * np.pi * curve.stuck_frequency) ** 2)
+            moved = (P @ curve.states.T) / curve.amplitude
+            c = push * at_amplitudes(mode.amplitude, curve.amplitude, moved.T, P @ curve.shape)
+            w, z = mode.omega[:, np.newaxis], mode.damping[:, np.newaxis]
+            H = 1.0 / (w**2 - turn**2 + 2.0j * z * w * turn)
+            shares = mode.weights()
+            means.append((c.T * shares) @ H)
+            self.squares.append((c.T**2 * shares) @ np.abs(H) ** 2)
+        self.means = np.array(means)
+        self.static = static
+        self.rigid = np.zeros(len(system.points))
+        if base:  # M times the motion of all nodes with the base is the load's vector
+            self.rigid = P @ factorised(system.M)(-vector)
+
+    def of(self, order: int) -> Spectrum:
+        """Spectral densities of the derivative of an order of the displacement, 0 or 2."""
+        factor = (2.0j * np.pi * self.frequency) ** order
+        whole = factor * (self.means.sum(axis=0) + self.static[:, np.newaxis])
+        if order == 2:
+            whole = whole + self.rigid[:, np.newaxis]
+        squares = np.abs(factor) ** 2 * np.array(self.squares)
+        scatter = squares - np.abs(factor * self.means) ** 2
+        density = self.G * (np.abs(whole) ** 2 + scatter.sum(axis=0))
+        return Spectrum(self.frequency, self.weight, density, squares @ (self.G * self.weight))

@@ -1,0 +1,241 @@
+"""Random vibration: linear limits in closed form, balances of power, and marching of a slider."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import gamma
+
+import skfem_joint as sj
+from skfem_joint.vibration.joined_modes import Plays, joined_modes
+from skfem_joint.vibration.modal_amplitudes import ModeCurve, linear_variance, modal_amplitudes
+
+OMEGA, RATIO = 2.0 * np.pi * 100.0, 0.02
+FLAT = sj.PowerDensity([1.0, 5000.0], [0.3, 0.3])
+COLOURED = sj.PowerDensity([20.0, 80.0, 150.0, 400.0], [0.01, 1.0, 0.2, 3.0])
+
+
+def mode(friction: float = 0.0, viscous: float = RATIO, stuck: float = OMEGA) -> ModeCurve:
+    """Mode whose damping by friction grows with the amplitude, and whose frequency falls."""
+    amplitude = np.geomspace(1e-3, 1.0, 40)
+    omega = stuck / np.sqrt(1.0 + 5.0 * friction * amplitude)
+    ratios = friction * amplitude[:, np.newaxis]
+    return ModeCurve(1, stuck, 2.0 * viscous * stuck, amplitude, omega, ratios)
+
+
+def slider(spring: float = 1e4, limit: float = 1.0, viscous: float = 0.01) -> sj.System:
+    """Mass of 1 kg on a spring, and beside it a slider with a spring in series; force on it."""
+    k = 4e4
+    contact = sj.Contact(np.ones((1, 1)), np.array([limit]), np.array([np.inf]), stiffness=[spring])
+    return sj.System(
+        M=np.eye(1),
+        C=np.array([[2.0 * viscous * np.sqrt(k + spring)]]),
+        K=np.array([[k]]),
+        contact=contact,
+        loads=(sj.AppliedLoad(np.ones(1), sj.Harmonic(1.0, 10.0), "mass"),),
+        P=np.eye(1),
+        points=("mass",),
+    )
+
+
+def slider_curve(system: sj.System) -> sj.Backbone:
+    (curve,) = sj.backbone(system, levels=60, up_to=20.0)
+    return curve
+
+
+def squared(frequency: float, omega: float, ratio: float) -> float:
+    turn = 2.0 * np.pi * frequency
+    return 1.0 / ((omega**2 - turn**2) ** 2 + (2.0 * ratio * omega * turn) ** 2)
+
+
+@pytest.mark.parametrize("density", [FLAT, COLOURED])
+def test_the_variance_of_a_linear_mode_is_the_integral_of_its_density(density):
+    breaks = [*density.frequencies, *(100.0 * (1.0 + RATIO * np.array([-9, -1, 0, 1, 9])))]
+    edges = np.sort(breaks)
+    exact = sum(
+        quad(lambda f: float(density(f)) * squared(f, OMEGA, RATIO), *pair, epsrel=1e-11)[0]
+        for pair in pairwise(edges)
+    )
+    found = modal_amplitudes(mode(), density)
+    assert found.rms**2 == pytest.approx(exact, rel=1e-6)
+    assert found.frequency == pytest.approx(100.0, rel=1e-9)
+    assert found.damping_ratio == pytest.approx(RATIO, rel=1e-9)
+
+
+def test_white_noise_gives_the_closed_form():
+    white = sj.PowerDensity([1e-3, 1e7], [0.3, 0.3])
+    for ratio in (1e-3, 0.02, 0.3):
+        variance = linear_variance(np.array([OMEGA]), np.array([ratio]), white)
+        assert variance == pytest.approx(0.3 / (8.0 * ratio * OMEGA**3), rel=1e-6)
+
+
+def test_amplitudes_of_a_linear_mode_have_rayleighs_density():
+    found = modal_amplitudes(mode(), FLAT)
+    a, s = found.amplitude, found.rms
+    np.testing.assert_allclose(found.density, a / s**2 * np.exp(-0.5 * (a / s) ** 2), atol=1e-5 / s)
+
+
+@pytest.mark.parametrize("viscous", [0.0, 0.005])
+def test_friction_and_viscous_damping_take_what_white_noise_gives(viscous):
+    """A mass of 1 kg takes G / 4 of a white force, whatever its stiffness and damping are."""
+    white = sj.PowerDensity([1e-3, 1e6], [0.3, 0.3])
+    found = modal_amplitudes(mode(2.0, viscous), white)
+    taken = found.mean(found.power(found.damping))
+    assert taken == pytest.approx(0.3 / 4.0, rel=1e-3)
+    assert found.weights().sum() == pytest.approx(1.0, rel=1e-3)
+
+
+def test_damping_that_grows_makes_large_amplitudes_rarer():
+    """Power in friction that grows as a^3: the density falls as exp(-a^3), with E[a^2] by Gamma."""
+    white = sj.PowerDensity([1e-3, 1e6], [0.3, 0.3])
+    curve = replace(mode(2.0, 0.0), omega=np.full(40, OMEGA))
+    found = modal_amplitudes(curve, white)
+    # Psi(a) = (b a)^3 with b^3 = 16 omega^3 / (3 G), as zeta = 2 a.
+
+    b3 = 16.0 * OMEGA**3 / (3.0 * 0.3)
+    square = gamma(4.0 / 3.0) / gamma(2.0 / 3.0) / b3 ** (2.0 / 3.0)
+    assert found.rms**2 == pytest.approx(0.5 * square, rel=1e-3)
+
+
+def test_the_peak_of_a_linear_mode_is_davenports():
+    found = modal_amplitudes(mode(), FLAT)
+    root = np.sqrt(2.0 * np.log(100.0 * 3600.0))
+    davenport = root + np.euler_gamma / root
+    assert found.peak(3600.0) / found.rms == pytest.approx(davenport, rel=2e-3)
+
+
+def test_plays_lose_the_work_of_the_curve_and_more_beside_another_mode():
+    level = np.geomspace(0.1, 10.0, 30)
+    work = level**3
+    plays = Plays.of(level, work)
+    t = np.linspace(0.0, 2.0, 4001)
+    wave = 4.0 * np.cos(2.0 * np.pi * t)
+    slipped = plays.follow(np.array([wave, wave + 0.5 * np.cos(2.0 * np.pi * 13.0 * t)]))
+    second = slice(2000, None)
+    loss = -np.trapezoid(wave[second] * np.gradient(slipped[:, second], axis=1), axis=1)
+    assert abs(loss[0]) == pytest.approx(4.0**3, rel=0.02)
+
+
+def test_modes_that_slip_apart_do_not_meet():
+    curves = [mode(0.5, 0.002), replace(mode(0.5, 0.002, 3.7 * OMEGA), mode=2)]
+    forces = [FLAT.scaled(1e4), FLAT.scaled(3e5)]
+    alone = [modal_amplitudes(c, f).rms for c, f in zip(curves, forces, strict=True)]
+    apart = joined_modes(curves, forces, np.eye(2)[np.newaxis])
+    np.testing.assert_allclose([found.rms for found in apart], alone, rtol=1e-12)
+    both = joined_modes(curves, forces, np.ones((1, 2, 2)))
+    assert all(found.rms < rms for found, rms in zip(both, alone, strict=True))
+    assert both[0].rms < 0.8 * alone[0]
+
+
+def test_a_slider_that_sticks_is_the_linear_oscillator():
+    system = slider()
+    curve = slider_curve(system)
+    omega, G = np.sqrt(5e4), 1e-12
+    result = sj.random_response(system, [curve], [[1e-2, G], [1e5, G]])
+    assert result.displacement_rms[0] ** 2 == pytest.approx(G / (8 * 0.01 * omega**3), rel=1e-4)
+    four = sj.random_response(system, [curve], [[1e-2, 4.0 * G], [1e5, 4.0 * G]])
+    assert four.displacement_rms == pytest.approx(2.0 * result.displacement_rms, rel=1e-9)
+    assert four.viscous_work == pytest.approx(4.0 * result.viscous_work, rel=1e-9)
+    assert result.joint_work == pytest.approx(0.0, abs=1e-9 * result.viscous_work)
+    assert result.viscous_work == pytest.approx(3600.0 * G / 4.0, rel=1e-3)
+
+
+def test_works_add_up_to_what_the_load_gives():
+    system = slider()
+    result = sj.random_response(system, [slider_curve(system)], [[1e-2, 0.05], [1e5, 0.05]])
+    assert result.joint_work[0] + result.viscous_work == pytest.approx(3600.0 * 0.05 / 4, rel=5e-3)
+    assert result.point_work.sum() == pytest.approx(result.joint_work.sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("G", "count"), [(3e-3, 2**16), pytest.param(3e-2, 2**18, marks=pytest.mark.slow)]
+)
+def test_a_slider_vibrates_as_in_marching(G, count):
+    """Noise of sampled harmonics with random phases, over 1,000 periods or 4,000."""
+    system, step = slider(), 5e-4
+    times = 2.0 * step * np.arange(count // 2)
+    frequency = np.fft.rfftfreq(times.size, 2.0 * step)
+    inside = (frequency > 5.0) & (frequency < 100.0)
+    phase = np.exp(2j * np.pi * np.random.default_rng(2).random(frequency.size))
+    harmonics = np.sqrt(0.5 * G * frequency[1]) * phase * inside
+    force = sj.Table(times, np.fft.irfft(harmonics, times.size) * times.size)
+    loaded = replace(system, loads=(replace(system.loads[0], amplitude=force),))
+    run = sj.integrate(loaded, step=step, n_steps=count - 8)
+    psd = [[5.0, G], [100.0, G]]
+    result = sj.random_response(system, [slider_curve(system)], psd, duration=run.times[-1])
+    u = run.point("mass")
+    mean_square = np.array([part @ part / part.size for part in np.array_split(u, 16)])
+    error = 0.5 * mean_square.std(ddof=1) / 4.0 / mean_square.mean()
+    rms = np.sqrt(mean_square.mean())
+    assert result.displacement_rms[0] == pytest.approx(rms, rel=0.05 + error)
+    work = 3600.0 * run.friction_work.sum() / run.times[-1]
+    assert result.joint_work[0] == pytest.approx(work, rel=0.1 + 2.0 * error)
+    assert result.displacement_peak[0] == pytest.approx(np.abs(u).max(), rel=0.15)
+
+
+def refused(match: str, **changed: object) -> None:
+    system = slider()
+    arguments = {"curves": [slider_curve(system)], "psd": [[1.0, 1e-6], [90.0, 1e-6]]} | changed
+    with pytest.raises(sj.InputError, match=match):
+        sj.random_response(arguments.pop("system", system), **arguments)
+
+
+def test_wrong_arguments_are_refused_by_name(tmp_path):
+    refused(r"psd: values\[1\]: found -1, must be > 0", psd=[[1.0, 1.0], [2.0, -1.0]])
+    refused(r"psd: frequencies\[1\]: found 1, must be > 2", psd=[[2.0, 1.0], [1.0, 1.0]])
+    refused("psd: found shape", psd=[1.0, 2.0])
+    refused("unit: found 'g2/Hz' for the load on 'mass'", unit="g2/Hz")
+    refused("unit: found 'g'", unit="g")
+    refused("load: found 'tip'", load="tip")
+    refused("curves: found none", curves=[])
+    refused("each must be there once", curves=2 * [slider_curve(slider())])
+    refused("duration: found 0", duration=0.0)
+    refused("% of the mean square of mode 1 is above", psd=[[1.0, 1e4], [90.0, 1e4]])
+    file = tmp_path / "psd.csv"
+    file.write_text("Hz,N2/Hz\n1,1e-6\n0.5,1e-6\n", encoding="utf-8")
+    refused("line 3: found frequency 0.5, must be > 1", psd=file)
+
+
+def test_a_density_is_straight_on_logarithmic_axes_and_read_from_files(tmp_path):
+    file = tmp_path / "psd.csv"
+    file.write_text("Hz,N2/Hz\n10,1\n1000,100\n", encoding="utf-8")
+    density = sj.PowerDensity.of(file)
+    np.testing.assert_allclose(density(np.array([5.0, 100.0, 2000.0])), [0.0, 10.0, 0.0])
+    frequency, weight = density.quadrature([(90.0, 110.0, 0.5)])
+    assert weight @ density(frequency) == pytest.approx(0.1 * (1000.0**2 - 10.0**2) / 2, rel=1e-12)
+
+
+def bar() -> sj.System:
+    """Bar clamped by a joint, on a base that moves."""
+    mesh = sj.build_bar([("joint", 0.1, 40), ("free", 0.5, 40)], {"fixed": 0.0, "end": 0.6})
+    structure = sj.Structure(
+        mesh,
+        sj.Material(E=200e9, density=8000.0),
+        width=0.05,
+        thickness=0.01,
+        fixed=["fixed"],
+        joints=[sj.Joint("joint", 50e6, 0.7)],
+        damping_ratio=0.002,
+    )
+    return structure.system([sj.Load(base="x", amplitude=sj.Harmonic(1.0, 100.0))], points=["end"])
+
+
+def test_slow_vibration_of_the_base_carries_the_structure_along():
+    """Far below the first mode the absolute acceleration is the base's."""
+    system = bar()
+    (curve,) = sj.backbone(system, levels=20, up_to=2.0)
+    low, high = 0.002 * curve.stuck_frequency, 0.01 * curve.stuck_frequency
+    result = sj.random_response(system, [curve], [[low, 0.01], [high, 0.01]], unit="g2/Hz")
+    base = 9.80665**2 * 0.01
+    np.testing.assert_allclose(result.acceleration_psd[1], base, rtol=3e-4)
+    assert result.notes == ()
+
+
+def test_modes_inside_the_density_without_a_curve_are_named():
+    system = bar()
+    (curve,) = sj.backbone(system, levels=20, up_to=2.0)
+    result = sj.random_response(system, [curve], [[100.0, 1.0], [8000.0, 1.0]])
+    (note,) = result.notes
+    assert "modes 2 (7504." in note
