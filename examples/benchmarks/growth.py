@@ -30,19 +30,26 @@ def time_per_step(elements, n_steps, repeats):
     """Print the time of a step of the paper's lap joint for each law; the runs store nothing."""
     loads = [sj.Load("free_end", sj.Harmonic(FORCE, FREQUENCY))]
     how = {"step": 1.0 / FREQUENCY / STEPS, "n_steps": n_steps, "save": sj.Save(points=False)}
-    # Structures, which take twice the memory of their systems, end with these.
     laws = {"arctan": 1e5, "Coulomb": np.inf}
-    systems = [lap_joint(elements=elements, beta=beta).system(loads, []) for beta in laws.values()]
-    runs = {law: [] for law in laws}
+    # The structure, which takes twice the memory of its system, ends with this line.
+    system = lap_joint(elements=elements).system(loads, [])
+    systems = [system.with_beta(beta) for beta in laws.values()]
+    # Runs end as well: of each its time and its Newton iterations are kept.
+    costs = {law: [] for law in laws}
     for _ in range(repeats):
-        for system, done in zip(systems, runs.values(), strict=True):
-            done.append(sj.integrate(system, **how))
+        for system, done in zip(systems, costs.values(), strict=True):
+            done.append(cost_of(system, how))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
-    for law, done in runs.items():
-        seconds = median(run.wall_s for run in done) / n_steps
+    for law, done in costs.items():
+        seconds = median(wall_s for wall_s, _ in done) / n_steps
         cells = f"{1e6 * seconds:.1f}", f"{1e9 * seconds / elements:.0f}"
-        iterations = done[0].counters.newton_iterations / n_steps
-        row(elements, law, *cells, f"{iterations:.1f}", f"{memory:.0f}")
+        row(elements, law, *cells, f"{done[0][1] / n_steps:.1f}", f"{memory:.0f}")
+
+
+def cost_of(system, how):
+    """Wall time of a run, s, and its Newton iterations."""
+    run = sj.integrate(system, **how)
+    return run.wall_s, run.counters.newton_iterations
 
 
 def long_structure(elements, repeats):

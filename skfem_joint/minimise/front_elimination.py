@@ -19,6 +19,7 @@ short chains without springs) or from coarser chains (on long chains).
 
 from __future__ import annotations
 
+from functools import cached_property
 from math import copysign
 from typing import Any, NamedTuple
 
@@ -43,6 +44,7 @@ from skfem_joint.minimise.problem import (
     minimise_step,
     slips,
 )
+from skfem_joint.system.unknowns import selection
 
 
 class Chain(NamedTuple):
@@ -471,19 +473,20 @@ class FrontElimination(CompiledStepProblem):
         n, contact = matrix.diagonal.size, points.unknowns
         self.workspace = chain_workspace(n) if workspace is None else workspace
         self.places = Places(contact, contact)
-        w = np.zeros(n)
-        w[contact] = points.w
-        self._matrix = matrix
-        springs = []
-        if points.flexible is not None:
-            springs = [np.zeros(n)]
-            springs[0][contact] = points.soft
-        self.kernel = build_chain(matrix, w, self._by_unknown(points.beta), *springs)
-        if springs:
-            self.kernel = self.kernel._replace(offset=self.workspace.offsets)
-        self._law = points.beta, self.kernel  # of the last call of `minimise` with another law
-        self.limits = self.kernel.w[:n]  # the same array: a small working set stays in cache
+        self._matrix, self.limits = matrix, np.zeros(n)
+        self.limits[contact] = points.w
+        self._law: tuple[FloatArray, Chain] | None = None  # of the last call with another law
         self.steps_per_second = max(1, 200_000 // n)
+
+    @cached_property
+    def kernel(self) -> Chain:
+        """See `CompiledStepProblem`; that of the mass, which no step takes, is not made."""
+        points, soft = self.points, None
+        if points.flexible is not None:
+            soft = np.zeros(self.limits.size)
+            soft[points.unknowns] = points.soft
+        chain = build_chain(self._matrix, self.limits, self._by_unknown(points.beta), soft)
+        return chain if soft is None else chain._replace(offset=self.workspace.offsets)
 
     def _by_unknown(self, beta: FloatArray) -> FloatArray:
         by_unknown = np.full(self._matrix.diagonal.size, np.inf)
@@ -520,8 +523,18 @@ class FrontElimination(CompiledStepProblem):
         space.scale[:] = chain.kappa
 
     def compile(self) -> None:
-        """See `StepProblem`; values kept for later steps do not change."""
-        FrontElimination(self.H, self.points).minimise(np.zeros(self.limits.size))
+        """See `StepProblem`; by a chain of a single point, whose law takes the same functions."""
+        points = self.points
+        some = [int(np.argmin(points.beta))]  # Coulomb's law if all points have it
+        flexible = None if points.flexible is None else points.flexible[some]
+        one = ContactPoints(
+            selection(np.zeros(1, dtype=np.intp), 1),
+            points.directions[some],
+            np.ones(1),
+            points.beta[some],
+            flexible,
+        )
+        FrontElimination(Bands(np.ones(1), np.zeros(0)), one).minimise(np.zeros(1))
 
     def minimise(
         self,
@@ -533,9 +546,11 @@ class FrontElimination(CompiledStepProblem):
         pressed: Pressed | None = None,
     ) -> Minimum:
         """See `StepProblem`."""
-        if beta is not None and not np.array_equal(beta, self._law[0]):
-            self._law = beta.copy(), with_law(self.kernel, self._by_unknown(beta))
-        chain, space = self.kernel if beta is None else self._law[1], self.workspace
+        chain, space = self.kernel, self.workspace
+        if beta is not None and not np.array_equal(beta, self.points.beta):
+            if self._law is None or not np.array_equal(beta, self._law[0]):
+                self._law = beta.copy(), with_law(chain, self._by_unknown(beta))
+            chain = self._law[1]
         contact, sprung = self.points.unknowns, self.points.flexible is not None
         if sprung:
             space.offset[contact] = 0.0 if offset is None else offset

@@ -69,12 +69,10 @@ class PartOfContact:
         force: float,
         offset: FloatArray | None,
         pressed: Pressed | None,
-        touching: Any = None,
     ) -> Minimum:
         """`ContactNewton.minimise_beside` of a problem of the part.
 
-        ``right`` and ``touching`` (see `Pressed`) are those of the part, the other arguments those
-        of all points.
+        ``right`` is that of the part, the other arguments are those of all points.
         """
         f = self.frictions
         return problem.minimise_beside(
@@ -84,10 +82,10 @@ class PartOfContact:
             None if beta is None else beta[f],
             force,
             None if offset is None else offset[self.rows],
-            None if pressed is None else self._pressed(pressed, touching),
+            None if pressed is None else self._pressed(pressed),
         )
 
-    def _pressed(self, pressed: Pressed, touching: Any) -> Pressed:
+    def _pressed(self, pressed: Pressed) -> Pressed:
         """What the part's points are given where contact opens."""
         c, f = self.pressures, self.frictions
         hinges, gain = pressed.hinges, np.asarray(pressed.gain, dtype=float)
@@ -96,4 +94,4 @@ class PartOfContact:
             arrays: list[Any] = [*(x[f] for x in of_points), bias[self.rows]]
             hinges = Hinges(*arrays)
         gain = gain[c] if gain.ndim else gain
-        return Pressed(pressed.bound[c], pressed.given[f], gain, hinges, touching)
+        return Pressed(pressed.bound[c], pressed.given[f], gain, hinges)

@@ -137,7 +137,8 @@ class Driver:
         ``identity`` is the fingerprint of the run in its ``checkpoint``.
         """
         n_steps, cycle_steps = self.n_steps, self.plan.cycle_steps
-        last_saved, mark = self.done, self.mark()
+        last_saved = self.done
+        mark: tuple[dict[str, Arrays], int, float] | None = self.mark()
         try:
             while self.done < n_steps:
                 end = n_steps
@@ -148,6 +149,7 @@ class Driver:
                 self.elapsed += time.perf_counter() - begin
                 if cycle_steps is not None and self.done % cycle_steps == 0:
                     self.recorder.end_cycle()
+                mark = None  # two would take much memory, and nothing is half done here
                 mark, done = self.mark(), self.done
                 if checkpoint is not None and checkpoint.due(done, last_saved, n_steps):
                     parts = {"recorder": self.recorder.saved(), "stepper": self.stepper.saved()}
@@ -156,7 +158,8 @@ class Driver:
                 if progress is not None:
                     progress(done, n_steps)
         except KeyboardInterrupt:
-            self.take_up(*mark)
+            if mark is not None:
+                self.take_up(*mark)
             return True
         return False
 

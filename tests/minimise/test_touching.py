@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from skfem_joint.minimise import moving
 from skfem_joint.minimise import touching as module
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
 from skfem_joint.minimise.touching import Touching
@@ -30,9 +31,13 @@ def _problem(rng, directions, beta):
     return problem, rng.uniform(-100.0, 100.0, n), bound, given
 
 
+@pytest.mark.parametrize("fewest", [0, moving.FEWEST], ids=["those that move", "all"])
 @pytest.mark.parametrize("directions", [1, 2])
 @pytest.mark.parametrize("beta", [np.inf, 30.0], ids=["coulomb", "arctan"])
-def test_the_solution_does_not_depend_on_the_points_that_are_eliminated(directions, beta):
+def test_the_solution_does_not_depend_on_the_points_that_are_eliminated(
+    directions, beta, fewest, monkeypatch
+):
+    monkeypatch.setattr(moving, "FEWEST", fewest)
     taken_back = eliminated = 0
     for seed in range(6):
         rng = np.random.default_rng([seed, 11])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from stepping_systems import CASE_I, LapJoint
 
+from skfem_joint.minimise import front_elimination
 from skfem_joint.runs.integrate import integrate
 
 
@@ -42,3 +43,17 @@ def test_long_chains_need_neither_descents_nor_halved_steps(joint, steps):
     assert run.counters.newton_iterations <= 60 * run.counters.steps
     assert np.isfinite(joint.beta) or run.counters.largest_iterations <= 100
     assert run.energy_residual < 1e-9
+
+
+@pytest.mark.parametrize("beta", [1e5, np.inf])
+def test_a_run_makes_the_chain_of_its_step_and_no_other(beta, monkeypatch):
+    """That of the mass is not stepped, and functions are compiled by a chain of one point."""
+    made, build = [], front_elimination.build_chain
+    monkeypatch.setattr(
+        front_elimination,
+        "build_chain",
+        lambda H, *others: (made.append(H.diagonal.size), build(H, *others))[1],
+    )
+    system = LapJoint(elements=50, beta=beta).system
+    integrate(system, step=1e-5, n_steps=12)
+    assert [n for n in made if n > 1] == [system.n]
