@@ -14,13 +14,13 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError, listed
 from skfem_joint.ground.files import needed, replacing
-from skfem_joint.ground.loads import Harmonic
 from skfem_joint.output.series import corners_of
 from skfem_joint.results.natural_modes import NaturalModes, natural_modes
 from skfem_joint.scene import Scene
 from skfem_joint.structure.structure import Structure
 from skfem_joint.system.system import System
 from skfem_joint.vibration.response_curve import Curve
+from skfem_joint.vibration.transfer import frequency_response
 
 #: Elements of data set 2412 by dimension and corners: rod or beam as line, thin plate, solid.
 _ELEMENTS = {(2, 3): 41, (2, 4): 44, (3, 4): 111, (3, 6): 112, (3, 8): 115}
@@ -146,46 +146,33 @@ def _responses(
 ) -> Iterator[dict[str, Any]]:
     if not curves:
         return
-    loads = [load.amplitude for load in system.loads]
-    if (
-        len(loads) != 1
-        or not isinstance(loads[0], Harmonic)
-        or system.loads[0].on.startswith("mass_")
-    ):
+    if len(system.loads) != 1 or system.loads[0].carried is not None:
         where = listed([load.on for load in system.loads])
         raise InputError(
-            f"curves: found {len(loads)} loads on {where}, must be one harmonic force on a part, "
+            f"curves: found {len(system.loads)} loads on {where}, must be one force on a part, "
             "over which responses are taken"
         )
-    force = abs(loads[0].amplitude)
     places = [_place(structure, system, row) for row in np.asarray(system.P.toarray())]
     for curve in curves:
-        found = [point for point in curve.points if np.isfinite(point.amplitude).all()]
-        if any(point.amplitude.size != len(places) for point in found):
+        if curve.points[0].amplitude.size != len(places):
             raise InputError("curves: have other named points than the system")
-        x = np.array([point.frequency for point in found])
-        for k, (name, (node, direction)) in enumerate(zip(system.points, places, strict=True)):
-            if len(found) < 2:  # no function
+        known = np.isfinite(curve.column("harmonics")[:, :, 0]).all(axis=1)
+        x = curve.column("frequency")[known]
+        for name, (node, direction) in zip(system.points, places, strict=True):
+            if x.size < 2:  # no function
                 continue
             yield {
                 "type": 58, "id1": f"{name}, level {curve.level:g}", "func_type": 4,
                 "rsp_ent_name": name[:10], "rsp_node": node, "rsp_dir": direction,
                 "ref_ent_name": str(system.loads[0].on)[:10], "ref_node": places[0][0],
                 "ref_dir": places[0][1], "load_case_id": 0, "x": x, "abscissa_spacing": 0,
-                "data": _first_harmonic(found, k) / (curve.level * force),
+                "data": frequency_response(system, curve, name)[known, 0],
                 "abscissa_spec_data_type": 18, "abscissa_axis_lab": "Frequency",
                 "abscissa_axis_units_lab": "Hz", "ordinate_spec_data_type": 8,
                 "ordinate_axis_lab": "Displacement", "ordinate_axis_units_lab": "m",
                 "orddenom_spec_data_type": 13, "orddenom_axis_lab": "Force",
                 "orddenom_axis_units_lab": "N",
             }  # fmt: skip
-
-
-def _first_harmonic(points: Sequence[Any], k: int) -> Any:
-    """First harmonic of a named point after the load, complex, m."""
-    size = np.array([abs(point.harmonics[k, 0]) for point in points])
-    phase = np.array([point.phase[k] for point in points])
-    return size * np.exp(1j * phase)
 
 
 def _place(structure: Structure, system: System, row: FloatArray) -> tuple[int, int]:
