@@ -29,7 +29,8 @@ The same by commands, with the scene as a text file to change::
 import sys
 
 import skfem_joint as sj
-from skfem_joint.output import fields, pictures
+from skfem_joint.output import fields
+from skfem_joint.output.drawing import pictures
 from skfem_joint.scene.shipped import shipped_scene
 
 # Three cycles; the site runs one of them, with ``--short``.

@@ -24,7 +24,8 @@ The same by commands, with the scene as a text file to change::
 import numpy as np
 
 import skfem_joint as sj
-from skfem_joint.output import fields, pictures
+from skfem_joint.output import fields
+from skfem_joint.output.drawing import pictures
 from skfem_joint.scene.shipped import shipped_scene
 
 scene = sj.load_scene(shipped_scene("two_plates"))

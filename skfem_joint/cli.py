@@ -388,8 +388,8 @@ def _example(options: argparse.Namespace) -> int:
 
 def _preview(options: argparse.Namespace) -> int:
     """Draw mesh, names, supports, loads, joints and bolts of a scene, and say what was drawn."""
-    from skfem_joint.output.preview import preview_of
-    from skfem_joint.output.preview_picture import check_target, write_preview
+    from skfem_joint.output.drawing.preview import preview_of
+    from skfem_joint.output.drawing.preview_picture import check_target, write_preview
 
     out = options.out or Path(f"{options.scene.stem}.png")
     check_target(out, overwrite=options.overwrite)  # before bolts are tightened

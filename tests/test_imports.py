@@ -56,7 +56,8 @@ def imported(module: str, tree: ast.AST) -> set[str]:
 
 
 def place(module: str) -> int:
-    return FOLDERS.index(module.rpartition(".")[0].removesuffix(".ranges"))
+    folder = module.rpartition(".")[0]
+    return FOLDERS.index(folder.removesuffix(".ranges").removesuffix(".drawing"))
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name != "__init__"])

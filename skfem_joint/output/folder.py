@@ -17,9 +17,10 @@ import numpy as np
 
 from skfem_joint.ground.files import holding, needed, replacing, safe_name, safe_names
 from skfem_joint.ground.progress import Progress
-from skfem_joint.output import pictures, plots, report, series
+from skfem_joint.output import plots, report, series
+from skfem_joint.output.drawing import pictures
+from skfem_joint.output.drawing.offscreen import offscreen
 from skfem_joint.output.fields import frames_of
-from skfem_joint.output.offscreen import offscreen
 from skfem_joint.output.record import clear, writing
 from skfem_joint.output.tables import write_csv
 from skfem_joint.output.universal import scene_uff

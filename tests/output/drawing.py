@@ -3,7 +3,7 @@
 import pytest
 
 from skfem_joint.ground.errors import InputError
-from skfem_joint.output.offscreen import offscreen
+from skfem_joint.output.drawing.offscreen import offscreen
 
 
 def can_draw() -> bool:

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from pictured import bar, bars, blocks, lap, pulled
 
+from skfem_joint.output.drawing.pictures import STATES
 from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS
-from skfem_joint.output.pictures import STATES
 from skfem_joint.output.series import write_load, write_series
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "paraview_joint.py"

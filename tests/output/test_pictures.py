@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pictured import BOXES, JOINT, bar, bars, blocks, box, lap, pulled, side
 
 import skfem_joint as sj
-from skfem_joint.output import pictures
+from skfem_joint.output.drawing import pictures
 from skfem_joint.output.series import faces_of, write_series
 
 INCLINED = (3.0, 4.0, 0.0)
@@ -183,7 +183,7 @@ if window != os.environ["WORKS"]:
 """
 DRAW = """
 import os
-from skfem_joint.output.offscreen import offscreen
+from skfem_joint.output.drawing.offscreen import offscreen
 for _ in range(2):
     with offscreen():
         print(os.environ.get("VTK_DEFAULT_OPENGL_WINDOW"))

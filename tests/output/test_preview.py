@@ -12,8 +12,8 @@ from drawing import draws
 from pictured import matrices_scene
 
 from skfem_joint import cli
-from skfem_joint.output.preview import Preview, joint_marks, preview_of
-from skfem_joint.output.preview_picture import preview_figure, write_preview
+from skfem_joint.output.drawing.preview import Preview, joint_marks, preview_of
+from skfem_joint.output.drawing.preview_picture import preview_figure, write_preview
 from skfem_joint.scene import load_scene
 
 ROOT = Path(__file__).parents[2]

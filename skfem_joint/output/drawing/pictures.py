@@ -20,8 +20,8 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import needed, replacing
+from skfem_joint.output.drawing.offscreen import drawn, offscreen, plotter_of
 from skfem_joint.output.fields import Field, Frames
-from skfem_joint.output.offscreen import drawn, offscreen, plotter_of
 from skfem_joint.output.plots import DPI, envelope, new_figure, prefixed_unit, save_figure
 from skfem_joint.output.series import Block, blocks_of, faces_of
 from skfem_joint.results.borders import of_cells, smoothed, touching

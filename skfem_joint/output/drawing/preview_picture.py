@@ -15,9 +15,9 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import needed
-from skfem_joint.output.offscreen import drawn, offscreen, plotter_of
+from skfem_joint.output.drawing.offscreen import drawn, offscreen, plotter_of
+from skfem_joint.output.drawing.preview import Mark, Preview
 from skfem_joint.output.plots import new_figure, save_figure
-from skfem_joint.output.preview import Mark, Preview
 from skfem_joint.output.series import blocks_of
 from skfem_joint.structure.structure import Structure
 
