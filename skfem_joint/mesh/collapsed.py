@@ -64,7 +64,7 @@ def joined(parts: Sequence[tuple[Cell, IntArray]]) -> tuple[Cell, IntArray]:
     return host, np.hstack([t if cell is host else t[list(cell.at)] for cell, t in parts])
 
 
-class Part(NamedTuple):
+class ElementsOfKind(NamedTuple):
     """Elements of one kind in a mesh.
 
     Attributes
@@ -81,7 +81,7 @@ class Part(NamedTuple):
     corners: IntArray
 
 
-def parts_of(cell: Cell, t: IntArray) -> list[Part]:
+def parts_of(cell: Cell, t: IntArray) -> list[ElementsOfKind]:
     """Elements of a mesh by their kind, that of the mesh first.
 
     Parameters
@@ -98,8 +98,8 @@ def parts_of(cell: Cell, t: IntArray) -> list[Part]:
     """
     every, some = np.arange(t.shape[1]), is_collapsed(cell, t)
     if not some.any():
-        return [Part(cell, every, t)]
-    found = [Part(cell, every[~some], t[:, ~some])] if not some.all() else []
+        return [ElementsOfKind(cell, every, t)]
+    found = [ElementsOfKind(cell, every[~some], t[:, ~some])] if not some.all() else []
     kind = _collapsed_kind(cell)
     own = t[[kind.at.index(corner) for corner in range(max(kind.at) + 1)]][:, some]
     other = (own[list(kind.at)] != t[:, some]).any(axis=0) | (corner_count(own) < len(own))
@@ -109,7 +109,7 @@ def parts_of(cell: Cell, t: IntArray) -> list[Part]:
             f"a {cell.name} with vertices {vertices} has corners in one place, and not those that "
             f"make a {kind.name} of it"
         )
-    return [*found, Part(kind, every[some], own)]
+    return [*found, ElementsOfKind(kind, every[some], own)]
 
 
 def is_collapsed(cell: Cell, t: IntArray) -> BoolArray:

@@ -19,7 +19,7 @@ from skfem_joint.linalg.fill import fill
 from skfem_joint.mesh import cells
 from skfem_joint.mesh.cells import Cell, cell_of, spot
 from skfem_joint.mesh.collapsed import (
-    Part,
+    ElementsOfKind,
     dofs_of,
     is_collapsed,
     joined,
@@ -75,7 +75,7 @@ class NamedMesh:
         return int(self.mesh.dim())
 
     @cached_property
-    def parts(self) -> list[Part]:
+    def parts(self) -> list[ElementsOfKind]:
         """Elements by their kind."""
         return parts_of(cell_of(self.mesh)[0], self.mesh.t)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.schur import physical_memory
-from skfem_joint.mesh.collapsed import Part
+from skfem_joint.mesh.collapsed import ElementsOfKind
 from skfem_joint.mesh.named import NamedMesh
 
 
@@ -77,6 +77,6 @@ def of_order(
     ]
 
 
-def _listed(parts: Sequence[Part]) -> str:
+def _listed(parts: Sequence[ElementsOfKind]) -> str:
     """Kinds of elements in words."""
     return " and ".join(part.kind.plural for part in parts)
