@@ -1,11 +1,14 @@
 """Random vibration by backbones beside marching under sampled noise: a bar with a tip mass.
 
     python examples/benchmarks/noise.py            some ten minutes
+    python examples/benchmarks/noise.py plate      a plate under two bolts, some minutes
     python examples/benchmarks/noise.py --quick    one level, a short time
 
 The force on the tip has a flat density over the first mode alone, or over three modes. The full
-model is marched, whose step costs a few microseconds, and at one level the reduced model. Errors
-of what is marched are standard deviations by sixteen blocks of the time.
+model is marched, whose step costs a few microseconds, and at one level the reduced model. The force
+on the plate's end acts along and across it, over its first two modes, which bend; a reduced model
+of it is marched, of which the backbones are too. Errors of what is marched are standard deviations
+by sixteen blocks of the time.
 """
 
 import os
@@ -105,9 +108,8 @@ def apart(found, reference, error):
     return f"{100.0 * (found / reference - 1.0):+.1f} ± {100.0 * error:.1f} %"
 
 
-def main(arguments):
-    quick = "--quick" in arguments
-    system, costs = bar(), []
+def heading():
+    """Print the head of the comparison."""
     head(
         "density over",
         "N²/Hz",
@@ -122,46 +124,80 @@ def main(arguments):
         "largest marched, rms",
         "expected",
     )
+
+
+def compared(title, system, curves, noise, psd, step, duration):
+    """Print the row of a density; seconds of the response and of marching."""
+    begin = time.process_time()
+    found = sj.random_response(system, curves, psd, duration=duration)
+    ours = time.process_time() - begin
+    alone = sj.random_response(system, curves[:1], psd)
+    squares, works, largest, seconds = marched(system, noise, step, duration)
+    square, error = mean(squares)
+    rms, error, (work, of_work) = np.sqrt(square), 0.5 * error, mean(works)
+    own, done, first = found.displacement_rms[0], found.joint_work.sum(), curves[0]
+    whole = abs(np.interp(first.slips_at, first.level, first.displacement[:, 0]))
+    row(
+        title,
+        f"{psd[0][1]:g}",
+        f"{100.0 * found.modes[0].damping_ratio:.2f} %",
+        f"{rms / whole:.3f}",
+        f"{1e6 * rms:.1f}",
+        apart(own, rms, error),
+        apart(alone.displacement_rms[0], rms, error),
+        f"{1e-3 * work:.3g}",
+        apart(done, work, of_work),
+        apart(alone.joint_work.sum(), work, of_work),
+        f"{largest / rms:.2f}",
+        f"{found.displacement_peak[0] / own:.2f}",
+    )
+    return ours, seconds
+
+
+def plate(quick):
+    """Compare a plate under two bolts."""
+    scene = sj.load_scene(EXAMPLES / "plate_bolts.toml").changed(
+        damping={"ratio": 0.003}, load={"direction": [0.6, 0.8]}
+    )
+    system, band, duration = scene.system(), (100.0, 2500.0), 0.1 if quick else 5.0
+    step = 1.0 / 1934.0 / 40.0  # in a period of the second mode
+    noise = Noise(band, 1e3, 0.2, seed=3)
+    loaded = replace(system, loads=(replace(system.loads[0], amplitude=noise),))
+    # It serves any load of these modes and levels.
+    small = replace(sj.reduce(loaded, modes=36, duration=0.1, step=step), made_for="")
+    curves = sj.backbone(small, modes=(1, 2), levels=40, up_to=1.5)
+    heading()
+    for density in (30.0,) if quick else (30.0, 300.0):
+        noise = Noise(band, density, duration, seed=3)
+        psd = [[band[0], density], [band[1], density]]
+        compared("two modes of a plate", small, curves, noise, psd, step, duration)
+
+
+def main(arguments):
+    quick = "--quick" in arguments
+    if "plate" in arguments:
+        plate(quick)
+        return
+    system, costs = bar(), []
+    heading()
     for title, (modes, band, per_period, duration, densities) in CASES.items():
         duration = 2.0 if quick else duration
         begin = time.process_time()
         curves = sj.backbone(system, modes=modes, levels=LEVELS, up_to=UP_TO)
         of_curves = time.process_time() - begin
         step = 1.0 / curves[-1].stuck_frequency / per_period
-        first = curves[0]
-        whole = abs(np.interp(first.slips_at, first.level, first.displacement[:, 0]))
         for density in densities[2:3] if quick else densities:
             psd = [[band[0], density], [band[1], density]]
-            begin = time.process_time()
-            found = sj.random_response(system, curves, psd, duration=duration)
-            ours = of_curves + time.process_time() - begin
-            alone = sj.random_response(system, curves[:1], psd)
             noise = Noise(band, density, duration, seed=2)
-            squares, works, largest, seconds = marched(system, noise, step, duration)
-            square, error = mean(squares)
-            rms, error, (work, of_work) = np.sqrt(square), 0.5 * error, mean(works)
-            own, done = found.displacement_rms[0], found.joint_work.sum()
-            row(
-                title,
-                f"{density:g}",
-                f"{100.0 * found.modes[0].damping_ratio:.2f} %",
-                f"{rms / whole:.3f}",
-                f"{1e6 * rms:.1f}",
-                apart(own, rms, error),
-                apart(alone.displacement_rms[0], rms, error),
-                f"{1e-3 * work:.3g}",
-                apart(done, work, of_work),
-                apart(alone.joint_work.sum(), work, of_work),
-                f"{largest / rms:.2f}",
-                f"{found.displacement_peak[0] / own:.2f}",
-            )
+            ours, seconds = compared(title, system, curves, noise, psd, step, duration)
+            ours += of_curves
             steps = duration / step
             costs.append((title, density, "full", system.n, steps, seconds, ours, 0.0, 0.0))
             if density == REDUCED:
                 time_of = 0.2 if quick else min(SHORTER, duration)
                 loaded = replace(system, loads=(replace(system.loads[0], amplitude=noise),))
                 small = sj.reduce(loaded, modes=24, duration=0.05, step=step)
-                squares, works, _, short = marched(small, noise, step, time_of)
+                squares, _, _, short = marched(small, noise, step, time_of)
                 same, _, _, _ = marched(system, noise, step, time_of)
                 off = np.sqrt(squares.mean() / same.mean()) - 1.0
                 costs.append(

@@ -42,6 +42,8 @@ TIMES, PERIODS = 20, 3
 COMPARED = 9
 #: Relative change of the modes' root mean squares at which they have settled, and most rounds.
 SETTLED, MOST = 2e-3, 40
+#: Rounds after which changes are halved: two states may take each other's place for ever.
+AT_ONCE = 4
 
 
 @dataclass(frozen=True)
@@ -102,12 +104,13 @@ def joined_modes(
     if len(curves) == 1:
         return found
     joints = _Joints(curves, overlap)
-    for _ in range(MOST):
+    beside: list[Beside] = []
+    for tried in range(MOST):
         before = np.array([mode.rms for mode in found])
-        found = [
-            modal_amplitudes(*pair, joints.beside(number, found))
-            for number, pair in enumerate(pairs)
-        ]
+        last, beside = beside, [joints.beside(number, found) for number in range(len(pairs))]
+        if tried > AT_ONCE:
+            beside = [old.halfway(new) for old, new in zip(last, beside, strict=True)]
+        found = [modal_amplitudes(*pair, each) for pair, each in zip(pairs, beside, strict=True)]
         after = np.array([mode.rms for mode in found])
         if np.abs(after / before - 1.0).max() <= SETTLED:
             return found

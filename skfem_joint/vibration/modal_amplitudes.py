@@ -129,6 +129,14 @@ class Beside:
     friction: FloatArray
     flexibility: FloatArray
 
+    def halfway(self, other: Beside) -> Beside:
+        """Mean of both."""
+        return Beside(
+            0.5 * (self.amplitude + other.amplitude),
+            0.5 * (self.friction + other.friction),
+            0.5 * (self.flexibility + other.flexibility),
+        )
+
     def of(self, curve: ModeCurve, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Frequencies (k,), rad/s, and damping ratios (k, joints) of a mode at amplitudes (k,)."""
         omega, friction = curve.at(amplitude)

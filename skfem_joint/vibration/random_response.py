@@ -11,7 +11,7 @@ amplitudes a.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,16 +19,14 @@ from numpy.typing import ArrayLike
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.loads import Harmonic, Scaled
+from skfem_joint.ground.loads import Scaled
 from skfem_joint.ground.power_density import GRAVITY, PowerDensity
 from skfem_joint.ground.values import POSITIVE, check
-from skfem_joint.reduction.stuck import Stuck
-from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.system.system import AppliedLoad, System
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.joined_modes import joined_modes
 from skfem_joint.vibration.modal_amplitudes import ModalAmplitudes, ModeCurve
-from skfem_joint.vibration.response_spectra import Spectra
+from skfem_joint.vibration.response_spectra import Spectra, StuckUnder
 
 #: Units of a density by their names, and factors to SI.
 UNITS = {"SI": 1.0, "g2/Hz": GRAVITY**2}
@@ -184,9 +182,9 @@ def random_response(
     found = joined_modes(modes, forces, overlap)
     coarse = joined_modes([mode.every_second() for mode in modes], forces, overlap)
     _check_beyond(found)
-    stuck = _StuckUnder(system, vector, max(curve.mode for curve in curves) + LOOKED_FOR)
+    stuck = StuckUnder(system, vector, max(curve.mode for curve in curves) + LOOKED_FOR)
     base = _is_base(acting)
-    spectra = Spectra(system, curves, found, density, vector, stuck.static, base)
+    spectra = Spectra(system, curves, found, density, vector, stuck, base)
     friction = [mode.mean(mode.power(mode.friction_damping)) for mode in found]
     viscous = [mode.mean(mode.power(mode.viscous_damping)) for mode in found]
     J = as_dense(system.contact.J)
@@ -272,37 +270,6 @@ def _check_beyond(modes: Sequence[ModalAmplitudes]) -> None:
                 "higher levels (up_to, which may be above 1 where supports hold the structure), or "
                 "lower the load"
             )
-
-
-class _StuckUnder:
-    """A structure with its contact stuck, under a constant force (n,), N.
-
-    Attributes
-    ----------
-    static : ndarray, shape (points,)
-        Displacements of the named points, m.
-    frequencies : ndarray, shape (k,)
-        Its lowest natural frequencies, Hz.
-
-    Raises
-    ------
-    InputError
-        If nothing holds it.
-    """
-
-    def __init__(self, system: System, vector: FloatArray, count: int) -> None:
-        load = AppliedLoad(vector, Harmonic(1.0, 1.0))
-        inner = arranged(replace(system, loads=(load,)).closed()).system
-        stuck = Stuck(inner)
-        self.frequencies, _ = stuck.modes(count)
-        if self.frequencies[0] == 0.0:
-            raise InputError(
-                "random_response: the structure floats, so that a random load moves it away "
-                "without limit; support it"
-            )
-        solve, _ = stuck.solver
-        moved = stuck.F @ solve(stuck.F.T @ inner.loads[0].vector)
-        self.static = np.asarray(inner.P @ moved)
 
 
 # Curves by joint

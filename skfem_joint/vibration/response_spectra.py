@@ -3,21 +3,26 @@
     S = G ( |sum_k <c_k H_k> + R|^2 + sum_k (<|c_k H_k|^2> - |<c_k H_k>|^2) ),
 
 with G that of the load, H_k the transfer function of mode k at an amplitude, c_k its displacement
-of the point there, R what stiffness alone gives to the modes that are left out, with the contact
-stuck, and < > the mean over amplitudes by their share in the mean square.
+of the point there, R what is left of the structure with its contact stuck (other modes inside the
+frequencies of G follow the load without inertia), and < > the mean over amplitudes by their share
+in the mean square.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import Harmonic
 from skfem_joint.ground.power_density import PowerDensity
 from skfem_joint.linalg.factors import factorised
-from skfem_joint.system.system import System
+from skfem_joint.reduction.stuck import Stuck
+from skfem_joint.stepping.arrangement import arranged
+from skfem_joint.system.system import AppliedLoad, System
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.modal_amplitudes import ModalAmplitudes, at_amplitudes, peak_of
 
@@ -66,6 +71,71 @@ class Spectrum:
         return np.asarray(np.sqrt(ratio * square))
 
 
+class StuckUnder:
+    """A structure with its contact stuck, under a constant force (n,), N.
+
+    Attributes
+    ----------
+    static : ndarray, shape (points,)
+        Displacements of the named points, m.
+    frequencies : ndarray, shape (k,)
+        Its lowest natural frequencies, Hz.
+    shapes : ndarray, shape (k, n)
+        Their modes, of unit modal mass.
+    pushed : ndarray, shape (points, k)
+        Displacement of the points in each mode times its force, m/s².
+    damping : ndarray, shape (k,)
+        Modal damping by C, 1/s.
+
+    Raises
+    ------
+    InputError
+        If nothing holds it.
+    """
+
+    def __init__(self, system: System, vector: FloatArray, count: int) -> None:
+        load = AppliedLoad(vector, Harmonic(1.0, 1.0))
+        to = arranged(replace(system, loads=(load,)).closed())
+        inner, stuck = to.system, Stuck(to.system)
+        self.frequencies, modes = stuck.modes(count)
+        if self.frequencies[0] == 0.0:
+            raise InputError(
+                "random_response: the structure floats, so that a random load moves it away "
+                "without limit; support it"
+            )
+        solve, _ = stuck.solver
+        moved = stuck.F @ solve(stuck.F.T @ inner.loads[0].vector)
+        self.static = np.asarray(inner.P @ moved)
+        self.shapes = to.outer(modes.T)
+        if system.contact.opens:
+            closed = system.contact.normal.closed_motions()
+            self.shapes = np.asarray((closed @ self.shapes.T).T)
+        self.pushed = (system.P @ self.shapes.T) * (self.shapes @ vector)
+        self.damping = np.einsum("kn,kn->k", self.shapes, (system.C @ self.shapes.T).T)
+
+    def rest(self, turn: FloatArray, band: FloatArray, given: Sequence[int]) -> FloatArray:
+        """Transfer functions without the modes ``given``, by number, (points, k), m.
+
+        Modes outside of the ``band``, Hz, are linear; those inside it follow the load without
+        inertia, as all do whose frequencies are not known.
+
+        Parameters
+        ----------
+        turn : ndarray, shape (k,)
+            Angular frequencies, rad/s.
+        """
+        moved = np.repeat(self.static[:, np.newaxis].astype(complex), turn.size, axis=1)
+        for k, (frequency, damping) in enumerate(
+            zip(self.frequencies.tolist(), self.damping.tolist(), strict=True)
+        ):
+            square, part = (2.0 * np.pi * frequency) ** 2, self.pushed[:, [k]]
+            if k + 1 in given:
+                moved -= part / square
+            elif not band[0] <= frequency <= band[1]:
+                moved += part * (1.0 / (square - turn**2 + 1.0j * damping * turn) - 1.0 / square)
+        return moved
+
+
 class Spectra:
     """Transfer functions to the points, as means over the modes' amplitudes.
 
@@ -78,8 +148,9 @@ class Spectra:
         Of the load.
     vector : ndarray, shape (n,)
         Force of a load of 1, N.
-    static : ndarray, shape (points,)
-        Displacement under this force with the contact stuck, m.
+    stuck : StuckUnder
+        Under this force. What slip adds to the displacement of a mode is that of slow cycles: its
+        parts along lower modes, which hardly move at the frequency of a higher one, are left out.
     base : bool
         Whether the load is an acceleration of the base, of which absolute accelerations have a
         part.
@@ -97,7 +168,7 @@ class Spectra:
         modes: Sequence[ModalAmplitudes],
         density: PowerDensity,
         vector: FloatArray,
-        static: FloatArray,
+        stuck: StuckUnder,
         base: bool,
     ) -> None:
         peaks = [peak_of(mode.omega, mode.damping) for mode in modes]
@@ -105,10 +176,12 @@ class Spectra:
         self.G, P = density(self.frequency), as_dense(system.P)
         turn = 2.0 * np.pi * self.frequency
         means, self.squares = [], []
+        rest = stuck.rest(turn, density.frequencies[[0, -1]], [curve.mode for curve in curves])
         for curve, mode in zip(curves, modes, strict=True):
             push = float(curve.shape @ vector)
-            static = static - P @ curve.shape * (push / (2.0 * np.pi * curve.stuck_frequency) ** 2)
-            moved = (P @ curve.states.T) / curve.amplitude
+            lower = stuck.shapes[: curve.mode - 1]
+            states = curve.states - (curve.states @ (system.M @ lower.T)) @ lower
+            moved = (P @ states.T) / curve.amplitude
             c = push * at_amplitudes(mode.amplitude, curve.amplitude, moved.T, P @ curve.shape)
             w, z = mode.omega[:, np.newaxis], mode.damping[:, np.newaxis]
             H = 1.0 / (w**2 - turn**2 + 2.0j * z * w * turn)
@@ -116,7 +189,7 @@ class Spectra:
             means.append((c.T * shares) @ H)
             self.squares.append((c.T**2 * shares) @ np.abs(H) ** 2)
         self.means = np.array(means)
-        self.static = static
+        self.rest = rest
         self.rigid = np.zeros(len(system.points))
         if base:  # M times the motion of all nodes with the base is the load's vector
             self.rigid = P @ factorised(system.M)(-vector)
@@ -124,7 +197,7 @@ class Spectra:
     def of(self, order: int) -> Spectrum:
         """Spectral densities of the derivative of an order of the displacement, 0 or 2."""
         factor = (2.0j * np.pi * self.frequency) ** order
-        whole = factor * (self.means.sum(axis=0) + self.static[:, np.newaxis])
+        whole = factor * (self.means.sum(axis=0) + self.rest)
         if order == 2:
             whole = whole + self.rigid[:, np.newaxis]
         squares = np.abs(factor) ** 2 * np.array(self.squares)

@@ -239,3 +239,21 @@ def test_modes_inside_the_density_without_a_curve_are_named():
     result = sj.random_response(system, [curve], [[100.0, 1.0], [8000.0, 1.0]])
     (note,) = result.notes
     assert "modes 2 (7504." in note
+
+
+@pytest.mark.parametrize(("given", "low", "high"), [((1,), 0.3, 1.5), ((2,), 1.8, 3.6)])
+def test_a_bar_that_sticks_has_the_density_of_the_linear_structure(given, low, high):
+    """Below the frequencies of the density, inside and above them; mode 2 is at 3 times mode 1."""
+    system = bar()
+    curves = sj.backbone(system, modes=given, levels=20)
+    low, high = (curves[0].stuck_frequency / (2 * given[0] - 1) * x for x in (low, high))
+    result = sj.random_response(system, curves, [[low, 1e-9], [high, 1e-9]])
+    free = np.setdiff1d(np.arange(system.n), system.contact.B.tocsr().indices)
+    K, C, M = (A.toarray()[np.ix_(free, free)] for A in (system.K, system.C, system.M))
+    force = (system.loads[0].amplitude.factor * system.loads[0].vector)[free]
+    end = system.P.toarray()[1, free]
+    rows = slice(None, None, 37)
+    for f, density in zip(result.frequencies[rows], result.displacement_psd[1, rows], strict=True):
+        turn = 2.0 * np.pi * f
+        u = np.linalg.solve(K - turn**2 * M + 1j * turn * C, force)
+        assert density == pytest.approx(1e-9 * abs(end @ u) ** 2, rel=5e-3)
