@@ -1,6 +1,7 @@
 """What a picture of a structure before it is run shows: joints, supports, loads, bolts and names.
 
-`preview_of` collects it from a scene as marks; :mod:`skfem_joint.output.drawing.preview_picture` draws it.
+`preview_of` collects it from a scene as marks;
+:mod:`skfem_joint.output.drawing.preview_picture` draws it.
 """
 
 from __future__ import annotations
