@@ -53,6 +53,7 @@ from skfem_joint.slow.floating import STILL, Still
 from skfem_joint.slow.levels import Level, NoLevelError, Walk, in_parts
 from skfem_joint.stepping.arrangement import Arranged, arranged, step_problem
 from skfem_joint.system.contacts import Contact
+from skfem_joint.system.modes import ROUND_OFF
 from skfem_joint.system.rigid import floats, rigid_of
 from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import ChangeOfUnknowns, selection
@@ -325,9 +326,7 @@ class QuasiStatic:
         for _ in range(3):
             X = np.linalg.qr(solve(self.M @ X))[0]
         squares, shares = linalg.eigh(X.T @ (self.K @ X), X.T @ (self.M @ X))
-        # Motions of a lower stiffness over mass are rigid.
-        limit = 1e-9 * self.to.system.mean_square_frequency
-        return np.asarray(X @ shares[:, squares < limit])
+        return np.asarray(X @ shares[:, squares < ROUND_OFF * self.shift])
 
     def stuck(self, F: sparse.csc_array) -> Callable[[FloatArray], FloatArray] | None:
         """Solver for the unknowns that the columns of F pick, if their factor exists already."""

@@ -23,6 +23,8 @@ from skfem_joint.linalg.shifts import mean_square_frequency
 #: Lowest modes that are computed where the first three that strain are wanted: a body that floats
 #: has up to six rigid motions.
 SEARCHED = 12
+#: Squares of frequencies below this share of the smallest shift are round-off: motions are rigid.
+ROUND_OFF = 0.02
 #: Pivots of a stiffness below this share of the largest are zero.
 ZERO = 1e-11
 
@@ -123,7 +125,7 @@ def unshifted(frequency: FloatArray, shift: float) -> FloatArray:
     modes of slender structures may be little above it.
     """
     squares = (2.0 * np.pi * frequency) ** 2
-    squares = np.where(squares > 1.02 * shift, squares - shift, 0.0)
+    squares = np.where(squares > (1.0 + ROUND_OFF) * shift, squares - shift, 0.0)
     return np.sqrt(squares) / (2.0 * np.pi)
 
 
