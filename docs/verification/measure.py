@@ -318,6 +318,7 @@ CLAIMS = {
     ),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
     "random": Claim(f"{BENCHMARKS}/noise.py", 600, {"random": printed}, timed=True),
+    "random-plate": Claim(f"{BENCHMARKS}/noise.py plate", 300, {"random-plate": printed}),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),
     "fit-gradients": Claim(
         f"{BENCHMARKS}/fits.py gradients", 300, {"fit-gradients": printed}, timed=True
