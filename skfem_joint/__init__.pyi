@@ -60,8 +60,8 @@ from skfem_joint.results.loss import Losses as Losses
 from skfem_joint.results.loss import losses as losses
 from skfem_joint.results.natural_modes import NaturalModes as NaturalModes
 from skfem_joint.results.natural_modes import natural_modes as natural_modes
+from skfem_joint.results.places import JointPlaces as JointPlaces
 from skfem_joint.results.places import PlaceResults as PlaceResults
-from skfem_joint.results.places import Places as Places
 from skfem_joint.results.places import places_of as places_of
 from skfem_joint.results.stress import StressCycle as StressCycle
 from skfem_joint.results.stress import StressHistory as StressHistory

@@ -57,7 +57,9 @@ def imported(module: str, tree: ast.AST) -> set[str]:
 
 def place(module: str) -> int:
     folder = module.rpartition(".")[0]
-    return FOLDERS.index(folder.removesuffix(".ranges").removesuffix(".drawing"))
+    return FOLDERS.index(
+        folder.removesuffix(".ranges").removesuffix(".drawing").removesuffix(".decks")
+    )
 
 
 @pytest.mark.parametrize("module", [name for name in MODULES if name != "__init__"])

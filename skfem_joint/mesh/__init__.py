@@ -3,8 +3,8 @@
 `named` is the type of all meshes, `cells` the kinds of their elements; `collapsed` lets several
 kinds stand in one mesh, `splitting` has the nodes of second order. `building` makes bars, plates
 and boxes; `reading` reads files by meshio, after the checks of `gmsh` (which also writes),
-those of Abaqus and CalculiX by `abaqus`, to which the modules that begin with `inp_` belong, those
-of Salome by `med` and Nastran's by `nastran`, all of which hand over a mesh as in `file_mesh`;
+those of Abaqus and CalculiX by the folder `decks`, those of Salome by `med` and Nastran's by
+`nastran`, all of which hand over a mesh as in `file_mesh`; `node_fields` reads values at nodes;
 `straightening` says what straight edges in place of curved ones change.
 """
 

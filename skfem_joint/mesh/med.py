@@ -19,9 +19,9 @@ from skfem_joint.ground.arrays import IntArray
 from skfem_joint.ground.errors import listed
 from skfem_joint.ground.files import read_whole
 from skfem_joint.mesh.cells import repeated
+from skfem_joint.mesh.decks.elements import FORMS
+from skfem_joint.mesh.decks.sides import Sides, blocks_of
 from skfem_joint.mesh.file_mesh import FileMesh
-from skfem_joint.mesh.inp_elements import FORMS
-from skfem_joint.mesh.inp_sides import Sides, blocks_of
 from skfem_joint.mesh.named import check_count
 
 if TYPE_CHECKING:

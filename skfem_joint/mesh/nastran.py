@@ -18,8 +18,8 @@ from skfem_joint.ground.arrays import IntArray
 from skfem_joint.ground.bulk_data import Entry, entries, real, whole
 from skfem_joint.ground.files import read_whole
 from skfem_joint.mesh.cells import repeated
+from skfem_joint.mesh.decks.sets import FARTHEST, Numbering
 from skfem_joint.mesh.file_mesh import FileMesh
-from skfem_joint.mesh.inp_sets import FARTHEST, Numbering
 from skfem_joint.mesh.named import check_count
 
 
@@ -114,7 +114,7 @@ def read_nastran(path: Path) -> FileMesh:
 
 
 @dataclass
-class _Block:
+class _ElementsOfType:
     """Elements of a type of meshio as they are read: nodes, numbers and lines."""
 
     nodes: list[list[int]] = field(default_factory=list)
@@ -127,7 +127,7 @@ class _Bulk:
 
     def __init__(self) -> None:
         self.numbers, self.places, self.lines = list[int](), list[list[float]](), list[int]()
-        self.blocks = defaultdict[str, _Block](_Block)
+        self.blocks = defaultdict[str, _ElementsOfType](_ElementsOfType)
         self.groups = defaultdict[str, dict[str, list[int]]](lambda: defaultdict(list))
         self.words = dict[str, int]()  # first line of the elements of each word
         self.passed = defaultdict[str, dict[str, None]](dict)
@@ -231,7 +231,7 @@ class _Bulk:
             raise ValueError(f"line {line}: element {number} stands twice: number them anew")
         return numbering
 
-    def _nodes(self, block: _Block, numbering: Numbering) -> IntArray:
+    def _nodes(self, block: _ElementsOfType, numbering: Numbering) -> IntArray:
         """Places of the nodes of elements."""
         numbers = np.array(block.nodes, dtype=np.intp)
         places = numbering.places(numbers)

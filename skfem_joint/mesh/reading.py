@@ -1,6 +1,6 @@
 """Reads mesh files of lines, triangles, quadrilaterals, tetrahedra, hexahedra or prisms.
 
-Files of Abaqus and CalculiX are read by `skfem_joint.mesh.abaqus`, MED files by
+Files of Abaqus and CalculiX are read by `skfem_joint.mesh.decks.abaqus`, MED files by
 `skfem_joint.mesh.med`, Nastran's by `skfem_joint.mesh.nastran`. meshio reads those of Gmsh, since
 ``skfem.Mesh.load`` projects inclined bars onto x, keeps cells that a file holds twice, loses groups
 inside a mesh and boundaries of second-order files, and drops a kind of cell if a file mixes two.
@@ -25,9 +25,9 @@ from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.files import read_whole
 from skfem_joint.ground.values import POSITIVE
-from skfem_joint.mesh.abaqus import read_inp
 from skfem_joint.mesh.cells import CELLS, TOLERANCE, Cell, distinct, same_columns, spot
 from skfem_joint.mesh.collapsed import joined
+from skfem_joint.mesh.decks.abaqus import read_inp
 from skfem_joint.mesh.file_mesh import FileMesh
 from skfem_joint.mesh.gmsh import PRISM_18, Groups, check_msh, meshio_with_prisms
 from skfem_joint.mesh.med import read_med

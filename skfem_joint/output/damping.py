@@ -25,7 +25,7 @@ from skfem_joint.output.tables import Table, by_columns, write_table
 from skfem_joint.output.universal import scene_uff
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.results.history import QUANTITIES
-from skfem_joint.results.places import PlaceResults, Places, places_of
+from skfem_joint.results.places import JointPlaces, PlaceResults, places_of
 from skfem_joint.scene import Scene
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.study.backbone_peaks import backbone_peaks
@@ -199,7 +199,9 @@ def _active_lengths(structure: AnyStructure, slip: FloatArray) -> dict[str, floa
     return _named("active_length_{}_m", safe_names(lengths), lengths.values())
 
 
-def _mode(backbone: SceneBackbone, model: ModelBackbone, k: int, places: Places) -> dict[str, Any]:
+def _mode(
+    backbone: SceneBackbone, model: ModelBackbone, k: int, places: JointPlaces
+) -> dict[str, Any]:
     """Content of the summary about the curve number ``k`` of a model."""
     c = model.curves[k]
     content: dict[str, Any] = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from skfem_joint.ground.files import safe_names
 from skfem_joint.results.loss import Losses, known
-from skfem_joint.results.places import PlaceResults, Places
+from skfem_joint.results.places import JointPlaces, PlaceResults
 from skfem_joint.study.scene_backbone import AtAmplitudes
 from skfem_joint.vibration.amplitudes import UNITS
 from skfem_joint.vibration.response_curve import Curve
@@ -20,7 +20,7 @@ WHOLE = 0.99
 NOTHING = 5e-4
 
 
-def of_response(places: Places, curve: Curve) -> PlaceResults:
+def of_response(places: JointPlaces, curve: Curve) -> PlaceResults:
     """Results of joints and bolts at the frequencies of a response."""
     unknown = np.full(places.system.contact.w.size, np.nan)
     works = [unknown if p.friction_work is None else p.friction_work for p in curve.points]
@@ -69,7 +69,7 @@ def content(losses: Losses, by_place: PlaceResults, k: int) -> dict[str, Any]:
     return {**known(losses.row(k)), "joints": joints, **({"bolts": bolts} if bolts else {})}
 
 
-def amplitude_content(at: AtAmplitudes, places: Places) -> list[dict[str, Any]]:
+def amplitude_content(at: AtAmplitudes, places: JointPlaces) -> list[dict[str, Any]]:
     """Content of a summary about each amplitude that was asked for."""
     c = at.curve
     by_place = places.of_curve(c.friction_work, c.slip)
@@ -86,7 +86,7 @@ def amplitude_content(at: AtAmplitudes, places: Places) -> list[dict[str, Any]]:
     ]
 
 
-def amplitude_lines(model: str, at: AtAmplitudes, places: Places) -> Iterator[str]:
+def amplitude_lines(model: str, at: AtAmplitudes, places: JointPlaces) -> Iterator[str]:
     """Lines about a mode at the amplitudes that were asked for."""
     c, asked = at.curve, at.asked
     by_place = places.of_curve(c.friction_work, c.slip)

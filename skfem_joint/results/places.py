@@ -30,7 +30,7 @@ from skfem_joint.system.system import System
 
 
 @dataclass(frozen=True)
-class Places:
+class JointPlaces:
     """Joints of a structure and their bolts, with their parts of the m contact points.
 
     Attributes
@@ -141,7 +141,7 @@ class PlaceResults:
     Attributes
     ----------
     names, joints
-        As of `Places`.
+        As of `JointPlaces`.
     loss_share : ndarray, shape (..., places)
         Of what friction takes in all joints; nan where it takes nothing.
     slipping_share : ndarray, shape (..., places)
@@ -187,7 +187,7 @@ class PlaceResults:
             yield name, k >= self.joints, known({key: float(x) for key, x in values.items()})
 
 
-def places_of(structure: AnyStructure, system: System) -> Places:
+def places_of(structure: AnyStructure, system: System) -> JointPlaces:
     """Joints and bolts of a structure, with their parts of its contact points.
 
     Parameters
@@ -198,7 +198,7 @@ def places_of(structure: AnyStructure, system: System) -> Places:
 
     Returns
     -------
-    Places
+    JointPlaces
     """
     J = sparse.csr_array(system.contact.J)
     names, rows = [*system.contact.joints], [as_dense(J)]
@@ -213,7 +213,7 @@ def places_of(structure: AnyStructure, system: System) -> Places:
             owner.append(joint)
             rows.append(row[np.newaxis])
     share = sparse.csr_array(np.vstack(rows))
-    return Places(tuple(names), joints, tuple(owner), share, share @ force, system)
+    return JointPlaces(tuple(names), joints, tuple(owner), share, share @ force, system)
 
 
 def _bolts(structure: Structure, J: FloatArray) -> Iterator[tuple[str, int, FloatArray]]:

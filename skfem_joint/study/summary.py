@@ -13,7 +13,7 @@ from skfem_joint.accuracy.estimate import SOURCES, Estimate
 from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.results.loss import known, losses
-from skfem_joint.results.places import Places, of_all, places_of
+from skfem_joint.results.places import JointPlaces, of_all, places_of
 from skfem_joint.runs.last_cycle import beyond_round_off, energies, peaks, steady_state
 from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.recording import Run
@@ -92,7 +92,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     return content
 
 
-def _joints(study: Study, model: Model, places: Places) -> dict[str, dict[str, Any]]:
+def _joints(study: Study, model: Model, places: JointPlaces) -> dict[str, dict[str, Any]]:
     """Results of each joint. The slip of a reduced model is that of its friction points."""
     run = model.run
     per_cycle: list[Any] = beyond_round_off(run, run.cycles.by_joint[-1:]).ravel().tolist()

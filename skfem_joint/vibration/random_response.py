@@ -175,7 +175,7 @@ def random_response(
         raise InputError(f"random_response: the load on {acting.on!r} moves none of the modes")
     still = [curve.mode for curve, moves in zip(curves, moved, strict=True) if not moves]
     curves = [curve for curve, moves in zip(curves, moved, strict=True) if moves]
-    works = [cycle_work(system, curve) for curve in curves]
+    works = [curve.friction_work for curve in curves]
     modes = [mode_curve(system, *pair) for pair in zip(curves, works, strict=True)]
     forces = [density.scaled(each**2) for each in push[moved]]
     overlap = _overlaps(system, curves)
@@ -273,22 +273,6 @@ def _check_beyond(modes: Sequence[ModalAmplitudes]) -> None:
 
 
 # Curves by joint
-
-
-def cycle_work(system: System, curve: Backbone) -> FloatArray:
-    """Work of friction in a cycle at each level and contact point, (levels, m), J.
-
-    Points share the work of the whole as those do that slip once there and back.
-    """
-    contact = system.contact
-    slips = np.asarray((contact.B @ curve.states.T).T)
-    if curve.friction is not None:
-        slips = contact.slider_slip(slips, curve.friction)
-    way = np.where(curve.slip > 0.0, contact.slip_norm(slips), 0.0) * contact.point_weights
-    whole = way.sum(axis=1, keepdims=True)
-    share = np.divide(way, whole, out=np.zeros_like(way), where=whole > 0.0)
-    work = 2.0 * np.pi * curve.level * curve.amplitude * curve.friction_damping
-    return np.asarray(work[:, np.newaxis] * share)
 
 
 def mode_curve(system: System, curve: Backbone, work: FloatArray) -> ModeCurve:

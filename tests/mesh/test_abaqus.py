@@ -10,7 +10,7 @@ from mesh_files import assert_same, boundary_sizes, region_sizes, saved, sizes
 import skfem_joint as sj
 from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, load_meshes
-from skfem_joint.mesh.inp_keywords import PASSED
+from skfem_joint.mesh.decks.keywords import PASSED
 
 STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)
 NODES = [f"{i + 1}, {0.05 * i:.12g}, 0., 0." for i in range(13)]

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import BoolArray, IntArray
 from skfem_joint.mesh.cells import corner_count, distinct, same_columns
-from skfem_joint.mesh.inp_elements import ElementForm
+from skfem_joint.mesh.decks.elements import ElementForm
 
 #: Why a set of nodes has no sides.
 OF_NO_ELEMENT = "with nodes of no element"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from skfem_joint.ground.errors import listed
-from skfem_joint.mesh.inp_cards import Card
+from skfem_joint.mesh.decks.cards import Card
 
 #: Options of the cards that are read; others change what a card means.
 READ = {

@@ -14,8 +14,8 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import closest, listed
 from skfem_joint.mesh.cells import repeated
-from skfem_joint.mesh.inp_cards import Card, bare
-from skfem_joint.mesh.inp_elements import ElementForm, form_of_type
+from skfem_joint.mesh.decks.cards import Card, bare
+from skfem_joint.mesh.decks.elements import ElementForm, form_of_type
 
 #: Largest coordinate.
 FARTHEST = 1e20

@@ -1,7 +1,7 @@
 """Meshes of Abaqus and CalculiX files (.inp), with their sets and surfaces as named groups.
 
-`skfem_joint.mesh.inp_cards` takes the file apart, `inp_keywords` says which cards count,
-`inp_sets` keeps what they list, scope by scope. Here instances are put in their places, and sets
+`skfem_joint.mesh.decks.cards` takes the file apart, `keywords` says which cards count,
+`sets` keeps what they list, scope by scope. Here instances are put in their places, and sets
 become what meshio would have read, if it read them: cells, sets of cells and points.
 """
 
@@ -19,13 +19,13 @@ from scipy.spatial.transform import Rotation
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import listed
+from skfem_joint.mesh.decks.cards import Card, read_cards
+from skfem_joint.mesh.decks.elements import TYPES, ElementForm, plane_of, remark
+from skfem_joint.mesh.decks.keywords import sorted_out
+from skfem_joint.mesh.decks.sets import FARTHEST, NameSet, Scope, Surface
+from skfem_joint.mesh.decks.sides import Sides, blocks_of
 from skfem_joint.mesh.file_mesh import FileMesh
 from skfem_joint.mesh.gmsh import meshio_with_prisms
-from skfem_joint.mesh.inp_cards import Card, read_cards
-from skfem_joint.mesh.inp_elements import TYPES, ElementForm, plane_of, remark
-from skfem_joint.mesh.inp_keywords import sorted_out
-from skfem_joint.mesh.inp_sets import FARTHEST, NameSet, Scope, Surface
-from skfem_joint.mesh.inp_sides import Sides, blocks_of
 from skfem_joint.mesh.named import check_count
 
 if TYPE_CHECKING:
