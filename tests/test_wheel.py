@@ -69,7 +69,7 @@ def test_the_wheel_has_all_modules_and_scenes_and_nothing_else(wheel):
     package = (ROOT / "skfem_joint").rglob("*.py")
     scenes = [*(ROOT / "examples").glob("*.toml"), *(ROOT / "meshes").glob("*.msh")]
     assert names == {
-        *("skfem_joint/py.typed", "skfem_joint/__init__.pyi"),
+        *("skfem_joint/py.typed", "skfem_joint/__init__.pyi", "skfem_joint/output/page.html"),
         *(path.relative_to(ROOT).as_posix() for path in package),
         *(f"skfem_joint/shipped/{path.relative_to(ROOT).as_posix()}" for path in scenes),
     }

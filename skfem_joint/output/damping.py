@@ -29,8 +29,13 @@ from skfem_joint.results.places import JointPlaces, PlaceResults, places_of
 from skfem_joint.scene import Scene
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.study.backbone_peaks import backbone_peaks
-from skfem_joint.study.premises import premises
-from skfem_joint.study.scene_backbone import AtAmplitudes, ModelBackbone, SceneBackbone
+from skfem_joint.study.premises import OF_MODES, density_loads, premises, response_loads
+from skfem_joint.study.scene_backbone import (
+    AtAmplitudes,
+    ModelBackbone,
+    SceneBackbone,
+    random_table,
+)
 from skfem_joint.study.scene_response import SceneResponse, asked_table
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.random_response import RandomResponse
@@ -85,7 +90,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     return _written(
         folder,
         figures,
-        _content(backbone.scene, models, backbone_lines(backbone), backbone.notes),
+        _content(backbone.scene, models, backbone_lines(backbone), backbone.notes, OF_MODES),
         tables,
     )
 
@@ -360,10 +365,13 @@ def write_response(
         peaks = backbone_peaks(response.models, backbones)
         tables["peaks.csv"] = peak_columns(peaks)
         figures["backbone_response.png"] = peaks_figure(response, backbones, peaks)
+    told = response_lines(response, backbones)
+    acting = response_loads(response.scene)
+    content = _content(response.scene, models, told, response.notes, acting)
     files = _written(
         folder,
         figures,
-        _content(response.scene, models, response_lines(response, backbones), response.notes),
+        content,
         tables,
     )
     if response.scene.output.uff:
@@ -491,7 +499,10 @@ def write_random(
         }
         for mode in found.modes
     ]
-    content = _content(scene, {"full": {"modes": modes}}, random_lines(found), found.notes)
+    table, given = random_table(scene), "(m/s²)²/Hz" if found.load.startswith("mass_") else "N²/Hz"
+    unit = "g²/Hz" if table.unit == "g2/Hz" else given
+    acting = density_loads(found.load, table.density.frequencies, table.density.values, unit)
+    content = _content(scene, {"full": {"modes": modes}}, random_lines(found), found.notes, acting)
     content |= {
         "load": found.load,
         "duration_s": found.duration,
@@ -565,15 +576,19 @@ def random_figure(found: RandomResponse) -> Figure:
 
 
 def _content(
-    scene: Scene, models: Mapping[str, Any], told: Sequence[str], notes: Sequence[str]
+    scene: Scene,
+    models: Mapping[str, Any],
+    told: Sequence[str],
+    notes: Sequence[str],
+    acting: Iterable[str],
 ) -> dict[str, Any]:
-    """Content of the summary of a command about steady vibration."""
+    """Content of the summary of a command about steady vibration, and what acts in it."""
     return {
         "title": scene.title,
         "models": models,
         "told": list(told),
         "warnings": list(notes),
-        "premises": premises(scene),
+        "premises": premises(scene, acting),
     }
 
 

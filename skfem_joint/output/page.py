@@ -11,6 +11,7 @@ import csv
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from datetime import datetime
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,14 +27,29 @@ PAGE = "report.html"
 _ROWS = 12
 #: Columns of tables that a page shows, of those whose name begins so, with their heading.
 _COLUMNS: dict[str, tuple[str, ...]] = {
+    "amplitudes.csv": (
+        *("point", "quantity", "value", "unit", "model", "mode", "frequency_Hz", "loss_factor"),
+        *("quality_factor", "displacement_", "loss_share_", "slipping_share_", "largest_slip_"),
+        *("state", "doubt"),
+    ),
     "backbone.csv": (
         *("model", "mode", "level", "displacement_", "frequency_Hz", "damping_ratio"),
-        *("loss_factor", "slipping_share", "state", "doubt", "mesh_error_"),
+        *("loss_factor", "slipping_share_", "state", "doubt", "mesh_error_"),
     ),
     "peaks.csv": (),
     "random.csv": (),
     "random_joints.csv": (),
 }
+#: What these tables are of.
+_TABLES = {
+    "amplitudes.csv": "At the amplitudes asked for",
+    "backbone.csv": "Over the level, which is 1 where the first joint slips as a whole",
+    "peaks.csv": "Peaks beside the damping curves",
+    "random.csv": "Motion of the named points",
+    "random_joints.csv": "Work of the joints",
+}
+#: Columns of a table beyond which its rows stand side by side, with a line for each column.
+_WIDE = 7
 _CAPTIONS = {
     "histories": "Displacement of the named points over time",
     "energies": "Energy put in by the loads and lost by friction in each cycle",
@@ -127,10 +143,11 @@ def _content(folder: Path) -> dict[str, Any]:
 def _parts(folder: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     """Values of the template."""
     premises, by = content["premises"], content["written_by"]
+    day = datetime.fromtimestamp((folder / SUMMARY).stat().st_mtime)
     notes = [note for note in content["warnings"] if note not in premises["notes"]]
     return {
         "title": content["title"] or folder.absolute().name,
-        "made": f"Computed by {by['program']} {by['version']} with {by['libraries']}.",
+        "made": f"{by['program']} {by['version']} with {by['libraries']}, {day:%d %B %Y}.",
         "told": content.get("told", []),
         "tables": [*_tables(folder, content)],
         "notes": notes,
@@ -167,8 +184,12 @@ def _of_file(path: Path, columns: tuple[str, ...]) -> _Shown:
     ]
     step = -(-len(rows) // _ROWS)
     shown = [[_rounded(row[k]) for k in chosen] for row in _every(rows, step)]
-    thinned = f"; every {step}th row" if step > 1 else ""
-    return _Shown(f"{path.name}{thinned}", [heading[k].replace("_", " ") for k in chosen], shown)
+    caption = _TABLES[path.name] + (f" (one of {step} rows)" if step > 1 else "")
+    names = [heading[k].replace("_", " ") for k in chosen]
+    if len(names) <= _WIDE:
+        return _Shown(caption, names, shown)
+    first, *others = [[name, *cells] for name, *cells in zip(names, *shown, strict=True)]
+    return _Shown(caption, first, others)
 
 
 def _every(rows: Sequence[Sequence[str]], step: int) -> Iterable[Sequence[str]]:

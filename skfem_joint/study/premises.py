@@ -7,17 +7,20 @@ page: what a reader has to know before he relies on a number.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import read_text
 from skfem_joint.scene import Scene
-from skfem_joint.scene.joint_tables import BoltPressureTable
+from skfem_joint.scene.joint_tables import BoltPressureTable, JointTable
 from skfem_joint.study.description import made_of
 
 
-def premises(scene: Scene) -> dict[str, Any]:
+def premises(scene: Scene, acting: Iterable[str] | None = None) -> dict[str, Any]:
     """Structure, assumptions and notes of a scene, and the scene itself.
+
+    ``acting`` are sentences about what acts, where it is not the scene's loads as they are.
 
     Returns
     -------
@@ -27,11 +30,19 @@ def premises(scene: Scene) -> dict[str, Any]:
         same, with its comments; else all of its keys that were given.
     """
     return {
-        "structure": list(made_of(scene.structure())),
-        "assumptions": list(assumptions(scene)),
+        "structure": [*made_of(scene.structure()), *_files(scene)],
+        "assumptions": [*assumptions(scene), *(loads_of(scene) if acting is None else acting)],
         "notes": [*scene.left_out, *scene.system().notes],
         "scene": scene_text(scene),
     }
+
+
+def _files(scene: Scene) -> Iterator[str]:
+    """Sentence about the files that a scene is of."""
+    if scene.has_file:
+        names = () if scene.mesh is None else scene.mesh.paths(scene.path.parent)
+        of = f", mesh {', '.join(repr(path.name) for path in names)}" if names else ""
+        yield f"Scene {scene.path.name!r}{of}."
 
 
 def scene_text(scene: Scene) -> str:
@@ -49,28 +60,73 @@ def scene_text(scene: Scene) -> str:
 def assumptions(scene: Scene) -> Iterator[str]:
     """What is assumed of a scene's material, joints, bolts, damping and motion, in sentences."""
     yield from _of_material(scene)
+    yield from _of_supports(scene)
     yield from _of_joints(scene)
     yield from _of_damping(scene)
     if scene.time.quasi_static:
         yield "Loads change so slowly that inertia and viscous damping do not matter."
+
+
+def loads_of(scene: Scene) -> Iterator[str]:
+    """A sentence about each load of a scene, its course over time included."""
     for load in scene.load:
         where = f"the supports along {load.base}" if load.base else f"'{load.on}'"
+        unit = "m/s²" if load.base else {"force": "N"}.get(load.quantity, "Pa")
+        units = _UNITS | {"amplitude": unit, "peak": unit}
         values = load.model_dump(exclude=_OF_PLACE, exclude_unset=True, exclude_none=True)
-        yield f"Load on {where}: {_named(values)}."
+        yield f"Load on {where}: {_named(values, units)}."
 
 
+def response_loads(scene: Scene) -> Iterator[str]:
+    """What acts in a response: the loads at the levels and frequencies of [response]."""
+    yield from loads_of(scene)
+    if scene.response is not None:
+        levels = ", ".join(f"{level:g}" for level in scene.response.levels)
+        band = scene.response.frequencies
+        yield (
+            f"These loads are multiplied by the levels {levels}, and their first frequency goes "
+            f"from {band.from_:g} to {band.to:g} Hz; each vibration is steady."
+        )
+
+
+def density_loads(load: str, frequencies: FloatArray, values: FloatArray, unit: str) -> list[str]:
+    """What acts in random vibration: a density of one side, (k,) at (k,) Hz, in its ``unit``."""
+    every = -(-len(values) // 12)
+    pairs = zip(frequencies[::every].tolist(), values[::every].tolist(), strict=True)
+    shown = ", ".join(f"{value:.4g} {unit} at {f:g} Hz" for f, value in pairs)
+    return [
+        f"Stationary random load on '{load}', in place of its course over time: density of one "
+        f"side {shown}, straight between on logarithmic axes and zero beyond."
+    ]
+
+
+#: What acts in curves of modes.
+OF_MODES = (
+    "Each mode vibrates by itself, slowly compared with what it loses in a cycle, in the shape "
+    "that a slow load of its inertia gives it; loads of the scene only name points and directions.",
+)
 #: Keys of a load that say where it acts.
 _OF_PLACE = {"on", "base"}
 _UNITS = {"frequency": "Hz", "rise_time": "s", "start": "s", "duration": "s", "phase": "rad"}
 
 
-def _named(values: dict[str, Any]) -> str:
+def _named(values: dict[str, Any], units: Mapping[str, str]) -> str:
     """Values of a table with their names and units, the plain ones."""
     parts = []
     for name, value in values.items():
         shown = f"{value:g}" if isinstance(value, float) else value
-        parts.append(f"{name.replace('_', ' ')} {shown} {_UNITS.get(name, '')}".strip())
+        parts.append(f"{name.replace('_', ' ')} {shown} {units.get(name, '')}".strip())
     return ", ".join(parts)
+
+
+def _of_supports(scene: Scene) -> Iterator[str]:
+    """What holds the structure."""
+    for name, how in (
+        ("fixed", "in all directions"),
+        *((f"fixed_{axis}", f"along {axis}") for axis in "xyz"),
+    ):
+        if held := getattr(scene.support, name):
+            yield f"Held {how}: {', '.join(repr(part) for part in held)}, without any give."
 
 
 def _of_material(scene: Scene) -> Iterator[str]:
@@ -113,14 +169,14 @@ def _of_joints(scene: Scene) -> Iterator[str]:
             else f"the arctan law with beta = {joint.beta:g} s/m, which creeps"
         )
         text = (
-            f"Joint '{joint.on}': {law} with a friction coefficient of {joint.friction:g}, the "
-            "same at rest, in slip, and in all directions"
+            f"Joint '{joint.on}' {_against(joint)}: {law} with a friction coefficient of "
+            f"{joint.friction:g}, the same at rest, in slip, and in all directions"
         )
         if joint.tangential_stiffness is not None:
             text += f"; its surfaces yield to slip by {joint.tangential_stiffness:g} Pa/m"
         yield f"{text}."
         if isinstance(joint.pressure, BoltPressureTable):
-            yield f"Joint '{joint.on}': each bolt presses evenly over the cone below its head."
+            yield from _of_rings(joint.on, joint.pressure)
         yield (
             f"Joint '{joint.on}' opens and closes: its normal force follows the motion."
             if joint.contact == "unilateral"
@@ -131,6 +187,20 @@ def _of_joints(scene: Scene) -> Iterator[str]:
         yield (
             f"Clamp forces of the bolts ({forces} N) do not change in time, and nothing slips "
             "while bolts are tightened."
+        )
+
+
+def _against(joint: JointTable) -> str:
+    return f"against '{joint.against}'" if joint.against else "on a rigid base"
+
+
+def _of_rings(joint: str, pressure: BoltPressureTable) -> Iterator[str]:
+    """Where bolts press that are given by their places, numbered as in results."""
+    for number, bolt in enumerate(pressure.bolts, 1):
+        at = ", ".join(f"{x:g}" for x in bolt.at)
+        yield (
+            f"{joint}_bolt_{number} presses with {bolt.force:g} N at ({at}) m, evenly over the "
+            "cone below its head."
         )
 
 

@@ -6,6 +6,7 @@ import json
 import re
 import tomllib
 
+import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, joint
 
@@ -13,7 +14,15 @@ import skfem_joint as sj
 from skfem_joint.cli import main
 from skfem_joint.output import folder, write
 from skfem_joint.output.record import clear
-from skfem_joint.study.premises import assumptions, scene_text
+from skfem_joint.study.premises import (
+    OF_MODES,
+    assumptions,
+    density_loads,
+    loads_of,
+    premises,
+    response_loads,
+    scene_text,
+)
 
 TITLE = "<script>alert(1)</script> & co"
 
@@ -110,7 +119,7 @@ def test_assumptions_tell_what_joints_bolts_and_damping_are():
     ratio = " ".join(assumptions(bar_scene(bar="coarse", damping={"ratio": 0.02})))
     assert "viscous damping of 2 % of the critical" in ratio
     bolts = {"bolts": [{"at": [0.05, 0.0], "force": 20e3, "head_radius": 0.01}]}
-    assert "presses evenly over the cone" in " ".join(
+    assert "joint_bolt_1 presses with 20000 N at (0.05, 0) m, evenly over the cone" in " ".join(
         assumptions(bar_scene(bar="coarse", joint=[joint(pressure=bolts)]))
     )
     assert "opens and closes" in " ".join(
@@ -136,3 +145,37 @@ def test_a_picture_that_is_gone_is_named(tmp_path):
     gone.unlink()
     with pytest.raises(sj.InputError, match=re.escape(gone.name)):
         sj.write_report(tmp_path)
+
+
+def test_a_page_tells_what_acts_in_each_command(tmp_path):
+    """The loads of a run, levels and frequencies of a response, a density; none in a curve."""
+    made = bar_scene(
+        bar="coarse",
+        response={"frequencies": {"from": 900.0, "to": 1100.0}, "levels": [0.5, 2.0]},
+    )
+    (own,) = loads_of(made)
+    assert own == "Load on 'free_end': kind harmonic, amplitude 87500 N, frequency 500 Hz."
+    first, second = response_loads(made)
+    assert first == own
+    assert "levels 0.5, 2" in second
+    assert "from 900 to 1100 Hz" in second
+    (said,) = density_loads("tip", np.array([20.0, 1000.0]), np.array([0.5, 0.25]), "N²/Hz")
+    assert "0.5 N²/Hz at 20 Hz, 0.25 N²/Hz at 1000 Hz" in said
+    other = premises(made, OF_MODES)["assumptions"]
+    assert own not in other
+    assert OF_MODES[0] in other
+    assert "Held in all directions: 'fixed', without any give." in other
+
+
+def test_wide_tables_have_a_line_for_each_column(tmp_path):
+    """The page of curves shows amplitudes, losses and shares of bolts without a scroll bar."""
+    assert main(["example", "structure_harmonic", "--out", str(tmp_path / "bar")]) == 0
+    scene, out = tmp_path / "bar" / "structure_harmonic.toml", tmp_path / "out"
+    asked = '\n[backbone]\nlevels = 3\nat = { point = "free_end", force = [100.0, 200.0] }\n'
+    scene.write_text(scene.read_text(encoding="utf-8") + asked, encoding="utf-8")
+    assert main(["backbone", str(scene), "--out", str(out)]) == 0
+    page = sj.write_report(out).read_text(encoding="utf-8")
+    (row,) = re.findall(r"<tr><th>point</th>.*</tr>", page)
+    assert row.count("free_end") >= 2
+    losses = next(x for x in page.splitlines() if x.startswith("<tr><td>loss factor</td>"))
+    assert len(re.findall(r"<td>[\d.e-]+</td>", losses)) >= 2
