@@ -85,7 +85,8 @@ def runge_kutta(system, *, step, n_steps, save=None, cycle_steps=None, check=Tru
             f"{limit:.4g} s, {math.ceil(step * n_steps / limit)} steps for this run. Use that, a "
             "smaller beta, or the implicit integrator."
         )
-    recorder = Recorder(system, save or Save(), n_steps, step)
+    by_cycle = cycle_steps is not None
+    recorder = Recorder(system, save or Save(), n_steps, step, by_cycle=by_cycle)
     solve, contact = factorised(system.M), system.contact
     w, rubs = contact.on_rows(contact.w), bool(contact.count)
 

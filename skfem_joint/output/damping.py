@@ -22,7 +22,7 @@ from skfem_joint.output.backbone_peaks import (
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import adding, writing
 from skfem_joint.output.tables import Table, by_columns, write_table
-from skfem_joint.output.universal import scene_uff
+from skfem_joint.output.universal import over_one_force, scene_uff
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.results.places import JointPlaces, PlaceResults, places_of
@@ -367,7 +367,13 @@ def write_response(
         figures["backbone_response.png"] = peaks_figure(response, backbones, peaks)
     told = response_lines(response, backbones)
     acting = response_loads(response.scene)
-    content = _content(response.scene, models, told, response.notes, acting)
+    notes = [*response.notes]
+    if response.scene.output.uff and not over_one_force(response.scene.system()):
+        notes.append(
+            "response.uff has geometry and modes alone: responses are taken over one force, which "
+            "must be the only load."
+        )
+    content = _content(response.scene, models, told, notes, acting)
     files = _written(
         folder,
         figures,
@@ -375,7 +381,8 @@ def write_response(
         tables,
     )
     if response.scene.output.uff:
-        curves = [curve for model in response.models[:1] for curve in model.curves]
+        shown = response.models[:1] if over_one_force(response.scene.system()) else []
+        curves = [curve for model in shown for curve in model.curves]
         with adding(folder):
             files.append(scene_uff(folder / "response.uff", response.scene, curves))
     return files
@@ -499,7 +506,7 @@ def write_random(
         }
         for mode in found.modes
     ]
-    table, given = random_table(scene), "(m/s²)²/Hz" if found.load.startswith("mass_") else "N²/Hz"
+    table, given = random_table(scene), _unit_of_density(scene, found.load)
     unit = "g²/Hz" if table.unit == "g2/Hz" else given
     acting = density_loads(found.load, table.density.frequencies, table.density.values, unit)
     content = _content(scene, {"full": {"modes": modes}}, random_lines(found), found.notes, acting)
@@ -510,6 +517,14 @@ def write_random(
         "estimated_error": dict(found.estimated),
     }
     return _written(folder, {"random.png": random_figure(found)}, content, tables)
+
+
+def _unit_of_density(scene: Scene, on: str) -> str:
+    """SI unit of a density of the load on a place."""
+    for load in scene.load:
+        if load.on == on:
+            return "N²/Hz" if load.quantity == "force" else "Pa²/Hz"
+    return "(m/s²)²/Hz"
 
 
 def _wear(structure: AnyStructure, work: FloatArray) -> list[dict[str, Any]]:

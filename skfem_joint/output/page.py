@@ -165,8 +165,8 @@ def _tables(folder: Path, content: Mapping[str, Any]) -> Iterator[_Shown]:
         yield _of_text("Results of the models", report.summary_table(content))
         yield _of_text("Estimated errors", report.estimate_table(content))
     for name, columns in _COLUMNS.items():
-        if name in content["files"]:
-            yield _of_file(folder / name, columns)
+        if name in content["files"] and (table := _of_file(folder / name, columns)):
+            yield table
 
 
 def _of_text(caption: str, table: TextTable) -> _Shown:
@@ -174,9 +174,16 @@ def _of_text(caption: str, table: TextTable) -> _Shown:
     return _Shown(caption, [table.corner, *table.columns], rows)
 
 
-def _of_file(path: Path, columns: tuple[str, ...]) -> _Shown:
-    """Table of a file: the columns whose names begin so (all, if none are given), without empty."""
-    heading, *rows = csv.reader(read_text(path).splitlines())
+def _of_file(path: Path, columns: tuple[str, ...]) -> _Shown | None:
+    """Table of a file: the columns whose names begin so (all, if none are given), without empty.
+
+    None without rows.
+    """
+    heading, *rows = [*csv.reader(read_text(path).splitlines())] or [[]]
+    if any(len(row) != len(heading) for row in rows) or not heading:
+        raise InputError(f"{path}: is cut off or was changed; run the command again")
+    if not rows:
+        return None
     chosen = [
         k
         for k, name in enumerate(heading)

@@ -156,7 +156,7 @@ def _grid(
     for name in sorted(names, key=lambda name: len(mesh.regions[name]), reverse=True):
         region[mesh.regions[name]] = names.index(name)
     collapsed = {"QUAD": "TRIANGLE", "HEXAHEDRON": "WEDGE"}.get(kind)
-    kept = _once(corners) if collapsed else np.ones(corners.shape, dtype=np.bool_)
+    kept = once(corners) if collapsed else np.ones(corners.shape, dtype=np.bool_)
     count = kept.sum(axis=1)
     types = np.full(len(corners), pyvista.CellType[kind], dtype=np.uint8)
     types[count < corners.shape[1]] = pyvista.CellType[collapsed or kind]
@@ -177,7 +177,7 @@ def _grid(
     return grid
 
 
-def _once(corners: IntArray) -> BoolArray:
+def once(corners: IntArray) -> BoolArray:
     """Where corners of quadrilaterals or hexahedra, in VTK's order, do not repeat the one before.
 
     Those in which some do are the triangles and wedges that they stand for.

@@ -14,7 +14,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError, listed
 from skfem_joint.ground.files import needed, replacing
-from skfem_joint.output.series import corners_of
+from skfem_joint.output.series import corners_of, once
 from skfem_joint.results.natural_modes import NaturalModes, natural_modes
 from skfem_joint.scene import Scene
 from skfem_joint.structure.structure import Structure
@@ -112,15 +112,17 @@ def _geometry(structure: Structure) -> Iterator[dict[str, Any]]:
             "id": "bars", "nodes": lines,
         }  # fmt: skip
         return
-    kind = _ELEMENTS[structure.dim, corners.shape[1]]
-    elements = [
-        {
+    numbered: dict[Any, Any] = {"type": 2412}
+    # Prisms, and triangles beside quadrilaterals, are cells some of whose corners coincide.
+    kept = once(corners) if (structure.dim, corners.shape[1]) in ((2, 4), (3, 8)) else None
+    for number, nodes in enumerate(corners, 1):
+        own = nodes if kept is None else nodes[kept[number - 1]]
+        kind = _ELEMENTS[structure.dim, own.size]
+        element = {
             "element_nums": number, "fe_descriptor": kind, "phys_table": 1, "mat_table": 1,
-            "color": _STEEL_GREY, "num_nodes": len(nodes), "nodes_nums": nodes.tolist(),
-        }
-        for number, nodes in enumerate(corners, 1)
-    ]  # fmt: skip
-    numbered: dict[Any, Any] = {"type": 2412, kind: elements}
+            "color": _STEEL_GREY, "num_nodes": own.size, "nodes_nums": own.tolist(),
+        }  # fmt: skip
+        numbered.setdefault(kind, []).append(element)
     yield numbered
 
 
@@ -141,12 +143,17 @@ def _shapes(structure: Structure, system: System, modes: NaturalModes) -> Iterat
         }  # fmt: skip
 
 
+def over_one_force(system: System) -> bool:
+    """Whether responses of a system have a force that they can be taken over."""
+    return len(system.loads) == 1 and system.loads[0].carried is None
+
+
 def _responses(
     structure: Structure, system: System, curves: Sequence[Curve]
 ) -> Iterator[dict[str, Any]]:
     if not curves:
         return
-    if len(system.loads) != 1 or system.loads[0].carried is not None:
+    if not over_one_force(system):
         where = listed([load.on for load in system.loads])
         raise InputError(
             f"curves: found {len(system.loads)} loads on {where}, must be one force on a part, "
@@ -176,7 +183,12 @@ def _responses(
 
 
 def _place(structure: Structure, system: System, row: FloatArray) -> tuple[int, int]:
-    """Node with most weight in a named point's displacement, and its direction, 1 to 3."""
+    """Node with most weight in a named point's displacement, and its direction.
+
+    1 to 3 are x to z, -1 to -3 against them, 0 any other direction.
+    """
     weights = structure.body.in_space(structure.unpacked(system.T @ row))
-    node = int(np.linalg.norm(weights, axis=1).argmax())
-    return node + 1, int(np.abs(weights.sum(axis=0)).argmax()) + 1
+    node, along = int(np.linalg.norm(weights, axis=1).argmax()), weights.sum(axis=0)
+    axis = int(np.abs(along).argmax())
+    straight = abs(along[axis]) > (1.0 - 1e-9) * float(np.linalg.norm(along))
+    return node + 1, int(np.sign(along[axis])) * (axis + 1) if straight else 0

@@ -70,6 +70,8 @@ def _file_keys(document: Any) -> Iterator[tuple[Any, str | int]]:
     for joint in document.get("joint", ()):
         if "gap" in joint:
             yield from _files_of_gap(joint)
+    if "psd" in document.get("random", {}):
+        yield document["random"], "psd"
     sweep = document.get("sweep", {})
     for key in list(sweep):
         if _FILES_OF_SWEEP.fullmatch(key):

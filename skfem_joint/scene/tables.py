@@ -506,7 +506,7 @@ class RandomTable(SceneTable):
 
     psd: FileName = key(
         "name of a CSV file, relative to the scene: frequency in Hz, density of one side in "
-        "N²/Hz, or (m/s²)²/Hz of a base"
+        "N²/Hz (Pa²/Hz of a traction or pressure), or (m/s²)²/Hz of a base"
     )
     unit: Literal["SI", "g2/Hz"] = key(
         "unit of the density; 'g2/Hz' with g = 9.80665 m/s² is for a base that is accelerated", "SI"

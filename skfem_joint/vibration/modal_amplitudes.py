@@ -239,7 +239,7 @@ def modal_amplitudes(
 
     ConvergenceError if no amplitude is found that is rarely exceeded.
     """
-    top = float(curve.amplitude[-1])
+    top, low, high = float(curve.amplitude[-1]), 0.0, np.inf
     for _ in range(TRIES):
         a = np.linspace(0.0, top, INTERVALS + 1)
         omega, friction = beside.of(curve, np.maximum(a, LEAST * top))
@@ -249,7 +249,11 @@ def modal_amplitudes(
         psi = cumulative_simpson(slope / (2.0 * omega * variance), x=a, initial=0.0)
         if RARE[0] <= psi[-1] <= RARE[1]:
             break
+        # It rises with the amplitude, but not evenly: once enclosed it is found by halving.
+        low, high = (top, high) if psi[-1] < RARE[0] else (low, top)
         top *= float(np.clip(np.sqrt(np.mean(RARE) / psi[-1]), 0.1, 10.0))
+        if low > 0.0 and np.isfinite(high):
+            top = float(np.sqrt(low * high))
     else:
         raise ConvergenceError(
             f"random_response: mode {curve.mode}: no amplitude was found that its vibration rarely "

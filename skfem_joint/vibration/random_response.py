@@ -141,8 +141,8 @@ def random_response(
         vibration seldom exceeds; levels may be above that at which joints slip as a whole.
     psd : array_like, shape (k, 2), str or Path
         Frequencies, Hz, and densities of one side, straight between them on logarithmic axes and
-        zero beyond; or a file of two such columns. N²/Hz of a force, (m/s²)²/Hz of the acceleration
-        of a base.
+        zero beyond; or a file of two such columns. N²/Hz of a force, Pa²/Hz of a traction or
+        pressure, (m/s²)²/Hz of the acceleration of a base.
     load : str, optional
         Place of the load, ``system.loads[k].on``; not needed for a system with one load.
     unit : {"SI", "g2/Hz"}
@@ -170,7 +170,8 @@ def random_response(
     if isinstance(acting.amplitude, Scaled):
         vector = acting.amplitude.factor * vector
     push = np.array([float(curve.shape @ vector) for curve in curves])
-    moved = np.abs(push) > 1e-9 * np.abs(push).max()
+    # No mode of unit mass is pushed by more than the root of vector M^-1 vector.
+    moved = np.abs(push) > 1e-9 * np.sqrt(np.sum(vector**2 / system.M.diagonal()))
     if not moved.any():
         raise InputError(f"random_response: the load on {acting.on!r} moves none of the modes")
     still = [curve.mode for curve, moves in zip(curves, moved, strict=True) if not moves]
@@ -183,8 +184,7 @@ def random_response(
     coarse = joined_modes([mode.every_second() for mode in modes], forces, overlap)
     _check_beyond(found)
     stuck = StuckUnder(system, vector, max(curve.mode for curve in curves) + LOOKED_FOR)
-    base = _is_base(acting)
-    spectra = Spectra(system, curves, found, density, vector, stuck, base)
+    spectra = Spectra(system, curves, found, density, vector, stuck, acting.carried)
     friction = [mode.mean(mode.power(mode.friction_damping)) for mode in found]
     viscous = [mode.mean(mode.power(mode.viscous_damping)) for mode in found]
     J = as_dense(system.contact.J)
@@ -243,16 +243,11 @@ def _chosen(system: System, name: str | None) -> AppliedLoad:
     return chosen[0]
 
 
-def _is_base(load: AppliedLoad) -> bool:
-    """Whether a load is the inertia of a moving base."""
-    return load.on.startswith("mass_") and isinstance(load.amplitude, Scaled)
-
-
 def _factor(load: AppliedLoad, unit: str) -> float:
     """Factor from a density's unit to SI; InputError for one that does not suit the load."""
     if unit not in UNITS:
         raise InputError(f"random_response: unit: found {unit!r}, must be one of {[*UNITS]}")
-    if unit != "SI" and not _is_base(load):
+    if unit != "SI" and load.carried is None:
         raise InputError(
             f"random_response: unit: found {unit!r} for the load on {load.on!r}, must be 'SI' for "
             "a force, N²/Hz; accelerations are of a load with base"

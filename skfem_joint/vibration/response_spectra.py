@@ -19,7 +19,6 @@ from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Harmonic
 from skfem_joint.ground.power_density import PowerDensity
-from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.stuck import Stuck
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.system.system import AppliedLoad, System
@@ -151,9 +150,9 @@ class Spectra:
     stuck : StuckUnder
         Under this force. What slip adds to the displacement of a mode is that of slow cycles: its
         parts along lower modes, which hardly move at the frequency of a higher one, are left out.
-    base : bool
-        Whether the load is an acceleration of the base, of which absolute accelerations have a
-        part.
+    carried : ndarray, shape (points,), optional
+        Motion of the points along with the base, where the load is its acceleration: absolute
+        accelerations have this part of it.
 
     Attributes
     ----------
@@ -169,7 +168,7 @@ class Spectra:
         density: PowerDensity,
         vector: FloatArray,
         stuck: StuckUnder,
-        base: bool,
+        carried: FloatArray | None,
     ) -> None:
         peaks = [peak_of(mode.omega, mode.damping) for mode in modes]
         self.frequency, self.weight = density.quadrature(peaks)
@@ -190,9 +189,7 @@ class Spectra:
             self.squares.append((c.T**2 * shares) @ np.abs(H) ** 2)
         self.means = np.array(means)
         self.rest = rest
-        self.rigid = np.zeros(len(system.points))
-        if base:  # M times the motion of all nodes with the base is the load's vector
-            self.rigid = P @ factorised(system.M)(-vector)
+        self.rigid = np.zeros(len(system.points)) if carried is None else carried
 
     def of(self, order: int) -> Spectrum:
         """Spectral densities of the derivative of an order of the displacement, 0 or 2."""

@@ -58,11 +58,11 @@ def test_points_that_rest_are_left_out_and_nothing_changes(opens, monkeypatch):
     whole = run(system)
     monkeypatch.setattr(moving, "FEWEST", 0)
     solved = []
-    part = moving._Moving.solved
+    part = moving._Moving.advanced
     monkeypatch.setattr(
         moving._Moving,
-        "solved",
-        lambda own, right, *others: solved.append(right.size) or part(own, right, *others),
+        "advanced",
+        lambda own, *given: solved.append(own.unknowns.size) or part(own, *given),
     )
     alone = run(system)
     assert np.mean(solved) < 0.6 * whole.system.n
