@@ -95,3 +95,23 @@ def test_what_does_not_belong_together_is_refused(made, tmp_path):
     with pytest.raises(sj.InputError, match="one force on a part"):
         sj.write_uff(tmp_path / "a.uff", structure, moved, modes=modes, curves=curves)
     assert not [*tmp_path.iterdir()]
+
+
+def test_directions_have_signs_and_oblique_ones_none(made, tmp_path):
+    """A load against x is -1; one between two axes is no direction of the format, 0."""
+    structure = made[0]
+    for along, number in (((-1.0, 0.0), -1), ((1.0, 1.0), 0)):
+        system = structure.system([sj.Load("right", sj.Harmonic(FORCE, 500.0), along)])
+        curves = sj.response(sj.reduce(system, frequency=4000.0), np.array([1000.0, 2000.0]))
+        path = sj.write_uff(tmp_path / "a.uff", structure, system, curves=curves)
+        (response,) = of(pyuff.UFF(str(path)).read_sets(), 58)
+        assert (response["ref_dir"], response["rsp_dir"]) == (number, number)
+
+
+def test_prisms_are_wedges_of_six_nodes(tmp_path):
+    mesh = sj.build_box([("box", 0.1, 2)], (0.02, 0.02), (1, 1), kind="prism")
+    structure = sj.Structure(mesh, STEEL, fixed=["left"], order=1)
+    path = sj.write_uff(tmp_path / "a.uff", structure, structure.system())
+    (elements,) = of(pyuff.UFF(str(path)).read_sets(), 2412)
+    assert {kind for kind in elements if isinstance(kind, int)} == {112}
+    assert {len(set(each["nodes_nums"])) for each in elements[112]} == {6}

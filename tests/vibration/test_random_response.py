@@ -257,3 +257,53 @@ def test_a_bar_that_sticks_has_the_density_of_the_linear_structure(given, low, h
         turn = 2.0 * np.pi * f
         u = np.linalg.solve(K - turn**2 * M + 1j * turn * C, force)
         assert density == pytest.approx(1e-9 * abs(end @ u) ** 2, rel=5e-3)
+
+
+@pytest.mark.parametrize("points", [["tip", "near"]])
+def test_far_below_the_first_mode_all_points_move_with_the_base(points):
+    """Next to the clamp too, where the mass of a consistent element is shared with held nodes."""
+    mesh = sj.build_bar(
+        [("arm", 0.5, 10), ("joint", 0.2, 8)], {"tip": 0.0, "near": 0.65, "end": 0.7}
+    )
+    structure = sj.Structure(
+        mesh, sj.Material(200e9, 7800.0), width=0.05, thickness=0.01, fixed=["end"],
+        joints=[sj.Joint("arm", 1e6, 0.5)], damping_ratio=5e-3,
+    )  # fmt: skip
+    system = structure.system([sj.Load(base="x", amplitude=sj.Harmonic(1.0, 1e3))], points=points)
+    curves = sj.backbone(system, [1], levels=5)
+    highest = curves[0].stuck_frequency / 200.0
+    found = sj.random_response(system, curves, [[1.0, 1e-6], [highest, 1e-6]])
+    own = np.sqrt(1e-6 * (highest - 1.0))
+    assert found.acceleration_rms == pytest.approx(np.full(3, own), rel=1e-4)
+
+
+def test_a_force_on_a_part_whose_name_begins_as_a_base_s_is_a_force():
+    found = []
+    for name in ("end", "mass_end"):
+        mesh = sj.build_bar([("joint", 0.1, 20), ("arm", 0.1, 5)], {"fixed": 0.0, name: 0.2})
+        structure = sj.Structure(
+            mesh, sj.Material(200e9, 7800.0), width=0.05, thickness=0.01, fixed=["fixed"],
+            joints=[sj.Joint("joint", 8e6, 0.5)], damping_ratio=5e-3,
+        )  # fmt: skip
+        system = structure.system([sj.Load(name, sj.Harmonic(1.0, 1e3))])
+        curves = sj.backbone(system, [1], levels=6)
+        psd = [[100.0, 1e-3], [2.0 * curves[0].stuck_frequency, 1e-3]]
+        found.append(sj.random_response(system, curves, psd).acceleration_rms)
+        with pytest.raises(sj.InputError, match="accelerations are of a load with base"):
+            sj.random_response(system, curves, psd, unit="g2/Hz")
+    assert np.array_equal(*found)
+
+
+@pytest.mark.parametrize("level", np.geomspace(1e-4, 1.0, 5))
+def test_amplitudes_are_found_where_damping_rises_from_almost_none(level):
+    """Between sticking and micro-slip, where the search once went back and forth."""
+    mesh = sj.build_bar([("arm", 0.5, 10), ("joint", 0.2, 8)], {"tip": 0.0, "end": 0.7})
+    structure = sj.Structure(
+        mesh, sj.Material(200e9, 7800.0), width=0.05, thickness=0.01, fixed=["end"],
+        joints=[sj.Joint("joint", 1e6, 0.5)], damping_ratio=5e-4,
+    )  # fmt: skip
+    system = structure.system([sj.Load("tip", sj.Harmonic(1.0, 1e3))])
+    curves = sj.backbone(system, [1], levels=20)
+    f = curves[0].stuck_frequency
+    found = sj.random_response(system, curves, [[0.5 * f, level], [2.0 * f, level]])
+    assert found.modes[0].rms > 0.0
