@@ -89,7 +89,7 @@ def test_as_much_is_said_as_is_asked_for(scene, tmp_path, capsys):
 
 def test_a_shell_completes_every_command():
     shown = pytest.importorskip("shtab").complete(cli.parser(), "bash")
-    names = "run check example keys backbone response random fit error-time sweep"
+    names = "run check example keys backbone response random fit report error-time sweep"
     for name in names.split():
         assert name in shown
     assert "--checkpoint-every" in shown
@@ -373,6 +373,9 @@ def test_random_vibration_leaves_tables_a_picture_and_a_summary(scene, tmp_path,
     assert mode["mode"] == 1
     assert content["load"] == "free_end"
     assert cli.main(["report", str(out)]) == 0
+    (tmp_path / "psd.csv").write_text("Hz,g2/Hz\n500,1e3\n5000,1e3\n", encoding="utf-8")
+    assert cli.main(["random", str(scene(FULL_ONLY, more=more)), "--out", str(out)]) == 2
+    assert "the head of psd.csv says 'Hz,g2/Hz'" in capsys.readouterr().err
     assert cli.main(["random", str(scene(FULL_ONLY)), "--out", str(out)]) == 2
     assert "random: missing" in capsys.readouterr().err
 

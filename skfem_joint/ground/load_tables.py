@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.files import read_text
 from skfem_joint.ground.loads import Table
 from skfem_joint.ground.text_tables import Mistakes, number_in, read_rows
 
@@ -14,6 +16,13 @@ from skfem_joint.ground.text_tables import Mistakes, number_in, read_rows
 def read_table(path: str | Path) -> Table:
     """Table from a UTF-8 text file with two columns: time (s) and force (N), see `read_pairs`."""
     return Table(*read_pairs(path, ("time", "s"), ("force", "N")))
+
+
+def head_of(path: str | Path) -> str:
+    """Names of the columns of a table of text; empty if it begins with numbers."""
+    lines = (line.partition("#")[0].strip() for line in read_text(Path(path)).splitlines())
+    first = next(filter(None, lines), "")
+    return first if number_in(re.split(r"[,;\t]", first)[0]) is None else ""
 
 
 def read_pairs(

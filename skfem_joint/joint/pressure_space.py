@@ -159,6 +159,10 @@ def pressure_space(body: Nodes, joint: Joint) -> PressureSpace | None:
     )
 
 
+#: Gap over the length of its face that only a wrong unit can mean.
+_ABSURD = 10.0
+
+
 def _given_gap(
     joint: Joint, points: _FacePoints, nodes: IntArray, mean: sparse.csr_array
 ) -> tuple[FloatArray, Resolution | None]:
@@ -188,6 +192,12 @@ def _given_gap(
     inside = covered(hats, weight)
     fine = hats[:, np.flatnonzero(inside)]
     known = Resolution.of(values[inside] - level, x[inside], fine, weight[inside])
+    if known.largest > _ABSURD * known.length:
+        raise InputError(
+            f"{joint.label}: gap: found up to {known.largest:.4g} m on a face of "
+            f"{known.length:.4g} m, must be small beside it; is it in another unit? A file tells "
+            "it in the name of its column, 'height (um)', a scene by scale"
+        )
     return given - level, known
 
 

@@ -24,7 +24,7 @@ from pydantic import (
 
 from skfem_joint.ground import loads
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.load_tables import read_table
+from skfem_joint.ground.load_tables import head_of, read_table
 from skfem_joint.ground.power_density import PowerDensity
 from skfem_joint.runs.resolution import PER_PERIOD
 from skfem_joint.scene.messages import Form, mistake
@@ -526,6 +526,14 @@ class RandomTable(SceneTable):
             self._density = PowerDensity.of(folder / self.psd)
         except InputError as error:
             raise mistake("\n".join(error.problems), "psd") from error
+        said = head_of(folder / self.psd)
+        gravity = any(word in said.lower() for word in ("g2/hz", "g²/hz", "g^2/hz"))
+        other = gravity != (self.unit == "g2/Hz")
+        if other and (gravity or "/hz" in said.lower()):
+            raise mistake(
+                f"found {self.unit!r}, but the head of {self.psd} says {said!r}; make them agree",
+                "unit",
+            )
         return self
 
     @property
@@ -541,7 +549,7 @@ class OutputTable(SceneTable):
     plots: bool = key("pictures as PNG", False)
     uff: bool = key(
         "universal file of geometry, modes and, by response, frequency responses, for programs of "
-        "modal test",
+        "modal test; by run and response",
         False,
     )
     every: Count = key("interval of the stored steps 0, every, 2 every, ...", 1)

@@ -129,3 +129,12 @@ def test_a_field_of_nodes_of_the_mesh_file_is_a_gap(scene, tmp_path):
     ):
         with pytest.raises(sj.InputError, match=words):
             scene(gap={**given, **wrong})
+
+
+def test_a_scan_in_a_forgotten_unit_is_refused_with_its_joint(scene, tmp_path):
+    """4 and 12 that were meant in micrometres are metres, on a face of 0.1 m."""
+    (tmp_path / "scan.csv").write_text("x (mm),height\n0,0\n50,-4\n100,-12\n", encoding="utf-8")
+    with pytest.raises(
+        sj.InputError, match=r"joint 'under'.*m on a face of 0\.\d+ m.*another unit"
+    ):
+        scene(gap="scan.csv").structure()
