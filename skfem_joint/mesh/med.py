@@ -32,7 +32,10 @@ _READ = """
 def numbers(kind, group):
     for what in ("COO", "NOD", "FAM"):
         if what in group:
-            arrays[what + " " + kind] = group[what][()]
+            # Where a damaged file has no data, zeros stand, and no chance content of the memory.
+            arrays[what + " " + kind] = np.zeros(group[what].shape, group[what].dtype)
+            if group[what].size:
+                group[what].read_direct(arrays[what + " " + kind])
             arrays["NBR " + what + " " + kind] = group[what].attrs["NBR"]
 
 with h5py.File(path, "r") as file:
