@@ -9,7 +9,7 @@ import skfem_joint as sj
 from skfem_joint.mesh import build_plate, write_mesh
 from skfem_joint.scene import Scene, scene_from
 
-TABLES = {
+TABLES: dict[str, Any] = {
     "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
     "section": {"thickness": 0.01},
     "support": {"fixed": ["wall"]},
@@ -31,7 +31,7 @@ def scene(tmp_path: Any) -> Any:
 
     def made(**joint: Any) -> Scene:
         mesh = build_plate([("plate", 0.1, 10)], 0.01, 1, boundaries=names)
-        tables = {**TABLES, "joint": [{**TABLES["joint"][0], **joint}]}  # type: ignore[dict-item]
+        tables = {**TABLES, "joint": [{**TABLES["joint"][0], **joint}]}
         return scene_from(tables, mesh, tmp_path / "scene.toml")
 
     return made

@@ -260,7 +260,10 @@ def test_derivatives_by_the_scale_of_a_gap_are_those_of_the_system(contact, orde
     given = bolted(order=order, joint={"contact": contact})
     face = given.nodes[given.spaces[0].nodes, 0]
     middle, half = 0.5 * (face.min() + face.max()), 0.5 * np.ptp(face)
-    bow = lambda x: 3e-7 * ((x[:, 0] - middle) / half) ** 2  # noqa: E731
+
+    def bow(x):
+        return 3e-7 * ((x[:, 0] - middle) / half) ** 2
+
     given = bolted(order=order, joint={"contact": contact, "gap": bow, "gap_scale": 0.8})
     found = agrees(given, loads("right", 2), "joint[0].gap_scale")
     assert found.w is not None
@@ -430,7 +433,10 @@ def with_field(path: Any, mesh: Any, value: Any, *, binary: bool = False) -> Any
 )
 def test_a_field_of_nodes_is_linear_between_them(tmp_path, shape, order, binary):
     mesh = block(shape, order, 3)
-    bow = lambda x: 1e-6 * (1.0 + 2.0 * x[:, 0] + (x[:, 1] if mesh.dim == 3 else 0.0))  # noqa: E731
+
+    def bow(x):
+        return 1e-6 * (1.0 + 2.0 * x[:, 0] + (x[:, 1] if mesh.dim == 3 else 0.0))
+
     path = with_field(tmp_path / "block.msh", mesh, bow, binary=binary)
     field = sj.read_node_field(path, "bow", "base")
     found = gap_of(touching(mesh, gap=field))
@@ -449,7 +455,10 @@ def test_a_field_of_nodes_is_linear_between_them(tmp_path, shape, order, binary)
     ],
 )
 def test_wrong_fields_of_nodes_are_refused(tmp_path, field, on, words):
-    holes = lambda x: np.where((x[:, 0] > 0.9) & (x[:, 1] > 0.5), np.nan, 1e-6)  # noqa: E731
+
+    def holes(x):
+        return np.where((x[:, 0] > 0.9) & (x[:, 1] > 0.5), np.nan, 1e-6)
+
     path = with_field(tmp_path / "block.msh", block("quad", 1, 3), holes)
     with pytest.raises(sj.InputError) as refused:
         sj.read_node_field(path, field, on)
