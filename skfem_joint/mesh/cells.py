@@ -198,9 +198,13 @@ def same_columns(a: NDArray[Any]) -> tuple[IntArray, IntArray]:
     return order[new], set_of
 
 
-def repeated(elements: IntArray) -> tuple[int, int] | None:
-    """First element, by its nodes (n, nodes), that has those of an earlier one, and that one."""
-    first, set_of = same_columns(np.sort(elements, axis=1).T)
+def repeated(elements: IntArray, corners: IntArray | int) -> tuple[int, int] | None:
+    """First element, by its nodes (n, nodes), that has the corners of an earlier one, and that one.
+
+    ``corners``, of all or of each element, (n,), says how many of its first nodes are corners.
+    """
+    others = np.arange(elements.shape[1]) >= np.reshape(corners, (-1, 1))
+    first, set_of = same_columns(np.sort(np.where(others, -1, elements), axis=1).T)
     if first.size == len(elements):
         return None
     again = int(np.argmax(first[set_of] != np.arange(len(elements))))

@@ -198,14 +198,18 @@ def _members(names: dict[int, list[str]], families: IntArray) -> dict[str, IntAr
 
 
 def _check_repeated(mesh: meshio.Mesh) -> None:
-    """Refuse elements on the same nodes, but those that only name sides or edges."""
+    """Refuse elements on the same corners, but those that only name sides or edges."""
     top = max((block.dim for block in mesh.cells), default=0)
-    for block in mesh.cells:
-        if block.dim == top and (again := repeated(block.data)):
+    for block in mesh.cells if top else ():
+        if block.dim < top:
+            continue
+        # MED's types with nodes in faces have the corners of those without.
+        form = FORMS[{"quad9": "quad8", "hexahedron27": "hexahedron20"}.get(block.type, block.type)]
+        if again := repeated(block.data, form.corners):
             one, other = (place + 1 for place in again)
             raise ValueError(
-                f"element {one} of its {block.type} cells has the nodes of element {other}, which "
-                "would count twice: take one of them out"
+                f"element {one} of its {block.type} cells has the corners of element {other}, "
+                "which would count twice: take one of them out"
             )
 
 

@@ -18,6 +18,7 @@ from skfem_joint.ground.arrays import IntArray
 from skfem_joint.ground.bulk_data import Entry, entries, real, whole
 from skfem_joint.ground.files import read_whole
 from skfem_joint.mesh.cells import repeated
+from skfem_joint.mesh.decks.elements import FORMS
 from skfem_joint.mesh.decks.sets import FARTHEST, Numbering
 from skfem_joint.mesh.file_mesh import FileMesh
 from skfem_joint.mesh.named import check_count
@@ -199,10 +200,12 @@ class _Bulk:
         cells = [(name, self._nodes(block, numbering)) for name, block in self.blocks.items()]
         found = meshio.Mesh(np.array(self.places), cells)
         for cells_of, block in zip(found.cells, self.blocks.values(), strict=True):
-            if cells_of.dim == top and (again := repeated(cells_of.data)):
+            if cells_of.dim == top and (
+                again := repeated(cells_of.data, FORMS[cells_of.type].corners)
+            ):
                 place, other = again
                 raise ValueError(
-                    f"line {block.lines[place]}: element {block.numbers[place]} has the nodes of "
+                    f"line {block.lines[place]}: element {block.numbers[place]} has the corners of "
                     f"element {block.numbers[other]}, which would count twice: take one out"
                 )
         check_count(len(self.groups))

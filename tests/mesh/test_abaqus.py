@@ -315,7 +315,7 @@ def test_what_is_not_read_is_refused_with_card_and_line(tmp_path, card, in_file)
         ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPS6", "20, 1, 2, 4, 7, 8, 9"]),
          "line 11: .* same order, and"),
         ((PLATE, SQUARES, ["*ELEMENT, TYPE=CPE4", "20, 1, 2, 5, 4"]), "line 11: .*choose one"),
-        ((PLATE, SQUARES, ["7, 5, 2, 3, 6"]), "line 11: .*element 7 has the nodes of element 2"),
+        ((PLATE, SQUARES, ["7, 5, 2, 3, 6"]), "line 11: .*element 7 has the corners of element 2"),
         ((PLATE, SQUARES, ["*SURFACE, NAME=S", "1, S5"]), "line 12: .*face 'S5', must be one of "
                                                           "S1, S2, S3, S4"),
         ((PLATE, SQUARES, ["*SURFACE, NAME=S", "1, S1"] * 2), "line 13: .* stands in line 11"),

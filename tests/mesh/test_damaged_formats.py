@@ -22,6 +22,7 @@ from stability.mutated import damaged
 from test_formats import build, written
 from test_mesh_damage import TOKENS, refused_within
 
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, load_meshes
 
 #: Of this process for a file, and of the processes that it starts.
@@ -139,20 +140,11 @@ def said(plain: Plain, text: str) -> dict[str, float]:
     return found
 
 
-def elements_at(mesh: NamedMesh) -> set[tuple[str, tuple[tuple[float, ...], ...]]]:
-    """Names and places of the corners of all elements with a name."""
-    corners = [tuple(sorted(map(tuple, mesh.mesh.p[:, t].T.tolist()))) for t in mesh.mesh.t.T]
-    return {(name, corners[k]) for name, members in mesh.regions.items() for k in members}
-
-
 def differences(mesh: NamedMesh, other: NamedMesh) -> int:
-    """How many nodes, elements and names differ.
-
-    An element whose family was changed may be in no group, and is no part of the mesh then.
-    """
+    """How many nodes, elements and names differ; many, where counts do."""
     a, b = mesh.mesh, other.mesh
     if a.p.shape != b.p.shape or a.t.shape != b.t.shape:
-        return len(elements_at(mesh) ^ elements_at(other)) + abs(a.p.shape[1] - b.p.shape[1])
+        return 1000
     names: list[dict[tuple[str, str], np.ndarray]] = [
         {(kind, name): np.asarray(members) for kind in ("regions", "boundaries", "points")
          for name, members in getattr(each, kind).items()} for each in (mesh, other)
@@ -271,3 +263,34 @@ def test_damaged_files_are_refused_or_read_as_what_they_say(tmp_path, files, kin
     assert refused > 30
     most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     assert most <= max(before, MOST_OF_OTHERS / 1024)
+
+
+@pytest.mark.parametrize("ending", ["inp", "bdf", "med"])
+def test_elements_with_the_corners_of_others_are_refused_whatever_their_middles(tmp_path, ending):
+    """They would count once, without a word: a mesh has its elements by their corners."""
+    places = np.array(
+        [[0, 0, 0], [2, 0, 0], [0, 2, 0], [0, 0, 2], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1],
+         [1, 0, 1], [0, 1, 1], [1.1, 0, 0]], dtype=float,
+    )  # fmt: skip
+    once = list(range(1, 11))
+    twice = [*once[:4], 11, *once[5:]]
+    path = tmp_path / f"mesh.{ending}"
+    if ending == "inp":
+        nodes = [f"{k}, {x}, {y}, {z}" for k, (x, y, z) in enumerate(places.tolist(), 1)]
+        cells = [f"{k}, {', '.join(map(str, own))}" for k, own in ((1, once), (2, twice))]
+        lines = ["*NODE", *nodes, "*ELEMENT, TYPE=C3D10, ELSET=all", *cells]
+    elif ending == "bdf":
+        nodes = [f"GRID,{k},,{x},{y},{z}" for k, (x, y, z) in enumerate(places.tolist(), 1)]
+        cells = [
+            f"CTETRA,{k},1,{','.join(map(str, own[:6]))}\n,{','.join(map(str, own[6:]))}"
+            for k, own in ((1, once), (2, twice))
+        ]
+        lines = ["BEGIN BULK", *nodes, *cells, "ENDDATA"]
+    if ending == "med":
+        meshlane = pytest.importorskip("meshlane")
+        cells = [("tetra10", np.array([once, twice]) - 1)]
+        meshlane.write(path, meshlane.Mesh(places, cells))
+    else:
+        path.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    with pytest.raises(InputError, match=r"element 2 .*has the corners of element 1"):
+        load_meshes(path)

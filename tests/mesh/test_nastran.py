@@ -122,7 +122,7 @@ REFUSED = {
     "CTETRA,9,3,1,2,4,7,5": "line 20: CTETRA: 9 must have a property and 4 or 10 nodes",
     "CTETRA,9,,1,2,4,7": "line 20: CTETRA: 9 must have a property",
     "CTETRA,9,3,1,2,4,7.5": "line 20: CTETRA: found '7.5', must be a whole number",
-    "CHEXA,9,4,2,3,6,5,8,9,+\n+,12,11": "element 9 has the nodes of element 2, which would count",
+    "CHEXA,9,4,2,3,6,5,8,9,+\n+,12,11": "element 9 has the corners of element 2, which would count",
     "GRID,99,,\t1.": "line 20: found 'GRID,99,,.t1.', must be fields",
     "CTETRA,9,3,1,2,4,7 $ four": "line 20: found 'CTETRA,9,3,1,2,4,7 . four', must be fields",
     "BEGIN SUPER=1": "it has several BEGIN BULK",

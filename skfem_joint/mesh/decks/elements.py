@@ -41,6 +41,11 @@ class ElementForm:
     sides: dict[str, tuple[int, ...]]
 
     @property
+    def corners(self) -> int:
+        """Number of corners, its first nodes; of a line all nodes, which may part at the middle."""
+        return self.nodes - len(self.edges) if self.dim > 1 else self.nodes
+
+    @property
     def family(self) -> str:
         """Name of the shape beside whose elements these may stand in a mesh."""
         beside = {"triangle": "quad", "triangle6": "quad8", "wedge": "hexahedron"}

@@ -456,15 +456,15 @@ class Scope:
             found.append(np.pad(places, more, constant_values=-1))
             form = form_of_type(block.card.options["TYPE"].upper())
             form_of.append(np.full(len(places), forms.index(form)))
-        nodes = np.concatenate(found)
-        if again := repeated(nodes):
+        nodes, form_of_each = np.concatenate(found), np.concatenate(form_of)
+        if again := repeated(nodes, np.array([form.corners for form in forms])[form_of_each]):
             (block, row), (other, known) = (_block_of(self._elements, place) for place in again)
             block.card.refuse(
-                f"element {block.numbers[row]} has the nodes of element {other.numbers[known]}, "
+                f"element {block.numbers[row]} has the corners of element {other.numbers[known]}, "
                 "which would count twice: take one of them out",
                 block.card.line_of(int(block.rows[row])),
             )
-        return nodes, np.concatenate(form_of)
+        return nodes, form_of_each
 
 
 def _whole(card: Card, values: FloatArray, rows: IntArray) -> IntArray:
