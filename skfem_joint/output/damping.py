@@ -29,6 +29,7 @@ from skfem_joint.results.places import JointPlaces, PlaceResults, places_of
 from skfem_joint.scene import Scene
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.study.backbone_peaks import backbone_peaks
+from skfem_joint.study.description import made_of
 from skfem_joint.study.premises import OF_MODES, density_loads, premises, response_loads
 from skfem_joint.study.scene_backbone import (
     AtAmplitudes,
@@ -603,7 +604,7 @@ def _content(
         "models": models,
         "told": list(told),
         "warnings": list(notes),
-        "premises": premises(scene, acting),
+        "premises": premises(scene, made_of(scene.structure()), acting),
     }
 
 

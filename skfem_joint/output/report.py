@@ -80,7 +80,7 @@ def results_text(study: Study) -> str:
     parts = [
         study.scene.title,
         "\n".join(study.description.facts),
-        str(summary_table(summary(study))),
+        str(summary_table(_of_models(study))),
     ]
     return "\n\n".join(parts if study.scene.title else parts[1:])
 
@@ -92,7 +92,7 @@ def estimates_text(study: Study) -> str:
         for name, model in study.models.items()
         if model.estimate_s > 0.0
     ]
-    table = str(estimate_table(summary(study)))
+    table = str(estimate_table(_of_models(study)))
     return f"{table}\n\nTime of the estimates: {', '.join(took)}." if took else table
 
 
@@ -101,10 +101,15 @@ def summary(study: Study) -> dict[str, Any]:
     return {
         "title": study.scene.title,
         "structure": study.description.values,
-        "models": {name: model_summary(study, model) for name, model in study.models.items()},
+        **_of_models(study),
         "warnings": list(study.notes),
-        "premises": premises(study.scene) | {"structure": list(study.description.facts)},
+        "premises": premises(study.scene, study.description.facts),
     }
+
+
+def _of_models(study: Study) -> dict[str, Any]:
+    """Part of the summary that tables are of."""
+    return {"models": {name: model_summary(study, model) for name, model in study.models.items()}}
 
 
 def estimate_table(content: Mapping[str, Any]) -> TextTable:

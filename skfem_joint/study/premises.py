@@ -10,17 +10,21 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
+
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import read_text
 from skfem_joint.scene import Scene
 from skfem_joint.scene.joint_tables import BoltPressureTable, JointTable
-from skfem_joint.study.description import made_of
 
 
-def premises(scene: Scene, acting: Iterable[str] | None = None) -> dict[str, Any]:
+def premises(
+    scene: Scene, facts: Iterable[str], acting: Iterable[str] | None = None
+) -> dict[str, Any]:
     """Structure, assumptions and notes of a scene, and the scene itself.
 
-    ``acting`` are sentences about what acts, where it is not the scene's loads as they are.
+    ``facts`` are sentences about the structure, ``acting`` about what acts, where it is not the
+    scene's loads as they are.
 
     Returns
     -------
@@ -30,7 +34,7 @@ def premises(scene: Scene, acting: Iterable[str] | None = None) -> dict[str, Any
         same, with its comments; else all of its keys that were given.
     """
     return {
-        "structure": [*made_of(scene.structure()), *_files(scene)],
+        "structure": [*facts, *_files(scene)],
         "assumptions": [*assumptions(scene), *(loads_of(scene) if acting is None else acting)],
         "notes": [*scene.left_out, *scene.system().notes],
         "scene": scene_text(scene),
@@ -89,10 +93,14 @@ def response_loads(scene: Scene) -> Iterator[str]:
         )
 
 
+#: Points of a density that are told, the first and the last among them.
+_POINTS = 12
+
+
 def density_loads(load: str, frequencies: FloatArray, values: FloatArray, unit: str) -> list[str]:
     """What acts in random vibration: a density of one side, (k,) at (k,) Hz, in its ``unit``."""
-    every = -(-len(values) // 12)
-    pairs = zip(frequencies[::every].tolist(), values[::every].tolist(), strict=True)
+    some = np.unique(np.linspace(0, len(values) - 1, _POINTS).round().astype(int))
+    pairs = zip(frequencies[some].tolist(), values[some].tolist(), strict=True)
     shown = ", ".join(f"{value:.4g} {unit} at {f:g} Hz" for f, value in pairs)
     return [
         f"Stationary random load on '{load}', in place of its course over time: density of one "

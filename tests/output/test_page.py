@@ -161,7 +161,7 @@ def test_a_page_tells_what_acts_in_each_command(tmp_path):
     assert "from 900 to 1100 Hz" in second
     (said,) = density_loads("tip", np.array([20.0, 1000.0]), np.array([0.5, 0.25]), "N²/Hz")
     assert "0.5 N²/Hz at 20 Hz, 0.25 N²/Hz at 1000 Hz" in said
-    other = premises(made, OF_MODES)["assumptions"]
+    other = premises(made, (), OF_MODES)["assumptions"]
     assert own not in other
     assert OF_MODES[0] in other
     assert "Held in all directions: 'fixed', without any give." in other
