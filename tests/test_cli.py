@@ -373,6 +373,17 @@ def test_random_vibration_leaves_tables_a_picture_and_a_summary(scene, tmp_path,
     assert mode["mode"] == 1
     assert content["load"] == "free_end"
     assert cli.main(["report", str(out)]) == 0
+    base = "[[load]]\nkind = 'harmonic'\nbase = 'x'\namplitude = 1.0\nfrequency = 100.0\n"
+    (tmp_path / "base.csv").write_text("Hz,(m/s2)2/Hz\n500,1e2\n5000,1e2\n", encoding="utf-8")
+    lists = more.replace("'psd.csv'", "['psd.csv', 'base.csv']") + base
+    out = tmp_path / "both"
+    assert cli.main(["random", str(scene(FULL_ONLY, more=lists)), "--out", str(out)]) == 0
+    content = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    assert content["load"] == "free_end and mass_x"
+    *_, first, second, last = content["premises"]["assumptions"]
+    assert "on 'free_end'" in first and "1000 N²/Hz" in first
+    assert "on 'mass_x'" in second and "100 (m/s²)²/Hz" in second
+    assert last == "These loads act without correlation."
     (tmp_path / "psd.csv").write_text("Hz,g2/Hz\n500,1e3\n5000,1e3\n", encoding="utf-8")
     assert cli.main(["random", str(scene(FULL_ONLY, more=more)), "--out", str(out)]) == 2
     assert "the head of psd.csv says 'Hz,g2/Hz'" in capsys.readouterr().err

@@ -92,17 +92,43 @@ class PowerDensity:
         peaks : list of tuple
             Of each mode the lowest and highest natural frequency, Hz, and its least half width, Hz.
         """
-        low, high = self.frequencies[[0, -1]]
-        count = int(np.ceil(np.log(high / low) / np.log(LARGEST_RATIO)))
-        edges = [self.frequencies, np.geomspace(low, high, count + 1)]
-        for first, last, width in peaks:
-            # Intervals as wide as the peak across it, and twice the one before beyond it.
-            beyond = width * 2.0 ** np.arange(int(np.log2(high / width)) + 1)
-            across = np.linspace(first, last, 2 + int((last - first) / (2.0 * width)))
-            edges += [first - beyond, across, last + beyond]
-        every = np.unique(np.concatenate(edges))
-        every = every[(every >= low) & (every <= high)]
-        every = every[np.append(True, np.diff(every) > 1e-12 * high)]
-        x, w = np.polynomial.legendre.leggauss(GAUSS)
-        half = 0.5 * np.diff(every)[:, np.newaxis]
-        return (every[:-1, np.newaxis] + half * (1.0 + x)).ravel(), (half * w).ravel()
+        return _quadrature(self.frequencies, peaks)
+
+
+@dataclass(frozen=True, eq=False)
+class AddedDensities:
+    """Sum of densities, of loads without correlation."""
+
+    parts: tuple[PowerDensity, ...]
+
+    def __call__(self, frequency: FloatArray) -> FloatArray:
+        """Density at frequencies, Hz."""
+        return np.asarray(np.sum([part(frequency) for part in self.parts], axis=0))
+
+    def quadrature(self, peaks: list[tuple[float, float, float]]) -> tuple[FloatArray, FloatArray]:
+        """As of `PowerDensity`, from the lowest frequency of all to the highest."""
+        return _quadrature(np.concatenate([part.frequencies for part in self.parts]), peaks)
+
+
+#: Density of a load, or of several.
+Density = PowerDensity | AddedDensities
+
+
+def _quadrature(
+    given: FloatArray, peaks: list[tuple[float, float, float]]
+) -> tuple[FloatArray, FloatArray]:
+    """As `PowerDensity.quadrature`; at the frequencies ``given``, Hz, a density bends or jumps."""
+    low, high = given.min(), given.max()
+    count = int(np.ceil(np.log(high / low) / np.log(LARGEST_RATIO)))
+    edges = [given, np.geomspace(low, high, count + 1)]
+    for first, last, width in peaks:
+        # Intervals as wide as the peak across it, and twice the one before beyond it.
+        beyond = width * 2.0 ** np.arange(int(np.log2(high / width)) + 1)
+        across = np.linspace(first, last, 2 + int((last - first) / (2.0 * width)))
+        edges += [first - beyond, across, last + beyond]
+    every = np.unique(np.concatenate(edges))
+    every = every[(every >= low) & (every <= high)]
+    every = every[np.append(True, np.diff(every) > 1e-12 * high)]
+    x, w = np.polynomial.legendre.leggauss(GAUSS)
+    half = 0.5 * np.diff(every)[:, np.newaxis]
+    return (every[:-1, np.newaxis] + half * (1.0 + x)).ravel(), (half * w).ravel()

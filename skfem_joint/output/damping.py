@@ -507,10 +507,13 @@ def write_random(
         }
         for mode in found.modes
     ]
-    table, given = random_table(scene), _unit_of_density(scene, found.load)
-    unit = "g²/Hz" if table.unit == "g2/Hz" else given
-    acting = density_loads(found.load, table.density.frequencies, table.density.values, unit)
-    content = _content(scene, {"full": {"modes": modes}}, random_lines(found), found.notes, acting)
+    content = _content(
+        scene,
+        {"full": {"modes": modes}},
+        random_lines(found),
+        found.notes,
+        _random_loads(scene, found),
+    )
     content |= {
         "load": found.load,
         "duration_s": found.duration,
@@ -518,6 +521,18 @@ def write_random(
         "estimated_error": dict(found.estimated),
     }
     return _written(folder, {"random.png": random_figure(found)}, content, tables)
+
+
+def _random_loads(scene: Scene, found: RandomResponse) -> Iterator[str]:
+    """What acts in random vibration, a sentence for each load."""
+    table = random_table(scene)
+    several = not isinstance(table.psd, str)
+    places = [load.on for load in scene.system().loads] if several else [found.load]
+    for place, density in zip(places, table.densities, strict=True):
+        unit = "g²/Hz" if table.unit == "g2/Hz" else _unit_of_density(scene, place)
+        yield from density_loads(place, density.frequencies, density.values, unit)
+    if several:
+        yield "These loads act without correlation."
 
 
 def _unit_of_density(scene: Scene, on: str) -> str:

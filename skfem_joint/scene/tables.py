@@ -504,42 +504,50 @@ class AccuracyTable(SceneTable):
 class RandomTable(SceneTable):
     """``[random]``: a load by its power spectral density."""
 
-    psd: FileName = key(
+    psd: Annotated[
+        Annotated[FileName, Tag(Form.WORD)]
+        | Annotated[TomlList[FileName], Field(min_length=1), Tag(Form.LIST)],
+        by_form(Form.LIST, otherwise=Form.WORD),
+    ] = key(
         "name of a CSV file, relative to the scene: frequency in Hz, density of one side in "
-        "N²/Hz (Pa²/Hz of a traction or pressure), or (m/s²)²/Hz of a base"
+        "N²/Hz (Pa²/Hz of a traction or pressure), or (m/s²)²/Hz of a base; or a list with one "
+        "for each load, which then act without correlation"
     )
     unit: Literal["SI", "g2/Hz"] = key(
         "unit of the density; 'g2/Hz' with g = 9.80665 m/s² is for a base that is accelerated", "SI"
     )
     load: str | None = key(
         "place of the load that has the density, whose course over time then does not count: its "
-        "on, or mass_x, mass_y or mass_z of a base; not needed where there is one load",
+        "on, or mass_x, mass_y or mass_z of a base; not needed where there is one load, or a "
+        "density for each",
         None,
     )
     duration: Positive = key("time for which the largest values are expected, s", 3600.0)
-    _density: PowerDensity = PrivateAttr()
+    _densities: list[PowerDensity] = PrivateAttr()
 
     @model_validator(mode="after")
     def _read(self, info: ValidationInfo) -> Self:
         folder: Path = (info.context or {}).get("folder", Path())
-        try:
-            self._density = PowerDensity.of(folder / self.psd)
-        except InputError as error:
-            raise mistake("\n".join(error.problems), "psd") from error
-        said = head_of(folder / self.psd)
-        gravity = any(word in said.lower() for word in ("g2/hz", "g²/hz", "g^2/hz"))
-        other = gravity != (self.unit == "g2/Hz")
-        if other and (gravity or "/hz" in said.lower()):
-            raise mistake(
-                f"found {self.unit!r}, but the head of {self.psd} says {said!r}; make them agree",
-                "unit",
-            )
+        self._densities = []
+        for name in (self.psd,) if isinstance(self.psd, str) else self.psd:
+            try:
+                self._densities.append(PowerDensity.of(folder / name))
+            except InputError as error:
+                raise mistake("\n".join(error.problems), "psd") from error
+            said = head_of(folder / name)
+            gravity = any(word in said.lower() for word in ("g2/hz", "g²/hz", "g^2/hz"))
+            other = gravity != (self.unit == "g2/Hz")
+            if other and (gravity or "/hz" in said.lower()):
+                raise mistake(
+                    f"found {self.unit!r}, but the head of {name} says {said!r}; make them agree",
+                    "unit",
+                )
         return self
 
     @property
-    def density(self) -> PowerDensity:
-        """Density of the file."""
-        return self._density
+    def densities(self) -> list[PowerDensity]:
+        """Density of the file, or of each of a list."""
+        return self._densities
 
 
 class OutputTable(SceneTable):

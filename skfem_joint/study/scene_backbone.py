@@ -310,7 +310,7 @@ def scene_random(
         found = random_response(
             system,
             curves,
-            table.density,
+            table.densities[0] if isinstance(table.psd, str) else table.densities,
             load=table.load,
             unit=table.unit,
             duration=table.duration,

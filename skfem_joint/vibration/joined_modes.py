@@ -24,7 +24,7 @@ from scipy.optimize import nnls
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
-from skfem_joint.ground.power_density import PowerDensity
+from skfem_joint.ground.power_density import Density
 from skfem_joint.vibration.modal_amplitudes import (
     Beside,
     ModalAmplitudes,
@@ -83,7 +83,7 @@ class Plays:
 
 
 def joined_modes(
-    curves: Sequence[ModeCurve], forces: Sequence[PowerDensity], overlap: FloatArray
+    curves: Sequence[ModeCurve], forces: Sequence[Density], overlap: FloatArray
 ) -> list[ModalAmplitudes]:
     """Stationary vibration of modes under their modal forces, N²/kg/Hz.
 

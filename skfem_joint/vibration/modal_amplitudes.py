@@ -25,7 +25,7 @@ from scipy.interpolate import PchipInterpolator
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
-from skfem_joint.ground.power_density import PowerDensity
+from skfem_joint.ground.power_density import Density
 
 #: Intervals of the amplitude, an even number.
 INTERVALS = 200
@@ -232,9 +232,7 @@ class ModalAmplitudes:
         return np.asarray(rule * self.density * 0.5 * self.amplitude**2 / self.variance)
 
 
-def modal_amplitudes(
-    curve: ModeCurve, force: PowerDensity, beside: Beside = ALONE
-) -> ModalAmplitudes:
+def modal_amplitudes(curve: ModeCurve, force: Density, beside: Beside = ALONE) -> ModalAmplitudes:
     """Stationary vibration of a mode under a modal force, N²/kg/Hz.
 
     ConvergenceError if no amplitude is found that is rarely exceeded.
@@ -267,7 +265,7 @@ def modal_amplitudes(
     return ModalAmplitudes(curve.mode, a, density, omega, viscous, friction, variance, beyond)
 
 
-def linear_variance(omega: FloatArray, damping: FloatArray, force: PowerDensity) -> FloatArray:
+def linear_variance(omega: FloatArray, damping: FloatArray, force: Density) -> FloatArray:
     """Variances of linear modes, (k,), m² kg, under a modal force, N²/kg/Hz.
 
     InputError if nothing damps them.

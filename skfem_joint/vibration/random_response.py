@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,13 +21,13 @@ from numpy.typing import ArrayLike
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Scaled
-from skfem_joint.ground.power_density import GRAVITY, PowerDensity
+from skfem_joint.ground.power_density import GRAVITY, AddedDensities, PowerDensity
 from skfem_joint.ground.values import POSITIVE, check
 from skfem_joint.system.system import AppliedLoad, System
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.joined_modes import joined_modes
 from skfem_joint.vibration.modal_amplitudes import ModalAmplitudes, ModeCurve
-from skfem_joint.vibration.response_spectra import Spectra, StuckUnder
+from skfem_joint.vibration.response_spectra import RandomLoad, Spectra, StuckUnder
 
 #: Units of a density by their names, and factors to SI.
 UNITS = {"SI": 1.0, "g2/Hz": GRAVITY**2}
@@ -69,12 +70,12 @@ class RandomMode:
 
 @dataclass(frozen=True)
 class RandomResponse:
-    """Stationary response to a random load.
+    """Stationary response to random loads.
 
     Attributes
     ----------
     load : str
-        Where it acts.
+        Where it acts; places of several loads with "and" between them.
     duration : float
         For which the peaks are, s.
     points : tuple of str
@@ -124,27 +125,30 @@ class RandomResponse:
 def random_response(
     system: System,
     curves: Sequence[Backbone],
-    psd: PowerDensity | ArrayLike | str | Path,
+    psd: PowerDensity | ArrayLike | str | Path | Sequence[PowerDensity | ArrayLike | str | Path],
     *,
     load: str | None = None,
     unit: str = "SI",
     duration: float = HOUR,
 ) -> RandomResponse:
-    """Stationary response to a load whose power spectral density is given.
+    """Stationary response to loads whose power spectral densities are given.
 
     Parameters
     ----------
     system : System
-        With the load, whose course over time does not count.
+        With the loads, whose courses over time do not count; full, condensed or reduced.
     curves : sequence of Backbone
-        Of this system: of all modes inside the density's frequencies, up to amplitudes that the
+        Of this system: of all modes inside the densities' frequencies, up to amplitudes that the
         vibration seldom exceeds; levels may be above that at which joints slip as a whole.
-    psd : array_like, shape (k, 2), str or Path
+    psd : array_like, shape (k, 2), str or Path, or a list of such
         Frequencies, Hz, and densities of one side, straight between them on logarithmic axes and
         zero beyond; or a file of two such columns. N²/Hz of a force, Pa²/Hz of a traction or
-        pressure, (m/s²)²/Hz of the acceleration of a base.
+        pressure, (m/s²)²/Hz of the acceleration of a base. A list has one for each of
+        ``system.loads``, which then act without correlation. Loads in step with each other are one
+        load, whose vector is their sum.
     load : str, optional
-        Place of the load, ``system.loads[k].on``; not needed for a system with one load.
+        Place of the load, ``system.loads[k].on``; not needed for a system with one load, or where
+        each load has a density.
     unit : {"SI", "g2/Hz"}
         Of the densities; g²/Hz with g = 9.80665 m/s² for the acceleration of a base.
     duration : float
@@ -157,34 +161,43 @@ def random_response(
     Raises
     ------
     InputError
-        If the density, the load or a curve is not as above, no mode is moved, or more than half of
+        If a density, the load or a curve is not as above, no mode is moved, or more than half of
         the mean square of a mode is above its curve's highest level.
     ConvergenceError
         If the amplitudes of a mode are not found, or modes do not settle beside each other.
     """
     check("random_response: duration", duration, POSITIVE)
     _check_curves(system, curves)
-    acting = _chosen(system, load)
-    density = PowerDensity.of(psd).scaled(_factor(acting, unit))
-    vector = acting.vector
-    if isinstance(acting.amplitude, Scaled):
-        vector = acting.amplitude.factor * vector
-    push = np.array([float(curve.shape @ vector) for curve in curves])
+    pairs = list(zip(_chosen(system, psd, load), _densities(psd), strict=True))
+    names = " and ".join(acting.on for acting, _ in pairs)
+    loads = [_random_load(*pair, unit) for pair in pairs]
+    push = np.array([[float(curve.shape @ each.vector) for curve in curves] for each in loads])
     # No mode of unit mass is pushed by more than the root of vector M^-1 vector.
-    moved = np.abs(push) > 1e-9 * np.sqrt(np.sum(vector**2 / system.M.diagonal()))
-    if not moved.any():
-        raise InputError(f"random_response: the load on {acting.on!r} moves none of the modes")
-    still = [curve.mode for curve, moves in zip(curves, moved, strict=True) if not moves]
-    curves = [curve for curve, moves in zip(curves, moved, strict=True) if moves]
+    mass = system.M.diagonal()
+    most = np.sqrt([np.sum(each.vector**2 / mass) for each in loads])
+    moved = np.abs(push) > 1e-9 * most[:, np.newaxis]
+    moves = moved.any(axis=0)
+    if not moves.any():
+        raise InputError(f"random_response: the load on {names!r} moves none of the modes")
+    still = [curve.mode for curve, some in zip(curves, moves, strict=True) if not some]
+    curves = [curve for curve, some in zip(curves, moves, strict=True) if some]
     works = [curve.friction_work for curve in curves]
     modes = [mode_curve(system, *pair) for pair in zip(curves, works, strict=True)]
-    forces = [density.scaled(each**2) for each in push[moved]]
+    forces = [
+        AddedDensities(
+            tuple(
+                load.density.scaled(p**2) for load, p, some in zip(loads, *of, strict=True) if some
+            )
+        )
+        for of in zip(push.T[moves], moved.T[moves], strict=True)
+    ]
     overlap = _overlaps(system, curves)
     found = joined_modes(modes, forces, overlap)
     coarse = joined_modes([mode.every_second() for mode in modes], forces, overlap)
     _check_beyond(found)
-    stuck = StuckUnder(system, vector, max(curve.mode for curve in curves) + LOOKED_FOR)
-    spectra = Spectra(system, curves, found, density, vector, stuck, acting.carried)
+    highest = max(curve.mode for curve in curves) + LOOKED_FOR
+    stuck = StuckUnder(system, [each.vector for each in loads], highest)
+    spectra = Spectra(system, curves, found, loads, stuck)
     friction = [mode.mean(mode.power(mode.friction_damping)) for mode in found]
     viscous = [mode.mean(mode.power(mode.viscous_damping)) for mode in found]
     J = as_dense(system.contact.J)
@@ -192,7 +205,7 @@ def random_response(
     own_peaks = np.array([mode.peak(duration) / mode.rms for mode in found])
     displacement, acceleration = (spectra.of(order) for order in (0, 2))
     return RandomResponse(
-        load=acting.on,
+        load=names,
         duration=duration,
         points=system.points,
         modes=tuple(
@@ -211,7 +224,7 @@ def random_response(
         point_work=HOUR * np.sum(points, axis=0),
         viscous_work=HOUR * float(np.sum(viscous)),
         estimated=_estimated(curves, found, coarse),
-        notes=tuple(_notes(system, stuck.frequencies, density, curves, found, still)),
+        notes=tuple(_notes(system, stuck.frequencies, loads, curves, found, still)),
     )
 
 
@@ -232,15 +245,48 @@ def _check_curves(system: System, curves: Sequence[Backbone]) -> None:
             )
 
 
-def _chosen(system: System, name: str | None) -> AppliedLoad:
-    """Load of a system by its place; InputError if there is none, or several."""
+def _are_several(psd: Any) -> bool:
+    """Whether an argument is a list of densities, not a table of two columns."""
+
+    def is_one(each: Any) -> bool:
+        if isinstance(each, list | tuple):
+            return len(each) > 0 and isinstance(each[0], list | tuple | np.ndarray)
+        return isinstance(each, PowerDensity | str | Path) or np.ndim(each) == 2
+
+    return isinstance(psd, list | tuple) and all(map(is_one, psd))
+
+
+def _densities(psd: Any) -> list[PowerDensity]:
+    """Density of each load that has one."""
+    return [PowerDensity.of(each) for each in (psd if _are_several(psd) else [psd])]
+
+
+def _chosen(system: System, psd: Any, name: str | None) -> list[AppliedLoad]:
+    """Loads of a system that have densities; InputError if there are none, or others than these."""
     names = [load.on for load in system.loads]
+    if _are_several(psd):
+        if len(psd) != len(names) or name is not None:
+            raise InputError(
+                f"random_response: psd: found {len(psd)} densities"
+                + ("" if name is None else f" and load {name!r}")
+                + f", must be one for each of the system's loads, {names}, and no load"
+            )
+        return list(system.loads)
     chosen = [load for load in system.loads if name is None or load.on == name]
     if len(chosen) != 1:
         raise InputError(
-            f"random_response: load: found {name!r}, must be one of the system's loads, {names}"
+            f"random_response: load: found {name!r}, must be one of the system's loads, {names}; "
+            "for several of them give a list with a density of each"
         )
-    return chosen[0]
+    return chosen
+
+
+def _random_load(load: AppliedLoad, density: PowerDensity, unit: str) -> RandomLoad:
+    """Load with its density in SI."""
+    vector = load.vector
+    if isinstance(load.amplitude, Scaled):
+        vector = load.amplitude.factor * vector
+    return RandomLoad(vector, density.scaled(_factor(load, unit)), load.carried)
 
 
 def _factor(load: AppliedLoad, unit: str) -> float:
@@ -347,18 +393,19 @@ def _estimated(
 def _notes(
     system: System,
     frequencies: FloatArray,
-    density: PowerDensity,
+    loads: Sequence[RandomLoad],
     curves: Sequence[Backbone],
     found: Sequence[ModalAmplitudes],
     still: Sequence[int],
 ) -> Iterator[str]:
     """Sentences on what to beware of."""
-    low, high = density.frequencies[[0, -1]].tolist()
+    ends = np.array([load.density.frequencies[[0, -1]] for load in loads])
+    low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     given = {curve.mode for curve in curves} | {*still}
     missing = [
         f"{number} ({frequency:.5g} Hz)"
         for number, frequency in enumerate(frequencies.tolist(), 1)
-        if low <= frequency <= high and number not in given
+        if number not in given and any(load.moves(frequency) for load in loads)
     ]
     if missing:
         yield (

@@ -2,23 +2,24 @@
 
     S = G ( |sum_k <c_k H_k> + R|^2 + sum_k (<|c_k H_k|^2> - |<c_k H_k>|^2) ),
 
-with G that of the load, H_k the transfer function of mode k at an amplitude, c_k its displacement
+with G that of a load, H_k the transfer function of mode k at an amplitude, c_k its displacement
 of the point there, R what is left of the structure with its contact stuck (other modes inside the
 frequencies of G follow the load without inertia), and < > the mean over amplitudes by their share
-in the mean square.
+in the mean square. Densities of loads without correlation are added.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Harmonic
-from skfem_joint.ground.power_density import PowerDensity
+from skfem_joint.ground.power_density import AddedDensities, PowerDensity
 from skfem_joint.reduction.stuck import Stuck
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.system.system import AppliedLoad, System
@@ -70,18 +71,41 @@ class Spectrum:
         return np.asarray(np.sqrt(ratio * square))
 
 
-class StuckUnder:
-    """A structure with its contact stuck, under a constant force (n,), N.
+class RandomLoad(NamedTuple):
+    """A load with a density.
 
     Attributes
     ----------
-    static : ndarray, shape (points,)
+    vector : ndarray, shape (n,)
+        Force of a load of 1, N.
+    density : PowerDensity
+    carried : ndarray, shape (points,), optional
+        Motion of the points along with the base, where the load is its acceleration: absolute
+        accelerations have this part of it.
+    """
+
+    vector: FloatArray
+    density: PowerDensity
+    carried: FloatArray | None
+
+    def moves(self, frequency: float) -> bool:
+        """Whether a frequency, Hz, is among those of the density."""
+        low, high = self.density.frequencies[[0, -1]].tolist()
+        return bool(low <= frequency <= high)
+
+
+class StuckUnder:
+    """A structure with its contact stuck, under constant forces (n,), N.
+
+    Attributes
+    ----------
+    static : ndarray, shape (forces, points)
         Displacements of the named points, m.
     frequencies : ndarray, shape (k,)
         Its lowest natural frequencies, Hz.
     shapes : ndarray, shape (k, n)
         Their modes, of unit modal mass.
-    pushed : ndarray, shape (points, k)
+    pushed : ndarray, shape (forces, points, k)
         Displacement of the points in each mode times its force, m/s².
     damping : ndarray, shape (k,)
         Modal damping by C, 1/s.
@@ -92,9 +116,9 @@ class StuckUnder:
         If nothing holds it.
     """
 
-    def __init__(self, system: System, vector: FloatArray, count: int) -> None:
-        load = AppliedLoad(vector, Harmonic(1.0, 1.0))
-        to = arranged(replace(system, loads=(load,)).closed())
+    def __init__(self, system: System, vectors: Sequence[FloatArray], count: int) -> None:
+        loads = tuple(AppliedLoad(vector, Harmonic(1.0, 1.0)) for vector in vectors)
+        to = arranged(replace(system, loads=loads).closed())
         inner, stuck = to.system, Stuck(to.system)
         self.frequencies, modes = stuck.modes(count)
         if self.frequencies[0] == 0.0:
@@ -103,34 +127,42 @@ class StuckUnder:
                 "without limit; support it"
             )
         solve, _ = stuck.solver
-        moved = stuck.F @ solve(stuck.F.T @ inner.loads[0].vector)
-        self.static = np.asarray(inner.P @ moved)
+        moved = [stuck.F @ solve(stuck.F.T @ load.vector) for load in inner.loads]
+        self.static = np.array([inner.P @ each for each in moved])
         self.shapes = to.outer(modes.T)
         if system.contact.opens:
             closed = system.contact.normal.closed_motions()
             self.shapes = np.asarray((closed @ self.shapes.T).T)
-        self.pushed = (system.P @ self.shapes.T) * (self.shapes @ vector)
+        push = (self.shapes @ np.transpose(vectors)).T
+        self.pushed = (system.P @ self.shapes.T) * push[:, np.newaxis]
         self.damping = np.einsum("kn,kn->k", self.shapes, (system.C @ self.shapes.T).T)
 
-    def rest(self, turn: FloatArray, band: FloatArray, given: Sequence[int]) -> FloatArray:
+    def rest(
+        self, number: int, load: RandomLoad, turn: FloatArray, given: Sequence[int]
+    ) -> FloatArray:
         """Transfer functions without the modes ``given``, by number, (points, k), m.
 
-        Modes outside of the ``band``, Hz, are linear; those inside it follow the load without
+        Modes outside of the load's frequencies are linear; those inside follow the load without
         inertia, as all do whose frequencies are not known.
 
         Parameters
         ----------
+        number : int
+            Of the load's force.
+        load : RandomLoad
         turn : ndarray, shape (k,)
             Angular frequencies, rad/s.
+        given : sequence of int
         """
-        moved = np.repeat(self.static[:, np.newaxis].astype(complex), turn.size, axis=1)
+        static, pushed = self.static[number], self.pushed[number]
+        moved = np.repeat(static[:, np.newaxis].astype(complex), turn.size, axis=1)
         for k, (frequency, damping) in enumerate(
             zip(self.frequencies.tolist(), self.damping.tolist(), strict=True)
         ):
-            square, part = (2.0 * np.pi * frequency) ** 2, self.pushed[:, [k]]
+            square, part = (2.0 * np.pi * frequency) ** 2, pushed[:, [k]]
             if k + 1 in given:
                 moved -= part / square
-            elif not band[0] <= frequency <= band[1]:
+            elif not load.moves(frequency):
                 moved += part * (1.0 / (square - turn**2 + 1.0j * damping * turn) - 1.0 / square)
         return moved
 
@@ -142,17 +174,12 @@ class Spectra:
     ----------
     system : System
     curves, modes : sequence
-        Backbones, and their amplitudes under the load.
-    density : PowerDensity
-        Of the load.
-    vector : ndarray, shape (n,)
-        Force of a load of 1, N.
+        Backbones, and their amplitudes under the loads.
+    loads : sequence of RandomLoad
+        Without correlation.
     stuck : StuckUnder
-        Under this force. What slip adds to the displacement of a mode is that of slow cycles: its
+        Under their forces. What slip adds to the displacement of a mode is that of slow cycles: its
         parts along lower modes, which hardly move at the frequency of a higher one, are left out.
-    carried : ndarray, shape (points,), optional
-        Motion of the points along with the base, where the load is its acceleration: absolute
-        accelerations have this part of it.
 
     Attributes
     ----------
@@ -165,39 +192,41 @@ class Spectra:
         system: System,
         curves: Sequence[Backbone],
         modes: Sequence[ModalAmplitudes],
-        density: PowerDensity,
-        vector: FloatArray,
+        loads: Sequence[RandomLoad],
         stuck: StuckUnder,
-        carried: FloatArray | None,
     ) -> None:
         peaks = [peak_of(mode.omega, mode.damping) for mode in modes]
-        self.frequency, self.weight = density.quadrature(peaks)
-        self.G, P = density(self.frequency), as_dense(system.P)
-        turn = 2.0 * np.pi * self.frequency
-        means, self.squares = [], []
-        rest = stuck.rest(turn, density.frequencies[[0, -1]], [curve.mode for curve in curves])
+        every = AddedDensities(tuple(load.density for load in loads))
+        self.frequency, self.weight = every.quadrature(peaks)
+        self.loads, P = loads, as_dense(system.P)
+        turn, given = 2.0 * np.pi * self.frequency, [curve.mode for curve in curves]
+        self.push = np.array([[curve.shape @ load.vector for curve in curves] for load in loads])
+        self.rest = [stuck.rest(k, load, turn, given) for k, load in enumerate(loads)]
+        means, squares = [], []
         for curve, mode in zip(curves, modes, strict=True):
-            push = float(curve.shape @ vector)
             lower = stuck.shapes[: curve.mode - 1]
             states = curve.states - (curve.states @ (system.M @ lower.T)) @ lower
             moved = (P @ states.T) / curve.amplitude
-            c = push * at_amplitudes(mode.amplitude, curve.amplitude, moved.T, P @ curve.shape)
+            c = at_amplitudes(mode.amplitude, curve.amplitude, moved.T, P @ curve.shape)
             w, z = mode.omega[:, np.newaxis], mode.damping[:, np.newaxis]
             H = 1.0 / (w**2 - turn**2 + 2.0j * z * w * turn)
             shares = mode.weights()
             means.append((c.T * shares) @ H)
-            self.squares.append((c.T**2 * shares) @ np.abs(H) ** 2)
-        self.means = np.array(means)
-        self.rest = rest
-        self.rigid = np.zeros(len(system.points)) if carried is None else carried
+            squares.append((c.T**2 * shares) @ np.abs(H) ** 2)
+        self.means, self.squares = np.array(means), np.array(squares)
 
     def of(self, order: int) -> Spectrum:
         """Spectral densities of the derivative of an order of the displacement, 0 or 2."""
         factor = (2.0j * np.pi * self.frequency) ** order
-        whole = factor * (self.means.sum(axis=0) + self.rest)
-        if order == 2:
-            whole = whole + self.rigid[:, np.newaxis]
-        squares = np.abs(factor) ** 2 * np.array(self.squares)
+        squares = np.abs(factor) ** 2 * self.squares
         scatter = squares - np.abs(factor * self.means) ** 2
-        density = self.G * (np.abs(whole) ** 2 + scatter.sum(axis=0))
-        return Spectrum(self.frequency, self.weight, density, squares @ (self.G * self.weight))
+        density, of_modes = 0.0, 0.0
+        for load, push, rest in zip(self.loads, self.push, self.rest, strict=True):
+            whole = factor * (np.tensordot(push, self.means, axes=1) + rest)
+            if order == 2 and load.carried is not None:
+                whole = whole + load.carried[:, np.newaxis]
+            G = load.density(self.frequency)
+            more = np.tensordot(push**2, scatter, axes=1)
+            density = density + G * (np.abs(whole) ** 2 + more)
+            of_modes = of_modes + (push**2)[:, np.newaxis] * (squares @ (G * self.weight))
+        return Spectrum(self.frequency, self.weight, np.asarray(density), np.asarray(of_modes))
