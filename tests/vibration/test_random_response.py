@@ -160,7 +160,7 @@ def test_a_slider_that_sticks_is_the_linear_oscillator():
 
 
 def test_variances_of_loads_without_correlation_add_up():
-    """White noise of two forces on a mass: G / (8 zeta omega^3) of each, times its share squared."""
+    """White noise of two forces on a mass: G / (8 zeta omega^3) of each, by its share."""
     system, G, factor = slider(), 1e-12, 3.0
     first = system.loads[0]
     loads = first, replace(first, vector=factor * first.vector, on="beside")
