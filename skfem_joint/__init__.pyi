@@ -68,6 +68,8 @@ from skfem_joint.results.stress import StressHistory as StressHistory
 from skfem_joint.results.stress import stress_history as stress_history
 from skfem_joint.runs.integrate import integrate as integrate
 from skfem_joint.runs.integrate import quasi_static as quasi_static
+from skfem_joint.runs.swept_response import SweptResponse as SweptResponse
+from skfem_joint.runs.swept_response import swept_response as swept_response
 from skfem_joint.scene import Scene as Scene
 from skfem_joint.scene import load_scene as load_scene
 from skfem_joint.scene import load_sweep as load_sweep

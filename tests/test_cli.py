@@ -381,8 +381,10 @@ def test_random_vibration_leaves_tables_a_picture_and_a_summary(scene, tmp_path,
     content = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert content["load"] == "free_end and mass_x"
     *_, first, second, last = content["premises"]["assumptions"]
-    assert ("on 'free_end'" in first, "1000 N²/Hz" in first) == (True, True)
-    assert ("on 'mass_x'" in second, "100 (m/s²)²/Hz" in second) == (True, True)
+    assert "on 'free_end'" in first
+    assert "1000 N²/Hz" in first
+    assert "on 'mass_x'" in second
+    assert "100 (m/s²)²/Hz" in second
     assert last == "These loads act without correlation."
     (tmp_path / "psd.csv").write_text("Hz,g2/Hz\n500,1e3\n5000,1e3\n", encoding="utf-8")
     assert cli.main(["random", str(scene(FULL_ONLY, more=more)), "--out", str(out)]) == 2

@@ -37,7 +37,7 @@ from skfem_joint.study.scene_backbone import (
     SceneBackbone,
     random_table,
 )
-from skfem_joint.study.scene_response import SceneResponse, asked_table
+from skfem_joint.study.scene_response import ModelResponse, SceneResponse, asked_table
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.random_response import RandomResponse
 from skfem_joint.vibration.response import HARMONICS
@@ -353,6 +353,7 @@ def write_response(
             "levels": [
                 _level(curve, points, None if not model.estimates else model.estimates[k])
                 | {"peak": _at_peak(curve, by_place[model.name, curve.level])}
+                | _swept(model, curve)
                 for k, curve in enumerate(model.curves)
             ],
         }
@@ -362,6 +363,19 @@ def write_response(
         {"response.csv": by_columns(rows)},
         {"response.png": response_figure(response)},
     )
+    sweeps = [(model.name, sweep) for model in response.models for sweep in model.sweeps]
+    if sweeps:
+        tables["swept.csv"] = by_columns(
+            [
+                {
+                    "model": name, "level": sweep.level, "octaves_per_minute": sweep.rate,
+                    "frequency_Hz": sweep.frequency[k],
+                    **_named("amplitude_{}_m", names, sweep.amplitude[k]),
+                }
+                for name, sweep in sweeps
+                for k in range(sweep.frequency.size)
+            ]
+        )  # fmt: skip
     if backbones:
         peaks = backbone_peaks(response.models, backbones)
         tables["peaks.csv"] = peak_columns(peaks)
@@ -397,7 +411,29 @@ def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) 
         for model in response.models
         for curve in model.curves
     ]
+    for model in response.models:
+        for curve, sweep in ((c, s) for c in model.curves for s in model.sweeps_at(c.level)):
+            (frequency, amplitude), (steady, largest) = sweep.peak, curve.peak
+            lines.append(
+                f"{model.name} model, level {curve.level:g}, swept at {sweep.rate:+g} octaves a "
+                f"minute: largest {1e3 * amplitude:.5g} mm at {frequency:.6g} Hz, "
+                f"{100.0 * (amplitude / largest - 1.0):+.2g} % in amplitude and "
+                f"{100.0 * (frequency / steady - 1.0):+.2g} % in frequency from the steady peak."
+            )
     return [*lines, *peak_lines(backbone_peaks(response.models, backbones))] if backbones else lines
+
+
+def _swept(model: ModelResponse, curve: Curve) -> dict[str, Any]:
+    """Content of the summary about the swept sines beside a curve."""
+    sweeps = [
+        {
+            "octaves_per_minute": sweep.rate,
+            "peak_frequency_Hz": sweep.peak[0],
+            "peak_amplitude_m": sweep.peak[1],
+        }
+        for sweep in model.sweeps_at(curve.level)
+    ]
+    return {"sweeps": sweeps} if sweeps else {}
 
 
 def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]:
@@ -441,7 +477,8 @@ def _at_peak(curve: Curve, by_place: PlaceResults) -> dict[str, Any]:
 def response_figure(response: SceneResponse) -> Figure:
     """Amplitude over load level and phase of the point that moves most, and loss factor.
 
-    The linear structures with stuck and with loose joints are drawn beside them.
+    The linear structures with stuck and with loose joints are drawn beside them, and swept
+    sines of the first model.
     """
     points, most = response.scene.system().points, response.models[0].largest
     figure = new_figure(7.5, 7.5)
@@ -458,6 +495,13 @@ def response_figure(response: SceneResponse) -> Figure:
         phase = np.degrees(np.unwrap(np.nan_to_num(curve.column("phase")[:, most])))
         lower.plot(f, phase, **look)
         lost.plot(f, curve.losses.loss_factor, **look)
+    sweeps = response.models[0].sweeps
+    for sweep, grey in zip(sweeps, np.linspace(0.2, 0.7, len(sweeps)), strict=True):
+        told = f"level {sweep.level:g}, {sweep.rate:+g} octaves a minute"
+        y, line = sweep.amplitude[:, most] / sweep.level / scale, "-" if sweep.rate > 0.0 else ":"
+        upper.semilogy(
+            sweep.frequency, y, line, color=str(grey), linewidth=1.0, label=told, zorder=1
+        )
     upper.set(ylabel=f"amplitude over level, {unit}", xmargin=0.0)
     upper.set_title(points[most], loc="left")
     upper.legend(fontsize="small", ncols=2)

@@ -599,6 +599,11 @@ class ResponseTable(SceneTable):
         "over the first load's force, or absolute motion over that of the moving base",
         (),
     )
+    sweep_rates: TomlList[Positive] = key(
+        "rates in octaves per minute of swept sines, up and down, whose largest amplitudes in each "
+        "cycle stand beside the curves; for harmonic loads in phase",
+        (),
+    )
 
 
 class AmplitudesTable(SceneTable):

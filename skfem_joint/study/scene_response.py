@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -21,6 +21,7 @@ from skfem_joint.reduction.models import notes_of, reduced_for_response
 from skfem_joint.results.loss import Losses
 from skfem_joint.results.places import of_all
 from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.runs.swept_response import SweptResponse, swept_loads, swept_response
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.steady.marching import MAY_DEPEND
@@ -73,6 +74,8 @@ class ModelResponse:
         Time of compiling loops, once on a machine and in no other time here, s.
     notes : tuple of str
         What to beware of.
+    sweeps : list of SweptResponse
+        Up and down at each rate and level that the scene asks for.
     """
 
     name: str
@@ -82,11 +85,16 @@ class ModelResponse:
     wall_s: float
     compilation_s: float
     notes: tuple[str, ...]
+    sweeps: list[SweptResponse] = field(default_factory=list)
 
     @property
     def largest(self) -> int:
         """Number of the named point that moves most, at the highest level."""
         return self.curves[-1].largest
+
+    def sweeps_at(self, level: float) -> list[SweptResponse]:
+        """Those of a level."""
+        return [sweep for sweep in self.sweeps if sweep.level == level]
 
 
 @dataclass(frozen=True)
@@ -130,13 +138,20 @@ def asked_table(scene: Scene) -> ResponseTable:
 def response_table(scene: Scene) -> ResponseTable:
     """Table ``[response]`` of a scene.
 
-    InputError if there is none, a load of the scene has no frequency that could be changed, or no
-    joint carries friction and the full model is not asked for.
+    InputError if there is none, a load of the scene has no frequency that could be changed, no
+    joint carries friction and the full model is not asked for, or a sine cannot be swept.
     """
     table = asked_table(scene)
     at_frequency(scene.system(), table.frequencies.to)
     for kind in table.functions:
         check_kind(scene.system(), kind)
+    if table.sweep_rates:
+        swept_loads(scene.system(), table.frequencies.from_, table.frequencies.to, 1.0)
+        if scene.reduction.range is not None and "reduced" in scene.models.run:
+            raise InputError(
+                f"{scene.path}: response.sweep_rates: a reduced model for a range cannot be swept; "
+                "leave out reduction.range, or the rates"
+            )
     with_friction(scene)
     return table
 
@@ -219,7 +234,8 @@ def scene_response(
             estimates, of_errors = _estimates(name, model, scene, curves, executor, rows, report)
             notes += of_errors
         times = offline, wall + rows.earlier_s - earlier, compilation + compiled
-        models.append(ModelResponse(name, curves, estimates, *times, tuple(notes)))
+        sweeps = _sweeps(model, scene, partial(progress, f"{name} model, swept sine"))
+        models.append(ModelResponse(name, curves, estimates, *times, tuple(notes), sweeps))
     of_models = [note for model in models for note in model.notes]
     warnings = (*left_out, *system.notes, *other_reference(scene), *of_models)
     if not system.contact.count and "backbone" in scene.model_fields_set:
@@ -248,6 +264,18 @@ def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
         return of_scene(scene, range_model(served, folder))
     options = options_of(scene, "static")
     return reduced_for_response(system, resonance, max(table.levels), options)
+
+
+def _sweeps(model: System, scene: Scene, report: Progress) -> list[SweptResponse]:
+    """Responses of a model to the swept sines that a scene asks for."""
+    table = asked_table(scene)
+    ends, steps = (table.frequencies.from_, table.frequencies.to), scene.time.steps_per_cycle
+    return [
+        swept_response(model, way, rate, level, steps_per_cycle=steps, progress=report)
+        for level in sorted(table.levels)
+        for rate in table.sweep_rates
+        for way in (ends, ends[::-1])
+    ]
 
 
 def _highest(system: System, frequency: float) -> float:
