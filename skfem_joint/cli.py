@@ -421,9 +421,11 @@ def _keys(options: argparse.Namespace) -> int:
 def _backbone(options: argparse.Namespace) -> int:
     """Compute frequency and damping of modes over their amplitude, write and print them."""
     from skfem_joint.output import damping
+    from skfem_joint.output.universal import check_uff
     from skfem_joint.study.scene_backbone import scene_backbone
 
     scene = _vibrating(options)
+    check_uff(scene)
     with _kept(options) as notes:
         with _progress(options) as progress:
             backbone = scene_backbone(scene, progress, options.out)
@@ -436,6 +438,7 @@ def _backbone(options: argparse.Namespace) -> int:
 def _response(options: argparse.Namespace) -> int:
     """Compute steady vibration over frequency, write it and print its peaks."""
     from skfem_joint.output import damping
+    from skfem_joint.output.universal import check_uff
     from skfem_joint.study.scene_backbone import given_backbones
     from skfem_joint.study.scene_response import (
         RESPONSE_ROWS,
@@ -451,6 +454,7 @@ def _response(options: argparse.Namespace) -> int:
     scene = _loaded(options, ready)
     with _progress(options) as progress, announced(progress, "making the structure"):
         response_table(scene)  # before earlier results are removed
+        check_uff(scene)
     with _kept(options) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             # The backbones first: they take seconds, and a wrong mode ends the command at once.

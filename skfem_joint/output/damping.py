@@ -51,7 +51,7 @@ _DOTS = {"full": ".", "condensed": "+", "reduced": "x"}
 
 
 def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
-    """Write ``backbone.csv``, ``ring_down.csv`` if asked for, ``backbone.png``, a summary."""
+    """Write ``backbone.csv``, ``backbone.png``, a summary, and what else is asked for."""
     structure = backbone.scene.structure()
     system = backbone.scene.system()
     names, places = safe_names(system.points), places_of(structure, system)
@@ -88,12 +88,16 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         for model in backbone.models
     }
     figures = {"backbone.png": backbone_figure(backbone.models, backbone.largest)}
-    return _written(
-        folder,
-        figures,
-        _content(backbone.scene, models, backbone_lines(backbone), backbone.notes, OF_MODES),
-        tables,
-    )
+    scene, notes, first = backbone.scene, [*backbone.notes], backbone.models[0]
+    if scene.output.uff and first.name != "full":
+        notes.append("backbone.uff has stuck modes alone: shapes at levels are of the full model.")
+    content = _content(scene, models, backbone_lines(backbone), notes, OF_MODES)
+    files = _written(folder, figures, content, tables)
+    if scene.output.uff:
+        curves = first.curves if first.name == "full" else []
+        with adding(folder):
+            files.append(scene_uff(folder / "backbone.uff", scene, backbones=curves))
+    return files
 
 
 def _curve_rows(model: str, c: Backbone, names: Sequence[str]) -> Iterator[dict[str, Any]]:

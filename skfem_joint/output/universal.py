@@ -19,6 +19,7 @@ from skfem_joint.results.natural_modes import NaturalModes, natural_modes
 from skfem_joint.scene import Scene
 from skfem_joint.structure.structure import Structure
 from skfem_joint.system.system import System
+from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.response_curve import Curve
 from skfem_joint.vibration.transfer import frequency_response
 
@@ -34,6 +35,7 @@ def write_uff(
     *,
     modes: NaturalModes | None = None,
     curves: Sequence[Curve] = (),
+    backbones: Sequence[Backbone] = (),
 ) -> Path:
     """Write geometry, mode shapes and frequency responses as a universal file.
 
@@ -51,6 +53,10 @@ def write_uff(
         Responses of the system or of a smaller model of it, to one harmonic load: for each named
         point and level the first harmonic over the force, m/N (data set 58). What was not found is
         left out. The node is the one with most weight in the point's displacement.
+    backbones : sequence of Backbone
+        Of the system: the shape of each mode at each level, of unit modal mass, with its frequency,
+        damping ratio (as viscous) and loss factor (as hysteretic) there (data set 55, whose load
+        case is the number of the level).
 
     Returns
     -------
@@ -77,6 +83,7 @@ def write_uff(
     sets = [
         *_geometry(structure),
         *(_shapes(structure, system, modes) if modes is not None else ()),
+        *(each for curve in backbones for each in _levels(structure, system, curve)),
         *_responses(structure, system, curves),
     ]
     with replacing(path) as temporary:
@@ -84,11 +91,23 @@ def write_uff(
     return path
 
 
-def scene_uff(path: Path, scene: Scene, curves: Sequence[Curve] = ()) -> Path:
-    """Universal file of a scene: geometry, lowest modes with the joints stuck, and responses."""
+def check_uff(scene: Scene) -> None:
+    """See that a scene's universal file, if it asks for one, can be written; else InputError."""
+    if scene.output.uff:
+        needed("pyuff", "uff")
+        scene.structure().meshed("a universal file needs a mesh")
+
+
+def scene_uff(
+    path: Path, scene: Scene, curves: Sequence[Curve] = (), backbones: Sequence[Backbone] = ()
+) -> Path:
+    """Universal file of a scene: geometry, lowest modes with the joints stuck, and results.
+
+    Stuck modes are left out beside modes at levels.
+    """
     structure, system = scene.structure().meshed("a universal file needs a mesh"), scene.system()
-    modes = natural_modes(system, joints="stuck")
-    return write_uff(path, structure, system, modes=modes, curves=curves)
+    modes = None if backbones else natural_modes(system, joints="stuck")
+    return write_uff(path, structure, system, modes=modes, curves=curves, backbones=backbones)
 
 
 def _geometry(structure: Structure) -> Iterator[dict[str, Any]]:
@@ -131,16 +150,37 @@ def _shapes(structure: Structure, system: System, modes: NaturalModes) -> Iterat
         raise InputError(
             f"modes: have {modes.modes.shape[0]} unknowns, must be of the system, with {system.n}"
         )
-    nodes = np.arange(1, len(structure.nodes) + 1)
     for number, frequency in enumerate(modes.frequencies.tolist(), 1):
-        shape = structure.unpacked(system.expand(modes.modes[:, number - 1]))
-        x, y, z = structure.body.in_space(shape).T
-        yield {
-            "type": 55, "id1": f"mode {number}, {frequency:.6g} Hz", "model_type": 1,
-            "analysis_type": 2, "data_ch": 2, "spec_data_type": 8, "load_case": 1,
-            "mode_n": number, "freq": frequency, "modal_m": 1.0, "node_nums": nodes,
-            "r1": x, "r2": y, "r3": z,
+        shape, name = modes.modes[:, number - 1], f"mode {number}, {frequency:.6g} Hz"
+        yield _shape(structure, system, shape) | {"id1": name, "mode_n": number, "freq": frequency}
+
+
+def _levels(structure: Structure, system: System, curve: Backbone) -> Iterator[dict[str, Any]]:
+    if curve.shape.size != system.n:
+        raise InputError(
+            f"backbones: have {curve.shape.size} unknowns, must be of the system, with {system.n}"
+        )
+    for k, (state, frequency) in enumerate(
+        zip(curve.states, curve.frequency.tolist(), strict=True)
+    ):
+        shape = state / np.sqrt(state @ (system.M @ state))
+        level = f"level {curve.level[k] / curve.slips_at:.4g} of slip as a whole"
+        yield _shape(structure, system, shape) | {
+            "id1": f"mode {curve.mode}, {frequency:.6g} Hz, {level}", "load_case": k + 1,
+            "mode_n": curve.mode, "freq": frequency,
+            "modal_damp_vis": float(curve.damping_ratio[k]),
+            "modal_damp_his": float(curve.losses.loss_factor[k]),
         }  # fmt: skip
+
+
+def _shape(structure: Structure, system: System, shape: FloatArray) -> dict[str, Any]:
+    """Data set of a shape of unit modal mass, (n,), but for its names and frequency."""
+    x, y, z = structure.body.in_space(structure.unpacked(system.expand(shape))).T
+    return {
+        "type": 55, "model_type": 1, "analysis_type": 2, "data_ch": 2, "spec_data_type": 8,
+        "load_case": 1, "modal_m": 1.0, "node_nums": np.arange(1, len(structure.nodes) + 1),
+        "r1": x, "r2": y, "r3": z,
+    }  # fmt: skip
 
 
 def over_one_force(system: System) -> bool:

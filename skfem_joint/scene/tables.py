@@ -556,8 +556,8 @@ class OutputTable(SceneTable):
     vtk: bool = key("fields for ParaView", False)
     plots: bool = key("pictures as PNG", False)
     uff: bool = key(
-        "universal file of geometry, modes and, by response, frequency responses, for programs of "
-        "modal test; by run and response",
+        "universal file of geometry, modes (by backbone at each of its levels) and, by response, "
+        "frequency responses, for programs of modal test; by run, response and backbone",
         False,
     )
     every: Count = key("interval of the stored steps 0, every, 2 every, ...", 1)

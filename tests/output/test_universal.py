@@ -73,6 +73,27 @@ def test_responses_are_the_first_harmonic_over_the_force(made, sets):
     assert response["ordinate_axis_units_lab"].strip() == "m"
 
 
+def test_modes_at_levels_have_their_shape_frequency_and_damping(made, tmp_path):
+    structure, system, *_ = made
+    (curve,) = sj.backbone(system, levels=4)
+    path = sj.write_uff(tmp_path / "a.uff", structure, system, backbones=[curve])
+    shapes = of(pyuff.UFF(str(path)).read_sets(), 55)
+    assert [shape["load_case"] for shape in shapes] == [1, 2, 3, 4]
+    for k, shape in enumerate(shapes):
+        assert shape["mode_n"] == 1
+        assert shape["freq"] == pytest.approx(curve.frequency[k], rel=1e-5)
+        assert shape["modal_damp_vis"] == pytest.approx(curve.damping_ratio[k], rel=1e-5)
+        assert shape["modal_damp_his"] == pytest.approx(curve.losses.loss_factor[k], rel=1e-5)
+        written = np.column_stack([shape["r1"], shape["r2"]]).ravel()
+        free, state = structure.T.T @ written, curve.states[k]
+        assert free @ system.M @ free == pytest.approx(1.0, rel=1e-4)
+        along = free * (state @ system.M @ free)
+        assert state == pytest.approx(along, abs=1e-5 * np.abs(state).max())
+    (other,) = sj.backbone(sj.condense(system), levels=4)
+    with pytest.raises(sj.InputError, match=r"backbones: have .* must be of the system"):
+        sj.write_uff(tmp_path / "b.uff", structure, system, backbones=[other])
+
+
 def test_a_bar_is_drawn_by_lines(tmp_path):
     bar = sj.build_bar([("bar", 1.0, 4)], {"wall": 0.0})
     structure = sj.Structure(bar, STEEL, width=0.01, thickness=0.01, fixed=["wall"])
