@@ -650,7 +650,11 @@ class BackboneTable(SceneTable):
         "factor and the parts of joints and bolts are computed beside the curve",
         None,
     )
-    ring_down: CountOrZero = key("cycles of free vibration that the curves are compared with", 0)
+    ring_down: CountOrZero = key(
+        "cycles of free vibration that the curves are compared with; some four at its ends are not "
+        "measured",
+        0,
+    )
     released: Literal["mode", "loads"] = key(
         "start of the free vibration: 'mode' at rest in the displacement of the highest level, "
         "'loads' in the state at the end of the loads, which must be pulses",

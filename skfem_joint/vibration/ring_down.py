@@ -158,7 +158,9 @@ def ring_down(
     curve : Backbone
         Of the mode.
     cycles : int
-        Periods of the stuck mode to follow, at least 4.
+        Periods of the stuck mode to follow, at least 4. Results have some four rows fewer: the
+        filter does not see the first half cycle and the last two whole, what begins within them is
+        left out, and a row needs the peak after its own cycle.
     steps_per_cycle : int
         Steps in each of them.
     scheme : Scheme, optional
