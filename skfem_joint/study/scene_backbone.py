@@ -158,6 +158,8 @@ def scene_backbone(
     full_at, why = _full_at(scene, system, full, mesh, progress)
     warnings += why
     released = _released(scene, system)
+    given = "rho_infinity" in scene.time.model_fields_set
+    scheme = generalized_alpha(scene.time.rho_infinity) if given else None
     models = []
     for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])
@@ -179,7 +181,8 @@ def scene_backbone(
             if scene.backbone.ring_down:
                 start = released if small is system else _released(scene, small)
                 report = partial(progress, f"{name} model, mode {curve.mode} rings down")
-                rung = _ring_down(scene, small, own, start, report)
+                steps = scene.backbone.ring_down, scene.time.steps_per_cycle, scheme
+                rung = ring_down(small, own, *steps, start, report)
                 model.ring_downs.append(rung)
                 model.curves[-1] = rung.beside(own)
                 notes = model.curves[-1].notes[len(own.notes) :]
@@ -379,15 +382,6 @@ def _of_small_model(
     up_to, slips_at = scene.backbone.up_to, curve.slips_at
     (own,) = backbone(small, (curve.mode,), levels, up_to, slips_at, report)
     return small, _of_all_points(system, small, own), notes_of(small)
-
-
-def _ring_down(
-    scene: Scene, system: System, curve: Backbone, start: State | None, report: Progress
-) -> RingDown:
-    """Free vibration of a mode."""
-    steps, given = scene.time.steps_per_cycle, "rho_infinity" in scene.time.model_fields_set
-    scheme = generalized_alpha(scene.time.rho_infinity) if given else None
-    return ring_down(system, curve, scene.backbone.ring_down, steps, scheme, start, report)
 
 
 def _doubts(model: ModelBackbone, mode: int) -> list[str]:

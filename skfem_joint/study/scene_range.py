@@ -30,7 +30,6 @@ from skfem_joint.scene import Scene
 from skfem_joint.scene.range_table import ServedRangeTable
 from skfem_joint.scene.scene import TABLES_OF_STRUCTURE
 from skfem_joint.scene.tables import AnyLoad, HarmonicLoad, MultiHarmonicLoad
-from skfem_joint.structure.model import AnyStructure
 from skfem_joint.system import system_files
 from skfem_joint.system.served import Point, Range, Served
 from skfem_joint.system.system import System
@@ -144,7 +143,8 @@ def of_scene(scene: Scene, model: System) -> System:
     return replace(placed(model, here), serves=changed)
 
 
-def range_model(served: ServedScene, folder: Path | None = None) -> System:
+@lru_cache(maxsize=1)
+def range_model(served: ServedScene, folder: Path | None) -> System:
     """Reduced model for a range: loaded from a folder, or made and saved there.
 
     The latest one stays in the memory of the process.
@@ -154,11 +154,6 @@ def range_model(served: ServedScene, folder: Path | None = None) -> System:
     InputError, ConvergenceError
         As `reduce`; InputError if the file in the folder is damaged.
     """
-    return _kept(served, folder)
-
-
-@lru_cache(maxsize=1)
-def _kept(served: ServedScene, folder: Path | None) -> System:
     path = None if folder is None else served.file(folder)
     if path is not None and path.exists():
         return system_files.load(path)
@@ -172,22 +167,14 @@ def _kept(served: ServedScene, folder: Path | None) -> System:
     return model
 
 
-@dataclass(frozen=True)
-class Middle:
-    """Structure and full system in the middle of a range.
-
-    All scenes of the range have the same, but for the size of limits and loads.
-    """
-
-    structure: AnyStructure
-    system: System
-
-
 @lru_cache(maxsize=1)
-def structure_of(served: ServedScene) -> Middle:
-    """What all scenes of a range have in common, kept in the memory of the process."""
-    structure, system = served.middle.structure(), served.middle.system()
-    return Middle(structure, system)
+def middle_of(served: ServedScene) -> Scene:
+    """Scene in the middle of a range, kept in the memory of the process.
+
+    All scenes of the range have its structure and full system, but for the size of limits and
+    loads.
+    """
+    return served.middle
 
 
 def make_missing(scenes: Iterable[Scene], folder: Path, progress: Progress = silent) -> int:

@@ -44,7 +44,7 @@ from skfem_joint.study.description import description_of
 from skfem_joint.study.models import finer_mesh, model_of, origin_of, plan_of, with_friction
 from skfem_joint.study.range_choice import choose_in_range
 from skfem_joint.study.results import Failure, Model, Study
-from skfem_joint.study.scene_range import served_scene, structure_of
+from skfem_joint.study.scene_range import middle_of, served_scene
 from skfem_joint.study.summary import violated
 from skfem_joint.system.system import System
 
@@ -112,9 +112,9 @@ def run_models(
     in_range = None if served is None else choose_in_range(scene, served, folder, progress)
     point = in_range if in_range is not None and in_range.model is not None else None
     if not described and served and point and scene.models.run == ("reduced",):
-        middle = structure_of(served)
-        notes = (*middle.system.notes, *point.notes)
-        study = Study(point.scene, middle.structure, middle.system, notes=notes)
+        middle = middle_of(served)
+        notes = (*middle.system().notes, *point.notes)
+        study = Study(point.scene, middle.structure(), middle.system(), notes=notes)
         return _with_models(study, point, None, progress, None, "")
     scene, left_out = with_friction(scene)
     origin = "" if checkpoints is None else origin_of(scene)

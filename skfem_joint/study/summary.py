@@ -132,12 +132,13 @@ def _friction_energy(run: Run) -> dict[str, float]:
 
 def _joint_loop(loops: Loops, joint: int) -> dict[str, float | None]:
     """Results of a joint's loop, in the last cycle or the whole run; see `Loops`."""
-    stiffness = float(loops.secant_stiffness[joint])
-    return {
-        "largest_force_N": float(np.abs(loops.force[:, joint]).max()),
-        "secant_stiffness_N_per_m": stiffness if np.isfinite(stiffness) else None,
-        "loop_area_J": float(loops.area[joint]),
-    }
+    return known(
+        {
+            "largest_force_N": float(np.abs(loops.force[:, joint]).max()),
+            "secant_stiffness_N_per_m": float(loops.secant_stiffness[joint]),
+            "loop_area_J": float(loops.area[joint]),
+        }
+    )
 
 
 def _loads(run: Run) -> dict[str, dict[str, float | None]] | None:
@@ -146,12 +147,12 @@ def _loads(run: Run) -> dict[str, dict[str, float | None]] | None:
     if loops is None:
         return None
     works = run.cycles.input[-1] if len(run.cycles.input) else run.input_work
-    rows = zip(run.system.loads, works.tolist(), loops.load_secant_stiffness, strict=True)
+    stiffnesses = loops.load_secant_stiffness.tolist()
+    rows = zip(run.system.loads, works.tolist(), stiffnesses, strict=True)
     return {
-        load.on or f"load_{k}": {
-            "loop_energy_J": work,
-            "secant_stiffness_N_per_m": float(stiffness) if np.isfinite(stiffness) else None,
-        }
+        load.on or f"load_{k}": known(
+            {"loop_energy_J": work, "secant_stiffness_N_per_m": stiffness}
+        )
         for k, (load, work, stiffness) in enumerate(rows)
     }
 

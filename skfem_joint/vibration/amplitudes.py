@@ -21,9 +21,8 @@ from numpy.typing import ArrayLike
 
 from skfem_joint.ground.arrays import FloatArray, as_real
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.power_density import GRAVITY
 
-#: Standard acceleration of gravity, m/s².
-GRAVITY = 9.80665
 #: Largest change of a level from one try to the next before there are levels on both sides of a
 #: value, as a logarithm.
 STEP = 1.0

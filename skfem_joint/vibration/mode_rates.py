@@ -12,8 +12,7 @@ one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import sparse
@@ -23,8 +22,6 @@ from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.system.sensitivity import SystemSensitivity
 from skfem_joint.system.system import System
-
-Solver = Callable[[FloatArray], FloatArray]
 
 #: Relative change of the shape at which the iteration ends, and most iterations.
 SETTLED, MOST = 1e-11, 500
@@ -110,20 +107,14 @@ def _higher(stuck: Stuck, value: float, shapes: FloatArray, right: FloatArray) -
         return np.zeros_like(right)
     solve, shift = stuck.solver
     Y, right = stuck.F.T @ shapes, stuck.F.T @ right
-    return np.asarray(stuck.F @ _fixed_point(solve, stuck.M, value + shift, Y, right))
-
-
-def _fixed_point(
-    solve: Callable[[FloatArray], Any], M: Matrix, value: float, Y: FloatArray, right: FloatArray
-) -> FloatArray:
-    MY = M @ Y
+    MY, value = stuck.M @ Y, value + shift
     right = right - MY @ (Y.T @ right)
     x = np.zeros_like(right)
     for _ in range(MOST):
-        before, x = x, np.asarray(solve(right + value * (M @ x)))
+        before, x = x, np.asarray(solve(right + value * (stuck.M @ x)))
         x -= Y @ (MY.T @ x)
         if np.abs(x - before).max() <= SETTLED * np.abs(x).max():
-            return x
+            return np.asarray(stuck.F @ x)
     raise ConvergenceError(
         f"the derivative of a mode's shape was not found in {MOST} iterations: higher modes lie "
         "near it in frequency"

@@ -205,7 +205,8 @@ def ring_down(
     again = replace(some.finer(2), save=Save())
     finer = integrate_plan(unloaded, again, initial=initial, progress=progress).finished()
     ours = _decay(run.point("modal")[: some.n_steps + 1], some)
-    energy = _energies(system, run)
+    states = zip(run.u, run.v, run.sigma, run.limits, strict=True)
+    energy = np.array([system.stored_energy(*state) for state in states])
     second_order = dict.fromkeys(("frequency", "damping_ratio"), extrapolation(2.0**2))
     return RingDown(
         *decay,
@@ -232,12 +233,6 @@ def _doubts(mode: int, decay: _Decay, energy: FloatArray, period: float) -> tupl
         f"ratio is {decay.damping_ratio.min():.3g} to {decay.damping_ratio.max():.3g}): what it "
         "may exchange with them is not its own damping. Release the mode itself.",
     )
-
-
-def _energies(system: System, run: Run) -> FloatArray:
-    """Energy of a system at each stored frame of its run, (frames,), J."""
-    states = zip(run.u, run.v, run.sigma, run.limits, strict=True)
-    return np.array([system.stored_energy(*state) for state in states])
 
 
 def _in_range(

@@ -106,7 +106,7 @@ def test_a_scene_outside_has_a_model_of_its_own_and_says_so(rows):
 
 def test_a_sweep_taken_up_again_loads_the_model(rows, folder):
     file = served_scene(INSIDE[0]).file(folder)
-    scene_range._kept.cache_clear()
+    scene_range.range_model.cache_clear()
     made, new = file.stat().st_mtime_ns, scene(0.7, 160e3, 2000.0)
     again = swept([*INSIDE, new], folder)
     assert file.stat().st_mtime_ns == made
