@@ -91,6 +91,12 @@ def response_loads(scene: Scene) -> Iterator[str]:
             f"These loads are multiplied by the levels {levels}, and their first frequency goes "
             f"from {band.from_:g} to {band.to:g} Hz; each vibration is steady."
         )
+        if scene.response.sweep_rates:
+            rates = ", ".join(f"{rate:g}" for rate in scene.response.sweep_rates)
+            yield (
+                f"Beside them sines are swept up and down through these frequencies, from rest, at "
+                f"{rates} octaves a minute."
+            )
 
 
 #: Points of a density that are told, the first and the last among them.

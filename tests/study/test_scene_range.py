@@ -13,7 +13,6 @@ import skfem_joint as sj
 from skfem_joint.ground.rows import Rows
 from skfem_joint.output.damping import write_response
 from skfem_joint.scene import Scene
-from skfem_joint.study import scene_range
 from skfem_joint.study.scene_range import of_scene, point_of, range_model, served_scene
 from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
 from skfem_joint.study.study import run_scene
@@ -106,7 +105,7 @@ def test_a_scene_outside_has_a_model_of_its_own_and_says_so(rows):
 
 def test_a_sweep_taken_up_again_loads_the_model(rows, folder):
     file = served_scene(INSIDE[0]).file(folder)
-    scene_range.range_model.cache_clear()
+    range_model.cache_clear()
     made, new = file.stat().st_mtime_ns, scene(0.7, 160e3, 2000.0)
     again = swept([*INSIDE, new], folder)
     assert file.stat().st_mtime_ns == made
