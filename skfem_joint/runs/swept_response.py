@@ -108,20 +108,27 @@ def swept_response(
     check("swept_response: steps_per_cycle", steps_per_cycle, at_least(FEWEST_STEPS))
     if not system.points:
         raise InputError("swept_response: nothing is observed; name a point")
+    if np.shape(frequencies) != (2,):
+        raise InputError("swept_response: frequencies: must be two, the first and the last one")
     first, last = frequencies
     loads = swept_loads(system, first, last, rate, level)
     signed = rate if last > first else -rate
     growth = np.log(2.0) / 60.0 * signed
-    end = np.log(last / first) / growth
+    # So many cycles after its beginning the sine is at t: first (exp(growth t) - 1) / growth.
+    cycles = np.arange(int((last - first) / growth * (1.0 + 1e-12)) + 1)
+    if cycles.size < 2:
+        raise InputError(
+            f"swept_response: rate: found {rate:g} octaves a minute, at which the sweep is over "
+            "within a cycle; give a lower one"
+        )
+    ends = np.log1p(growth * cycles / first) / growth
     step = 1.0 / (max(frequencies) * steps_per_cycle)
-    plan = Plan(step, int(np.ceil(end / step)), generalized_alpha(RHO_INFINITY))
+    count = int(np.ceil(np.log(last / first) / growth / step))
+    plan = Plan(step, count, generalized_alpha(RHO_INFINITY))
     swept = replace(system, loads=loads)
     run = integrate_plan(swept, plan, progress=progress).finished()
-    # So many cycles after its beginning the sine is at t: first (exp(growth t) - 1) / growth.
-    cycles = np.arange(int(first * np.expm1(growth * end) / growth * (1.0 + 1e-12)) + 1)
-    ends = np.log1p(growth * cycles / first) / growth
-    rows = np.searchsorted(run.times, ends[:-1])
-    high, low = (f.reduceat(run.point_u, rows, axis=0) for f in (np.maximum, np.minimum))
+    *rows, end = np.searchsorted(run.times, ends).tolist()
+    high, low = (f.reduceat(run.point_u[:end], rows, axis=0) for f in (np.maximum, np.minimum))
     middle = 0.5 * (ends[:-1] + ends[1:])
     return SweptResponse(level, signed, first * np.exp(growth * middle), 0.5 * (high - low))
 

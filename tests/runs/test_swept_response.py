@@ -122,6 +122,8 @@ def test_wrong_arguments_are_refused():
         ("rate", system, ((25.0, 45.0), -1.0)),
         ("last_frequency: found 25, must differ", system, ((25.0, 25.0), 1.0)),
         ("level: found 0", system, ((25.0, 45.0), 1.0, 0.0)),
+        ("must be two", system, ((25.0, 35.0, 45.0), 1.0)),
+        ("the sweep is over within a cycle", system, ((25.0, 26.0), 1e4)),
         ("nothing is observed", replace(system, points=(), P=np.zeros((0, 1))), ((25.0, 45.0), 1)),
         (
             "load on 'mass': found Versine, must be Harmonic",
