@@ -600,8 +600,8 @@ class ResponseTable(SceneTable):
         (),
     )
     sweep_rates: TomlList[Positive] = key(
-        "rates in octaves per minute of swept sines, up and down, whose largest amplitudes in each "
-        "cycle stand beside the curves; for harmonic loads in phase",
+        "rates of swept sines, octaves/min; through the frequencies up and down, their largest "
+        "amplitudes in each cycle stand beside the curves; for harmonic loads in phase",
         (),
     )
 
