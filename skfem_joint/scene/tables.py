@@ -623,13 +623,11 @@ class AmplitudesTable(SceneTable):
 
     @model_validator(mode="after")
     def _one_quantity(self) -> Self:
-        given = [
-            name for name in type(self).model_fields if name != "point" and getattr(self, name)
-        ]
-        if len(given) != 1:
-            quantities = ", ".join(name for name in type(self).model_fields if name != "point")
-            found = " and ".join(given) or "none"
-            raise mistake(f"found {found}, must be exactly one of {quantities}")
+        names = [name for name in type(self).model_fields if name != "point"]
+        found = [name for name in names if getattr(self, name)]
+        if len(found) != 1:
+            said = " and ".join(found) or "none"
+            raise mistake(f"found {said}, must be exactly one of {', '.join(names)}")
         return self
 
 

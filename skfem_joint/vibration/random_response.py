@@ -168,9 +168,10 @@ def random_response(
     """
     check("random_response: duration", duration, POSITIVE)
     _check_curves(system, curves)
-    pairs = list(zip(_chosen(system, psd, load), _densities(psd), strict=True))
-    names = " and ".join(acting.on for acting, _ in pairs)
-    loads = [_random_load(*pair, unit) for pair in pairs]
+    acting = _chosen(system, psd, load)
+    names = " and ".join(each.on for each in acting)
+    given: Any = psd if _are_several(psd) else [psd]
+    loads = [_random_load(*pair, unit) for pair in zip(acting, given, strict=True)]
     push = np.array([[float(curve.shape @ each.vector) for curve in curves] for each in loads])
     # No mode of unit mass is pushed by more than the root of vector M^-1 vector.
     mass = system.M.diagonal()
@@ -183,14 +184,10 @@ def random_response(
     curves = [curve for curve, some in zip(curves, moves, strict=True) if some]
     works = [curve.friction_work for curve in curves]
     modes = [mode_curve(system, *pair) for pair in zip(curves, works, strict=True)]
-    forces = [
-        AddedDensities(
-            tuple(
-                load.density.scaled(p**2) for load, p, some in zip(loads, *of, strict=True) if some
-            )
-        )
-        for of in zip(push.T[moves], moved.T[moves], strict=True)
-    ]
+    forces = []
+    for each, some in zip(push.T[moves], moved.T[moves], strict=True):
+        parts = zip(loads, each.tolist(), some.tolist(), strict=True)
+        forces.append(AddedDensities(tuple(a.density.scaled(p**2) for a, p, acts in parts if acts)))
     overlap = _overlaps(system, curves)
     found = joined_modes(modes, forces, overlap)
     coarse = joined_modes([mode.every_second() for mode in modes], forces, overlap)
@@ -256,11 +253,6 @@ def _are_several(psd: Any) -> bool:
     return isinstance(psd, list | tuple) and all(map(is_one, psd))
 
 
-def _densities(psd: Any) -> list[PowerDensity]:
-    """Density of each load that has one."""
-    return [PowerDensity.of(each) for each in (psd if _are_several(psd) else [psd])]
-
-
 def _chosen(system: System, psd: Any, name: str | None) -> list[AppliedLoad]:
     """Loads of a system that have densities; InputError if there are none, or others than these."""
     names = [load.on for load in system.loads]
@@ -281,12 +273,13 @@ def _chosen(system: System, psd: Any, name: str | None) -> list[AppliedLoad]:
     return chosen
 
 
-def _random_load(load: AppliedLoad, density: PowerDensity, unit: str) -> RandomLoad:
+def _random_load(load: AppliedLoad, psd: Any, unit: str) -> RandomLoad:
     """Load with its density in SI."""
     vector = load.vector
     if isinstance(load.amplitude, Scaled):
         vector = load.amplitude.factor * vector
-    return RandomLoad(vector, density.scaled(_factor(load, unit)), load.carried)
+    density = PowerDensity.of(psd).scaled(_factor(load, unit))
+    return RandomLoad(vector, density, load.carried)
 
 
 def _factor(load: AppliedLoad, unit: str) -> float:
