@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from skfem_joint.ground.arrays import FloatArray, as_real
 from skfem_joint.ground.errors import InputError, refuse
-from skfem_joint.ground.load_tables import read_pairs
+from skfem_joint.ground.text_tables import read_pairs
 
 #: Standard acceleration of gravity, m/s².
 GRAVITY = 9.80665

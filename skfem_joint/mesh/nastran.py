@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from skfem_joint.ground.arrays import IntArray
-from skfem_joint.ground.bulk_data import Entry, entries, real, whole
 from skfem_joint.ground.files import read_whole
+from skfem_joint.matrix_files.bulk_data import Entry, entries, real, whole
 from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.decks.elements import FORMS
 from skfem_joint.mesh.decks.sets import FARTHEST, Numbering

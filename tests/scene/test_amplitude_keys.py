@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 
 import skfem_joint as sj
-from skfem_joint.ground.load_tables import read_table
 from skfem_joint.ground.loads import Amplitude, Function, as_amplitude, common_period
+from skfem_joint.ground.text_tables import read_table
 
 PEAK, RISE, START = -87.5e3, 4e-5, 1.3e-4
 IMPULSES: list[Amplitude] = [
