@@ -209,8 +209,8 @@ def test_a_plain_function_of_time_is_a_force(function):
         (lambda: sj.Rectangle(1.0, -2.0), ["duration"]),
         (lambda: sj.Table([0.0, 0.0, 1.0], [0.0, 1.0, math.nan]), ["times[1]", "forces[2]"]),
         (lambda: sj.Table([0.0, 2.0, 1.0], [0.0, 1.0, 2.0]), ["times[2]"]),
-        (lambda: sj.Table([0.0], [0.0]), ["times, forces"]),
-        (lambda: sj.Table([0.0, 1.0], [0.0]), ["times, forces"]),
+        (lambda: sj.Table([0.0], [0.0]), ["times"]),
+        (lambda: sj.Table([0.0, 1.0], [0.0]), ["times"]),
     ],
 )
 def test_arguments_out_of_range_are_refused_by_name(make, names):
