@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import io
 import logging
+import math
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
 from skfem_joint.ground.loads import Table
@@ -135,6 +137,72 @@ def column_units(
             units[name] = unit or None
     refuse(problems)
     return units
+
+
+def read_columns(
+    path: Path,
+    units_of: Callable[[Sequence[str], str], dict[str, str | None]],
+    may_lack: Container[str],
+    example: str,
+) -> tuple[dict[str, FloatArray], dict[str, str | None], IntArray, str]:
+    """Columns of a text file (UTF-8) whose first line names them.
+
+    Parameters
+    ----------
+    path : Path
+    units_of : callable
+        Units of the columns by their names, from the names with units and the place for messages.
+    may_lack : container of str
+        Columns of which cells may be empty.
+    example : str
+        First line of such a file, for messages.
+
+    Returns
+    -------
+    columns : dict of str to ndarray, shape (k,)
+        In their units; nan where cells are empty.
+    units : dict of str to str or None
+        None for a column without a unit.
+    lines : ndarray of int, shape (k,)
+        Line of each row.
+    content : str
+        Text of the file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has other columns, or cells are no numbers. The message names the
+        file and the lines.
+    """
+    content, rows = read_rows(path)
+    if "\0" in content:
+        raise InputError(f"{path}: holds no text, must be a table of text (CSV) in UTF-8")
+    number, text, names = next(rows, (0, "", list[str]()))
+    if not names:
+        raise InputError(f"{path}: found no columns, must begin with their names, as in {example}")
+    if any(number_in(cell) is not None for cell in names):
+        raise InputError(
+            f"{path}: line {number}: found {text[:60]!r}, must be the names of the columns, as in "
+            f"{example}"
+        )
+    units = units_of(names, f"{path}: line {number}")
+    mistakes, values, numbers = Mistakes(path), array("d"), array("q")
+    for number, _, cells in rows:
+        place = f"{path}: line {number}"
+        if len(cells) != len(units):
+            mistakes.append(f"{place}: found {len(cells)} columns, must be {len(units)}")
+        elif any(cells):  # spreadsheets leave empty rows at the end
+            for name, cell in zip(units, cells, strict=True):
+                value = number_in(cell or "nan")
+                if value is None or (not cell and name not in may_lack):
+                    hint = "; decimals have a point, as in 0.5" if "," in cell else ""
+                    found = f"{place}: {name}: found {cell[:60]!r}"
+                    mistakes.append(f"{found}, must be a number{hint}")
+                values.append(math.nan if value is None else value)
+            numbers.append(number)
+    mistakes.refuse()
+    columns = dict(zip(units, np.reshape(values, (-1, len(units))).T, strict=True))
+    return columns, units, np.array(numbers, dtype=np.intp), content
 
 
 class Mistakes(list[str]):
