@@ -24,3 +24,9 @@ def _numbers_are_printed_as_numpy_does() -> Iterator[None]:
     options = np.get_printoptions()
     yield
     np.set_printoptions(**options)
+
+
+@pytest.fixture
+def few_may_move(monkeypatch):
+    """Steps work on the points that move, however few unknowns a model has."""
+    monkeypatch.setattr("skfem_joint.minimise.moving.FEWEST", 0)

@@ -17,8 +17,8 @@ from hypothesis.extra import numpy as arrays
 from joint_scenes import bar_scene, joint, lap_joint
 
 from skfem_joint import cli
-from skfem_joint.ground.array_files import fingerprint
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.plain_values import fingerprint
 from skfem_joint.ground.rows import HEADER, Rows
 from skfem_joint.study import error_time as et
 from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response

@@ -10,8 +10,8 @@ import pytest
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.ground.array_files import fingerprint
 from skfem_joint.ground.loads import Scaled
+from skfem_joint.ground.plain_values import fingerprint
 
 TIMES = np.linspace(0.0, 2e-3, 7)
 SHAPES = [

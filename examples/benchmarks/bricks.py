@@ -9,9 +9,7 @@ supports, and the load node by node. Its program ``ccx`` must be installed (on D
 ``apt-get install calculix-ccx``).
 """
 
-import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,16 +21,15 @@ from scipy.sparse.linalg import spsolve
 from skfem import MeshHex
 
 import skfem_joint as sj
-from benchmarks import head, row
-from benchmarks.calculix import MISSING, forces, numbered
+from benchmarks import head, inp, row
+from benchmarks.calculix import MISSING, forces
+from skfem_joint.mesh import named
 
 STEEL = sj.Material(E=200e9, density=7800.0, poisson=0.3)
 SIZE = np.array([0.3, 0.03, 0.01])
 MESHES = ((30, 3, 1), (60, 6, 2), (15, 3, 2))
 #: CalculiX's element and our choice.
 KINDS = {"C3D8": {"incompatible": False}, "C3D8I": {}}
-#: Corners of scikit-fem's hexahedron in CalculiX's order.
-CORNERS = (0, 3, 6, 2, 1, 5, 7, 4)
 MODES = 6
 
 
@@ -62,20 +59,16 @@ def by_this_package(mesh, options):
 
 def by_calculix(mesh, kind, given, folder):
     """The same by CalculiX."""
-    lines = ["*NODE, NSET=ALL", *numbered(mesh.p.T)]
-    lines += [f"*ELEMENT, TYPE={kind}, ELSET=BEAM", *numbered(mesh.t[list(CORNERS)].T + 1)]
-    lines += ["*NSET, NSET=LEFT", *(f"{k + 1}" for k in np.flatnonzero(mesh.p[0] < 1e-9))]
+    lines = inp.deck(named(mesh), (), types={"hexahedron": (kind,)})
+    lines += ["*NSET, NSET=ALL, GENERATE", f"1, {mesh.nvertices}"]
     lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", f"{STEEL.E}, {STEEL.poisson}"]
-    lines += ["*DENSITY", f"{STEEL.density}", "*SOLID SECTION, ELSET=BEAM, MATERIAL=STEEL"]
-    lines += ["*BOUNDARY", "LEFT, 1, 3"]
+    lines += ["*DENSITY", f"{STEEL.density}", "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL"]
+    lines += ["*BOUNDARY", "left, 1, 3"]
     lines += ["*STEP", "*STATIC", *forces(given), "*NODE PRINT, NSET=ALL", "U", "*END STEP"]
     lines += ["*STEP", "*FREQUENCY", f"{MODES}", "*END STEP"]
-    (folder / "beam.inp").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    subprocess.run(["ccx", "beam"], cwd=folder, capture_output=True, check=True)
-    static, _, found = (folder / "beam.dat").read_text().partition("E I G E N V A L U E")
+    static, frequencies = inp.by_calculix(lines, folder)
     moved = np.loadtxt(static.strip().splitlines()[1:])[:, 1:]
-    values = re.findall(r"^\s+\d+\s+\S+\s+\S+\s+(\S+)\s+\S+\s*$", found, re.MULTILINE)
-    return float(np.sum(given * moved)), np.array(values[:MODES], dtype=float)
+    return float(np.sum(given * moved)), frequencies[:MODES]
 
 
 def main():

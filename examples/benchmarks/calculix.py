@@ -33,7 +33,7 @@ sys.path[:0] = [str(ROOT / "examples"), str(ROOT / "meshes")]
 import numpy as np
 from make_meshes import solid_lap_joint
 
-from benchmarks import head, row
+from benchmarks import head, inp, row
 from benchmarks.contact import FULL, WAYS, bolted, loop
 from skfem_joint.joint.clamps import clamp_forces
 
@@ -51,8 +51,6 @@ MESHES = {
 SHARES = (0.3, 0.6, 0.9)
 #: Longest run of CalculiX, s.
 LIMIT = 4 * 3600.0
-#: Corners of the sides of a tetrahedron in CalculiX, in its order.
-SIDES = ((0, 1, 2), (0, 3, 1), (1, 3, 2), (2, 3, 0))
 
 
 def numbered(values):
@@ -62,15 +60,9 @@ def numbered(values):
 
 def surface(structure, name):
     """Sides of tetrahedra on a boundary, as lines."""
-    mesh = structure.mesh.mesh
-    facets = structure.mesh.boundaries[name]
-    lines = [f"*SURFACE, NAME={name}, TYPE=ELEMENT"]
-    for element, facet in zip(mesh.f2t[0, facets], facets, strict=True):
-        corners = mesh.t[:, element].tolist()
-        on = [corners.index(k) for k in mesh.facets[:, facet]]
-        (side,) = (k for k, each in enumerate(SIDES, 1) if set(each) == set(on))
-        lines.append(f"{element + 1}, S{side}")
-    return lines
+    mesh = structure.mesh
+    found = inp.sides(mesh, name, inp.model(mesh, 1)[1])
+    return [f"*SURFACE, NAME={name}, TYPE=ELEMENT", *(f"{e + 1}, S{side}" for e, side, _ in found)]
 
 
 def forces(values):

@@ -264,31 +264,39 @@ def _good(stated, true):
     return GOOD[0] * true <= stated <= GOOD[1] * true
 
 
+def _spread(ratios):
+    """Number of ratios of stated to true errors, and the shares that are good, below and above."""
+    found = np.asarray(ratios)
+    below, above = found < GOOD[0], found > GOOD[1]
+    yield found.size
+    yield from (_percent(np.sum(some), found.size) for some in (~(below | above), below, above))
+
+
+def _doubtful(rows, least):
+    """Number of errors above a least one whose truth is in doubt."""
+    return sum(
+        (row.true.get(name) or 0.0) > least and not row.is_sure(name)
+        for row in rows
+        for name in QUANTITIES
+    )
+
+
 def _counts(rows):
     """Cells of a line of the table."""
     scenes = [pairs for row in rows if (pairs := row.pairs())]
-    ratios = np.array([a / b for pairs in scenes for _, a, b in pairs])
+    ratios = [a / b for pairs in scenes for _, a, b in pairs]
     small = [(a, b) for row in rows for _, a, b in row.pairs(SMALL, JUDGED)]
     large = [a / b for row in rows for _, a, b in row.pairs(LARGE)]
-    doubtful = [
-        name
-        for row in rows
-        for name in QUANTITIES
-        if (row.true.get(name) or 0.0) > JUDGED and not row.is_sure(name)
-    ]
     whole = sum(all(_good(a, b) for _, a, b in pairs) for pairs in scenes)
     return [
         len(rows),
         sum(bool(row.refused) for row in rows),
-        ratios.size,
-        _percent(np.sum((ratios >= GOOD[0]) & (ratios <= GOOD[1])), ratios.size),
-        _percent(np.sum(ratios < GOOD[0]), ratios.size),
-        _percent(np.sum(ratios > GOOD[1]), ratios.size),
+        *_spread(ratios),
         f"{_percent(whole, len(scenes))} of {len(scenes)}",
         f"{_percent(sum(_good(*pair) for pair in small), len(small))} of {len(small)}",
         f"{sum(ratio < BAD for ratio in large)} of {len(large)}",
         f"{min(large):.2f}" if large else "-",
-        len(doubtful),
+        _doubtful(rows, JUDGED),
     ]
 
 
@@ -325,25 +333,15 @@ def meshes(rows: list[Row]) -> list[str]:
     for kind in [*dict.fromkeys(row.kind for row in rows), "all"]:
         of = [row for row in rows if kind in (row.kind, "all")]
         pairs = [pair for row in of for pair in row.pairs(COARSE)]
-        ratios = np.array([a / b for _, a, b in pairs])
         energy = [_good(a, b) for name, a, b in pairs if name == "friction_energy"]
-        doubtful = [
-            name
-            for row in of
-            for name in QUANTITIES
-            if (row.true.get(name) or 0.0) > COARSE and not row.is_sure(name)
-        ]
         cells = [
             len(of),
             sum(bool(row.refused) for row in of),
             sum(not row.refused and not row.stated for row in of),
-            ratios.size,
-            _percent(np.sum((ratios >= GOOD[0]) & (ratios <= GOOD[1])), ratios.size),
-            _percent(np.sum(ratios < GOOD[0]), ratios.size),
-            _percent(np.sum(ratios > GOOD[1]), ratios.size),
+            *_spread([a / b for _, a, b in pairs]),
             len(energy),
             _percent(sum(energy), len(energy)),
-            len(doubtful),
+            _doubtful(of, COARSE),
         ]
         lines.append(_cells([kind, *cells]))
     return lines

@@ -38,13 +38,13 @@ class FineCurve:
     damping_band: FloatArray
 
 
-def fine_curves(fit: Fit, count: int = COUNT) -> list[FineCurve]:
+def fine_curves(fit: Fit) -> list[FineCurve]:
     """Curves beside each measured one, in its range as far as the structure reaches.
 
     InputError and ConvergenceError as `FitModel.predict`.
     """
     problem, fine = fit.problem, []
-    places = [_amplitudes(curve, count) for curve in problem.curves]
+    places = [_amplitudes(curve) for curve in problem.curves]
     found = problem.predict(fit.vector, [displacement for _, displacement in places])
     for k, (predicted, (amplitude, _)) in enumerate(zip(found, places, strict=True)):
         values = [problem.beside(k, name, predicted, fit.vector)[0] for name in QUANTITIES]
@@ -53,9 +53,9 @@ def fine_curves(fit: Fit, count: int = COUNT) -> list[FineCurve]:
     return fine
 
 
-def _amplitudes(curve: MeasuredCurve, count: int) -> tuple[FloatArray, FloatArray]:
+def _amplitudes(curve: MeasuredCurve) -> tuple[FloatArray, FloatArray]:
     """Amplitudes in equal ratios over the range of a curve, and their displacements (m)."""
     known, place = np.unique(np.log(curve.amplitude), return_inverse=True)
     mean = np.bincount(place, np.log(curve.displacement)) / np.bincount(place)
-    wanted = np.linspace(known[0], known[-1], count if known.size > 1 else 1)
+    wanted = np.linspace(known[0], known[-1], COUNT if known.size > 1 else 1)
     return np.exp(wanted), np.exp(np.interp(wanted, known, mean))

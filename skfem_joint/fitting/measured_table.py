@@ -11,7 +11,6 @@ from __future__ import annotations
 import io
 import math
 import re
-from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -27,7 +26,7 @@ from skfem_joint.ground.text_tables import (
     column_units,
     number_in,
     plain_unit,
-    read_rows,
+    read_columns,
 )
 from skfem_joint.scene.messages import mistake, sentences
 from skfem_joint.scene.values import Count, Positive, SceneTable, has_no_repeats, key
@@ -105,35 +104,7 @@ def read_samples(path: Path) -> Samples:
         If it cannot be read, has other columns or keys, or cells are no numbers. The message names
         the file and the lines.
     """
-    content, rows = read_rows(path)
-    if "\0" in content:
-        raise InputError(f"{path}: holds no text, must be a table of text (CSV) in UTF-8")
-    number, text, names = next(rows, (0, "", list[str]()))
-    if not names:
-        raise InputError(f"{path}: found no columns, must begin with their names, as in {_EXAMPLE}")
-    if any(number_in(cell) is not None for cell in names):
-        raise InputError(
-            f"{path}: line {number}: found {text[:60]!r}, must be the names of the columns, as in "
-            f"{_EXAMPLE}"
-        )
-    units = _units_of(names, f"{path}: line {number}")
-    mistakes, values, numbers = Mistakes(path), array("d"), array("q")
-    for number, _, cells in rows:
-        place = f"{path}: line {number}"
-        if len(cells) != len(units):
-            mistakes.append(f"{place}: found {len(cells)} columns, must be {len(units)}")
-        elif any(cells):  # spreadsheets leave empty rows at the end
-            for name, cell in zip(units, cells, strict=True):
-                value = number_in(cell or "nan")
-                if value is None or (not cell and name not in _MAY_LACK):
-                    hint = "; decimals have a point, as in 0.5" if "," in cell else ""
-                    found = f"{place}: {name}: found {cell[:60]!r}"
-                    mistakes.append(f"{found}, must be a number{hint}")
-                values.append(math.nan if value is None else value)
-            numbers.append(number)
-    mistakes.refuse()
-    columns = dict(zip(units, np.reshape(values, (-1, len(units))).T, strict=True))
-    lines = np.array(numbers, dtype=np.intp)
+    columns, units, lines, content = read_columns(path, _units_of, _MAY_LACK, _EXAMPLE)
     return Samples(str(path), columns, units, "line", lines, [*_stated(path, content)])
 
 

@@ -2,7 +2,8 @@
 
 Before memory is taken for an array, the size that the file states is compared with the bytes that
 it has. Indices of a sparse matrix are compared with its shape before compiled code uses them, which
-would read and write anywhere. Nothing that can run code is loaded.
+would read and write anywhere. Nothing that can run code is loaded. Compiled libraries for other
+formats follow what a file says, and a damaged one could end this process: they read in another.
 """
 
 from __future__ import annotations
@@ -12,14 +13,15 @@ import logging
 import math
 import re
 import struct
+import subprocess
+import sys
+import tempfile
 import tokenize
 import warnings
 import zipfile
 import zlib
 from array import array
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from hashlib import sha256
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -30,6 +32,7 @@ from scipy import sparse
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import LARGEST, LARGEST_TABLE, UNFINISHED_LINE, read_whole
+from skfem_joint.ground.processes import SAFE_PATH
 from skfem_joint.ground.text_tables import rows_of
 
 _log = logging.getLogger(__name__)
@@ -175,46 +178,6 @@ def check_indices(A: Any) -> None:
         offsets = np.asarray(A.offsets, dtype=np.int64)
         if np.any((offsets <= -rows) | (offsets >= columns)) and offsets.size:
             raise ValueError(f"found a diagonal that a matrix of shape {A.shape} has not")
-
-
-def fingerprint(*parts: Any) -> str:
-    """Hexadecimal digest of numbers, texts, arrays, and dataclasses, mappings and lists of them.
-
-    Raises
-    ------
-    InputError
-        For anything else, such as plain functions of time, which cannot be distinguished.
-    """
-    digest = sha256()
-
-    def add(part: Any) -> None:
-        digest.update(type(part).__name__.encode() + b"\0")
-        if isinstance(part, np.ndarray):
-            digest.update(f"{part.dtype.str}{part.shape}".encode())
-            digest.update(np.ascontiguousarray(part).tobytes())
-        elif sparse.issparse(part):
-            rows = sparse.csr_array(part).sorted_indices()  # which others may sort in place
-            add([part.shape, rows.indptr.astype(np.int64), rows.indices.astype(np.int64)])
-            add(rows.data)
-        elif is_dataclass(part):
-            add({x.name: getattr(part, x.name) for x in fields(part) if x.compare})
-        elif isinstance(part, Mapping):
-            add([len(part), *part.items()])
-        elif isinstance(part, Sequence) and not isinstance(part, str):
-            digest.update(f"{len(part)}".encode())
-            for item in part:
-                add(item)
-        elif part is None or isinstance(part, str | bool | int | float | np.number):
-            digest.update(repr(part).encode() + b"\0")
-        else:
-            raise InputError(
-                f"checkpoint: a {type(part).__name__} cannot be told from another one; give loads "
-                "such as sj.Harmonic and sj.Table instead of plain functions of time, or go "
-                "without checkpoints"
-            )
-
-    add(parts)
-    return digest.hexdigest()
 
 
 # .npz
@@ -389,3 +352,66 @@ _READERS: Mapping[str, Callable[[bytes], _Stored]] = {
     ".mat": _mat,
     ".csv": _csv,
 }
+
+
+# In a process of its own
+
+#: Seconds for a file, and bytes beside it that the other process may take for each byte of it.
+_SECONDS, _MEMORY, _PER_BYTE = 50, 2**31, 16
+#: Status of the other process where its library is not installed.
+_MISSING = 3
+_SCRIPT = """
+import sys
+path, to, most = sys.argv[1], sys.argv[2], int(sys.argv[3])
+try:
+    import numpy as np
+    {imports}
+except ImportError:
+    sys.exit(3)
+try:
+    import resource
+    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+except ImportError:
+    pass
+arrays = {{}}
+{read}
+np.savez(to, **arrays)
+"""
+
+
+def arrays_read_apart(path: Path, imports: str, read: str, library: str, cure: str) -> dict[
+    str, np.ndarray
+]:  # fmt: skip
+    """Arrays that a few lines of Python put into the dictionary ``arrays``.
+
+    Parameters
+    ----------
+    path : Path
+        File, which the lines have as ``path``.
+    imports, read : str
+        A line that imports the library, and lines that read the file.
+    library, cure : str
+        Name of the library, and what to do where it is not installed.
+
+    Raises
+    ------
+    ValueError
+        If the library is not installed, ends with an error, or exceeds its limits.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        to = Path(folder) / "arrays.npz"
+        script = _SCRIPT.format(imports=imports, read=read)
+        most = str(_MEMORY + _PER_BYTE * path.stat().st_size)
+        command = [sys.executable, SAFE_PATH, "-c", script, str(path.resolve()), str(to), most]
+        try:
+            ended = subprocess.run(
+                command, capture_output=True, text=True, timeout=_SECONDS, check=False
+            )
+        except subprocess.TimeoutExpired as error:
+            raise ValueError(f"could not be read within {_SECONDS} s") from error
+        if ended.returncode == _MISSING:
+            raise ValueError(f"needs {library}: {cure}")
+        if ended.returncode or not to.is_file():
+            said = (ended.stderr.strip().splitlines() or ["its reader ended without a word"])[-1]
+            raise ValueError(f"{library}: {said[:200]}")
+        return npz_arrays(io.BytesIO(to.read_bytes()))

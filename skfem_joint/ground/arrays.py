@@ -1,4 +1,4 @@
-"""Types of arrays, and functions for matrices that may be dense or sparse."""
+"""Types of arrays, functions for matrices that may be dense or sparse, and a search of numbers."""
 
 from __future__ import annotations
 
@@ -113,3 +113,30 @@ def check_like(
             )
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             raise ValueError(f"{what}/{name} is not finite")
+
+
+class Numbering:
+    """Places of numbers in a list that starts at ``offset`` in a longer one."""
+
+    def __init__(self, numbers: IntArray, offset: int = 0) -> None:
+        self.order = np.argsort(numbers, kind="stable")
+        self.sorted, self.offset = numbers[self.order], offset
+
+    def places(self, numbers: IntArray) -> IntArray:
+        """Place of each number, -1 where it is not in the list."""
+        if not self.sorted.size:
+            return np.full(numbers.shape, -1, dtype=np.intp)
+        near = np.searchsorted(self.sorted, numbers).clip(max=self.sorted.size - 1)
+        return np.where(self.sorted[near] == numbers, self.order[near] + self.offset, -1)
+
+    def between(self, first: int, last: int, step: int = 1) -> IntArray:
+        """Places of those from first to last in steps."""
+        ends = np.searchsorted(self.sorted, [first, last + 1])
+        inside = slice(*ends)
+        chosen = (self.sorted[inside] - first) % step == 0
+        return np.asarray(self.order[inside][chosen] + self.offset)
+
+    def repeated(self) -> tuple[IntArray, IntArray]:
+        """Places in the list of numbers that stand in it again, and of their first ones."""
+        again = np.flatnonzero(np.diff(self.sorted) == 0)
+        return self.order[again + 1], self.order[again]

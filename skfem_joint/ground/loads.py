@@ -20,7 +20,7 @@ from scipy.optimize import minimize_scalar
 
 from skfem_joint.ground.arrays import FloatArray, as_real
 from skfem_joint.ground.errors import InputError, refuse
-from skfem_joint.ground.values import FINITE, NOT_NEGATIVE, POSITIVE, problems
+from skfem_joint.ground.values import FINITE, NOT_NEGATIVE, POSITIVE, check_columns, problems
 
 
 class Amplitude(ABC):
@@ -463,21 +463,7 @@ class Table(Amplitude):
             values = np.array(as_real(getattr(self, name), name))
             values.flags.writeable = False
             object.__setattr__(self, name, values)
-        if self.times.ndim != 1 or self.times.shape != self.forces.shape or self.times.size < 2:
-            raise InputError(
-                f"times, forces: found shapes {self.times.shape} and {self.forces.shape}, "
-                "must be two lists of one length, at least 2"
-            )
-        wrong = [
-            f"{name}[{i}]: found {values[i]}, must be finite"
-            for name, values in (("times", self.times), ("forces", self.forces))
-            for i in np.flatnonzero(~np.isfinite(values))
-        ]
-        wrong += [
-            f"times[{i + 1}]: found {self.times[i + 1]}, must be > {self.times[i]}, the time before"
-            for i in np.flatnonzero(np.diff(self.times) <= 0)
-        ]
-        refuse(wrong)
+        check_columns("", "times", "forces", self.times, self.forces)
 
     def _force(self, t: FloatArray) -> Any:
         return np.interp(t, self.times, self.forces, left=0.0, right=0.0)

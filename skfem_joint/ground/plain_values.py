@@ -1,13 +1,16 @@
 """Values of the package as JSON and arrays, for files that are read without running code.
 
+A digest of them says whether they are the same.
+
 Dataclasses become their fields by name, and are made again from those: only classes that the reader
 lists are made. Tuples, lists, mappings with names, numbers and texts are what they are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -15,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint.ground.array_files import sparse_array, sparse_parts
+from skfem_joint.ground.errors import InputError
 
 #: Called with a name and an array; returns what stands for the array in JSON.
 Keep = Callable[[str, NDArray[Any]], Any]
@@ -101,3 +105,43 @@ class PlainForm:
 def _kept(kind: Any) -> list[str]:
     """Fields of a dataclass by which its values are compared."""
     return [each.name for each in fields(kind) if each.compare]
+
+
+def fingerprint(*parts: Any) -> str:
+    """Hexadecimal digest of numbers, texts, arrays, and dataclasses, mappings and lists of them.
+
+    Raises
+    ------
+    InputError
+        For anything else, such as plain functions of time, which cannot be distinguished.
+    """
+    digest = sha256()
+
+    def add(part: Any) -> None:
+        digest.update(type(part).__name__.encode() + b"\0")
+        if isinstance(part, np.ndarray):
+            digest.update(f"{part.dtype.str}{part.shape}".encode())
+            digest.update(np.ascontiguousarray(part).tobytes())
+        elif sparse.issparse(part):
+            rows = sparse.csr_array(part).sorted_indices()  # which others may sort in place
+            add([part.shape, rows.indptr.astype(np.int64), rows.indices.astype(np.int64)])
+            add(rows.data)
+        elif is_dataclass(part):
+            add({x.name: getattr(part, x.name) for x in fields(part) if x.compare})
+        elif isinstance(part, Mapping):
+            add([len(part), *part.items()])
+        elif isinstance(part, Sequence) and not isinstance(part, str):
+            digest.update(f"{len(part)}".encode())
+            for item in part:
+                add(item)
+        elif part is None or isinstance(part, str | bool | int | float | np.number):
+            digest.update(repr(part).encode() + b"\0")
+        else:
+            raise InputError(
+                f"checkpoint: a {type(part).__name__} cannot be told from another one; give loads "
+                "such as sj.Harmonic and sj.Table instead of plain functions of time, or go "
+                "without checkpoints"
+            )
+
+    add(parts)
+    return digest.hexdigest()

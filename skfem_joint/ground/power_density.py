@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skfem_joint.ground.arrays import FloatArray, as_real
-from skfem_joint.ground.errors import InputError, refuse
-from skfem_joint.ground.load_tables import read_pairs
+from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.text_tables import read_pairs
+from skfem_joint.ground.values import check_columns
 
 #: Standard acceleration of gravity, m/s².
 GRAVITY = 9.80665
@@ -39,22 +40,7 @@ class PowerDensity:
     def __post_init__(self) -> None:
         for name in ("frequencies", "values"):
             object.__setattr__(self, name, np.asarray(as_real(getattr(self, name), f"psd: {name}")))
-        f, G = self.frequencies, self.values
-        if f.ndim != 1 or f.shape != G.shape or f.size < 2:
-            raise InputError(
-                f"psd: found {f.shape} frequencies and {G.shape} values, must be two columns of "
-                "one length, at least 2: frequency in Hz and density"
-            )
-        wrong = [
-            f"psd: {name}[{k}]: found {x[k]:g}, must be > 0 and finite"
-            for name, x in (("frequencies", f), ("values", G))
-            for k in np.flatnonzero(~((x > 0.0) & np.isfinite(x)))
-        ]
-        wrong += [
-            f"psd: frequencies[{k + 1}]: found {f[k + 1]:g}, must be > {f[k]:g}, the one before"
-            for k in np.flatnonzero(~(np.diff(f) > 0.0))
-        ]
-        refuse(wrong)
+        check_columns("psd: ", "frequencies", "values", self.frequencies, self.values, 0.0)
 
     @classmethod
     def of(cls, psd: PowerDensity | ArrayLike | str | Path) -> PowerDensity:

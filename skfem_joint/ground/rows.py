@@ -27,10 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_joint import __version__
-from skfem_joint.ground.array_files import fingerprint
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import replacing
-from skfem_joint.ground.plain_values import PlainForm
+from skfem_joint.ground.plain_values import PlainForm, fingerprint
 
 T = TypeVar("T")
 

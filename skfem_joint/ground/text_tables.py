@@ -1,16 +1,22 @@
-"""Lines and cells of tables in text files (CSV), for all readers of such files."""
+"""Tables in text files (CSV): lines and cells, for all readers, and tables of two columns."""
 
 from __future__ import annotations
 
 import io
 import logging
+import math
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from array import array
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.files import LARGEST_TABLE, UNFINISHED_LINE, read_text
+from skfem_joint.ground.loads import Table
 
 _log = logging.getLogger(__name__)
 
@@ -133,6 +139,72 @@ def column_units(
     return units
 
 
+def read_columns(
+    path: Path,
+    units_of: Callable[[Sequence[str], str], dict[str, str | None]],
+    may_lack: Container[str],
+    example: str,
+) -> tuple[dict[str, FloatArray], dict[str, str | None], IntArray, str]:
+    """Columns of a text file (UTF-8) whose first line names them.
+
+    Parameters
+    ----------
+    path : Path
+    units_of : callable
+        Units of the columns by their names, from the names with units and the place for messages.
+    may_lack : container of str
+        Columns of which cells may be empty.
+    example : str
+        First line of such a file, for messages.
+
+    Returns
+    -------
+    columns : dict of str to ndarray, shape (k,)
+        In their units; nan where cells are empty.
+    units : dict of str to str or None
+        None for a column without a unit.
+    lines : ndarray of int, shape (k,)
+        Line of each row.
+    content : str
+        Text of the file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, has other columns, or cells are no numbers. The message names the
+        file and the lines.
+    """
+    content, rows = read_rows(path)
+    if "\0" in content:
+        raise InputError(f"{path}: holds no text, must be a table of text (CSV) in UTF-8")
+    number, text, names = next(rows, (0, "", list[str]()))
+    if not names:
+        raise InputError(f"{path}: found no columns, must begin with their names, as in {example}")
+    if any(number_in(cell) is not None for cell in names):
+        raise InputError(
+            f"{path}: line {number}: found {text[:60]!r}, must be the names of the columns, as in "
+            f"{example}"
+        )
+    units = units_of(names, f"{path}: line {number}")
+    mistakes, values, numbers = Mistakes(path), array("d"), array("q")
+    for number, _, cells in rows:
+        place = f"{path}: line {number}"
+        if len(cells) != len(units):
+            mistakes.append(f"{place}: found {len(cells)} columns, must be {len(units)}")
+        elif any(cells):  # spreadsheets leave empty rows at the end
+            for name, cell in zip(units, cells, strict=True):
+                value = number_in(cell or "nan")
+                if value is None or (not cell and name not in may_lack):
+                    hint = "; decimals have a point, as in 0.5" if "," in cell else ""
+                    found = f"{place}: {name}: found {cell[:60]!r}"
+                    mistakes.append(f"{found}, must be a number{hint}")
+                values.append(math.nan if value is None else value)
+            numbers.append(number)
+    mistakes.refuse()
+    columns = dict(zip(units, np.reshape(values, (-1, len(units))).T, strict=True))
+    return columns, units, np.array(numbers, dtype=np.intp), content
+
+
 class Mistakes(list[str]):
     """Sentences about lines of a file.
 
@@ -151,3 +223,65 @@ class Mistakes(list[str]):
         more = len(self) - MOST_LISTED
         rest = [f"{self.where}: and {more} more lines like these"] if more > 0 else []
         refuse([*self[:MOST_LISTED], *rest])
+
+
+def read_table(path: str | Path) -> Table:
+    """Table from a UTF-8 text file with two columns: time (s) and force (N), see `read_pairs`."""
+    return Table(*read_pairs(path, ("time", "s"), ("force", "N")))
+
+
+def head_of(path: str | Path) -> str:
+    """Names of the columns of a table of text; empty if it begins with numbers."""
+    lines = (line.partition("#")[0].strip() for line in read_text(Path(path)).splitlines())
+    first = next(filter(None, lines), "")
+    return first if number_in(re.split(r"[,;\t]", first)[0]) is None else ""
+
+
+def read_pairs(
+    path: str | Path, first: tuple[str, str], second: tuple[str, str]
+) -> tuple[FloatArray, FloatArray]:
+    """Two columns of a UTF-8 text file, of which the first one rises.
+
+    They are separated by a comma, a semicolon or a tab. Lines of two words before the first number
+    are a header. Empty lines and comments after ``#`` are left out. Numbers are at most 1e20 in
+    size, so that slopes and energies do not overflow.
+
+    Parameters
+    ----------
+    path : str or Path
+    first, second : tuple of str
+        Name and unit of each column, for messages.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or if lines are not two finite numbers, or the first ones do not
+        rise. The message names the file and the lines.
+    """
+    path = Path(path)
+    number, largest = 1, 1e20
+    rows: list[list[float]] = []
+    mistakes = Mistakes(path)
+    for number, text, cells in read_rows(path)[1]:
+        values = [number_in(cell) for cell in cells]
+        if values == [None, None] and not rows and not mistakes:  # a header
+            continue
+        match values:
+            case [float(x), float(y)] if abs(x) <= largest and abs(y) <= largest:
+                if rows and not x - rows[-1][0] >= 1.0 / largest:
+                    mistakes.append(
+                        f"{path}: line {number}: found {first[0]} {x:g}, "
+                        f"must be > {rows[-1][0]:g}, the {first[0]} before it"
+                    )
+                rows.append([x, y])
+            case _:
+                mistakes.append(
+                    f"{path}: line {number}: found {text[:60]!r}, must be two finite "
+                    f"numbers separated by a comma: {first[0]} in {first[1]}, {second[0]} in "
+                    f"{second[1]}; none larger than {largest:g}"
+                )
+    if not mistakes and len(rows) < 2:
+        mistakes.append(f"{path}: line {number}: found {len(rows)} points, must be >= 2")
+    mistakes.refuse()
+    x_column, y_column = np.array(rows).T
+    return x_column, y_column

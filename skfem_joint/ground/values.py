@@ -114,3 +114,37 @@ def check_each(where: str, values: Any, kind: Kind) -> None:
         raise InputError(f"{where}: found {values!r}, must be a list of numbers, each {kind.words}")
     for number, value in enumerate(entries):
         check(f"{where}[{number}]", value, kind)
+
+
+def check_columns(
+    where: str, first: str, second: str, x: Any, y: Any, least: float = -np.inf
+) -> None:
+    """Raise InputError unless two arrays are columns of finite numbers, of which the first rises.
+
+    Parameters
+    ----------
+    where, first, second : str
+        What messages call the table and its columns.
+    x, y : ndarray
+        The columns.
+    least : float
+        Numbers must be above this one.
+    """
+    if x.ndim != 1 or x.shape != y.shape or x.size < 2:
+        count = [column.size if column.ndim == 1 else column.shape for column in (x, y)]
+        raise InputError(
+            f"{where}{first}: found {count[0]} {first} and {count[1]} {second}, must be two "
+            "columns of one length, at least 2"
+        )
+    kind = FINITE if least < 0.0 else POSITIVE
+    wrong = [
+        problem
+        for name, column in ((first, x), (second, y))
+        for k in np.flatnonzero(~(np.isfinite(column) & (column > least)))
+        for problem in problems(f"{where}{name}[{k}]", float(column[k]), kind)
+    ]
+    wrong += [
+        f"{where}{first}[{k + 1}]: found {x[k + 1]:g}, must be > {x[k]:g}, the one before"
+        for k in np.flatnonzero(~(np.diff(x) > 0.0))
+    ]
+    refuse(wrong)

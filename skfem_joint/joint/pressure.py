@@ -31,6 +31,7 @@ from skfem_joint.ground.values import (
     POSITIVE,
     Kind,
     check,
+    check_columns,
     check_each,
     problems,
 )
@@ -57,14 +58,8 @@ class PressureTable:
     def __post_init__(self) -> None:
         check_each("pressure.positions", self.positions, FINITE)
         check_each("pressure.values", self.values, NOT_NEGATIVE)
-        positions, values = np.asarray(self.positions), np.asarray(self.values)
-        if positions.size != values.size or positions.size < 2:
-            raise InputError(
-                f"pressure: found {positions.size} positions and {values.size} values, "
-                "must be as many of each and at least two"
-            )
-        if np.any(np.diff(positions) <= 0.0):
-            raise InputError("pressure.positions: must be finite and increasing")
+        columns = np.asarray(self.positions), np.asarray(self.values)
+        check_columns("pressure.", "positions", "values", *columns)
         if self.axis is not None:
             check_each("pressure.axis", self.axis, FINITE)
         if not np.any((1.0,) if self.axis is None else self.axis):

@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from skfem_joint.ground.arrays import FloatArray, as_real
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.text_tables import LENGTHS, Mistakes, column_units, number_in, read_rows
+from skfem_joint.ground.text_tables import LENGTHS, Mistakes, column_units, read_columns
 from skfem_joint.ground.values import FINITE, NOT_NEGATIVE, POSITIVE, check, check_each
 from skfem_joint.mesh.cells import nearest_places, spot
 from skfem_joint.mesh.node_fields import node_field
@@ -27,6 +27,7 @@ from skfem_joint.mesh.node_fields import node_field
 KINDS = ("gap", "height")
 #: Columns of places of a scan.
 _PLACES = ("x", "y")
+_EXAMPLE = "'x (mm), y (mm), height (um)'"
 #: Share of the extent of a scan by which places may lie outside by round-off.
 _ROUND_OFF = 1e-9
 #: Least cosine of the angle between a face and the plane of its scan.
@@ -252,43 +253,34 @@ def read_scan(path: str | Path, **placed: Any) -> Scan:
         the file and the lines. What `Scan` refuses.
     """
     path = Path(path)
-    rows = read_rows(path)[1]
-    number, text, names = next(rows, (0, "", list[str]()))
-    wanted = "must be x, y and height or gap (x alone for plates from the side), as in x (mm), "
-    wanted += "y (mm), height (um)"
-    if not names or any(number_in(cell) is not None for cell in names):
-        found = f"line {number}: found {text[:60]!r}" if names else "found no columns"
-        raise InputError(f"{path}: {found}, the first line must name the columns: {wanted[8:]}")
-    allowed = dict.fromkeys((*_PLACES, *KINDS), LENGTHS)
-    units = column_units(names, allowed, f"{path}: line {number}")
-    kinds = [name for name in units if name in KINDS]
-    if len(kinds) != 1 or "x" not in units:
-        raise InputError(f"{path}: line {number}: found columns {', '.join(units)}, {wanted}")
-    mistakes, values, lines = Mistakes(path), list[list[float]](), list[int]()
-    for number, text, cells in rows:
-        row = [number_in(cell or "nan") for cell in cells]
-        known = dict(zip(units, row, strict=False))
-        placed_there = all(known.get(name) in FINITE for name in units if name in _PLACES)
-        value = known.get(kinds[0])
-        if len(cells) != len(units) or not placed_there or value is None or np.isinf(value):
-            mistakes.append(
-                f"{path}: line {number}: found {text[:60]!r}, must be {len(units)} numbers: "
-                f"{', '.join(units)}"
-            )
-            continue
-        values.append([float(x) for x in row if x is not None])
-        lines.append(number)
+    columns, units, lines, _ = read_columns(path, _units_of, KINDS, _EXAMPLE)
+    mistakes = Mistakes(path)
+    for name, column in columns.items():
+        for k in np.flatnonzero(np.isinf(column) | (np.isnan(column) & (name in _PLACES))):
+            found = f"{path}: line {lines[k]}: {name}: found {column[k]:g}"
+            mistakes.append(f"{found}, must be finite")
+        columns[name] = column * LENGTHS[units[name] or "m"]
     mistakes.refuse()
-    table = np.reshape(values, (-1, len(units))) * [LENGTHS[u or "m"] for u in units.values()]
-    columns = dict(zip(units, table.T, strict=True))
     places = np.column_stack([columns[name] for name in _PLACES if name in columns])
     _, first, back = np.unique(places, axis=0, return_index=True, return_inverse=True)
-    again = np.flatnonzero(first[back.ravel()] != np.arange(len(places)))
-    for k in again:
-        earlier = lines[first[back.ravel()[k]]]
-        mistakes.append(f"{path}: line {lines[k]}: has the place of line {earlier}, must be once")
+    earlier = first[back.ravel()]
+    for k in np.flatnonzero(earlier != np.arange(len(places))):
+        place = f"{path}: line {lines[k]}"
+        mistakes.append(f"{place}: has the place of line {lines[earlier[k]]}, must be once")
     mistakes.refuse()
-    return Scan(places, columns[kinds[0]], kinds[0], name=str(path), **placed)
+    (kind,) = (name for name in KINDS if name in columns)
+    return Scan(places, columns[kind], kind, name=str(path), **placed)
+
+
+def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
+    """Units of the columns of a scan by their names; InputError for others."""
+    units = column_units(texts, dict.fromkeys((*_PLACES, *KINDS), LENGTHS), where)
+    if "x" not in units or len([name for name in units if name in KINDS]) != 1:
+        raise InputError(
+            f"{where}: found columns {', '.join(units)}, must be x, y and height or gap (x alone "
+            f"for plates from the side), as in {_EXAMPLE}"
+        )
+    return units
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,12 +25,11 @@ from skfem_joint.matrix_files.given import GivenMatrix
 from skfem_joint.matrix_files.labels import (
     DIRECTIONS,
     as_labels,
-    keys_of,
     label_text,
     repeated_labels,
 )
 from skfem_joint.matrix_files.numbers import INTEGER, REAL, number_rows, real_numbers, shown
-from skfem_joint.matrix_files.symmetry import from_entries, symmetric
+from skfem_joint.matrix_files.symmetry import from_named_entries, symmetric
 
 #: Stiffness on the diagonal from which on a degree of freedom is a boundary condition.
 PENALTY = 0.999e36
@@ -53,14 +52,7 @@ def read_named_rows(content: bytes, letter: str) -> GivenMatrix:
             f"line {line_of(at // 2)}: found degree of freedom {places[at, 1]} of node "
             f"{places[at, 0]}, must be 1 to 6: displacements and rotations"
         )
-    keys, first, number = np.unique(keys_of(places), return_index=True, return_inverse=True)
-    labels = places[first]
-    row, column = number.reshape(-1, 2).T
-
-    def name_of(k: int) -> str:
-        return label_text(labels[k])
-
-    A = from_entries(row, column, numbers[:, 4], keys.size, name_of, line_of)
+    A, labels = from_named_entries(places, numbers[:, 4], line_of)
     form = "the text of Abaqus (*MATRIX OUTPUT)"
     return without_penalties(GivenMatrix(A, form, labels), letter)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.ground.apart import arrays_read_apart
+from skfem_joint.ground.array_files import arrays_read_apart
 from skfem_joint.ground.errors import first_of
 from skfem_joint.matrix_files.given import GivenMatrix
 from skfem_joint.matrix_files.labels import DIRECTIONS, label_text, repeated_labels

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skfem_joint.ground.bulk_data import Entry, entries, real, whole
+from skfem_joint.matrix_files.bulk_data import Entry, entries, real, whole
 from skfem_joint.matrix_files.given import GivenMatrix
-from skfem_joint.matrix_files.labels import DIRECTIONS, as_labels, keys_of, label_text
-from skfem_joint.matrix_files.symmetry import from_entries
+from skfem_joint.matrix_files.labels import DIRECTIONS, as_labels
+from skfem_joint.matrix_files.symmetry import from_named_entries
 
 _FORM = "DMIG of Nastran"
 #: Forms of matrices that are read.
@@ -48,8 +48,6 @@ class DmigFile:
     """
 
     def __init__(self, content: bytes) -> None:
-        if not content.endswith(b"\n"):
-            raise ValueError("the last line does not end, so that the file may be cut")
         self._matrices: dict[str, _Matrix] = {}
         for entry in entries(content.decode("latin-1"), lambda word, _: word == "DMIG"):
             try:
@@ -119,21 +117,12 @@ class DmigFile:
             raise ValueError(
                 f"{name}: found point {scalar[0]} with components and without, must be either"
             )
-        keys, first, number = np.unique(keys_of(places), return_index=True, return_inverse=True)
-        labels = places[first]
-        row, column = number.reshape(-1, 2).T
-
-        def name_of(k: int) -> str:
-            return label_text(labels[k])
-
-        values = np.array(matrix.values)
-        line_of = matrix.lines.__getitem__
-        halves = matrix.form == _SYMMETRIC
-        A = from_entries(row, column, values, keys.size, name_of, line_of, halves)
+        values, line_of = np.array(matrix.values), matrix.lines.__getitem__
+        A, labels = from_named_entries(places, values, line_of, matrix.form == _SYMMETRIC)
         notes: tuple[str, ...] = ()
-        if matrix.columns not in (0, keys.size):
+        if matrix.columns not in (0, len(labels)):
             notes = (
-                f"{name} has {keys.size} unknowns with entries, and its header says "
+                f"{name} has {len(labels)} unknowns with entries, and its header says "
                 f"{matrix.columns}: the others are zero, or the file is cut.",
             )
         return GivenMatrix(A, _FORM, labels, notes=notes)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.ground.arrays import BoolArray, IntArray
+from skfem_joint.ground.arrays import BoolArray, IntArray, Numbering
 from skfem_joint.ground.errors import InputError, first_of
 from skfem_joint.ground.files import LARGEST, read_text
 
@@ -65,23 +65,16 @@ class RowsByName:
     """
 
     def __init__(self, labels: IntArray) -> None:
-        keys = keys_of(labels)
-        self._order = np.argsort(keys, kind="stable")
-        self._keys = keys[self._order]
+        self._numbering = Numbering(keys_of(labels))
         self._nodes = np.unique(labels[:, 0])
 
     def find(self, labels: IntArray) -> IntArray:
         """Numbers of the unknowns of nodes and directions (..., 2), counted from 0; -1 for none."""
-        keys = keys_of(labels)
-        if not self._keys.size:
-            return np.full(keys.shape, -1)
-        at = np.minimum(np.searchsorted(self._keys, keys), self._keys.size - 1)
-        return np.where(self._keys[at] == keys, self._order[at], -1)
+        return self._numbering.places(keys_of(labels))
 
     def of_node(self, node: int) -> IntArray:
         """Numbers of all unknowns of a node."""
-        begin, end = np.searchsorted(self._keys, [8 * node, 8 * node + 8])
-        return self._order[begin:end]
+        return self._numbering.between(8 * node, 8 * node + 7)
 
     def unknown_nodes(self, nodes: IntArray) -> IntArray:
         """Those of some nodes that have no unknown."""

@@ -223,8 +223,6 @@ class _Text:
     """Matrices of a text file."""
 
     def __init__(self, content: bytes) -> None:
-        if not content.endswith(b"\n"):
-            raise ValueError("the last line does not end, so that the file may be cut")
         self.content = content
         self.size = len(content)
 

@@ -70,18 +70,18 @@ def _of_program(
     """Matrix of a file of another program."""
     if is_full(content):
         return read_full(path, content, letter)
-    if is_op4(content):
-        several: Op4File | DmigFile = Op4File(content)
-        return several.matrix(_of_names(several.names, variable, path, file))
-    if content[:4096].count(b"\0"):
+    is_text = b"\0" not in content[:4096]
+    if is_text and not content.endswith(b"\n"):
+        raise ValueError("the last line does not end, so that the file may be cut")
+    reader = Op4File if is_op4(content) else DmigFile if is_text and is_dmig(content) else None
+    if reader is not None:
+        several = reader(content)
+        wanted = variable.upper() if variable else None
+        return several.matrix(chosen(several.names, wanted, path, file))
+    if not is_text:
         raise ValueError(f"is of no known format, or damaged; {_KNOWN}")
-    if is_dmig(content):
-        several = DmigFile(content)
-        return several.matrix(_of_names(several.names, variable, path, file))
     if variable is not None:
         raise ValueError(f"holds one matrix without a name; leave ':{variable}' out")
-    if not content.endswith(b"\n"):
-        raise ValueError("the last line does not end, so that the file may be cut")
     if re.search(rb"^[ \t]*\*(?:USER ELEMENT|MATRIX)\b", content[: 10**6], re.MULTILINE | re.I):
         return read_substructure(content, letter)
     row = re.search(rb"^[ \t]*[+\-.\d][^\n]*", content[: 10**6], re.MULTILINE)
@@ -91,10 +91,6 @@ def _of_program(
     if columns == 3:
         return read_triples(content, letter)
     raise ValueError(f"is of no known format, or damaged; {_KNOWN}")
-
-
-def _of_names(names: tuple[str, ...], variable: str | None, path: Path, file: str) -> str:
-    return chosen(names, variable.upper() if variable else None, path, file)
 
 
 _KNOWN = (

@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.matrix_files.labels import keys_of, label_text
 
 #: Difference of entries that should be equal, of the root of the product of their diagonals.
 ROUND_OFF = 1e-9
@@ -57,6 +58,23 @@ def from_entries(
         )
     rows = sparse.csr_array(sparse.coo_array((value, (row, column)), shape=(n, n)))
     return symmetric(rows, name_of, halves)
+
+
+def from_named_entries(
+    places: IntArray, value: FloatArray, line_of: Callable[[int], int], halves: bool = True
+) -> tuple[sparse.csr_array, IntArray]:
+    """Symmetric matrix of `from_entries`, and the node and direction of its unknowns, (n, 2).
+
+    ``places``, (2 k, 2), are those of the row and of the column of each entry in turn.
+    """
+    keys, first, number = np.unique(keys_of(places), return_index=True, return_inverse=True)
+    labels = places[first]
+    row, column = number.reshape(-1, 2).T
+
+    def name_of(k: int) -> str:
+        return label_text(labels[k])
+
+    return from_entries(row, column, value, keys.size, name_of, line_of, halves), labels
 
 
 def symmetric(

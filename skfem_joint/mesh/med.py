@@ -14,11 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from skfem_joint.ground.apart import arrays_read_apart
+from skfem_joint.ground.array_files import arrays_read_apart
 from skfem_joint.ground.arrays import IntArray
 from skfem_joint.ground.errors import listed
 from skfem_joint.ground.files import read_whole
 from skfem_joint.mesh.cells import repeated
+from skfem_joint.mesh.decks.cards import decoded
 from skfem_joint.mesh.decks.elements import FORMS
 from skfem_joint.mesh.decks.sides import Sides, blocks_of
 from skfem_joint.mesh.file_mesh import FileMesh
@@ -172,16 +173,8 @@ def _names(arrays: dict[str, np.ndarray], kind: str) -> dict[int, list[str]]:
         if names.get(number):
             raise ValueError(f"it holds two families of number {number}: the file is damaged")
         texts = [bytes(row.tolist()).partition(b"\0")[0].strip() for row in rows]
-        names[number] = [_decoded(text) for text in texts]
+        names[number] = [decoded(text) for text in texts]
     return names
-
-
-def _decoded(text: bytes) -> str:
-    """Text in UTF-8, as Salome writes it, or else in Latin-1, in which no byte is wrong."""
-    try:
-        return text.decode("utf-8")
-    except UnicodeDecodeError:
-        return text.decode("latin-1")
 
 
 def _members(names: dict[int, list[str]], families: IntArray) -> dict[str, IntArray]:

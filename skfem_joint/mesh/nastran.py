@@ -14,12 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skfem_joint.ground.arrays import IntArray
-from skfem_joint.ground.bulk_data import Entry, entries, real, whole
+from skfem_joint.ground.arrays import IntArray, Numbering
 from skfem_joint.ground.files import read_whole
+from skfem_joint.matrix_files.bulk_data import Entry, entries, real, whole
 from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.decks.elements import FORMS
-from skfem_joint.mesh.decks.sets import FARTHEST, Numbering
+from skfem_joint.mesh.decks.sets import FARTHEST
 from skfem_joint.mesh.file_mesh import FileMesh
 from skfem_joint.mesh.named import check_count
 
@@ -218,7 +218,7 @@ class _Bulk:
 
     def _numbering(self) -> Numbering:
         """Places of the nodes by their numbers."""
-        numbering = Numbering(np.array(self.numbers, dtype=np.intp), 0)
+        numbering = Numbering(np.array(self.numbers, dtype=np.intp))
         again, _ = numbering.repeated()
         if again.size:
             place = int(again.min())
@@ -228,7 +228,7 @@ class _Bulk:
             )
         own = [(number, line) for block in self.blocks.values()
                for number, line in zip(block.numbers, block.lines, strict=True)]  # fmt: skip
-        again, _ = Numbering(np.array([number for number, _ in own]), 0).repeated()
+        again, _ = Numbering(np.array([number for number, _ in own])).repeated()
         if again.size:
             number, line = own[int(again.min())]
             raise ValueError(f"line {line}: element {number} stands twice: number them anew")

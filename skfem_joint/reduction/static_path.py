@@ -125,7 +125,6 @@ def slip_path(
     plan: Plan,
     modes: int = 0,
     given: QuasiStatic | None = None,
-    tolerance: float = 3e-5,
 ) -> StaticPath:
     """Follow the slip of a system through a run to come.
 
@@ -140,9 +139,6 @@ def slip_path(
         phases of its own.
     given : QuasiStatic, optional
         A path of the system, whose factors are used.
-    tolerance : float
-        Largest force residual of a state, over the largest force. Singular values are the same to
-        three digits below 3e-5.
 
     Raises
     ------
@@ -153,10 +149,13 @@ def slip_path(
     KeyboardInterrupt
         If the preliminary run is interrupted.
     """
+    from skfem_joint.slow.quasi_static import QuasiStatic  # its compiled loops are slow to load
+
     if system.contact.count == 0:
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, plan)
-    path = _path(system, given, tolerance)
+    tolerance = 3e-5  # singular values are the same to three digits below
+    path = QuasiStatic(system, tolerance) if given is None else given.afresh(given.to, tolerance)
     rise = np.array([loads.rise_time])
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
@@ -202,13 +201,6 @@ def slip_path(
             "preliminary steps": steps,
         },
     )
-
-
-def _path(system: System, path: QuasiStatic | None, tolerance: float) -> QuasiStatic:
-    """Path of a system, which uses the factors of a given ``path``."""
-    from skfem_joint.slow.quasi_static import QuasiStatic  # its compiled loops are slow to load
-
-    return QuasiStatic(system, tolerance) if path is None else path.afresh(path.to, tolerance)
 
 
 def _is_monotone(system: System, loads: Excitation) -> bool:

@@ -17,10 +17,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from skfem_joint.ground.array_files import fingerprint
 from skfem_joint.ground.arrays import FloatArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.loads import common_period
+from skfem_joint.ground.plain_values import fingerprint
 from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_some
 from skfem_joint.runs.resolution import check_jumps, check_resolution, unfit_times
 from skfem_joint.runs.run_notes import notes_of_run, wrong_energy

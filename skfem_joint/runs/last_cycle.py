@@ -16,6 +16,10 @@ ROUND_OFF = 1e-11
 GAINED = 100.0
 
 
+#: Share by which cycles of a steady state may differ.
+_SAME = 2e-3
+
+
 @dataclass(frozen=True)
 class SteadyState:
     """How much the last cycle differs from the one before.
@@ -37,14 +41,14 @@ class SteadyState:
     peak_change: float
 
 
-def steady_state(run: Run, tolerance: float = 2e-3) -> SteadyState | None:
+def steady_state(run: Run) -> SteadyState | None:
     """Compare the last two cycles; None when the run has fewer than two.
 
     Of a quasi-static run the last cycle is compared with itself: whether it ends where it began.
     """
     if run.loops is not None:
         gap = run.loops.opening
-        return None if gap is None else SteadyState(gap <= tolerance, gap, gap)
+        return None if gap is None else SteadyState(gap <= _SAME, gap, gap)
     cycles = run.cycles
     if cycles.friction.size < 2:
         return None
@@ -53,7 +57,7 @@ def steady_state(run: Run, tolerance: float = 2e-3) -> SteadyState | None:
     largest = cycles.peak[-1].max(initial=0.0)
     change = np.abs(cycles.peak[-1] - cycles.peak[-2]).max(initial=0.0)
     peak = change / largest if largest > 0.0 else 0.0
-    return SteadyState(bool(max(energy, peak) <= tolerance), float(energy), float(peak))
+    return SteadyState(bool(max(energy, peak) <= _SAME), float(energy), float(peak))
 
 
 def peaks(run: Run) -> FloatArray:

@@ -94,7 +94,31 @@ class BoltPressureTable(_PressureTable):
         return Bolts(bolts, self.reach)
 
 
-class ScanTable(SceneTable):
+class _SurfaceTable(SceneTable):
+    """Base of the tables of files in which surfaces are, which are read with the scene."""
+
+    file: FileName
+    _surface: Scan | NodeField = PrivateAttr()
+
+    @model_validator(mode="after")
+    def _read(self, info: ValidationInfo) -> Self:
+        folder: Path = (info.context or {}).get("folder", Path())
+        try:
+            self._surface = self._read_surface(folder / self.file)
+        except InputError as error:
+            raise mistake("\n".join(error.problems)) from error
+        return self
+
+    def _read_surface(self, path: Path) -> Scan | NodeField:
+        """Surface in a file."""
+        raise NotImplementedError
+
+    def to_surface(self) -> Scan | NodeField:
+        """Surface of the file of this table."""
+        return self._surface
+
+
+class ScanTable(_SurfaceTable):
     """``gap = { file, origin, axes, margin }``: measured topography of a face or of the gap."""
 
     file: FileName = key(
@@ -115,23 +139,12 @@ class ScanTable(SceneTable):
     margin: NotNegative = key(
         "distance beyond the measured places up to which the values at the edge go on, m", 0.0
     )
-    _scan: Scan = PrivateAttr()
 
-    @model_validator(mode="after")
-    def _read(self, info: ValidationInfo) -> Self:
-        folder: Path = (info.context or {}).get("folder", Path())
-        try:
-            self._scan = read_scan(folder / self.file, **self.model_dump(exclude={"file"}))
-        except InputError as error:
-            raise mistake("\n".join(error.problems)) from error
-        return self
-
-    def to_surface(self) -> Scan:
-        """The scan of this table."""
-        return self._scan
+    def _read_surface(self, path: Path) -> Scan:
+        return read_scan(path, **self.model_dump(exclude={"file"}))
 
 
-class NodeFieldTable(SceneTable):
+class NodeFieldTable(_SurfaceTable):
     """``gap = { file, field, on, kind, scale }``: a field of nodes of a mesh file."""
 
     file: FileName = key("name of a Gmsh file, relative to the scene")
@@ -141,21 +154,9 @@ class NodeFieldTable(SceneTable):
         "distance of the faces, or how far this face stands out towards the other", "gap"
     )
     scale: Positive = key("length of the unit of the file's nodes, m", 1.0)
-    _field: NodeField = PrivateAttr()
 
-    @model_validator(mode="after")
-    def _read(self, info: ValidationInfo) -> Self:
-        folder: Path = (info.context or {}).get("folder", Path())
-        try:
-            given = self.model_dump(exclude={"file"})
-            self._field = read_node_field(folder / self.file, **given)
-        except InputError as error:
-            raise mistake("\n".join(error.problems)) from error
-        return self
-
-    def to_surface(self) -> NodeField:
-        """The field of this table."""
-        return self._field
+    def _read_surface(self, path: Path) -> NodeField:
+        return read_node_field(path, **self.model_dump(exclude={"file"}))
 
 
 def _as_table(given: object) -> object:
@@ -287,7 +288,7 @@ class JointTable(SceneTable):
         values = self.model_dump(exclude={"law"})
         if isinstance(self.pressure, _PressureTable):
             values["pressure"] = self.pressure.to_pressure()
-        if isinstance(self.gap, ScanTable | NodeFieldTable):
+        if isinstance(self.gap, _SurfaceTable):
             values["gap"] = self.gap.to_surface()
         elif isinstance(self.gap, tuple):
             values["gap"] = tuple(part.to_surface() for part in self.gap)

@@ -24,8 +24,8 @@ from pydantic import (
 
 from skfem_joint.ground import loads
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.load_tables import head_of, read_table
 from skfem_joint.ground.power_density import PowerDensity
+from skfem_joint.ground.text_tables import head_of, read_table
 from skfem_joint.runs.resolution import PER_PERIOD
 from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.range_table import ServedRangeTable

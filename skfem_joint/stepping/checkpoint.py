@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_joint import __version__
-from skfem_joint.ground.array_files import DAMAGE, fingerprint, npz_arrays
+from skfem_joint.ground.array_files import DAMAGE, npz_arrays
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import replacing
+from skfem_joint.ground.plain_values import fingerprint
 
 Arrays = Mapping[str, NDArray[Any]]
 

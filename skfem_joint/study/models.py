@@ -16,8 +16,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from skfem_joint.ground.array_files import fingerprint
 from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.plain_values import fingerprint
 from skfem_joint.mesh import refined
 from skfem_joint.reduction.basis import Options
 from skfem_joint.reduction.condensed import condense

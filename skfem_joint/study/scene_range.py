@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from skfem_joint import __version__
-from skfem_joint.ground.array_files import fingerprint
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Harmonic
+from skfem_joint.ground.plain_values import fingerprint
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.reduction.models import reduce
 from skfem_joint.reduction.ranges.points import at, period_of, placed

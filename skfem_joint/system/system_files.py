@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import LinearOperator
 
 from skfem_joint.ground import loads
-from skfem_joint.ground.array_files import DAMAGE, fingerprint, npz_arrays
+from skfem_joint.ground.array_files import DAMAGE, npz_arrays
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import replacing
-from skfem_joint.ground.plain_values import PlainForm
+from skfem_joint.ground.plain_values import PlainForm, fingerprint
 from skfem_joint.system.contacts import Contact
 from skfem_joint.system.normal import NormalPart
 from skfem_joint.system.served import Point, Range, Served

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from benchmarks import calculix, contact
+from benchmarks import calculix, contact, inp
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_both_faces_of_the_contact_are_whole(structure):
         assert len(lines) == facets[name].size
         for line in lines:
             element, side = line.split(", S")
-            corners = mesh.t[list(calculix.SIDES[int(side) - 1]), int(element) - 1]
+            corners = mesh.t[list(inp.SIDES["tetrahedron"][int(side) - 1]), int(element) - 1]
             assert np.ptp(mesh.p[2, corners]) < 1e-12
 
 

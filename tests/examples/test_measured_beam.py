@@ -1,5 +1,6 @@
 """The measured beam: its scene describes a floating beam with a sensor, its curves are whole."""
 
+import contextlib
 import tomllib
 
 import numpy as np
@@ -43,9 +44,9 @@ def test_a_bow_opens_the_lap_at_its_ends_or_in_its_middle():
 
 
 @pytest.mark.slow
-def test_the_benchmark_of_bows_runs(capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    bowed_beam.main(["--quick"])
+def test_the_benchmark_of_bows_runs(capsys, tmp_path):
+    with contextlib.chdir(tmp_path):
+        bowed_beam.main(["--quick"])
     shown = capsys.readouterr().out
     assert "| -10 |" in shown
     assert "80.57 Hz measured" in shown

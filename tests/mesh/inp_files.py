@@ -10,32 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from benchmarks.inp import model
+from benchmarks.inp import sides as sides_of
 from scipy.spatial.transform import Rotation
 
 from skfem_joint.mesh import NamedMesh, build_bar, build_box, build_plate, merged
 
-#: Corners of the faces S1, S2, ... by kind of element.
-SIDES: dict[str, list[tuple[int, ...]]] = {
-    "line": [],
-    "triangle": [(1, 2), (2, 3), (3, 1)],
-    "quadrilateral": [(1, 2), (2, 3), (3, 4), (4, 1)],
-    "tetrahedron": [(1, 2, 3), (1, 4, 2), (2, 4, 3), (3, 4, 1)],
-    "hexahedron": [
-        *((1, 2, 3, 4), (5, 8, 7, 6), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 8, 4), (4, 8, 5, 1)),
-    ],
-}
-#: Corners beside the nodes of second order.
-EDGES: dict[str, list[tuple[int, int]]] = {
-    "triangle": [(1, 2), (2, 3), (3, 1)],
-    "quadrilateral": [(1, 2), (2, 3), (3, 4), (4, 1)],
-    "tetrahedron": [(1, 2), (2, 3), (1, 3), (1, 4), (2, 4), (3, 4)],
-    "hexahedron": [
-        *((1, 2), (2, 3), (3, 4), (4, 1), (5, 6), (6, 7), (7, 8), (8, 5)),
-        *((1, 5), (2, 6), (3, 7), (4, 8)),
-    ],
-}
-#: Corners of scikit-fem's hexahedron in the programs' order.
-HEXAHEDRON = (0, 3, 6, 2, 1, 5, 7, 4)
 #: Kind and order of the package by type.
 KINDS = {
     **{"T3D2": ("line", 1), "B31": ("line", 1), "B32": ("line", 1)},
@@ -54,7 +34,7 @@ TYPES = {
 class Deck:
     """Mesh as a file writes it: nodes, also those between corners, elements and members of names.
 
-    ``sides`` are pairs of element and number of the face from 1 on; all else counts from 0.
+    ``sides`` are element, number of the face from 1 on and nodes; all else counts from 0.
     """
 
     kind: str
@@ -62,21 +42,8 @@ class Deck:
     elements: np.ndarray
     body: np.ndarray
     regions: dict[str, np.ndarray]
-    sides: dict[str, list[tuple[int, int]]]
+    sides: dict[str, list[tuple[int, int, list[int]]]]
     points: dict[str, int]
-
-    def nodes_of(self, name: str) -> list[int]:
-        """Nodes of a boundary, those between corners too."""
-        shape = KINDS[self.kind][0]
-        found: set[int] = set()
-        for element, side in self.sides[name]:
-            corners = set(SIDES[shape][side - 1])
-            inside = [k - 1 for k in corners]
-            if KINDS[self.kind][1] == 2:
-                edges = enumerate(EDGES[shape], self.elements.shape[1] - len(EDGES[shape]))
-                inside += [k for k, ends in edges if set(ends) <= corners]
-            found |= set(self.elements[element, inside].tolist())
-        return sorted(found)
 
 
 def mesh_of(what: str, kind: str) -> NamedMesh:
@@ -109,26 +76,13 @@ def mesh_of(what: str, kind: str) -> NamedMesh:
 
 def deck_of(mesh: NamedMesh, kind: str) -> Deck:
     """The mesh as a file writes it with elements of a type."""
-    shape, order = KINDS[kind]
-    t = mesh.mesh.t[list(HEXAHEDRON)] if shape == "hexahedron" else mesh.mesh.t
-    elements, xyz, regions = t.T, mesh.coordinates, dict(mesh.regions)
-    sides: dict[str, list[tuple[int, int]]] = {}
-    for name, facets in mesh.boundaries.items():
-        sides[name] = []
-        for element, facet in zip(mesh.mesh.f2t[0, facets], facets, strict=True):
-            own = elements[element].tolist()
-            corners = {own.index(k) + 1 for k in mesh.mesh.facets[:, facet]}
-            (side,) = (k for k, each in enumerate(SIDES[shape], 1) if set(each) == corners)
-            sides[name].append((int(element), side))
+    xyz, tables = model(mesh)
+    ((_, elements),) = tables.values()
+    sides = {name: [*sides_of(mesh, name, tables)] for name in mesh.boundaries}
+    regions = dict(mesh.regions)
     if kind == "B32":
         elements = np.array([[2 * k, 2 * k + 1, 2 * k + 2] for k in range(len(elements) // 2)])
         regions = {name: np.unique(chosen // 2) for name, chosen in regions.items()}
-    elif order == 2:
-        pairs = np.sort([elements[:, [a - 1, b - 1]] for a, b in EDGES[shape]], axis=2)
-        every, place = np.unique(pairs.reshape(-1, 2), axis=0, return_inverse=True)
-        between = len(xyz) + place.reshape(len(EDGES[shape]), -1)
-        xyz = np.vstack([xyz, xyz[every].mean(axis=1)])
-        elements = np.hstack([elements, between.T])
     body = mesh.body if kind != "B32" else np.zeros(len(elements), dtype=int)
     return Deck(kind, xyz, elements, body, regions, sides, dict(mesh.points))
 
@@ -287,10 +241,11 @@ class Writer:
             if node in nodes:
                 lines += self._set("NSET", name, [self._label(nodes, node)], instance)
         for name, sides in deck.sides.items():
-            sides = [(element, side) for element, side in sides if element in own]
+            sides = [each for each in sides if each[0] in own]
             if not sides:
                 continue
-            on = [self._label(nodes, node) for node in deck.nodes_of(name)]
+            every = sorted({node for _, _, each in deck.sides[name] for node in each})
+            on = [self._label(nodes, node) for node in every]
             if self.surfaces == "nset":
                 lines += self._set("NSET", name, on, instance)
             elif self.surfaces == "nodes":
@@ -299,11 +254,11 @@ class Writer:
             elif self.surfaces == "single":
                 lines.append(f"*SURFACE, NAME={name}")
                 prefix = f"{instance}." if instance else ""
-                lines += [f"{prefix}{self._label(own, k)}, S{side}" for k, side in sides]
+                lines += [f"{prefix}{self._label(own, k)}, S{side}" for k, side, _ in sides]
             else:
                 rows = []
-                for side in sorted({side for _, side in sides}):
-                    inside = [self._label(own, k) for k, each in sides if each == side]
+                for side in sorted({side for _, side, _ in sides}):
+                    inside = [self._label(own, k) for k, each, _ in sides if each == side]
                     lines += self._set("ELSET", f"_{name}_S{side}", inside, instance, True)
                     rows.append(f"_{name}_S{side}, S{side}")
                 lines += [f"*SURFACE, NAME={name}, TYPE=ELEMENT", *rows]

@@ -1,6 +1,6 @@
 """Meshes and Gmsh files for the tests of meshes."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +8,7 @@ import numpy as np
 import skfem
 from skfem.helpers import dot, grad
 
+from skfem_joint.ground.errors import InputError
 from skfem_joint.mesh import NamedMesh, build_bar, build_box, build_plate
 
 MESHES = Path(__file__).parents[2] / "meshes"
@@ -113,6 +114,16 @@ def boundary_sizes(mesh: NamedMesh) -> dict[str, float]:
         name: unit.assemble(skfem.FacetBasis(mesh.mesh, mesh.mesh.elem(), facets=facets))
         for name, facets in mesh.boundaries.items()
     }
+
+
+def read_or_refusal(read: Callable[[Path], Any], path: Path) -> Any:
+    """What a file is read as, or the words in which it is refused; nothing else passes."""
+    try:
+        return read(path)
+    except InputError as error:
+        text = str(error)
+    assert text.startswith(str(path))
+    return text
 
 
 def tip_compliance(bar: NamedMesh) -> float:

@@ -308,6 +308,7 @@ def test_what_is_not_read_is_refused_with_card_and_line(tmp_path, card, in_file)
         ((NODE, ["*ELEMENT, TYPE=B31", "1, 13, 14"]), "line 16: .ELEMENT: node 14 of element 1"),
         ((NODE, ["*ELEMENT, TYPE=B31", "1, 13,", "2, 1, 2"]), "line 16: .ELEMENT: must be the n"),
         ((NODE, ["*ELEMENT, TYPE=B33", *B32]), "line 15: .ELEMENT: type B33: allowed are T2D2"),
+        ((NODE, ["*ELEMENT, TYPE=C3D5", *B32]), "pyramids are not read: .* hexahedra and prisms"),
         ((NODE, ["*ELEMENT", *B32]), "line 15: .ELEMENT: type missing: allowed are"),
         ((NODE, ["*ELEMENT, TYPE=B31"], FIXED), "line 15: .ELEMENT: has no elements"),
         ((NODE, ALL, ["*ELEMENT, TYPE=CPS3", "20, 1, 2, 3"]), "line 28: .*type CPS3: elements of "

@@ -1,5 +1,6 @@
 """MED files are read with their groups, or refused with the reason."""
 
+import contextlib
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -191,6 +192,14 @@ def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
     (tmp_path / "h5py.py").write_text("raise ImportError\n")
     with pytest.raises(InputError, match=r"needs h5py: pip install 'skfem-joint\[salome\]'"):
         load_meshes(path)
+
+
+def test_code_in_the_current_folder_is_not_run(tmp_path):
+    """By the process that reads the file."""
+    path = write(tmp_path, {"all": [[0, 1], [], [], []]}, {})
+    (tmp_path / "numpy.py").write_text("raise SystemExit(1)\n")
+    with contextlib.chdir(tmp_path):
+        assert load_meshes(path).n_elements == 2
 
 
 def test_what_other_libraries_lose_is_there(tmp_path):

@@ -9,6 +9,7 @@ from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.moving import MovingNewton
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
 
+pytestmark = pytest.mark.usefixtures("few_may_move")
 M = 60
 
 
@@ -34,8 +35,7 @@ def _matrix(n: int) -> np.ndarray:
 
 @pytest.mark.parametrize("opens", [False, True], ids=["constant", "opening"])
 @pytest.mark.parametrize("directions", [1, 2])
-def test_the_solution_is_that_of_all_points(monkeypatch, directions, opens):
-    monkeypatch.setattr(module, "FEWEST", 0)
+def test_the_solution_is_that_of_all_points(directions, opens):
     points = _points(directions, opens)
     n = points.B.shape[1]
     H = _matrix(n)
@@ -62,7 +62,6 @@ def test_the_solution_is_that_of_all_points(monkeypatch, directions, opens):
 
 
 def test_all_rows_are_read_once_more_than_problems_are_solved(monkeypatch):
-    monkeypatch.setattr(module, "FEWEST", 0)
     points = _points(2, opens=False)
     H = _matrix(2 * M)
     whole, parts = [], []
@@ -86,8 +85,7 @@ def test_all_rows_are_read_once_more_than_problems_are_solved(monkeypatch):
     assert len(whole) == len(parts) + 1
 
 
-def test_where_most_points_move_all_are_worked_on(monkeypatch):
-    monkeypatch.setattr(module, "FEWEST", 0)
+def test_where_most_points_move_all_are_worked_on():
     points = _points(1, opens=False)
     H, g = _matrix(M), np.full(M, 100.0)
     expected = ContactNewton(H, points).minimise_beside(g, None, 1e-12, None, 0.0)

@@ -75,7 +75,7 @@ BAD: dict[str, list[tuple[str, ...]]] = {
         (
             "pressure = { positions = [0, 1, 1], values = [1, 2, 3] }",
             "joint[0].pressure",
-            "increasing",
+            "must be > 1, the one before",
         ),
         ("pressure = { bolts = [] }", "joint[0].pressure.bolts", "1 or more"),
         (bolt("at = [0.25, 0]"), f"{BOLT}.head_radius", "missing"),

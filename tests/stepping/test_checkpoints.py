@@ -15,7 +15,7 @@ from opening_blocks import SIZE, block, loads
 from stepping_systems import STEPPERS, LapJoint, differing, of_stepper, oscillator
 
 import skfem_joint as sj
-from skfem_joint.minimise import moving, touching
+from skfem_joint.minimise import touching
 from skfem_joint.stepping.checkpoint import Checkpoint, Checkpoints, fingerprint
 from skfem_joint.stepping.schemes import generalized_alpha
 
@@ -80,10 +80,10 @@ def never(done: int, total: int) -> None:
 
 @pytest.mark.parametrize("kind", [*CONSTANT, *OPENING])
 @pytest.mark.parametrize("killed", [10, 70])
-def test_a_run_taken_up_again_is_the_same_to_the_bit(kind, killed, tmp_path, monkeypatch):
+def test_a_run_taken_up_again_is_the_same_to_the_bit(kind, killed, tmp_path, request):
     opens = kind in OPENING
     if kind.endswith("moving points alone"):
-        monkeypatch.setattr(moving, "FEWEST", 0)
+        request.getfixturevalue("few_may_move")
     system = (OPENING if opens else CONSTANT)[kind]()
     timing = TIMING | {"step": 1.0 / 60e3 if opens else TIMING["step"]}
     checkpoint = Checkpoint(tmp_path / "run.npz", "a", every=20)

@@ -47,7 +47,7 @@ def test_condensing_changes_nothing(beta, elements):
 
 
 @pytest.mark.parametrize("opens", [False, True], ids=["constant", "opening"])
-def test_points_that_rest_are_left_out_and_nothing_changes(opens, monkeypatch):
+def test_points_that_rest_are_left_out_and_nothing_changes(opens, monkeypatch, request):
     """As in contacts of thousands of points, of which few move."""
     mesh = sj.build_plate([("linear", 0.2, 16), ("joint", 0.05, 24)], WIDTH, 6)
     made = structure(mesh, [pressed(beta=np.inf)], fixed=("right",))
@@ -56,7 +56,7 @@ def test_points_that_rest_are_left_out_and_nothing_changes(opens, monkeypatch):
         lifted = loads(up=230e3)
         system = sj.condense(block(elements=24).system(lifted))
     whole = run(system)
-    monkeypatch.setattr(moving, "FEWEST", 0)
+    request.getfixturevalue("few_may_move")
     solved = []
     part = moving._Moving.advanced
     monkeypatch.setattr(

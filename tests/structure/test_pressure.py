@@ -160,9 +160,9 @@ TABLE = sj.PressureTable((0.0, 1.0), (1.0, 1.0))
         (BOLT, {"spreading_angle": 90.0}, r"spreading_angle: found 90.0, must be in \[0, 90\)"),
         (sj.Bolts((BOLT,)), {"bolts": ()}, "found none"),
         (TABLE, {"axis": (0.0, 0.0)}, "axis"),
-        (TABLE, {"positions": (1.0, 0.0)}, "increasing"),
-        (TABLE, {"positions": (0.0,), "values": (1.0,)}, "at least two"),
-        (TABLE, {"values": (1.0,)}, "as many of each"),
+        (TABLE, {"positions": (1.0, 0.0)}, r"positions\[1\]: found 0, must be > 1, the one before"),
+        (TABLE, {"positions": (0.0,), "values": (1.0,)}, "at least 2"),
+        (TABLE, {"values": (1.0,)}, "two columns of one length"),
     ],
 )
 def test_bolts_and_tables_that_make_no_sense_are_refused(given, change, message):

@@ -1,16 +1,14 @@
 """Prisms among hexahedra, and triangles among quadrilaterals, against theorems and CalculiX."""
 
-import re
 import shutil
-import subprocess
 from typing import Any
 
 import numpy as np
 import pytest
 import skfem
+from benchmarks.inp import by_calculix, deck
 from bodies import DENSITY, NU, STEEL, E, section
 from mesh_files import saved
-from mixed_decks import deck
 from mixed_meshes import mixed_box, mixed_plate, shaken
 from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
@@ -177,16 +175,11 @@ def lowest(M: Any, K: Any, body: Body) -> np.ndarray:
 def calculix(mesh: Any, folder: Any) -> np.ndarray:
     """Frequencies of CalculiX, Hz, of a body that is held at its left end."""
     lines = [
-        *deck(mesh, surfaces=False), "*MATERIAL, NAME=STEEL", "*ELASTIC", f"{E}, {NU}",
+        *deck(mesh, ()), "*MATERIAL, NAME=STEEL", "*ELASTIC", f"{E}, {NU}",
         "*DENSITY", f"{DENSITY}", "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL",
-        "*BOUNDARY", "left, 1, 3", "*STEP", "*FREQUENCY", "6", "*END STEP", "",
+        "*BOUNDARY", "left, 1, 3", "*STEP", "*FREQUENCY", "6", "*END STEP",
     ]  # fmt: skip
-    (folder / "run.inp").write_text("\n".join(lines), encoding="utf-8")
-    subprocess.run(["ccx", "-i", "run"], cwd=folder, check=True, capture_output=True)
-    rows = re.findall(
-        r"^\s+\d+((?:\s+-?[\d.]+E[+-]\d+){4})", (folder / "run.dat").read_text(), re.M
-    )
-    return np.array([float(row.split()[2]) for row in rows[:6]])
+    return by_calculix(lines, folder)[1][:6]
 
 
 def test_with_its_two_points_a_prism_has_the_frequencies_of_calculix():

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from skfem_joint.ground.arrays import FloatArray, IntArray
+from skfem_joint.ground.arrays import FloatArray, IntArray, Numbering
 from skfem_joint.ground.errors import closest, listed
 from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.decks.cards import Card, bare
@@ -135,33 +135,6 @@ class Surface:
     internal: bool
     nodes: NameSet | None = None
     faces: list[tuple[str, NameSet, int]] = field(default_factory=list)
-
-
-class Numbering:
-    """Places of numbers in a list that starts at ``offset`` in a longer one."""
-
-    def __init__(self, numbers: IntArray, offset: int) -> None:
-        self.order = np.argsort(numbers, kind="stable")
-        self.sorted, self.offset = numbers[self.order], offset
-
-    def places(self, numbers: IntArray) -> IntArray:
-        """Place of each number, -1 where it is not in the list."""
-        if not self.sorted.size:
-            return np.full(numbers.shape, -1, dtype=np.intp)
-        near = np.searchsorted(self.sorted, numbers).clip(max=self.sorted.size - 1)
-        return np.where(self.sorted[near] == numbers, self.order[near] + self.offset, -1)
-
-    def between(self, first: int, last: int, step: int) -> IntArray:
-        """Places of those from first to last in steps."""
-        ends = np.searchsorted(self.sorted, [first, last + 1])
-        inside = slice(*ends)
-        chosen = (self.sorted[inside] - first) % step == 0
-        return np.asarray(self.order[inside][chosen] + self.offset)
-
-    def repeated(self) -> tuple[IntArray, IntArray]:
-        """Places in the list of numbers that stand in it again, and of their first ones."""
-        again = np.flatnonzero(np.diff(self.sorted) == 0)
-        return self.order[again + 1], self.order[again]
 
 
 @dataclass(frozen=True)
