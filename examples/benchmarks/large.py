@@ -3,12 +3,13 @@
     python examples/benchmarks/large.py                   44,121 and 95,915 unknowns
     python examples/benchmarks/large.py --quick           20,513
     python examples/benchmarks/large.py --largest         239,139 too, with PARDISO
+    python examples/benchmarks/large.py --beside FOLDER   another checkout of the package as well
 
 A Brake-Reuss beam of bricks of second order that floats, with contact that stays closed: matrices,
 preload by three bolts, ten modes with joints stuck, and the curve of its first bending mode over
-eight levels. Each size has a process of its own. Times are CPU seconds on one thread. One factor
-and one solution are of the whole stiffness, with a shift. Compilation is done before, on a small
-beam.
+eight levels. Each size and checkout has processes of its own; with two checkouts three each, in
+turn, and medians are shown. Times are CPU seconds on one thread. One factor and one solution are
+of the whole stiffness, with a shift. Compilation is done before, on a small beam.
 """
 
 import json
@@ -25,6 +26,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / "examples"), str(ROOT / "meshes")]
 
 from resource import RUSAGE_SELF, getrusage
+from statistics import median
 
 import numpy as np
 from make_meshes import brake_reuss
@@ -42,9 +44,9 @@ SIZES = {
     "96k": (6, (8,), (0.004,)),
     "250k": (10, (12,), (0.003, 0.006)),
 }
-LEVELS, MODES = 8, 10
+LEVELS, MODES, REPEATS = 8, 10, 3
 LIBRARY = "PARDISO" if find_spec("pypardiso") else "SuperLU"
-HEAD = ("unknowns", "library", "matrices, s", "preload, s", "modes, s", "curve, s")
+HEAD = ("unknowns", "library", "", "matrices, s", "preload, s", "modes, s", "curve, s")
 HEAD += ("one factor, s", "one solution, s", "whole way in factors", "factors", "solutions")
 HEAD += ("peak, GB", "first and last Hz")
 
@@ -89,8 +91,9 @@ def counted(least):
     factors._of_any_pattern = solver
     factors._if_pardiso = factor(factors._if_pardiso, 1)
     factors.symmetric_lu = schur.symmetric_lu = factor(factors.symmetric_lu, 0)
-    for name in ("forward", "backward"):  # of a condensed model: halves of solutions
-        setattr(factors.PartialFactor, name, half(getattr(factors.PartialFactor, name)))
+    if hasattr(factors, "PartialFactor"):  # of a condensed model: halves of solutions
+        for name in ("forward", "backward"):
+            setattr(factors.PartialFactor, name, half(getattr(factors.PartialFactor, name)))
     return counts
 
 
@@ -139,18 +142,28 @@ def one(size):
     print(json.dumps(found | {"n": system.n, "peak": peak, "ends": ends}))
 
 
-def measured(size):
-    """What `one` finds in a process of its own."""
+def measured(size, folder, repeats):
+    """Medians of some processes in a checkout."""
+    paths = os.pathsep.join(filter(None, (str(folder), os.environ.get("PYTHONPATH"))))
     command = [sys.executable, __file__, "--one", size]
-    done = subprocess.run(command, stdout=subprocess.PIPE, check=True)
-    return json.loads(done.stdout.splitlines()[-1])
+    runs = []
+    for _ in range(repeats if size != "250k" else 1):
+        done = subprocess.run(
+            command, env=os.environ | {"PYTHONPATH": paths}, stdout=subprocess.PIPE, check=True
+        )
+        runs.append(json.loads(done.stdout.splitlines()[-1]))
+    middle = dict(runs[0])
+    for name, value in runs[0].items():
+        if isinstance(value, list) and name != "ends":
+            middle[name] = [median(run[name][0] for run in runs), *value[1:]]
+    return middle
 
 
-def cells(run):
-    """Row of a table."""
+def cells(run, name):
+    """Row of a table of some medians."""
     parts = "preload", "modes", "curve"
     whole, made, solved = (sum(run[part][k] for part in parts) for k in range(3))
-    yield from (run["n"], LIBRARY, f"{run['matrices'][0] + run['system'][0]:.1f}")
+    yield from (run["n"], LIBRARY, name, f"{run['matrices'][0] + run['system'][0]:.1f}")
     yield from (f"{run[part][0]:.1f}" for part in parts)
     yield from (f"{run['factor'][0]:.2f}", f"{run['solution'][0]:.3f}")
     yield from (f"{whole / run['factor'][0]:.1f}", made, f"{solved:.0f}", f"{run['peak']:.2f}")
@@ -163,9 +176,14 @@ def main(arguments):
         return
     sizes = ["small"] if "--quick" in arguments else ["44k", "96k"]
     sizes += ["250k"] * ("--largest" in arguments)
+    folders, repeats = {"now": ROOT}, 1
+    if "--beside" in arguments:
+        folders = {"before": arguments[arguments.index("--beside") + 1]} | folders
+        repeats = REPEATS
     head(*HEAD)
     for size in sizes:
-        row(*cells(measured(size)))
+        for name, folder in folders.items():
+            row(*cells(measured(size, folder, repeats), name))
 
 
 if __name__ == "__main__":
