@@ -75,12 +75,6 @@ def estimate(
         return range_modes.of_range(run, plan, progress)
     if system.origin is not None:
         _check_origin(system, system.origin)
-    elif system.made_for or not (system.T is None or sparse.issparse(system.T)):
-        raise InputError(
-            "estimate: the full system that this model was made from is not known: it was loaded "
-            "from a file, projected by hand, or condensed by parts. Give a run of a model as "
-            "reduce or condense return it"
-        )
     if finer is not None:
         _check_finer(full_of(system), finer, run.times)
     errors = of_run(run, plan, progress)
@@ -153,9 +147,15 @@ def of_run(run: Run, plan: Plan, progress: Callable[..., None] | None = None) ->
 
     Those of a model for a range are estimated by what it carries.
     """
-    if run.system.serves is not None:  # judged without the full system
+    system, origin = run.system, run.system.origin
+    if system.serves is not None:  # judged without the full system
         return range_modes.of_range(run, plan, progress)
-    origin = run.system.origin
+    if origin is None and (system.made_for or not (system.T is None or sparse.issparse(system.T))):
+        raise InputError(
+            "estimate: the full system that this model was made from is not known: it was loaded "
+            "from a file, projected by hand, or condensed by parts. Give a run of a model as "
+            "reduce or condense return it"
+        )
     if origin is None:
         return rungs.of_full(run.system, run, plan, progress)
     if sparse.issparse(run.system.contact.B):

@@ -27,6 +27,8 @@ from skfem_joint.linalg.kernels import times
 
 #: Growth of the array where unknowns are taken in.
 GROWTH = 1.1
+# Rows of a symmetric array that are copied to its columns together.
+_BLOCK = 256
 
 
 class Eliminated:
@@ -108,13 +110,20 @@ class Eliminated:
 
     def _pivot(self, p: IntArray, sign: float) -> None:
         """Pivot on places ``p``; ``sign`` is that of their block, which is definite."""
-        T, rows = self._T, self._T[p]
-        factor = linalg.cho_factor(sign * rows[:, p], lower=True, check_finite=False)
-        solved = linalg.cho_solve(factor, rows, check_finite=False)
-        inverse = linalg.cho_solve(factor, np.eye(p.size), check_finite=False)
-        # In place, of the transpose of T, as BLAS has arrays: it is T.
-        linalg.blas.dgemm(-sign, rows.T, solved.T, 1.0, T.T, trans_b=1, overwrite_c=1)
-        T[p], T[:, p] = solved, solved.T
+        T = self._T
+        L = linalg.cholesky(sign * T[np.ix_(p, p)], lower=True, check_finite=False)
+        inverse = linalg.lapack.dpotri(L, lower=1)[0]
+        inverse = np.tril(inverse) + np.tril(inverse, -1).T
+        if p.size < self._at:
+            half = linalg.solve_triangular(L, T[p], lower=True, check_finite=False)
+            # In place, of the transpose of T, as BLAS has arrays: it is T. Half of it is computed.
+            linalg.blas.dsyrk(-sign, half, 1.0, T.T, trans=1, lower=1, overwrite_c=1)
+            for k in range(0, len(T), _BLOCK):
+                own, after = slice(k, k + _BLOCK), slice(k + _BLOCK, None)
+                T[own, own] = np.triu(T[own, own]) + np.triu(T[own, own], 1).T
+                T[after, own] = T[own, after].T
+            T[p] = linalg.solve_triangular(L, half, lower=True, trans=1, check_finite=False)
+            T[:, p] = T[p].T
         T[np.ix_(p, p)] = -sign * inverse
 
     def complement(self, kept: IntArray) -> FloatArray:

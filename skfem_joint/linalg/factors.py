@@ -276,8 +276,8 @@ def symmetric_lu(A: Any, order: str = "MMD_AT_PLUS_A", pivot: float = 0.0) -> Su
     return splu(sparse.csc_array(columns, shape=rows.shape), order, **how)
 
 
-def pivots(A: Any) -> FloatArray:
-    """Pivots of a symmetric matrix, (n,); their signs are those of its eigenvalues.
+def with_pivots(A: Any) -> tuple[FloatArray, Callable[[FloatArray], FloatArray]]:
+    """Pivots of a symmetric matrix, (n,), whose signs are those of its eigenvalues, and a solver.
 
     Raises
     ------
@@ -289,9 +289,12 @@ def pivots(A: Any) -> FloatArray:
     # all entries take a tenth of SuperLU's time.
     if entries.nnz > 0.25 * n**2:
         factor, failed = linalg.lapack.dpotrf(entries.toarray(), clean=False, overwrite_a=True)
-        return np.asarray(symmetric_lu(A).U.diagonal() if failed else factor.diagonal() ** 2)
-    along = Band(entries.row, entries.col, n).factorised(entries.data)
-    return np.asarray(symmetric_lu(A).U.diagonal()) if along is None else along.pivots
+        if not failed:
+            return factor.diagonal() ** 2, lambda right: linalg.cho_solve((factor, False), right)
+    elif (along := Band(entries.row, entries.col, n).factorised(entries.data)) is not None:
+        return along.pivots, along
+    lu = symmetric_lu(A)
+    return np.asarray(lu.U.diagonal()), lu.solve
 
 
 class BlockFactors:

@@ -118,8 +118,10 @@ def _narrow_border(A: Any, kept: IntArray) -> IntArray:
     """Places of the kept unknowns that are coupled to the interior; empty if they are too many."""
     if isinstance(A, np.ndarray) or kept.size < FEWEST_SPARSE:
         return np.zeros(0, dtype=np.intp)
-    others = np.setdiff1d(np.arange(A.shape[0]), kept)
-    border = np.unique(sparse.csr_array(A[others][:, kept]).indices)
+    inside = np.zeros(A.shape[0], dtype=bool)
+    inside[kept] = True
+    rows = sparse.csr_array(A)[kept]
+    border = np.unique(np.repeat(np.arange(kept.size), np.diff(rows.indptr))[~inside[rows.indices]])
     few = border.size <= min(bands.WIDEST, kept.size // 2)
     return border[: border.size if few else 0]
 

@@ -69,7 +69,7 @@ def of_order(
             "stiffly: with quadratic displacements a factor would take "
             f"{needed / 2**30:.2g} GiB of the {there / 2**30:.2g} GiB of memory. Mesh with fewer "
             "elements, computed with quadratic displacements they err less; or factorise in parts, "
-            "in Python by Structure(..., parts=sj.Parts(4))."
+            "by models.parts = 4 of a scene, in Python by Structure(..., parts=sj.Parts(4))."
         ]
     return mesh.other_order, [
         f"The {many} of first order are computed with quadratic displacements on the same mesh, "

@@ -26,8 +26,8 @@ Constant contact of a solid with 2,969 points (5,938 unknowns), CPU ms a step, w
 the step itself: 182 where all points are worked on and 51 here while up to a fifth of them slip,
 530 and 360 where a third does. Contact that opens, 3,003 points of which 2,300 press and 690 slip:
 a step took 0.3 s, and 3 to 7 s where points lifted off or closed; it took 0.6 to 1.7 s with the
-points that are apart eliminated anew in each step, and takes 0.3 to 0.7 s, half of which is for
-the factors of the unsymmetric tangent of the points that slip or have just lifted off.
+points that are apart eliminated anew in each step, and takes 0.3 to 0.7 s, more than half of
+which is for the factors of the unsymmetric tangent of the points that slip or have just lifted off.
 """
 
 # mypy: allow-untyped-calls

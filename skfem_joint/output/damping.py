@@ -135,7 +135,7 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
                 f"{state[0]} to {state[-1]} slip.{_opened(curve)}{_doubtful(curve)}"
             )
-        if model.name != "full":
+        if model.name != "full" and model.errors[0]:
             worst = {k: 100.0 * max(e[k] for e in model.errors) for k in model.errors[0]}
             lines.append(
                 f"It errs by {worst['frequency']:.2g} % in frequency and by "

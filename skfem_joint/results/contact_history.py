@@ -13,11 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.patch import shares_of
 from skfem_joint.reduction.elastic_contact import elastic
+from skfem_joint.reduction.substructures import Recovery
 from skfem_joint.results.history import GREY, GREY_REDUCED, States, slip_state
 from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.energy import AT_LIMIT
@@ -202,7 +204,8 @@ def displacements(structure: Structure, run: Run) -> tuple[FloatArray, FloatArra
 
 def _slip_rows(structure: Structure, run: Run) -> Matrix:
     """Slip of all contact points from the unknowns of a run, (rows, n)."""
-    return structure.unloaded.contact.B @ _unknowns(structure, run)
+    V, B = _unknowns(structure, run), structure.unloaded.contact.B
+    return aslinearoperator(B) @ V if isinstance(V, LinearOperator) else B @ V
 
 
 def _unknowns(structure: Structure, run: Run) -> Matrix:
@@ -214,10 +217,12 @@ def _unknowns(structure: Structure, run: Run) -> Matrix:
     T, inverse = run.system.T, structure.change_of_unknowns.inverse
     holds = "nothing but its unknowns" if T is None else f"{T.shape[0]} displacements"
     if T is not None and T.shape[0] == inverse.shape[1]:
-        V = inverse @ T
+        by_parts = isinstance(T, Recovery)
+        whole = T.inside.system.T if by_parts else T
+        V = inverse @ whole
         # Displacements against supports and closed contact are round-off.
-        if abs(structure.T @ V - T).max() <= 1e-9 * abs(T).max():
-            return V
+        if abs(structure.T @ V - whole).max() <= 1e-9 * abs(whole).max():
+            return aslinearoperator(inverse) @ T if by_parts else V
         holds += " that do not obey its supports and contact"
     raise InputError(
         f"run: its system has {holds}, the structure {inverse.shape[1]} displacements; give the "

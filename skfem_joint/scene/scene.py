@@ -26,6 +26,7 @@ from skfem_joint.ground.key_paths import key_parts, key_path
 from skfem_joint.ground.loads import common_period
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.joint.clamps import Clamp
+from skfem_joint.linalg.parts import Parts
 from skfem_joint.mesh import NamedMesh
 from skfem_joint.runs.resolution import PER_PERIOD
 from skfem_joint.scene import joint_tables, tables
@@ -144,6 +145,12 @@ class Scene(SceneTable):
         """Whether the run leaves inertia out; not if its table is wrong, and so is not there."""
         return bool(getattr(getattr(self, "time", None), "quasi_static", False))
 
+    @property
+    def parts(self) -> Parts | None:
+        """Parts that the structure is factorised in; none if their table is wrong."""
+        count = getattr(getattr(self, "models", None), "parts", None)
+        return None if count is None else Parts(count)
+
     def _built_structure(self, progress: Progress) -> AnyStructure:
         common: dict[str, Any] = {
             "joints": [joint.to_joint() for joint in self.joint],
@@ -176,6 +183,7 @@ class Scene(SceneTable):
             order="auto" if self.mesh is None else self.mesh.order,
             regions=regions,
             incompatible=self.mesh is None or self.mesh.incompatible,
+            parts=self.parts,
             progress=progress,
         )
         made.tighten(progress)
@@ -285,6 +293,8 @@ class Scene(SceneTable):
         names = set(update or ())
         if copy._is_slow != self._is_slow:  # which says what law and damping act
             names.add("damping")
+        if copy.parts != self.parts:
+            names.add("mesh")
         if TABLES_OF_STRUCTURE & names:
             copy._structure = None
         if TABLES_OF_SYSTEM & names:
@@ -380,6 +390,8 @@ def problems_between_tables(scene: Scene, valid: Set[str]) -> Iterator[str]:
         yield from _matrix_problems(scene, scene.matrices)
     if valid >= {"models", "joint", "reduction", "time", "load"}:
         yield from _model_problems(scene)
+    if valid >= {"models", "accuracy", "output"} and scene.parts is not None:
+        yield from _parts_problems(scene)
 
 
 def _time_problems(scene: Scene) -> Iterator[str]:
@@ -423,6 +435,27 @@ def _matrix_problems(scene: Scene, matrices: MatricesTable) -> Iterator[str]:
                 f"output.{name}: found true beside [matrices], which have no positions of nodes; "
                 "leave it out"
             )
+
+
+def _parts_problems(scene: Scene) -> Iterator[str]:
+    """Problems of a structure in parts with what needs a factor of the whole."""
+    if scene.models.run != ("condensed",):
+        yield (
+            f"models.run: found {list(scene.models.run)} beside models.parts, must be "
+            "['condensed']: other models need a factor of the whole structure"
+        )
+    if scene.models.contact_points != "all":
+        yield (
+            "models.contact_points: found beside models.parts; points are merged by modes of "
+            "the whole structure; leave out either of them"
+        )
+    if scene.output.uff:
+        yield "output.uff: found true beside models.parts; it has modes of the whole; leave it out"
+    if scene.accuracy.is_given:
+        yield (
+            "accuracy: found largest errors beside models.parts, but errors are found by the "
+            "full model; leave them out"
+        )
 
 
 def _model_problems(scene: Scene) -> Iterator[str]:

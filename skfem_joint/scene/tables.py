@@ -404,6 +404,11 @@ class ModelsTable(SceneTable):
         "all",
         allowed="'all' or a whole number >= 1",
     )
+    parts: Count | None = key(
+        "number of parts that the structure is factorised in, one after another, where a factor of "
+        "the whole takes too much memory; the condensed model alone is made of them",
+        None,
+    )
 
 
 class ReductionTable(SceneTable):

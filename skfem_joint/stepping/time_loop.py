@@ -6,6 +6,10 @@ The law of friction is evaluated in `minimise_step`: for chains by `front_elimin
 this loop: `steppers.PythonStepper` steps them with `contact_newton` or `condensed_newton`, whose
 `contact_loops` take forces, tangents and relaxation of single points from `law`.
 `stepping.arrangement.step_problem` chooses the method.
+
+It is compiled for each kind of system with all that it calls. Of 6.1 s for chains and 7.6 s for
+dense systems, on a busy machine, 3.4 and 5.0 s are for the step problem alone. So a loop that kinds
+share, or one in Python for few steps, would save some 2.6 s of a first run, once.
 """
 
 # numba infers the types of compiled functions:

@@ -330,8 +330,8 @@ class Structure:
         """Error of the first frequencies by the mesh, with the joints stuck.
 
         With the joints loose where none carries friction, or where they hold everything. None of
-        bars, of elements of second order, whose errors are small, and of meshes so large that it
-        would take much memory.
+        bars, of elements of second order, whose errors are small, of structures in parts, and of
+        meshes so large that it would take much memory.
         """
         return self._erring("stuck")
 
@@ -342,7 +342,7 @@ class Structure:
 
     def _erring(self, joints: str) -> MeshError | None:
         """Error of the first frequencies by the mesh, with the joints stuck or loose."""
-        if self.dim == 1 or self.mesh.order > 1:
+        if self.dim == 1 or self.mesh.order > 1 or self.parts is not None:
             return None
         every, mesh = tuple(range(self.dim)), self.mesh
         straight = [Straight(name, every) for name in self.fixed]

@@ -50,8 +50,8 @@ class Choice:
     scene : Scene
         Scene with the time steps that are taken at first.
     model : System, optional
-        Reduced model that meets the accuracy, or the point that the scene is of one for a range;
-        None where neither is asked for.
+        Reduced model that meets the accuracy, the point that the scene is of one for a range, or
+        the condensed one of a structure in parts; None where neither is asked for.
     estimate : Estimate, optional
         Its estimated errors, where an accuracy is asked for.
     notes : tuple of str

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from scipy import sparse
+from scipy.sparse.linalg import LinearOperator
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import JointError
@@ -35,7 +36,7 @@ from skfem_joint.stepping.arrangement import Arranged
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.structure.load import Load
 from skfem_joint.structure.model import AnyStructure
-from skfem_joint.study.models import plan_of
+from skfem_joint.study.models import UNKNOWN_CHANGE, largest_model, plan_of
 from skfem_joint.system import modes
 from skfem_joint.system.modal_response import modal_response
 from skfem_joint.system.system import System
@@ -110,13 +111,17 @@ def describe(
     return _described(structure, system, loads, plan)
 
 
-def description_of(scene: Scene, path: QuasiStatic | None = None) -> Description:
+def description_of(
+    scene: Scene, path: QuasiStatic | None = None, model: System | None = None
+) -> Description:
     """Describe a scene; see `describe`.
 
     ``path`` is a quasi-static path of its system, whose factors are used; it is created here if it
     is needed and not given. Not for contact that opens, which is described as it is closed.
+    ``model`` is its `largest_model`, if that exists already.
     """
-    return _described(scene.structure(), scene.system(), scene.loads(), plan_of(scene), path)
+    model = largest_model(scene) if model is None else model
+    return _described(scene.structure(), model, scene.loads(), plan_of(scene), path)
 
 
 def _described(
@@ -220,7 +225,7 @@ def _moves(
     if not acting.size:
         _displaced(structure, system, _solve(system, static, no_unknowns), draft)
         return
-    _normal(structure, loads, vibration, slow, draft)
+    _normal(structure, system, loads, vibration, slow, draft)
     path = path or QuasiStatic(system)
     to = path.to
     path = path.afresh(Arranged(to.system, to.kind))  # in the unknowns that are stepped
@@ -318,6 +323,7 @@ def _mesh(structure: AnyStructure, draft: Description) -> None:
 
 def _normal(
     structure: AnyStructure,
+    system: System,
     loads: Sequence[Load],
     vibration: _Vibration,
     slow: bool,
@@ -326,6 +332,9 @@ def _normal(
     """Add by how much loads or vibration of the stuck structure change the normal forces."""
     if any(patch.joint.opens for patch in structure.patches):
         return  # whose normal forces may change
+    if isinstance(system.T, LinearOperator):
+        draft.doubts.append(UNKNOWN_CHANGE)
+        return
     acts = structure.reactions(loads)
     if acts is None:
         return

@@ -35,6 +35,12 @@ from skfem_joint.system.system import System
 if TYPE_CHECKING:
     from skfem_joint.slow.quasi_static import QuasiStatic
 
+#: Note where the assumption of constant normal forces is not judged.
+UNKNOWN_CHANGE = (
+    "By how much vibration changes the normal forces, which count as constant, is not computed of "
+    "a structure in parts."
+)
+
 
 def with_friction(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
     """Scene without models that reduce slip where no joint carries friction, and a note.
@@ -121,6 +127,18 @@ def other_reference(scene: Scene) -> tuple[str, ...]:
     )
 
 
+def largest_model(
+    scene: Scene, interface_modes: str | int = "auto", *, frequency: float | None = None
+) -> System:
+    """Full model of a scene, or where it is factorised in parts the condensed one.
+
+    ``interface_modes`` and ``frequency`` are those of `condense`.
+    """
+    if scene.parts is None:
+        return scene.system()
+    return condense(scene.system(), interface_modes, frequency=frequency, parts=scene.parts)
+
+
 def model_of(
     name: str,
     scene: Scene,
@@ -155,7 +173,7 @@ def model_of(
     if name == "full":
         return system
     if name == "condensed":
-        return condense(system, contact_points=scene.models.contact_points)
+        return condense(system, contact_points=scene.models.contact_points, parts=scene.parts)
     options = options or options_of(scene)
     check_reference(system, options.reference)
     duration = None if scene.time.until == "steady" else scene.n_steps * scene.time_step

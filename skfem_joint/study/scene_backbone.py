@@ -22,7 +22,13 @@ from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import RandomTable
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.study.models import finer_mesh, options_of, other_reference
+from skfem_joint.study.models import (
+    UNKNOWN_CHANGE,
+    finer_mesh,
+    largest_model,
+    options_of,
+    other_reference,
+)
 from skfem_joint.study.scene_range import of_scene, range_model, served_scene
 from skfem_joint.system.system import System
 from skfem_joint.vibration.amplitudes import Amplitudes
@@ -35,6 +41,8 @@ from skfem_joint.vibration.ring_down import RingDown, ring_down
 State = tuple[FloatArray, ...]
 #: Relative error of a ring-down's damping from its time step beyond which a note says so.
 DOUBTFUL_STEP = 0.02
+#: Modes of a condensed model by parts beyond the highest of its curves.
+MODES_BEYOND = 10
 
 
 @dataclass(frozen=True)
@@ -50,7 +58,8 @@ class ModelBackbone:
     ring_downs : list of RingDown
         Free vibration of each mode; empty if it was not asked for.
     errors : list of dict
-        Of each curve the largest relative distances from the full model's, by name.
+        Of each curve the largest relative distances from the full model's, by name; of a structure
+        in parts none are known.
     at : list of AtAmplitudes
         The same mode at the amplitudes that are asked for; empty if none are.
     """
@@ -138,7 +147,7 @@ def scene_backbone(
     InputError, ConvergenceError
         As :func:`backbone` and :func:`ring_down`.
     """
-    structure, system = scene.structure(), scene.system()
+    structure, system = scene.structure(), _largest_model(scene)
     asked = _amplitudes(scene)
     if asked is not None:
         asked.number(system.points)
@@ -146,6 +155,8 @@ def scene_backbone(
     warnings = [*system.notes, *other_reference(scene)]
     warnings += [warning for curve in full for warning in curve.notes]
     acts = structure.reactions(scene.loads())
+    if acts is not None and scene.parts is not None:
+        acts, warnings = None, [*warnings, UNKNOWN_CHANGE]
     normal = {}
     for c in full:
         moved = c.shape, c.stuck_frequency, float(c.amplitude[-1])
@@ -168,7 +179,7 @@ def scene_backbone(
             report = partial(progress, f"{name} model, mode {curve.mode}")
             if name == "reduced" and scene.reduction.range is not None:
                 small, own, notes = _of_range_model(scene, curve, report, folder)
-            elif name != "full":
+            elif name != "full" and scene.parts is None:
                 small, own, notes = _of_small_model(name, scene, curve, report)
             warnings += notes
             if asked is not None:
@@ -177,7 +188,7 @@ def scene_backbone(
                     at = _beside(_at(scene, small, own, asked, report), at)
                 model.at.append(at)
             model.curves.append(own)
-            model.errors.append(_distances(own, curve))
+            model.errors.append(_distances(own, curve) if scene.parts is None else {})
             if scene.backbone.ring_down:
                 start = released if small is system else _released(scene, small)
                 report = partial(progress, f"{name} model, mode {curve.mode} rings down")
@@ -190,7 +201,8 @@ def scene_backbone(
                 warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
                 warnings += _doubts(model, curve.mode)
         models.append(model)
-    return SceneBackbone(scene, _largest(scene, full), models, tuple(warnings), normal, mesh)
+    largest = _largest(scene, system, full)
+    return SceneBackbone(scene, largest, models, tuple(warnings), normal, mesh)
 
 
 def _amplitudes(scene: Scene) -> Amplitudes | None:
@@ -282,7 +294,7 @@ def _by_mesh(
     """
     if not scene.accuracy.estimate or scene.matrices is not None or system.contact.opens:
         return {}, []
-    if not affords(system, scene.named_mesh.dim):
+    if scene.parts is not None or not affords(system, scene.named_mesh.dim):
         return {}, []
     try:
         finer = finer_mesh(scene).system()
@@ -307,7 +319,7 @@ def scene_random(
 
     InputError and ConvergenceError as :func:`backbone` and :func:`random_response`.
     """
-    table, system = random_table(scene), scene.system()
+    table, system = random_table(scene), _largest_model(scene)
     curves = _curves(scene, system, scene.backbone.modes, partial(progress, "backbones"))
     with announced(progress, "random vibration"):
         found = random_response(
@@ -329,7 +341,13 @@ def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]
     """
     if "backbone" not in scene.model_fields_set or not scene.system().contact.count:
         return []
-    return _curves(scene, scene.system(), scene.backbone.modes, partial(progress, "backbone"))
+    system = _largest_model(scene)
+    return _curves(scene, system, scene.backbone.modes, partial(progress, "backbone"))
+
+
+def _largest_model(scene: Scene) -> System:
+    """Full model, or of a structure in parts the condensed one with modes for its curves."""
+    return largest_model(scene, max(scene.backbone.modes) + MODES_BEYOND)
 
 
 def _curves(
@@ -415,13 +433,13 @@ def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:
     return distances
 
 
-def _largest(scene: Scene, curves: list[Backbone]) -> list[float]:
+def _largest(scene: Scene, system: System, curves: list[Backbone]) -> list[float]:
     """Displacement of the node that each mode moves most, as `SceneBackbone` has it."""
-    body, system = scene.structure().body, scene.system()
+    body = scene.structure().body
     if body is None:
         return []
-    shapes = (body.unpacked(system.expand(curve.shape)) for curve in curves)
-    return [float(np.linalg.norm(shape, axis=1).max()) for shape in shapes]
+    shapes = system.expand(np.stack([curve.shape for curve in curves]))
+    return [float(np.linalg.norm(body.unpacked(shape), axis=1).max()) for shape in shapes]
 
 
 def _released(scene: Scene, system: System) -> State | None:

@@ -27,7 +27,13 @@ from skfem_joint.scene.tables import ResponseTable
 from skfem_joint.steady.marching import MAY_DEPEND
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.stepping.stopwatch import Stopwatch
-from skfem_joint.study.models import options_of, origin_of, other_reference, with_friction
+from skfem_joint.study.models import (
+    largest_model,
+    options_of,
+    origin_of,
+    other_reference,
+    with_friction,
+)
 from skfem_joint.study.scene_range import of_scene, range_model, served_scene
 from skfem_joint.system.system import System
 from skfem_joint.vibration.coarse_model import CoarseModel
@@ -189,9 +195,11 @@ def scene_response(
     """
     table = response_table(scene)
     scene, left_out = with_friction(scene)
-    system, between, levels = scene.system(), table.frequencies, sorted(table.levels)
+    between, levels = table.frequencies, sorted(table.levels)
+    highest = _highest(scene.system(), between.to)
+    system = largest_model(scene, frequency=highest)
     frequencies = np.linspace(between.from_, between.to, between.points)
-    more = min(BETWEEN, ENTRIES // max(system.K.nnz, 1))
+    more = min(BETWEEN, ENTRIES // max(system.K.size, 1))
     fine = np.union1d(frequencies, np.linspace(between.from_, between.to, more))
     limits = []
     for held, limit in ((True, "stuck"), (False, "loose")):
@@ -204,7 +212,7 @@ def scene_response(
     for name in scene.models.run:
         watch = Stopwatch()
         with announced(progress, f"making the {name} model"):
-            model = _model(name, scene, resonance, rows)
+            model = system if scene.parts else _model(name, scene, resonance, rows)
             coarse, notes = _coarse(model, scene, resonance)
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
@@ -229,7 +237,9 @@ def scene_response(
             notes += [note.replace(level, f"{level}, {name} model", 1) for note in curve.notes]
         curves = [curve for curve in curves if curve.found]
         estimates: list[Estimate] = []
-        if scene.accuracy.estimate:
+        if scene.accuracy.estimate and scene.parts:
+            notes.append("Errors of models by parts are not estimated: the full model finds them.")
+        elif scene.accuracy.estimate:
             report = partial(progress, f"errors of the {name} model")
             estimates, of_errors = _estimates(name, model, scene, curves, executor, rows, report)
             notes += of_errors
@@ -286,7 +296,7 @@ def _highest(system: System, frequency: float) -> float:
 
 def _coarse(model: System, scene: Scene, resonance: float) -> tuple[CoarseModel | None, list[str]]:
     """Reduced model beside a full or condensed one, where that helps, and a note if it fails."""
-    if model.made_for or model.serves or not model.contact.count:
+    if model.made_for or model.serves or not model.contact.count or scene.parts:
         return None, []
     V = None if model.origin is None else model.origin.basis.V
     level = max(asked_table(scene).levels)

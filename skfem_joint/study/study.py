@@ -41,7 +41,14 @@ from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.study.accuracy import Choice, choose, shortened_steps, stated
 from skfem_joint.study.description import description_of
-from skfem_joint.study.models import finer_mesh, model_of, origin_of, plan_of, with_friction
+from skfem_joint.study.models import (
+    finer_mesh,
+    largest_model,
+    model_of,
+    origin_of,
+    plan_of,
+    with_friction,
+)
 from skfem_joint.study.range_choice import choose_in_range
 from skfem_joint.study.results import Failure, Model, Study
 from skfem_joint.study.scene_range import middle_of, served_scene
@@ -119,9 +126,13 @@ def run_models(
     scene, left_out = with_friction(scene)
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
-    path = None if system.contact.opens else factors_at_rest(system)
-    description = description_of(scene, path)
+    watch, small = Stopwatch(), None if scene.parts is None else largest_model(scene)
+    by_parts = watch.read()
+    path = None if small is not None or system.contact.opens else factors_at_rest(system)
+    description = description_of(scene, path, small)
     choice = point or choose(scene, path, progress)
+    if small is not None:
+        choice = Choice(choice.scene, small, None, choice.notes, *by_parts)
     if in_range is not None and point is None:
         choice = replace(choice, notes=(*in_range.notes, *choice.notes))
     if "reduced" not in scene.models.run or choice.model is not None:
@@ -378,18 +389,19 @@ def _condensed(
     study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
 ) -> Study:
     watch, notes = Stopwatch(), tuple[str, ...]()
-    small = model_of("condensed", study.scene)
+    by_parts = choice if study.scene.parts is not None else Choice(study.scene)
+    small = by_parts.model or model_of("condensed", study.scene)
     kept, to = small.contact.B.shape[0], arranged(study.system)
     sparse = to.kind == "contact" and not condensing_pays(
         to.system.K, ContactPoints.of(to.system).limited
     )
-    if sparse or to.kind == "chain":
+    if by_parts.model is None and (sparse or to.kind == "chain"):
         less = "far less, of a chain" if to.kind == "chain" else "hardly more, of few entries"
         notes = (
             f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
             f"the full one costs {less}; a reduced one costs less.",
         )
-    before, compiled = watch.read()
+    before, compiled = np.add(watch.read(), (by_parts.seconds, by_parts.compilation_s)).tolist()
     scene, run, errors = shortened_steps(
         study.scene, partial(integrate, small), run_estimate.of_run
     )

@@ -17,7 +17,7 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Amplitude
 from skfem_joint.ground.values import Kind, problems
 from skfem_joint.linalg import shifts
-from skfem_joint.linalg.factors import factorised, pivots
+from skfem_joint.linalg.factors import factorised, with_pivots
 from skfem_joint.linalg.shifts import mean_square_frequency
 
 #: Lowest modes that are computed where the first three that strain are wanted: a body that floats
@@ -25,6 +25,8 @@ from skfem_joint.linalg.shifts import mean_square_frequency
 SEARCHED = 12
 #: Squares of frequencies below this share of the smallest shift are round-off: motions are rigid.
 ROUND_OFF = 0.02
+#: Strain energy of motions of unit size, over that of single unknowns, above which all strain.
+SOFT = 1e-6
 #: Pivots of a stiffness below this share of the largest are zero.
 ZERO = 1e-11
 
@@ -91,6 +93,34 @@ def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
     return modes[:, frequency == 0.0]
 
 
+def hardly_straining(
+    K: Matrix, solve: Callable[[FloatArray], FloatArray], size: FloatArray
+) -> FloatArray | None:
+    """Motions (n, r) of which all that strain nothing are combinations; None where that is unsure.
+
+    They are found by inverse iteration with a factor that exists already, and of most structures
+    by one vector, which tells that there are none.
+
+    Parameters
+    ----------
+    K : sparse array, shape (n, n)
+        Stiffness with ones on its diagonal.
+    solve : callable
+        Solver of it and a share of the unit matrix, far below `SOFT`.
+    size : ndarray, shape (n,)
+        Displacement of each unknown for a one.
+    """
+    random = np.random.default_rng(0)
+    for most in (1, SEARCHED):
+        X = random.normal(size=(K.shape[0], min(most, K.shape[0])))
+        for _ in range(3):
+            X = np.linalg.qr(solve(X))[0]
+        strain, turn = eigh(X.T @ (K @ X))
+        if strain[-1] > SOFT:
+            return np.asarray(size[:, np.newaxis] * (X @ turn[:, strain <= SOFT]))
+    return None
+
+
 def is_singular(K: Matrix) -> bool:
     """Whether a positive semidefinite matrix is singular, by its smallest pivot.
 
@@ -99,7 +129,7 @@ def is_singular(K: Matrix) -> bool:
     if K.shape[0] == 0:
         return False
     try:
-        each = pivots(K)
+        each, _ = with_pivots(K)
     except RuntimeError:  # exactly singular
         return True
     return bool(np.min(each) <= ZERO * np.max(each))

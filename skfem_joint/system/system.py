@@ -32,10 +32,15 @@ from skfem_joint.ground.arrays import (
 from skfem_joint.ground.errors import InputError, first_of, refuse
 from skfem_joint.ground.loads import Amplitude, as_amplitude
 from skfem_joint.ground.values import NOT_NEGATIVE, check_some
-from skfem_joint.linalg.factors import factorised, pivots
+from skfem_joint.linalg.factors import factorised, with_pivots
 from skfem_joint.linalg.shifts import mean_square_frequency
 from skfem_joint.system.contacts import Contact
-from skfem_joint.system.modes import RayleighFit, ratio_problems, rayleigh_fit
+from skfem_joint.system.modes import (
+    RayleighFit,
+    hardly_straining,
+    ratio_problems,
+    rayleigh_fit,
+)
 from skfem_joint.system.served import Served
 from skfem_joint.system.slips import SLIPPING_SHARE, WHOLE_SHARE, SlipRows
 from skfem_joint.system.unknowns import (
@@ -249,7 +254,8 @@ class System:
             return closed
         # Motions that keep contact closed are combinations of the columns of T, others are not, and
         # strain what stands for them.
-        parts = factorised(sparse.csr_array(T.T @ T))((T.T @ self.loose).toarray())
+        parts = (T.T @ self.loose).toarray()
+        parts = factorised(sparse.csr_array(T.T @ T))(parts) if parts.size else parts
         return replace(closed, loose=sparse.csr_array(parts))
 
     def with_contact(self, **changes: Any) -> System:
@@ -466,7 +472,7 @@ class System:
         )
         new = _unknowns(joined, fixed)
         system = replace(outer._with(new.forward), contact=joined.contact_in(new))
-        _check_definite(system, C is not None)
+        system = _definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 
     def with_damping_ratio(
@@ -681,6 +687,7 @@ def _unsymmetric(name: str, A: Matrix) -> list[str]:
     ]
 
 
+_Solver = Callable[[FloatArray], FloatArray]
 #: What is wrong with matrices that are not definite, or semidefinite.
 _WRONG = {
     "M": "is not positive definite: does every unknown have mass?",
@@ -704,42 +711,49 @@ def _negative(M: Matrix, C: Matrix, K: Matrix) -> list[str]:
     return problems
 
 
-def _check_definite(system: System, damped: bool) -> None:
-    """Refuse a mass that is not positive definite, and a stiffness or damping that is indefinite.
+def _definite(system: System, damped: bool) -> System:
+    """The system, with the motions that strain nothing as far as the check finds them.
 
-    Stiffness and damping may be singular or zero: friction or contact alone may hold a body. The
-    damping is checked only if it is ``damped`` by a matrix of its own.
+    A mass that is not positive definite, and a stiffness or damping that is indefinite, are
+    refused. Stiffness and damping may be singular or zero: friction or contact alone may hold a
+    body. The damping is checked only if it is ``damped`` by a matrix of its own.
     """
+    stiffness = _semidefinite(system.K)
     wrong = {
-        "M": not _is_definite(system.M),
-        "K": not _is_semidefinite(system.K),
-        "C": damped and not _is_semidefinite(system.C),
+        "M": _solver(system.M) is None,
+        "K": stiffness is None,
+        "C": damped and _semidefinite(system.C) is None,
     }
     refuse(f"{name}: {_WRONG[name]}" for name, is_wrong in wrong.items() if is_wrong)
+    loose = None if stiffness is None else hardly_straining(*stiffness)
+    return system if loose is None else replace(system, loose=sparse.csr_array(loose))
 
 
-def _is_semidefinite(A: Matrix) -> bool:
-    """Whether a symmetric matrix is positive semidefinite, but for round-off.
+def _semidefinite(A: Matrix) -> tuple[Matrix, _Solver, FloatArray] | None:
+    """A positive semidefinite matrix with ones on its diagonal, its solver, and unknowns' sizes.
 
-    It is divided by the roots of its diagonal on both sides, so that the units of the unknowns do
-    not matter, and 1e-9 of the unit matrix is added before it is factorised. Diagonal entries below
-    1e-12 of the largest are round-off.
+    None where it is indefinite by more than round-off. It is divided by the roots of its diagonal
+    on both sides, so that the units of the unknowns do not matter, and 1e-9 of the unit matrix is
+    added before it is factorised. Diagonal entries below 1e-12 of the largest are round-off.
     """
     A = sparse.csr_array(A, copy=True)  # zeros are taken out in place
     A.eliminate_zeros()
     if not A.nnz:
-        return True
+        return A, lambda right: right, np.ones(A.shape[0])
     diagonal = A.diagonal()
     least = 1e-12 * float(np.abs(diagonal).max())
     if least == 0.0 or diagonal.min() < -least:
-        return False
-    divided = sparse.diags_array(1.0 / np.sqrt(np.maximum(diagonal, 0.0) + least))
-    return _is_definite(divided @ A @ divided + 1e-9 * sparse.eye_array(A.shape[0]))
+        return None
+    size = 1.0 / np.sqrt(np.maximum(diagonal, 0.0) + least)
+    divided = sparse.diags_array(size) @ A @ sparse.diags_array(size)
+    solve = _solver(divided + 1e-9 * sparse.eye_array(A.shape[0]))
+    return None if solve is None else (divided, solve, size)
 
 
-def _is_definite(A: Matrix) -> bool:
-    """Whether a symmetric matrix is positive definite: all pivots of its factors are positive."""
+def _solver(A: Matrix) -> _Solver | None:
+    """Solver of a symmetric matrix that is positive definite by all its pivots; None of another."""
     try:
-        return bool(np.all(pivots(A) > 0.0))
+        pivots, solve = with_pivots(A)
     except RuntimeError:  # the factorisation stops at a pivot that is exactly zero
-        return False
+        return None
+    return solve if np.all(pivots > 0.0) else None

@@ -60,6 +60,20 @@ def test_rigid_motions_are_those_of_supports_and_closed_contact(system):
     np.testing.assert_allclose(unstrained(system), rigid)
 
 
+@pytest.mark.parametrize("held", [[], [0, 1, 2], np.arange(0, 300, 7)])
+def test_given_matrices_know_their_rigid_motions_without_another_factor(system, caplog, held):
+    """They are those of zero frequency; the factor of the check of signs finds them."""
+    given = sj.System.from_matrices(system.M, system.K, fixed=held)
+    values, modes = eigh(given.K.toarray(), given.M.toarray())
+    motions = modes[:, values < 1e-9 * values[-1]]
+    assert motions.shape[1] == {0: 9, 3: 6, 43: 0}[np.size(held)]
+    with caplog.at_level(logging.DEBUG):
+        rigid = rigid_of(given)
+    assert not caplog.records  # of factors
+    assert rigid.shape == motions.shape
+    np.testing.assert_allclose(rigid @ (rigid.T @ (given.M @ motions)), motions, atol=1e-7)
+
+
 def test_a_motion_that_several_rigid_ones_share_counts_once():
     """Only one node of the plate is free, along one direction, which turning it moves as well."""
     names = {"top": ("top", "j"), "l": "left", "r": "right", "bottom": "bottom"}
