@@ -22,7 +22,15 @@ from skfem_joint.results.contact_history import (
     normal_forces,
 )
 from skfem_joint.results.history import States
-from skfem_joint.results.stress import preload_stress, von_mises
+from skfem_joint.results.stress import (
+    StressCycle,
+    cycle_period,
+    middles,
+    preload_stress,
+    stress_notes,
+    von_mises,
+    within,
+)
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.structure.structure import Structure
@@ -58,6 +66,12 @@ PRELOAD_CELL_ARRAYS = {
     "preload_stress": "Pa, at rest, by the preload alone, as stress",
     "total_von_mises": "Pa, of preload and vibration together",
 }
+#: Beside these, where at least 9 times of the last cycle are stored.
+CYCLE_CELL_ARRAYS = {
+    "von_mises_range": "Pa, of largest less least stress, component by component, in the last "
+    "cycle: twice the alternating stress",
+    "von_mises_mean": "Pa, of the middle of both with the preload, negative in pressure",
+}
 
 
 @dataclass(frozen=True)
@@ -78,6 +92,8 @@ class Field:
         Since the start, J/m^2; 0 off the contact.
     contact_pressure, gap : ndarray, shape (frames, N), or None
         Of contact that opens, on the pressed body, Pa and m; 0 off it. None where none opens.
+    last_cycle : slice, optional
+        Frames of the last cycle, if there is one with enough of them.
     """
 
     name: str
@@ -89,6 +105,7 @@ class Field:
     friction_work_density: FloatArray
     contact_pressure: FloatArray | None = None
     gap: FloatArray | None = None
+    last_cycle: slice | None = None
 
 
 @dataclass(frozen=True)
@@ -143,13 +160,28 @@ class Frames:
         """Stress of the linear sub-cells by the preload, (c, 6), Pa."""
         return preload_stress(self.structure)[self.structure.body.cell_element]
 
-    def _stresses(self, vibration: FloatArray) -> dict[str, FloatArray]:
-        """Arrays of stress of a frame on linear sub-cells, with those of a preload."""
+    @cached_property
+    def _cycles(self) -> dict[str, dict[str, FloatArray]]:
+        """Arrays of the last cycle of each model that has one, on linear sub-cells."""
+        body, cycles = self.structure.body, {}
+        for each in self.fields:
+            if each.last_cycle is not None:
+                stresses = (body.stress(u) for u in each.displacement[each.last_cycle])
+                rest, at = preload_stress(self.structure), middles(self.structure)
+                cycle = StressCycle.of(np.arange(len(at)), at, rest, stresses)
+                values = {"von_mises_range": 2.0 * cycle.amplitude}
+                if not stress_notes(self.structure):
+                    values["von_mises_mean"] = cycle.signed_mean
+                cycles[each.name] = {k: x[body.cell_element] for k, x in values.items()}
+        return cycles
+
+    def _stresses(self, name: str, vibration: FloatArray) -> dict[str, FloatArray]:
+        """Arrays of stress of a frame on linear sub-cells, with those of preload and last cycle."""
         arrays = {"stress": vibration, "von_mises": von_mises(vibration)}
         if self.structure.preload is not None:
             rest = self._preload_stress
             arrays |= {"preload_stress": rest, "total_von_mises": von_mises(rest + vibration)}
-        return arrays
+        return arrays | self._cycles.get(name, {})
 
     @cached_property
     def _reactions(self) -> list[sparse.csr_array]:
@@ -210,7 +242,7 @@ class Frames:
             **self._preloaded,
             **self._opened(field, frame),
             "contact_state": _mean_state(self._cell_means, state),
-            **self._stresses(stress),
+            **self._stresses(field.name, stress),
         }
 
     def _opened(self, field: Field, frame: int) -> dict[str, FloatArray]:
@@ -298,7 +330,9 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
         density[:, nodes] += contact.work[:, points] * own / patch.area
     if pressure is not None and gap is not None:
         _open(structure, run, forces, pressure, gap, states)
-    return Field(name, u, v, slip, traction, states, density, pressure, gap)
+    period = cycle_period(run)
+    last = None if period is None else within(run.field_times, period)
+    return Field(name, u, v, slip, traction, states, density, pressure, gap, last)
 
 
 def _open(

@@ -22,7 +22,7 @@ from skfem_joint.output.drawing import pictures
 from skfem_joint.output.drawing.offscreen import offscreen
 from skfem_joint.output.fields import frames_of
 from skfem_joint.output.record import clear, writing
-from skfem_joint.output.tables import write_csv
+from skfem_joint.output.tables import write_csv, write_table
 from skfem_joint.output.universal import scene_uff
 from skfem_joint.scene import Scene
 from skfem_joint.study.error_time import FILES, Report
@@ -125,7 +125,10 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     if pictured:
         plan["joint.png"] = partial(pictures.still, frames=frames)
         plan["joint.gif"] = partial(pictures.animation, frames=frames)
-    with writing(folder, report.summary(study)) as summary:
+    content = report.summary(study)
+    if stresses := report.stress_rows(content):
+        plan["stress.csv"] = partial(write_table, columns=stresses)
+    with writing(folder, content) as summary:
         for k, (name, writer) in enumerate(plan.items()):
             progress("pictures and files", k, len(plan))
             writer(folder / name)

@@ -37,6 +37,10 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
         *("loss_factor", "slipping_share_", "state", "doubt", "mesh_error_"),
     ),
     "peaks.csv": (),
+    "stress.csv": (
+        *("model", "region", "largest", "x_m", "y_m", "z_m", "preload_", "vibration_", "total_"),
+        *("alternating_", "mean_von_mises_"),
+    ),
     "random.csv": (),
     "random_joints.csv": (),
 }
@@ -44,6 +48,7 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
 _TABLES = {
     "amplitudes.csv": "At the amplitudes asked for",
     "backbone.csv": "Over the level, which is 1 where the first joint slips as a whole",
+    "stress.csv": "Where stresses of elements are largest, in the last cycle or in a run without",
     "peaks.csv": "Peaks beside the damping curves",
     "random.csv": "Motion of the named points",
     "random_joints.csv": "Work of the joints",

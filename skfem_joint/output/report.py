@@ -10,7 +10,7 @@ import numpy as np
 
 from skfem_joint.accuracy.estimate import NAMES, SOURCES, WITHOUT_MESH
 from skfem_joint.ground.files import replacing
-from skfem_joint.output.tables import TextTable
+from skfem_joint.output.tables import Table, TextTable, by_columns
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.stepping.recording import Run
 from skfem_joint.study.premises import premises
@@ -73,6 +73,16 @@ def loop_rows(runs: Mapping[str, Run]) -> Iterator[list[Any]]:
     for row, t in enumerate(times.tolist()):
         cells = (float(x[row]) if row < len(x) else "" for x in columns.values())
         yield [t, *cells]
+
+
+def stress_rows(content: Mapping[str, Any]) -> Table:
+    """Table of the stresses of a summary: a row for each model, region and largest stress."""
+    return by_columns(
+        {"model": model, "region": region, "largest": name, **row}
+        for model, results in content["models"].items()
+        for region, rows in results.get("stress", {}).items()
+        for name, row in rows.items()
+    )
 
 
 def results_text(study: Study) -> str:
@@ -199,6 +209,10 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
         ("loop energy", "loop_energy_per_cycle", "{:+.3g}"),
     ):
         add(f"error of {label}, %", form, at("error", key), 100.0)
+    for region in _names(table or {} for table in at("stress")):
+        for name in ("preload", "vibration", "total", "alternating"):
+            values = at("stress", region, name, f"{name}_von_mises_Pa")
+            add(f"largest von Mises stress of {region}, {name}, MPa", "{:.4g}", values, 1e-6)
     add("energy lost by impacts, J", "{:.4g}", at("impact_energy_J"))
     add("largest normal force of a pressure point, N", "{:.4g}", at("largest_normal_force_N"))
     add("contact opened, % of the pressure points", "{:.3g}", at("opened_fraction"), 100.0)
