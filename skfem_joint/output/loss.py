@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.ground.files import safe_names
-from skfem_joint.results.loss import Losses, known
+from skfem_joint.output.plots import prefixed_unit
+from skfem_joint.results.loss import Losses, known, losses
 from skfem_joint.results.places import JointPlaces, PlaceResults
+from skfem_joint.study.results import Model
 from skfem_joint.study.scene_backbone import AtAmplitudes
 from skfem_joint.vibration.amplitudes import UNITS
 from skfem_joint.vibration.response_curve import Curve
@@ -104,6 +106,32 @@ def amplitude_lines(model: str, at: AtAmplitudes, places: JointPlaces) -> Iterat
             f"{losses['largest_strain_energy_J']:.3g} J."
         )
         yield from _place_lines(by_place, k)
+
+
+def loss_label(model: Model, on_mesh: bool) -> str:
+    """Loss factor of a run's last cycle with its stated error, and the energies it is made of.
+
+    ``on_mesh``: whether its structure has elements, whose error may not be known.
+    """
+    found, error = losses(model.run), model.loss_error
+    if not np.isfinite(found.loss_factor):
+        return ""
+    lost = {"friction": found.friction, "damping": found.viscous, "impacts": found.impacts}
+    parts = [(name, float(x)) for name, x in lost.items() if x is not None and x != 0.0]
+    shown = " + ".join(f"{joule(x)} {name}" for name, x in parts) or "0 J"
+    stated = "" if error is None else f" ± {100.0 * error:.2g} %"
+    if stated and on_mesh and model.estimate is not None and model.estimate.lacks_mesh:
+        stated += " without mesh"
+    return (
+        f"loss factor {float(found.loss_factor):#.3g}{stated}\n"
+        f"({shown}) / (2π · {joule(float(found.strain))})"
+    )
+
+
+def joule(energy: float) -> str:
+    """Energy to three digits with the prefix that suits it."""
+    unit, size = prefixed_unit("J", [np.array([energy])])
+    return f"{energy / size:.3g} {unit}"
 
 
 def _error(at: AtAmplitudes, k: int) -> str:

@@ -102,8 +102,19 @@ def estimates_text(study: Study) -> str:
         for name, model in study.models.items()
         if model.estimate_s > 0.0
     ]
-    table = str(estimate_table(_of_models(study)))
-    return f"{table}\n\nTime of the estimates: {', '.join(took)}." if took else table
+    content = _of_models(study)
+    parts = [str(estimate_table(content))]
+    lost = [
+        f"{model['loss_factor']:.4g} ± {100.0 * error:.2g} %"
+        f"{' without mesh' if model['estimated_total_without_mesh'] else ''} of the {name} model"
+        for name, model in content["models"].items()
+        if (error := model.get("loss_factor_error_total")) and model["loss_factor"]
+    ]
+    if lost:
+        parts.append(f"Loss factor: {', '.join(lost)}.")
+    if took:
+        parts.append(f"Time of the estimates: {', '.join(took)}.")
+    return "\n\n".join(parts)
 
 
 def summary(study: Study) -> dict[str, Any]:
@@ -194,6 +205,7 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
     add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
     add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
     add("loss factor", "{:.4g}", at("loss_factor"))
+    add("stated error of the loss factor, %", "{:.2g}", at("loss_factor_error_total"), 100.0)
     if not cycles:
         totals = [sum(energies.values()) for energies in at("friction_energy_J")]
         add("friction energy, J", "{:.4g}", totals)

@@ -322,8 +322,8 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     nodal contact area adds up to the same force with the opposite sign. Cells carry `CELL_ARRAYS`
     (see :meth:`Frames.arrays`), of runs in cycles `CYCLE_CELL_ARRAYS`, ``region`` (position in the
     field array ``region_names``, -1 without one; of overlapping regions the one with fewest
-    elements), ``body`` and ``thickness`` (m, not of solids). The field array ``units`` says this in each file. Elements of second order
-    come as linear cells on their nodes, prisms as wedges.
+    elements), ``body`` and ``thickness`` (m, not of solids). The field array ``units`` says this in
+    each file. Elements of second order come as linear cells on their nodes, prisms as wedges.
 
     ``NAME.pvd`` is the index of ``NAME/frame_0000.vtm`` and so on, which name the blocks in
     ``NAME/BLOCK_0000.vtu``: ParaView and pyvista show the names. Folders are made. Every file takes

@@ -54,6 +54,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "friction_energy_per_cycle_J": energies(run)[0] if has_cycles else None,
         "loop_energy_per_cycle_J": energies(run)[1] if has_cycles else None,
         **(known(losses(run).row()) if has_cycles else {}),
+        **({"loss_factor_error_total": model.loss_error} if has_cycles else {}),
         "friction_energy_J": _friction_energy(run),
         "input_work_J": float(beyond_round_off(run, run.input_work.sum())),
         "viscous_work_J": float(beyond_round_off(run, run.viscous_work)),

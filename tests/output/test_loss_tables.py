@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_scenes import harmonic, plate_scene
+from joint_scenes import bar_scene, harmonic, plate_scene
 from pydantic import ValidationError
 
 import skfem_joint as sj
 from skfem_joint.mesh import build_plate
 from skfem_joint.output.damping import backbone_lines, write_backbone, write_response
+from skfem_joint.output.loss import joule, loss_label
+from skfem_joint.output.plots import energies_figure
 from skfem_joint.results.loss import COLUMNS
 from skfem_joint.scene import Scene
 from skfem_joint.study.scene_backbone import scene_backbone
@@ -137,3 +139,34 @@ def test_what_does_not_fit_together_is_refused():
     response = {"frequencies": {"from": 2e2, "to": 3e2}, "functions": ["transmissibility"]}
     with pytest.raises(sj.InputError, match="needs a base that moves"):
         scene_response(bracket("full", response=response))
+
+
+@pytest.fixture(scope="module")
+def run_of_two_models() -> sj.Study:
+    return sj.run_scene(bar_scene("full", "reduced", time={"cycles": 3}, reduction={"modes": 3}))
+
+
+def test_the_stated_error_of_a_loss_factor_covers_what_a_reduction_changes(run_of_two_models):
+    full, reduced = run_of_two_models.models.values()
+    exact, found = (float(sj.losses(model.run).loss_factor) for model in (full, reduced))
+    apart = abs(found / exact - 1.0)
+    assert 0.01 < apart < reduced.loss_error < 3.0 * apart
+
+
+def test_no_total_error_is_less_than_one_of_its_parts(run_of_two_models):
+    for model in run_of_two_models.models.values():
+        parts = {source: e for source, e in model.estimate.parts.items() if source != "coulomb"}
+        total = parts.pop("total")
+        for name in ("peak_displacement", "friction_energy", "loop_energy"):
+            assert total[name] >= max(errors[name] for errors in parts.values())
+
+
+def test_pictures_of_a_run_name_its_loss_factor(run_of_two_models):
+    model = run_of_two_models.models["full"]
+    label, lost = loss_label(model, on_mesh=True), sj.losses(model.run)
+    number = f"loss factor {float(lost.loss_factor):#.3g} ± "
+    assert label.startswith(number)
+    assert label.endswith(f"/ (2π · {joule(float(lost.strain))})")
+    figure = energies_figure(run_of_two_models.runs, {"full": label})
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [f"full: {label}", "reduced"]
