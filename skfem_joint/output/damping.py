@@ -67,6 +67,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
             c, by_place = at.curve, places.of_curve(at.curve.friction_work, at.curve.slip)
             for k, row in enumerate(_curve_rows(model.name, c, names)):
                 row |= c.losses.row(k) | loss.error_cells(at, k) | loss.place_cells(by_place, k)
+                row["not_counted"] = loss.not_counted(at, backbone.normal.get(c.mode))
                 at_rows.append(loss.asked_cells(at, k) | row)
     tables = {"backbone.csv": by_columns(rows)}
     if at_rows:
@@ -155,7 +156,7 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
 def _asked_lines(backbone: SceneBackbone, model: str, at: AtAmplitudes) -> Iterator[str]:
     """What is printed of the amplitudes that were asked for."""
     places = places_of(backbone.scene.structure(), backbone.scene.system())
-    yield from loss.amplitude_lines(model, at, places)
+    yield from loss.amplitude_lines(model, at, places, backbone.normal.get(at.curve.mode))
 
 
 def _to(errors: FloatArray) -> str:
@@ -221,7 +222,7 @@ def _mode(
         "highest_level": loss.content(c.losses, places.of_curve(c.friction_work, c.slip), -1),
     }
     for at in model.at[k : k + 1]:
-        content["amplitudes"] = loss.amplitude_content(at, places)
+        content["amplitudes"] = loss.amplitude_content(at, places, backbone.normal.get(c.mode))
     if c.estimated:
         content["estimated_error"] = dict(c.estimated)
     if c.mode in backbone.mesh:
@@ -333,7 +334,8 @@ def write_response(
             **_named("offset_{}_m", names, p.offset),
             **_named("harmonic_{}_m", harmonics, np.abs(p.harmonics).ravel()),
             "friction_energy_J": p.friction_energy, "input_energy_J": p.input_energy,
-            "largest_slip_m": p.slip.max(initial=0.0), "slipping_share": p.share,
+            "largest_slip_m": p.slip.max(initial=0.0),
+            "slipping_share": by_place[model.name, curve.level].slipping_share_of_all[k],
             **{column: values[k] for column, values in functions[model.name, curve.level].items()},
             "periods": p.periods, "residual": p.change, "step_error": p.step_error,
             **({"model_error": p.model_error} if served else {}),

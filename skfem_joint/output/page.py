@@ -30,7 +30,7 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
     "amplitudes.csv": (
         *("point", "quantity", "value", "unit", "model", "mode", "frequency_Hz", "loss_factor"),
         *("quality_factor", "displacement_", "loss_share_", "slipping_share_", "largest_slip_"),
-        *("state", "doubt"),
+        *("state", "doubt", "not_counted"),
     ),
     "backbone.csv": (
         *("model", "mode", "level", "displacement_", "frequency_Hz", "damping_ratio"),

@@ -122,6 +122,7 @@ class JointPlaces:
             slipping_share=over(np.asarray((share @ slipping.T).T), whole),
             largest_slip=np.stack(largest, axis=-1) if largest else by_place,
             normal_force=self.normal_force,
+            limit=whole,
         )
 
 
@@ -148,8 +149,8 @@ class PlaceResults:
         Share of the friction limit of each place whose points slip, 1 where it slips as a whole.
     largest_slip : ndarray, shape (..., places)
         Of the points that belong to a place by half at least, m.
-    normal_force : ndarray, shape (places,)
-        At rest, N.
+    normal_force, limit : ndarray, shape (places,)
+        Normal force at rest and friction limit, N.
     """
 
     names: tuple[str, ...]
@@ -158,6 +159,14 @@ class PlaceResults:
     slipping_share: FloatArray
     largest_slip: FloatArray
     normal_force: FloatArray
+    limit: FloatArray
+
+    @property
+    def slipping_share_of_all(self) -> FloatArray:
+        """Share of the friction limits of all joints whose points slip, (...); 0 without any."""
+        limit, share = self.limit[: self.joints], self.slipping_share[..., : self.joints]
+        slips = np.asarray(np.where(limit > 0.0, share, 0.0) @ limit)
+        return slips / limit.sum() if limit.any() else 0.0 * slips
 
     @property
     def normal_share(self) -> FloatArray:

@@ -137,6 +137,9 @@ class Backbone:
     differs : ndarray of bool, shape (levels,), optional
         Levels at which a ring-down differs by more than both stated errors, from
         `skfem_joint.vibration.ring_down.RingDown.beside`; None if there is none beside the curve.
+    excites : tuple of str
+        Higher modes near multiples of its frequency, which friction excites, such as "mode 2 at 3
+        times". What that takes is in no level: the true damping may be twice as large or more.
     path : ModePath, optional
         What the curve was followed along, if it is kept.
     """
@@ -167,6 +170,7 @@ class Backbone:
     opened: FloatArray | None = None
     limits: FloatArray | None = None
     differs: BoolArray | None = None
+    excites: tuple[str, ...] = ()
     path: ModePath | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -420,13 +424,16 @@ def _curve(
     omega = np.sqrt(level / q)
     viscous_damping = float(shape @ (system.C @ shape)) / (2.0 * omega)
     frequency = omega / (2.0 * np.pi)
-    slipping = path.stays.to.system.slipping(found.sliding)
+    stays = path.stays.to.system
+    slid = stays.contact.slid(found.by_point)  # in the cycle, which may slip where the rise sticks
+    slipping = stays.slipping(slid)
     state = _stick_or_slip(path.stays, mode, asked, found, slipping)
+    excites = _excited_modes(mode, frequency, path.opens)
     notes = [
         *found.notes,
         *_notes_of_levels(asked, state, slipping),
         *_notes_of_law(system, found),
-        *_excited_modes(mode, frequency, path.opens),
+        *_notes_of_excited(excites, path.opens),
     ]
     middle = found.middle
     return Backbone(
@@ -443,7 +450,7 @@ def _curve(
         states=to.outer(states),
         loops=to.outer(found.loops),
         slip=found.slip,
-        share=path.stays.to.system.slipping_share(found.sliding),
+        share=stays.slipping_share(slid),
         state=state,
         losses=Losses(
             friction=found.work,
@@ -460,6 +467,7 @@ def _curve(
         middle=None if middle is None else to.outer(middle),
         offset=None if middle is None else middle @ force,
         opened=found.opened,
+        excites=excites,
         path=ModePath(path.system, path.closed, mode, shape, path, found),
     )
 
@@ -612,19 +620,23 @@ def _notes_of_law(system: System, found: RisingCycles) -> Iterator[str]:
         )
 
 
-def _excited_modes(mode: StuckMode, frequency: FloatArray, opens: bool) -> Iterator[str]:
-    """Note of higher modes near multiples of the frequencies (levels,), Hz, of a mode.
+def _excited_modes(mode: StuckMode, frequency: FloatArray, opens: bool) -> tuple[str, ...]:
+    """Higher modes near multiples of the frequencies (levels,), Hz, of a mode.
 
     Friction has odd harmonics; contact that ``opens`` has even ones too.
     """
     low = frequency.min() * (1.0 - NEAR)
     high = mode.frequency * (1.0 + NEAR)
     multiples = MULTIPLES + (EVEN_MULTIPLES if opens else ())
-    near = [
+    return tuple(
         f"mode {k} at {other / mode.frequency:.3g} times"
         for k, other in enumerate(mode.frequencies[mode.number :], mode.number + 1)
         if any(m * low < other < m * high for m in multiples)
-    ]
+    )
+
+
+def _notes_of_excited(near: tuple[str, ...], opens: bool) -> Iterator[str]:
+    """Note of higher modes that friction or contact that ``opens`` excites."""
     if near:
         kind, what = ("", "contact excites") if opens else ("odd ", "friction excites")
         yield (

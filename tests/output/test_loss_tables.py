@@ -58,7 +58,8 @@ def test_one_command_says_loss_factor_error_and_bolt(answered):
     _, lines = answered
     (first,) = [line for line in lines if line.startswith("full model, mode 1, force of 20 N")]
     assert "at right: loss factor 0." in first
-    assert " % (cycles, mesh), equivalent viscous ratio " in first
+    assert " % by cycles and mesh (not counted: as friction excites mode 2 at " in first
+    assert "times, it may be twice as large or more), equivalent viscous ratio " in first
     bolts = [line for line in lines if line.startswith("  joint_bolt_2: ")]
     assert len(bolts) == 4
     assert all(
@@ -87,7 +88,10 @@ def test_a_table_has_the_amplitudes_their_errors_and_all_places(answered):
         assert bool(model) == (row["model"] == "condensed")
         total = float(row["loss_factor_error_total"])
         assert total == pytest.approx(sum(known) + float(model or 0.0))
+        assert "mode 2 at" in row["not_counted"]
+        assert "not known" not in row["not_counted"]
     levels = rows_of(folder / "backbone.csv")
+    assert {row["slipping_share"] == row["slipping_share_joint"] for row in levels} == {True}
     assert set(COLUMNS) - {"lost_by_impacts_J"} <= levels[0].keys()
     for row in levels:
         assert float(row["damping_ratio"]) < float(row["equivalent_viscous_ratio"])
@@ -116,6 +120,7 @@ def test_a_response_has_losses_places_and_the_functions_asked_for(tmp_path):
     (curve,), system = found.models[0].curves, scene.system()
     rows = rows_of(tmp_path / "response.csv")
     for k, row in enumerate(rows):
+        assert row["slipping_share"] == row["slipping_share_joint"]
         assert float(row["loss_factor"]) == pytest.approx(curve.losses.loss_factor[k])
         bolts = [float(row[f"loss_share_{name}"]) for name in PLACES]
         assert bolts[0] == pytest.approx(bolts[1] + bolts[2])
