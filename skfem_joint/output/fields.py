@@ -134,10 +134,13 @@ class Frames:
 
     @cached_property
     def pressure(self) -> FloatArray:
-        """Clamping pressure on the pressed nodes, 0 elsewhere, shape (N,), Pa."""
+        """Clamping pressure on the pressed nodes, 0 elsewhere, shape (N,), Pa.
+
+        On an edge where joints meet it is the force of all of them over the area of all.
+        """
         pressure = np.zeros(len(self.structure.nodes))
-        for patch in self.structure.patches:
-            pressure[patch.nodes] += patch.normal_force / patch.area
+        for patch, area in zip(self.structure.patches, _pressed_areas(self.structure), strict=True):
+            pressure[patch.nodes] += patch.normal_force / area
         return pressure
 
     @cached_property
@@ -146,12 +149,18 @@ class Frames:
         preload, gap = self.structure.preload, np.zeros(len(self.structure.nodes))
         if preload is None:
             return {}
-        for patch, joint in zip(self.structure.patches, preload.joints, strict=True):
-            if joint is None or patch.joint.opens:
-                continue
+        known = [
+            (patch.other, joint)
+            for patch, joint in zip(self.structure.patches, preload.joints, strict=True)
+            if joint is not None and not patch.joint.opens
+        ]
+        area = sum((joint.area for _, joint in known), np.zeros(gap.size))
+        for held, joint in known:
             nodes = np.flatnonzero(joint.area)
-            other = None if patch.other is None else joint.other[nodes]
-            gap += joint.gap + _reaction(other, nodes, joint.area[nodes], gap.size) @ joint.gap
+            other = None if held is None else joint.other[nodes]
+            own = np.zeros(gap.size)  # joints that meet share nodes
+            own[nodes] = joint.gap[nodes] * joint.area[nodes] / area[nodes]
+            gap += own + _reaction(other, nodes, joint.area[nodes], gap.size) @ own
         moved = self.structure.body.in_space(preload.displacement)
         return {"gap": gap, "preload_displacement": moved}
 
@@ -254,6 +263,14 @@ class Frames:
         return {"contact_pressure": pressure + self._reaction @ pressure, "gap": apart}
 
 
+def _pressed_areas(structure: Structure) -> list[FloatArray]:
+    """Area of the nodes of each joint, m^2: of those that joints share that of all these joints."""
+    area = np.zeros(len(structure.nodes))
+    for patch in structure.patches:
+        area[patch.nodes] += patch.area
+    return [area[patch.nodes] for patch in structure.patches]
+
+
 def _reaction(
     other: sparse.csr_array | None, nodes: IntArray, own: FloatArray, n: int
 ) -> sparse.csr_array:
@@ -316,18 +333,20 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
     pressure, gap = np.zeros((2, *u.shape[:2])) if present else (None, None)
     limits = limits_of(system, forces := normal_forces(structure, run))
     states = np.full(u.shape[:2], -1, dtype=np.int8)
-    for number, patch in enumerate(structure.patches):
-        points, nodes = patch.points, patch.nodes
+    for number, (patch, area) in enumerate(
+        zip(structure.patches, _pressed_areas(structure), strict=True)
+    ):
+        points, nodes, part = patch.points, patch.nodes, patch.area / area
         own = system.contact.J[[number]].toarray()[0, points]
-        limit = own * limits[:, points] / patch.area
+        limit = own * limits[:, points] / area
         for k in range(patch.directions.shape[1]):
             free = system.contact.directions[points] > k
             row, along = system.contact.first_row[points[free]] + k, patch.directions[free, k]
             size = -limit[:, free] * contact.friction[:, row]
             traction[:, nodes[free]] += size[..., np.newaxis] * along
-            slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * along
+            slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * part[free, None] * along
         states[:, nodes] = contact.state[:, points]
-        density[:, nodes] += contact.work[:, points] * own / patch.area
+        density[:, nodes] += contact.work[:, points] * own / area
     if pressure is not None and gap is not None:
         _open(structure, run, forces, pressure, gap, states)
     period = cycle_period(run)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import safe_names
 from skfem_joint.output.plots import prefixed_unit
 from skfem_joint.results.loss import Losses, known, losses

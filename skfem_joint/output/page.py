@@ -64,7 +64,8 @@ _CAPTIONS = {
     "active_region": "Largest slip over the joint",
     "friction_work": "Energy that friction takes of the joint, by area",
     "joint_loops": "Force over mean slip of each joint",
-    "joint": "Stick and slip on the moving structure",
+    "joint": "Stick and slip on the moving structure. A still shows the time at which slip is "
+    "fastest: where the load turns, all stick",
     "backbone_response": "Response beside the damping curves",
     "backbone": "Frequency and damping over amplitude",
     "response": "Amplitude over frequency",
