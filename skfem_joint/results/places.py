@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from skfem_joint.body.body import Body
 from skfem_joint.ground.arrays import BoolArray, FloatArray, as_dense
+from skfem_joint.ground.tabular import Tabular
 from skfem_joint.joint.clamps import clamp_line
 from skfem_joint.joint.manifold import manifold_of
 from skfem_joint.joint.patch import Patch
@@ -136,7 +138,7 @@ def of_all(model: System, work: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class PlaceResults:
+class PlaceResults(Tabular):
     """Results of joints and bolts; shapes begin with that of the cycles that they are of.
 
     Attributes
@@ -172,6 +174,20 @@ class PlaceResults:
     def normal_share(self) -> FloatArray:
         """Share of each place in the normal force of all joints at rest, (places,)."""
         return over(self.normal_force, self.normal_force[: self.joints].sum())
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each place, of each cycle in turn."""
+        count, places = int(np.prod(self.loss_share.shape[:-1])), len(self.names)
+        return {
+            "cycle": np.repeat(np.arange(count), places),
+            "place": [*self.names] * count,
+            "loss_share": np.ravel(self.loss_share),
+            "slipping_share": np.ravel(self.slipping_share),
+            "largest_slip_m": np.ravel(self.largest_slip),
+            "normal_force_N": np.tile(self.normal_force, count),
+            "normal_force_share": np.tile(self.normal_share, count),
+        }
 
     @property
     def columns(self) -> dict[str, FloatArray]:

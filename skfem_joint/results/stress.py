@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, listed
+from skfem_joint.ground.tabular import Tabular, spread
 from skfem_joint.results.contact_history import check_fields, displacements
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure.structure import Structure
@@ -104,7 +106,7 @@ def within(times: FloatArray, period: float | None) -> slice | None:
 
 
 @dataclass(frozen=True)
-class StressCycle:
+class StressCycle(Tabular):
     """Mean and range of the stress of a cycle, component by component, and its largest values.
 
     Where all components follow the load in phase, as in one mode, `amplitude` is that of the von
@@ -169,34 +171,33 @@ class StressCycle:
         """Number of the element with the largest `amplitude`."""
         return int(self.elements[self.amplitude.argmax()])
 
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each element, as ``stress.csv``."""
+        return {
+            "element": self.elements,
+            **spread("{}_m", self.middles, "xyz"),
+            "preload_von_mises_Pa": von_mises(self.preload),
+            "vibration_von_mises_Pa": self.vibration,
+            "total_von_mises_Pa": self.total,
+            "alternating_von_mises_Pa": self.amplitude,
+            "mean_von_mises_signed_Pa": self.signed_mean,
+            **spread("mean_{}_Pa", self.mean, COMPONENTS),
+            **spread("range_{}_Pa", self.range, COMPONENTS),
+        }
+
     def largest(self) -> Iterator[tuple[str, dict[str, float]]]:
         """Where each von Mises stress is largest, and all stresses there, by names with units.
 
         The stresses are that of the ``preload``, of the ``vibration`` alone in the cycle, ``total``
         of both, and ``alternating``, half of the range. Those that are not known are left out.
         """
-        every = {
-            "preload": von_mises(self.preload),
-            "vibration": self.vibration,
-            "total": self.total,
-            "alternating": self.amplitude,
-        }
-        for name, values in every.items():
-            if np.isnan(values).any():
-                continue
-            k = int(values.argmax())
-            yield (
-                name,
-                {"element": int(self.elements[k])}
-                | {f"{axis}_m": float(x) for axis, x in zip("xyz", self.middles[k], strict=True)}
-                | {f"{each}_von_mises_Pa": float(of[k]) for each, of in every.items()}
-                | {"mean_von_mises_signed_Pa": float(self.signed_mean[k])}
-                | {f"mean_{c}_Pa": float(x) for c, x in zip(COMPONENTS, self.mean[k], strict=True)}
-                | {
-                    f"range_{c}_Pa": float(x)
-                    for c, x in zip(COMPONENTS, self.range[k], strict=True)
-                },
-            )
+        table = self.table
+        for name in ("preload", "vibration", "total", "alternating"):
+            values = table[f"{name}_von_mises_Pa"]
+            if not np.isnan(values).any():
+                k = int(values.argmax())
+                yield name, {column: cells[k].item() for column, cells in table.items()}
 
 
 def stress_history(structure: Structure, run: Run, region: str | None = None) -> StressHistory:

@@ -34,6 +34,7 @@ from skfem_joint.accuracy.range_modes import alone, check_modes, distances
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
 from skfem_joint.ground.progress import Progress, Tally, silent
+from skfem_joint.ground.tabular import Tabular, spread
 from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_some
 from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.results.gross_slip import (
@@ -66,7 +67,7 @@ HIGHER_MODES = 10
 
 
 @dataclass(frozen=True)
-class Backbone:
+class Backbone(Tabular):
     """Frequency and damping of one mode over its amplitude, at rising levels.
 
     Attributes
@@ -185,6 +186,25 @@ class Backbone:
             ", ".join(["whole slip"] * (state == "gross") + ["ring-down differs"] * bool(apart))
             for state, apart in zip(self.state, differs, strict=True)
         )
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each level, as ``backbone.csv``, points by their numbers."""
+        opening = {"modal_offset": self.offset, "opened_share": self.opened}
+        return {
+            "level": self.level / self.slips_at,
+            "modal_amplitude": self.amplitude,
+            "frequency_Hz": self.frequency,
+            "damping_ratio": self.damping_ratio,
+            **spread("displacement_{}_m", self.displacement),
+            "slipping_share": self.share,
+            "friction_damping_ratio": self.friction_damping,
+            "viscous_damping_ratio": self.viscous_damping,
+            "state": self.state,
+            "doubt": self.doubts,
+            **{name: values for name, values in opening.items() if values is not None},
+            **self.losses.table,
+        }
 
     def at_levels(self, rows: IntArray) -> Backbone:
         """Curve at some of its levels, by their numbers, without what it was followed along."""
