@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,8 @@ from skfem_joint.vibration.response_curve import Curve
 
 #: Share of the friction limit of a place whose points slip from which it slips as a whole.
 WHOLE = 0.99
+#: Sources of the errors of a loss factor in words.
+_SOURCES = {"mesh": "the mesh", "cycles": "load increments", "model": "the smaller model"}
 #: Share of a friction limit below which nothing is said to slip.
 NOTHING = 5e-4
 
@@ -77,9 +79,16 @@ def not_counted(at: AtAmplitudes, normal: NormalChange | None) -> str:
 
     ``normal`` is the change of the normal force at the highest level, where contact is closed.
     """
-    missing = [f"{s} not known" for s in ("mesh", "cycles") if not np.isfinite(_known(at, s)).all()]
+    missing = [
+        f"the error by {_SOURCES[source]}, which is not known"
+        for source in ("mesh", "cycles")
+        if not np.isfinite(_known(at, source)).all()
+    ]
     if modes := at.curve.excites:
-        missing.append(f"as friction excites {', '.join(modes)}, it may be twice as large or more")
+        missing.append(
+            f"friction excites {', '.join(modes)} the frequency, by which the loss factor may be "
+            "twice as large or more"
+        )
     if normal is not None and normal.doubts():
         missing.append(
             f"normal forces are kept, though the vibration may change them by "
@@ -132,7 +141,27 @@ def amplitude_lines(
             f"{losses['lost_by_damping_J']:.3g} J by damping; its largest strain energy is "
             f"{losses['largest_strain_energy_J']:.3g} J."
         )
-        yield from _place_lines(by_place, k)
+        entries = [*by_place.entries(k)]
+        bolts = {name: values for name, is_bolt, values in entries if is_bolt}
+        yield from _place_lines(bolts or {name: values for name, _, values in entries})
+
+
+def run_lines(content: Mapping[str, Any]) -> Iterator[str]:
+    """Lines about the last cycle of each model of a summary of runs; none without cycles."""
+    for name, model in content["models"].items():
+        if model.get("loss_factor") is None:
+            continue
+        error = model["loss_factor_error_total"]
+        stated = "" if error is None else f" ± {100.0 * error:.2g} %"
+        if stated and model["estimated_total_without_mesh"]:
+            stated += " (not counted: the error by the mesh, which is not known)"
+        yield (
+            f"{name} model, last cycle: loss factor {model['loss_factor']:.4g}{stated}. It loses "
+            f"{model['lost_by_friction_J']:.3g} J by friction and "
+            f"{model['lost_by_damping_J']:.3g} J by damping; its largest strain energy is "
+            f"{model['largest_strain_energy_J']:.3g} J."
+        )
+        yield from _place_lines(model.get("bolts") or model["joints"], " over the run")
 
 
 def loss_label(model: Model, on_mesh: bool) -> str:
@@ -164,15 +193,15 @@ def joule(energy: float) -> str:
 def _error(at: AtAmplitudes, k: int, normal: NormalChange | None) -> str:
     """What is known of the error of a loss factor, with its sources, and what is not counted."""
     known = [source for source, error in at.errors.items() if np.isfinite(error[k])]
-    stated = f" ± {100.0 * at.total[k]:.2g} % by {' and '.join(known)}" if known else ""
+    by = " and ".join(_SOURCES[source] for source in known)
+    stated = f" ± {100.0 * at.total[k]:.2g} % by {by}" if known else ""
     missing = not_counted(at, normal)
     return f"{stated}{f' (not counted: {missing})' if missing else ''}"
 
 
-def _place_lines(by_place: PlaceResults, k: int) -> Iterator[str]:
-    """Line about each bolt, or about each joint where there are no bolts."""
-    entries = [*by_place.entries(k)]
-    for name, _, values in [entry for entry in entries if entry[1]] or entries:
+def _place_lines(places: Mapping[str, Mapping[str, Any]], when: str = "") -> Iterator[str]:
+    """Line about each bolt or joint; ``when`` says when its largest slip is."""
+    for name, values in places.items():
         slips, share = values["slipping_share"], values["loss_share"]
         loses = "" if share is None else f"{100.0 * share:.3g} % of the friction loss, "
         if slips is None:
@@ -185,6 +214,6 @@ def _place_lines(by_place: PlaceResults, k: int) -> Iterator[str]:
             how = f"{100.0 * slips:.2g} % of its friction limit slips"
         normal = 100.0 * (values["normal_force_share"] or 0.0)
         yield (
-            f"  {name}: {loses}{how}, slip up to {values['largest_slip_m']:.3g} m, "
+            f"  {name}: {loses}{how}, slip up to {values['largest_slip_m']:.3g} m{when}, "
             f"{normal:.3g} % of the normal force."
         )

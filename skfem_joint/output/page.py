@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import holding, needed, read_text, replacing
 from skfem_joint.output import report
+from skfem_joint.output.loss import run_lines
 from skfem_joint.output.record import SUMMARY, adding
 from skfem_joint.output.tables import TextTable
 
@@ -30,7 +31,7 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
     "amplitudes.csv": (
         *("point", "quantity", "value", "unit", "model", "mode", "frequency_Hz", "loss_factor"),
         *("quality_factor", "displacement_", "loss_share_", "slipping_share_", "largest_slip_"),
-        *("state", "doubt", "not_counted"),
+        *("state", "doubt"),
     ),
     "backbone.csv": (
         *("model", "mode", "level", "displacement_", "frequency_Hz", "damping_ratio"),
@@ -154,7 +155,7 @@ def _parts(folder: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "title": content["title"] or folder.absolute().name,
         "made": f"{by['program']} {by['version']} with {by['libraries']}, {day:%d %B %Y}.",
-        "told": content.get("told", []),
+        "told": content["told"] if "told" in content else [*run_lines(content)],
         "tables": [*_tables(folder, content)],
         "notes": notes,
         "structure_notes": premises["notes"],

@@ -10,6 +10,7 @@ import numpy as np
 
 from skfem_joint.accuracy.estimate import NAMES, SOURCES, WITHOUT_MESH
 from skfem_joint.ground.files import replacing
+from skfem_joint.output.loss import run_lines
 from skfem_joint.output.tables import Table, TextTable, by_columns
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.stepping.recording import Run
@@ -104,14 +105,8 @@ def estimates_text(study: Study) -> str:
     ]
     content = _of_models(study)
     parts = [str(estimate_table(content))]
-    lost = [
-        f"{model['loss_factor']:.4g} ± {100.0 * error:.2g} %"
-        f"{' without mesh' if model['estimated_total_without_mesh'] else ''} of the {name} model"
-        for name, model in content["models"].items()
-        if (error := model.get("loss_factor_error_total")) and model["loss_factor"]
-    ]
-    if lost:
-        parts.append(f"Loss factor: {', '.join(lost)}.")
+    if lost := [*run_lines(content)]:
+        parts.append("\n".join(lost))
     if took:
         parts.append(f"Time of the estimates: {', '.join(took)}.")
     return "\n\n".join(parts)
@@ -205,7 +200,9 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
     add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
     add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
     add("loss factor", "{:.4g}", at("loss_factor"))
-    add("stated error of the loss factor, %", "{:.2g}", at("loss_factor_error_total"), 100.0)
+    lacks = ", without mesh" * any(at("estimated_total_without_mesh"))
+    label = f"stated error of the loss factor{lacks}, %"
+    add(label, "{:.2g}", at("loss_factor_error_total"), 100.0)
     if not cycles:
         totals = [sum(energies.values()) for energies in at("friction_energy_J")]
         add("friction energy, J", "{:.4g}", totals)

@@ -150,7 +150,7 @@ class PlaceResults(Tabular):
     slipping_share : ndarray, shape (..., places)
         Share of the friction limit of each place whose points slip, 1 where it slips as a whole.
     largest_slip : ndarray, shape (..., places)
-        Of the points that belong to a place by half at least, m.
+        Of the points that belong to a place by half at least, m: of a run over all of it.
     normal_force, limit : ndarray, shape (places,)
         Normal force at rest and friction limit, N.
     """
