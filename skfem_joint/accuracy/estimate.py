@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.tabular import Tabular
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan

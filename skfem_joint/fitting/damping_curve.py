@@ -35,7 +35,7 @@ from scipy.signal.windows import hann, tukey
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.ground.tabular import Tabular
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.values import POSITIVE, check_some
 
 #: How often a signal of each quantity is the derivative of the displacement.

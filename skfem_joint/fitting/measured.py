@@ -42,7 +42,7 @@ from skfem_joint.fitting.measured_table import (
 )
 from skfem_joint.ground.arrays import BoolArray, FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError, closest, first_of
-from skfem_joint.ground.tabular import Tabular
+from skfem_joint.ground.plain_values import Tabular
 
 #: Standard deviations over the values where nothing is said. Frequencies repeat to about this from
 #: test to test with the same bolts; of dampings, even careful tests repeat to some percent.

@@ -1,4 +1,6 @@
-"""Values of the package as JSON and arrays, for files that are read without running code.
+"""Values of the package in other forms: as JSON and arrays for files, and results as tables.
+
+Files are read without running code.
 
 Dataclasses become their fields by name, and are made again from those: only classes that the reader
 lists are made. Tuples, lists, mappings with names, numbers and texts are what they are.
@@ -6,6 +8,7 @@ lists are made. Tuples, lists, mappings with names, numbers and texts are what t
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
@@ -15,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from skfem_joint.ground.array_files import sparse_array, sparse_parts
+from skfem_joint.ground.files import needed
 
 #: Called with a name and an array; returns what stands for the array in JSON.
 Keep = Callable[[str, NDArray[Any]], Any]
@@ -101,3 +105,28 @@ class PlainForm:
 def _kept(kind: Any) -> list[str]:
     """Fields of a dataclass by which its values are compared."""
     return [each.name for each in fields(kind) if each.compare]
+
+
+class Tabular:
+    """Result whose values are columns of one length."""
+
+    @property
+    @abstractmethod
+    def table(self) -> Mapping[str, Any]:
+        """Columns by their names, which end with the unit; arrays or lists of one length."""
+
+    def to_pandas(self) -> Any:
+        """Table as a ``pandas.DataFrame``: a column for each name, with its unit at the end.
+
+        Raises
+        ------
+        InputError
+            If pandas is missing.
+        """
+        return needed("pandas", "pandas").DataFrame(dict(self.table))
+
+
+def spread(name: str, values: Any, labels: Iterable[Any] | None = None) -> dict[str, Any]:
+    """Columns of an array (rows, k), with a label or number in place of the {} in their name."""
+    columns = np.asarray(values).T
+    return dict(zip(map(name.format, labels or range(len(columns))), columns, strict=True))

@@ -20,7 +20,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.tabular import Tabular, spread
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.runs.last_cycle import beyond_round_off
 from skfem_joint.stepping.recording import Run
 

@@ -18,7 +18,7 @@ from scipy import sparse
 
 from skfem_joint.body.body import Body
 from skfem_joint.ground.arrays import BoolArray, FloatArray, as_dense
-from skfem_joint.ground.tabular import Tabular
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.joint.clamps import clamp_line
 from skfem_joint.joint.manifold import manifold_of
 from skfem_joint.joint.patch import Patch

@@ -10,7 +10,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError, listed
-from skfem_joint.ground.tabular import Tabular, spread
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.results.contact_history import check_fields, displacements
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure.structure import Structure

@@ -28,7 +28,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
-from skfem_joint.ground.tabular import Tabular, spread
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.system.system import System
 
 #: Ways below this share of the largest are round-off.

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, check_like
 from skfem_joint.ground.errors import InputError, first_of
-from skfem_joint.ground.tabular import Tabular, spread
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.values import COUNT, check, check_some
 from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.vectors import raise_to, raise_to_norms

@@ -19,10 +19,10 @@ from typing import Any
 
 from skfem_joint.ground.errors import JointError
 from skfem_joint.ground.files import holding
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.processes import Spawn, safe_path
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.ground.tabular import Tabular
 from skfem_joint.ground.values import COUNT, check, check_some
 from skfem_joint.scene import Scene
 from skfem_joint.study.error_time import THREADS

@@ -33,8 +33,8 @@ from scipy import sparse
 from skfem_joint.accuracy.range_modes import alone, check_modes, distances
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.progress import Progress, Tally, silent
-from skfem_joint.ground.tabular import Tabular, spread
 from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_some
 from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.results.gross_slip import (

@@ -11,7 +11,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
-from skfem_joint.ground.tabular import Tabular, spread
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.results.loss import Losses, stacked
 from skfem_joint.results.peaks import parabola_vertex
 

@@ -22,7 +22,7 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 from skfem_joint.accuracy.range_modes import alone, distances, largest_apart, ringing
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import ConvergenceError
-from skfem_joint.ground.tabular import Tabular
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.values import at_least, check
 from skfem_joint.results.history import extrapolation
 from skfem_joint.results.peaks import parabola_vertex
