@@ -2,8 +2,9 @@
 
 `errors` are those that users see, `values` and `arrays` check numbers and types of arrays, `loads`
 are forces over time. Files: `files` writes them whole or not at all, `array_files` reads and writes
-arrays, `plain_values` dataclasses with arrays and results as tables of pandas, `text_tables` and `load_tables` read tables of text,
-`bulk_data` Nastran's entries, `apart` what libraries read in a process of its own,
-`rows` keeps finished work from which a command goes on, `key_paths` are keys of tables as one text.
+arrays, `plain_values` dataclasses with arrays, and makes tables of pandas, `text_tables` and
+`load_tables` read tables of text, `bulk_data` Nastran's entries, `apart` what libraries read in a
+process of its own, `rows` keeps finished work from which a command goes on, `key_paths` are keys of
+tables as one text.
 `compiling` compiles loops; `progress`, `terminal` and `processes` are the command's.
 """

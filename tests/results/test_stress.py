@@ -109,7 +109,7 @@ def test_a_scene_tells_stress_at_rest_mean_and_range_of_a_region(tmp_path):
 
 @pytest.mark.parametrize(
     ("names", "message"),
-    [(["blok"], "no such name in the mesh; a region is needed"), (["over"], "which is a boundary")],
+    [(["no"], "no such name in the mesh; a region is needed"), (["over"], "which is a boundary")],
 )
 def test_stress_is_told_of_regions_alone(names, message):
     with pytest.raises(sj.InputError, match=f"output.stress: found '{names[0]}', {message}"):
