@@ -60,6 +60,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         for c in model.curves:
             by_place = places.of_curve(c.friction_work, c.slip)
             for k, row in enumerate(_curve_rows(model.name, c, names)):
+                row["slipping_share"] = by_place.slipping_share_of_all[k]
                 row |= _by_mesh(backbone, c.mode, k)
                 row |= c.losses.row(k) | loss.place_cells(by_place, k)
                 rows.append(row | _active_lengths(structure, c.slip[k]))
@@ -67,6 +68,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
             c, by_place = at.curve, places.of_curve(at.curve.friction_work, at.curve.slip)
             for k, row in enumerate(_curve_rows(model.name, c, names)):
                 row |= c.losses.row(k) | loss.error_cells(at, k) | loss.place_cells(by_place, k)
+                row["slipping_share"] = by_place.slipping_share_of_all[k]
                 row["not_counted"] = loss.not_counted(at, backbone.normal.get(c.mode))
                 at_rows.append(loss.asked_cells(at, k) | row)
     tables = {"backbone.csv": by_columns(rows)}

@@ -445,7 +445,9 @@ def _curve(
     viscous_damping = float(shape @ (system.C @ shape)) / (2.0 * omega)
     frequency = omega / (2.0 * np.pi)
     stays = path.stays.to.system
-    slid = stays.contact.slid(found.by_point)  # in the cycle, which may slip where the rise sticks
+    # In the cycle, which may slip where the rise sticks. Limits at rest may be zero where they
+    # follow normal forces, whose cycles are followed at each level.
+    slid = found.sliding if path.opens else stays.contact.slid(found.by_point)
     slipping = stays.slipping(slid)
     state = _stick_or_slip(path.stays, mode, asked, found, slipping)
     excites = _excited_modes(mode, frequency, path.opens)
