@@ -26,7 +26,7 @@ MODULES = sorted(
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts) for path in PACKAGE.rglob("*.py")
 )
 HEAVY = {"meshio", "pyvista", "vtk", "vtkmodules", "matplotlib", "rich", "distributed", "pyarrow"}
-HEAVY |= {"tomlkit", "h5py"}
+HEAVY |= {"tomlkit", "h5py", "pandas"}
 
 
 def path_of(module: str) -> Path:

@@ -7,8 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -50,7 +54,7 @@ class MissingModes:
 
 
 @dataclass(frozen=True, repr=False)
-class Estimate:
+class Estimate(Tabular):
     """Estimated relative errors of one model's results.
 
     Attributes
@@ -96,6 +100,15 @@ class Estimate:
             for name, error in self.parts.get("total", {}).items()
         }
         return replace(self, parts={**self.parts, "mesh": errors, "total": total})
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each source: relative errors, nan where they are not known."""
+        quantities = {
+            name: np.array([self.of(source, name) for source in self.parts], dtype=float)
+            for name in QUANTITIES
+        }
+        return {"source": [*self.parts], **quantities}
 
     @property
     def on_its_mesh(self) -> Parts:

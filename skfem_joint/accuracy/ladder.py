@@ -307,7 +307,7 @@ def apart(fine: Run, coarse: Run) -> Parts:
 def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
     """Errors of peaks and energies with lower bounds, because parts may cancel by chance.
 
-    The bounds are a share of the largest part, and a share of the error in the displacement history
+    The bounds are the largest part, and a share of the error in the displacement history
     of the point that moves most.
     """
     errors = dict(total)
@@ -315,7 +315,7 @@ def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Part
     for name in QUANTITIES[1:]:
         error = total[name]
         if error is not None:
-            others = (0.7 * (part[name] or 0.0) for part in parts)
+            others = (part[name] or 0.0 for part in parts)
             errors[name] = max(error, 0.1 * (main or 0.0), *others)
     return errors
 

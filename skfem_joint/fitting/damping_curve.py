@@ -35,6 +35,7 @@ from scipy.signal.windows import hann, tukey
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.values import POSITIVE, check_some
 
 #: How often a signal of each quantity is the derivative of the displacement.
@@ -58,7 +59,7 @@ _INSIDE = 0.04
 
 
 @dataclass(frozen=True)
-class DampingCurve:
+class DampingCurve(Tabular):
     """Frequency and damping ratio of a mode over its amplitude, from a free vibration.
 
     Attributes
@@ -89,6 +90,19 @@ class DampingCurve:
     damping_error: FloatArray
     pieces: int
     noise: float
+
+    @property
+    def table(self) -> dict[str, FloatArray]:
+        """Columns with a row for each amplitude; amplitudes are in the unit of the signal."""
+        return {
+            "time_s": self.time,
+            "amplitude": self.amplitude,
+            "frequency_Hz": self.frequency,
+            "damping_ratio": self.damping_ratio,
+            "amplitude_error": self.amplitude_error,
+            "frequency_error_Hz": self.frequency_error,
+            "damping_error": self.damping_error,
+        }
 
 
 def damping_curve(

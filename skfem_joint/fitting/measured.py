@@ -42,6 +42,7 @@ from skfem_joint.fitting.measured_table import (
 )
 from skfem_joint.ground.arrays import BoolArray, FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError, closest, first_of
+from skfem_joint.ground.plain_values import Tabular
 
 #: Standard deviations over the values where nothing is said. Frequencies repeat to about this from
 #: test to test with the same bolts; of dampings, even careful tests repeat to some percent.
@@ -49,7 +50,7 @@ _ASSUMED = {"frequency": 1e-4, "damping": 0.05}
 
 
 @dataclass(frozen=True)
-class MeasuredCurve:
+class MeasuredCurve(Tabular):
     """Frequency and damping of a mode over the amplitude of a point, as measured.
 
     Attributes
@@ -96,6 +97,18 @@ class MeasuredCurve:
     offset: tuple[str, ...]
     fitted: BoolArray
     notes: tuple[str, ...]
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each amplitude, which is in the unit of its quantity."""
+        return {
+            "amplitude": self.amplitude,
+            "frequency_Hz": self.frequency,
+            "damping_ratio": self.damping,
+            "frequency_deviation_Hz": self.frequency_deviation,
+            "damping_deviation": self.damping_deviation,
+            "fitted": self.fitted,
+        }
 
     @property
     def displacement(self) -> FloatArray:

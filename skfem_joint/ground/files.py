@@ -210,5 +210,5 @@ def needed(library: str, extra: str) -> Any:
         raise InputError(
             f"{library} is missing: pip install 'skfem-joint[{extra}]', or do without what needs "
             "it: output.plots needs matplotlib and pyvista, output.vtk needs pyvista, output.uff "
-            "needs pyuff, report needs jinja2"
+            "needs pyuff, report needs jinja2, to_pandas needs pandas"
         ) from error

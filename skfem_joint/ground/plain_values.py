@@ -1,4 +1,6 @@
-"""Values of the package as JSON and arrays, for files that are read without running code.
+"""Values of the package in other forms: as JSON and arrays for files, and results as tables.
+
+Files are read without running code.
 
 A digest of them says whether they are the same.
 
@@ -8,6 +10,7 @@ lists are made. Tuples, lists, mappings with names, numbers and texts are what t
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from hashlib import sha256
@@ -19,6 +22,7 @@ from scipy import sparse
 
 from skfem_joint.ground.array_files import sparse_array, sparse_parts
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.files import needed
 
 #: Called with a name and an array; returns what stands for the array in JSON.
 Keep = Callable[[str, NDArray[Any]], Any]
@@ -145,3 +149,28 @@ def fingerprint(*parts: Any) -> str:
 
     add(parts)
     return digest.hexdigest()
+
+
+class Tabular:
+    """Result whose values are columns of one length."""
+
+    @property
+    @abstractmethod
+    def table(self) -> Mapping[str, Any]:
+        """Columns by their names, which end with the unit; arrays or lists of one length."""
+
+    def to_pandas(self) -> Any:
+        """Table as a ``pandas.DataFrame``: a column for each name, with its unit at the end.
+
+        Raises
+        ------
+        InputError
+            If pandas is missing.
+        """
+        return needed("pandas", "pandas").DataFrame(dict(self.table))
+
+
+def spread(name: str, values: Any, labels: Iterable[Any] | None = None) -> dict[str, Any]:
+    """Columns of an array (rows, k), with a label or number in place of the {} in their name."""
+    columns = np.asarray(values).T
+    return dict(zip(map(name.format, labels or range(len(columns))), columns, strict=True))

@@ -60,6 +60,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         for c in model.curves:
             by_place = places.of_curve(c.friction_work, c.slip)
             for k, row in enumerate(_curve_rows(model.name, c, names)):
+                row["slipping_share"] = by_place.slipping_share_of_all[k]
                 row |= _by_mesh(backbone, c.mode, k)
                 row |= c.losses.row(k) | loss.place_cells(by_place, k)
                 rows.append(row | _active_lengths(structure, c.slip[k]))
@@ -67,6 +68,8 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
             c, by_place = at.curve, places.of_curve(at.curve.friction_work, at.curve.slip)
             for k, row in enumerate(_curve_rows(model.name, c, names)):
                 row |= c.losses.row(k) | loss.error_cells(at, k) | loss.place_cells(by_place, k)
+                row["slipping_share"] = by_place.slipping_share_of_all[k]
+                row["not_counted"] = loss.not_counted(at, backbone.normal.get(c.mode))
                 at_rows.append(loss.asked_cells(at, k) | row)
     tables = {"backbone.csv": by_columns(rows)}
     if at_rows:
@@ -159,7 +162,7 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
 def _asked_lines(backbone: SceneBackbone, model: str, at: AtAmplitudes) -> Iterator[str]:
     """What is printed of the amplitudes that were asked for."""
     places = places_of(backbone.scene.structure(), backbone.scene.system())
-    yield from loss.amplitude_lines(model, at, places)
+    yield from loss.amplitude_lines(model, at, places, backbone.normal.get(at.curve.mode))
 
 
 def _to(errors: FloatArray) -> str:
@@ -225,7 +228,7 @@ def _mode(
         "highest_level": loss.content(c.losses, places.of_curve(c.friction_work, c.slip), -1),
     }
     for at in model.at[k : k + 1]:
-        content["amplitudes"] = loss.amplitude_content(at, places)
+        content["amplitudes"] = loss.amplitude_content(at, places, backbone.normal.get(c.mode))
     if c.estimated:
         content["estimated_error"] = dict(c.estimated)
     if c.mode in backbone.mesh:
@@ -337,7 +340,8 @@ def write_response(
             **_named("offset_{}_m", names, p.offset),
             **_named("harmonic_{}_m", harmonics, np.abs(p.harmonics).ravel()),
             "friction_energy_J": p.friction_energy, "input_energy_J": p.input_energy,
-            "largest_slip_m": p.slip.max(initial=0.0), "slipping_share": p.share,
+            "largest_slip_m": p.slip.max(initial=0.0),
+            "slipping_share": by_place[model.name, curve.level].slipping_share_of_all[k],
             **{column: values[k] for column, values in functions[model.name, curve.level].items()},
             "periods": p.periods, "residual": p.change, "step_error": p.step_error,
             **({"model_error": p.model_error} if served else {}),

@@ -22,7 +22,15 @@ from skfem_joint.results.contact_history import (
     normal_forces,
 )
 from skfem_joint.results.history import States
-from skfem_joint.results.stress import preload_stress, von_mises
+from skfem_joint.results.stress import (
+    StressCycle,
+    cycle_period,
+    middles,
+    preload_stress,
+    stress_notes,
+    von_mises,
+    within,
+)
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.structure.structure import Structure
@@ -58,6 +66,12 @@ PRELOAD_CELL_ARRAYS = {
     "preload_stress": "Pa, at rest, by the preload alone, as stress",
     "total_von_mises": "Pa, of preload and vibration together",
 }
+#: Beside these, where at least 9 times of the last cycle are stored.
+CYCLE_CELL_ARRAYS = {
+    "von_mises_range": "Pa, of largest less least stress, component by component, in the last "
+    "cycle: twice the alternating stress",
+    "von_mises_mean": "Pa, of the middle of both with the preload, negative in pressure",
+}
 
 
 @dataclass(frozen=True)
@@ -78,6 +92,8 @@ class Field:
         Since the start, J/m^2; 0 off the contact.
     contact_pressure, gap : ndarray, shape (frames, N), or None
         Of contact that opens, on the pressed body, Pa and m; 0 off it. None where none opens.
+    last_cycle : slice, optional
+        Frames of the last cycle, if there is one with enough of them.
     """
 
     name: str
@@ -89,6 +105,7 @@ class Field:
     friction_work_density: FloatArray
     contact_pressure: FloatArray | None = None
     gap: FloatArray | None = None
+    last_cycle: slice | None = None
 
 
 @dataclass(frozen=True)
@@ -117,10 +134,13 @@ class Frames:
 
     @cached_property
     def pressure(self) -> FloatArray:
-        """Clamping pressure on the pressed nodes, 0 elsewhere, shape (N,), Pa."""
+        """Clamping pressure on the pressed nodes, 0 elsewhere, shape (N,), Pa.
+
+        On an edge where joints meet it is the force of all of them over the area of all.
+        """
         pressure = np.zeros(len(self.structure.nodes))
-        for patch in self.structure.patches:
-            pressure[patch.nodes] += patch.normal_force / patch.area
+        for patch, area in zip(self.structure.patches, _pressed_areas(self.structure), strict=True):
+            pressure[patch.nodes] += patch.normal_force / area
         return pressure
 
     @cached_property
@@ -129,12 +149,18 @@ class Frames:
         preload, gap = self.structure.preload, np.zeros(len(self.structure.nodes))
         if preload is None:
             return {}
-        for patch, joint in zip(self.structure.patches, preload.joints, strict=True):
-            if joint is None or patch.joint.opens:
-                continue
+        known = [
+            (patch.other, joint)
+            for patch, joint in zip(self.structure.patches, preload.joints, strict=True)
+            if joint is not None and not patch.joint.opens
+        ]
+        area = sum((joint.area for _, joint in known), np.zeros(gap.size))
+        for held, joint in known:
             nodes = np.flatnonzero(joint.area)
-            other = None if patch.other is None else joint.other[nodes]
-            gap += joint.gap + _reaction(other, nodes, joint.area[nodes], gap.size) @ joint.gap
+            other = None if held is None else joint.other[nodes]
+            own = np.zeros(gap.size)  # joints that meet share nodes
+            own[nodes] = joint.gap[nodes] * joint.area[nodes] / area[nodes]
+            gap += own + _reaction(other, nodes, joint.area[nodes], gap.size) @ own
         moved = self.structure.body.in_space(preload.displacement)
         return {"gap": gap, "preload_displacement": moved}
 
@@ -143,13 +169,28 @@ class Frames:
         """Stress of the linear sub-cells by the preload, (c, 6), Pa."""
         return preload_stress(self.structure)[self.structure.body.cell_element]
 
-    def _stresses(self, vibration: FloatArray) -> dict[str, FloatArray]:
-        """Arrays of stress of a frame on linear sub-cells, with those of a preload."""
+    @cached_property
+    def _cycles(self) -> dict[str, dict[str, FloatArray]]:
+        """Arrays of the last cycle of each model that has one, on linear sub-cells."""
+        body, cycles = self.structure.body, {}
+        for each in self.fields:
+            if each.last_cycle is not None:
+                stresses = (body.stress(u) for u in each.displacement[each.last_cycle])
+                rest, at = preload_stress(self.structure), middles(self.structure)
+                cycle = StressCycle.of(np.arange(len(at)), at, rest, stresses)
+                values = {"von_mises_range": 2.0 * cycle.amplitude}
+                if not stress_notes(self.structure):
+                    values["von_mises_mean"] = cycle.signed_mean
+                cycles[each.name] = {k: x[body.cell_element] for k, x in values.items()}
+        return cycles
+
+    def _stresses(self, name: str, vibration: FloatArray) -> dict[str, FloatArray]:
+        """Arrays of stress of a frame on linear sub-cells, with those of preload and last cycle."""
         arrays = {"stress": vibration, "von_mises": von_mises(vibration)}
         if self.structure.preload is not None:
             rest = self._preload_stress
             arrays |= {"preload_stress": rest, "total_von_mises": von_mises(rest + vibration)}
-        return arrays
+        return arrays | self._cycles.get(name, {})
 
     @cached_property
     def _reactions(self) -> list[sparse.csr_array]:
@@ -210,7 +251,7 @@ class Frames:
             **self._preloaded,
             **self._opened(field, frame),
             "contact_state": _mean_state(self._cell_means, state),
-            **self._stresses(stress),
+            **self._stresses(field.name, stress),
         }
 
     def _opened(self, field: Field, frame: int) -> dict[str, FloatArray]:
@@ -220,6 +261,14 @@ class Frames:
         pressure, gap = field.contact_pressure[frame], field.gap[frame]
         apart = gap + self._reaction @ gap + self._preloaded.get("gap", 0.0)
         return {"contact_pressure": pressure + self._reaction @ pressure, "gap": apart}
+
+
+def _pressed_areas(structure: Structure) -> list[FloatArray]:
+    """Area of the nodes of each joint, m^2: of those that joints share that of all these joints."""
+    area = np.zeros(len(structure.nodes))
+    for patch in structure.patches:
+        area[patch.nodes] += patch.area
+    return [area[patch.nodes] for patch in structure.patches]
 
 
 def _reaction(
@@ -284,21 +333,25 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
     pressure, gap = np.zeros((2, *u.shape[:2])) if present else (None, None)
     limits = limits_of(system, forces := normal_forces(structure, run))
     states = np.full(u.shape[:2], -1, dtype=np.int8)
-    for number, patch in enumerate(structure.patches):
-        points, nodes = patch.points, patch.nodes
+    for number, (patch, area) in enumerate(
+        zip(structure.patches, _pressed_areas(structure), strict=True)
+    ):
+        points, nodes, part = patch.points, patch.nodes, patch.area / area
         own = system.contact.J[[number]].toarray()[0, points]
-        limit = own * limits[:, points] / patch.area
+        limit = own * limits[:, points] / area
         for k in range(patch.directions.shape[1]):
             free = system.contact.directions[points] > k
             row, along = system.contact.first_row[points[free]] + k, patch.directions[free, k]
             size = -limit[:, free] * contact.friction[:, row]
             traction[:, nodes[free]] += size[..., np.newaxis] * along
-            slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * along
+            slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * part[free, None] * along
         states[:, nodes] = contact.state[:, points]
-        density[:, nodes] += contact.work[:, points] * own / patch.area
+        density[:, nodes] += contact.work[:, points] * own / area
     if pressure is not None and gap is not None:
         _open(structure, run, forces, pressure, gap, states)
-    return Field(name, u, v, slip, traction, states, density, pressure, gap)
+    period = cycle_period(run)
+    last = None if period is None else within(run.field_times, period)
+    return Field(name, u, v, slip, traction, states, density, pressure, gap, last)
 
 
 def _open(

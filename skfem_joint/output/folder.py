@@ -21,8 +21,9 @@ from skfem_joint.output import plots, report, series
 from skfem_joint.output.drawing import pictures
 from skfem_joint.output.drawing.offscreen import offscreen
 from skfem_joint.output.fields import frames_of
+from skfem_joint.output.loss import loss_label
 from skfem_joint.output.record import clear, writing
-from skfem_joint.output.tables import write_csv
+from skfem_joint.output.tables import write_csv, write_table
 from skfem_joint.output.universal import scene_uff
 from skfem_joint.scene import Scene
 from skfem_joint.study.error_time import FILES, Report
@@ -125,7 +126,10 @@ def write(study: Study, folder: Path, progress: Progress = lambda *_: None) -> l
     if pictured:
         plan["joint.png"] = partial(pictures.still, frames=frames)
         plan["joint.gif"] = partial(pictures.animation, frames=frames)
-    with writing(folder, report.summary(study)) as summary:
+    content = report.summary(study)
+    if stresses := report.stress_rows(content):
+        plan["stress.csv"] = partial(write_table, columns=stresses)
+    with writing(folder, content) as summary:
         for k, (name, writer) in enumerate(plan.items()):
             progress("pictures and files", k, len(plan))
             writer(folder / name)
@@ -151,14 +155,16 @@ def curves(study: Study) -> dict[str, Writer]:
     add("histories.png", plots.histories_figure, runs, system.points)
     works = scene.cycle_steps is not None and any(run.cycles.input.any() for run in runs.values())
     if works:
-        add("energies.png", plots.energies_figure, runs)
+        on_mesh = study.structure.body is not None
+        lost = {name: loss_label(model, on_mesh) for name, model in study.models.items()}
+        add("energies.png", plots.energies_figure, runs, lost)
     # Rows of a whole cycle, so that the loop closes.
     rows = -(-(scene.cycle_steps or 1) // scene.output.every)
     stored, slow = min(run.times.size for run in runs.values()), scene.time.quasi_static
     for k, load in enumerate(system.loads):
         name = f"hysteresis_{safe_name(load.on)}{f'_load_{k}' * (len(system.loads) > 1)}.png"
         if works and stored > rows and plots.is_loop(runs, load.on, k, rows):
-            add(name, plots.hysteresis_figure, runs, load.on, k, rows)
+            add(name, plots.hysteresis_figure, runs, load.on, k, rows, lost)
         elif slow and stored > 1:  # the path of a load that closes no cycle
             add(name, plots.hysteresis_figure, runs, load.on, k, None)
     slips = (run.loops is not None and np.ptp(run.loops.slip) > 0.0 for run in runs.values())

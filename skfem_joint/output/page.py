@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import holding, needed, read_text, replacing
 from skfem_joint.output import report
+from skfem_joint.output.loss import run_lines
 from skfem_joint.output.record import SUMMARY, adding
 from skfem_joint.output.tables import TextTable
 
@@ -37,6 +38,10 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
         *("loss_factor", "slipping_share_", "state", "doubt", "mesh_error_"),
     ),
     "peaks.csv": (),
+    "stress.csv": (
+        *("model", "region", "largest", "x_m", "y_m", "z_m", "preload_", "vibration_", "total_"),
+        *("alternating_", "mean_von_mises_"),
+    ),
     "random.csv": (),
     "random_joints.csv": (),
 }
@@ -44,6 +49,7 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
 _TABLES = {
     "amplitudes.csv": "At the amplitudes asked for",
     "backbone.csv": "Over the level, which is 1 where the first joint slips as a whole",
+    "stress.csv": "Where stresses of elements are largest, in the last cycle or in a run without",
     "peaks.csv": "Peaks beside the damping curves",
     "random.csv": "Motion of the named points",
     "random_joints.csv": "Work of the joints",
@@ -59,7 +65,8 @@ _CAPTIONS = {
     "active_region": "Largest slip over the joint",
     "friction_work": "Energy that friction takes of the joint, by area",
     "joint_loops": "Force over mean slip of each joint",
-    "joint": "Stick and slip on the moving structure",
+    "joint": "Stick and slip on the moving structure. A still shows the time at which slip is "
+    "fastest: where the load turns, all stick",
     "backbone_response": "Response beside the damping curves",
     "backbone": "Frequency and damping over amplitude",
     "response": "Amplitude over frequency",
@@ -148,7 +155,7 @@ def _parts(folder: Path, content: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "title": content["title"] or folder.absolute().name,
         "made": f"{by['program']} {by['version']} with {by['libraries']}, {day:%d %B %Y}.",
-        "told": content.get("told", []),
+        "told": content["told"] if "told" in content else [*run_lines(content)],
         "tables": [*_tables(folder, content)],
         "notes": notes,
         "structure_notes": premises["notes"],

@@ -163,12 +163,17 @@ def _moving(runs: Mapping[str, Run], points: Sequence[str]) -> list[str]:
 
 
 def hysteresis_figure(
-    runs: Mapping[str, Run], point: str, load: int, cycle_rows: int | None
+    runs: Mapping[str, Run],
+    point: str,
+    load: int,
+    cycle_rows: int | None,
+    lost: Mapping[str, str] | None = None,
 ) -> Figure:
     """Force of a load over the displacement of a point, in the last cycle.
 
     ``load`` is the number of the load, from 0; ``cycle_rows`` the number of stored rows in a cycle,
-    None for the whole run. The title says so if the cycle is not steady.
+    None for the whole run; ``lost`` what the legend says of each run's loss. The title says so if
+    the cycle is not steady.
     """
     _moving(runs, [point])  # refuses what is not there
     loops = [hysteresis_loop(run, point, load, cycle_rows) for run in runs.values()]
@@ -178,7 +183,7 @@ def hysteresis_figure(
     force_unit, force_scale = prefixed_unit("N", (force for _, force in loops))
     figure, (panel,) = _panels(6.0, 5.0)
     for name, (u, force), style in zip(runs, loops, _styles(runs), strict=True):
-        panel.plot(u / scale, force / force_scale, label=name, **style)
+        panel.plot(u / scale, force / force_scale, label=_with(name, lost), **style)
     loaded = sorted({run.system.loads[load].on for run in runs.values()} - {""})
     where = f" on {' and '.join(loaded)}" if loaded else ""
     panel.set(xlabel=f"displacement of {point}, {unit}", ylabel=f"force{where}, {force_unit}")
@@ -276,8 +281,16 @@ def proper_values_figure(proper: ProperModes, whose: str) -> Figure:
     return figure
 
 
-def energies_figure(runs: Mapping[str, Run]) -> Figure:
-    """Input, friction, viscous and scheme work of each cycle; works that are zero have no panel."""
+def _with(name: str, lost: Mapping[str, str] | None) -> str:
+    """Name of a run for a legend, with what is said of its loss."""
+    return f"{name}: {lost[name]}" if lost and lost.get(name) else name
+
+
+def energies_figure(runs: Mapping[str, Run], lost: Mapping[str, str] | None = None) -> Figure:
+    """Input, friction, viscous and scheme work of each cycle; works that are zero have no panel.
+
+    ``lost`` is what the legend says of each run's loss.
+    """
     cycles = [run.cycles for run in runs.values()]
     works = {"input": [works_of.input.sum(axis=1) for works_of in cycles]}
     works |= {
@@ -293,7 +306,7 @@ def energies_figure(runs: Mapping[str, Run]) -> Figure:
         for name, work, style in zip(runs, works[title], _styles(runs), strict=True):
             number = np.arange(1, work.size + 1)
             marks = {"marker": "o", "markersize": 4} if work.size <= 50 else {}
-            panel.plot(number, work / scale, label=name, **marks, **style)
+            panel.plot(number, work / scale, label=_with(name, lost), **marks, **style)
         panel.axhline(0.0, color="0.6", linewidth=0.8, zorder=1)
         panel.set_title(title, loc="left")
         panel.set(xlabel="cycle", ylabel=f"work in the cycle, {unit}")
@@ -412,7 +425,8 @@ def _styles(runs: Mapping[str, Any]) -> list[dict[str, Any]]:
 def _legend_above(figure: Figure, panel: Any) -> None:
     """Legend of a panel's curves above all panels, where it hides nothing."""
     handles, labels = panel.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=4, handlelength=3.0)
+    columns = 1 if any("\n" in label for label in labels) else 4  # broad ones below each other
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, handlelength=3.0)
 
 
 def active_region_figure(

@@ -10,7 +10,8 @@ import numpy as np
 
 from skfem_joint.accuracy.estimate import NAMES, SOURCES, WITHOUT_MESH
 from skfem_joint.ground.files import replacing
-from skfem_joint.output.tables import TextTable
+from skfem_joint.output.loss import run_lines
+from skfem_joint.output.tables import Table, TextTable, by_columns
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.stepping.recording import Run
 from skfem_joint.study.premises import premises
@@ -75,6 +76,16 @@ def loop_rows(runs: Mapping[str, Run]) -> Iterator[list[Any]]:
         yield [t, *cells]
 
 
+def stress_rows(content: Mapping[str, Any]) -> Table:
+    """Table of the stresses of a summary: a row for each model, region and largest stress."""
+    return by_columns(
+        {"model": model, "region": region, "largest": name, **row}
+        for model, results in content["models"].items()
+        for region, rows in results.get("stress", {}).items()
+        for name, row in rows.items()
+    )
+
+
 def results_text(study: Study) -> str:
     """What is printed of the models of a study: its title, facts of the structure, and a table."""
     parts = [
@@ -92,8 +103,13 @@ def estimates_text(study: Study) -> str:
         for name, model in study.models.items()
         if model.estimate_s > 0.0
     ]
-    table = str(estimate_table(_of_models(study)))
-    return f"{table}\n\nTime of the estimates: {', '.join(took)}." if took else table
+    content = _of_models(study)
+    parts = [str(estimate_table(content))]
+    if lost := [*run_lines(content)]:
+        parts.append("\n".join(lost))
+    if took:
+        parts.append(f"Time of the estimates: {', '.join(took)}.")
+    return "\n\n".join(parts)
 
 
 def summary(study: Study) -> dict[str, Any]:
@@ -184,6 +200,9 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
     add("friction energy per cycle, J", "{:.4g}", at("friction_energy_per_cycle_J"))
     add("loop energy per cycle, J", "{:.4g}", at("loop_energy_per_cycle_J"))
     add("loss factor", "{:.4g}", at("loss_factor"))
+    lacks = ", without mesh" * any(at("estimated_total_without_mesh"))
+    label = f"stated error of the loss factor{lacks}, %"
+    add(label, "{:.2g}", at("loss_factor_error_total"), 100.0)
     if not cycles:
         totals = [sum(energies.values()) for energies in at("friction_energy_J")]
         add("friction energy, J", "{:.4g}", totals)
@@ -199,6 +218,10 @@ def summary_table(content: Mapping[str, Any]) -> TextTable:
         ("loop energy", "loop_energy_per_cycle", "{:+.3g}"),
     ):
         add(f"error of {label}, %", form, at("error", key), 100.0)
+    for region in _names(table or {} for table in at("stress")):
+        for name in ("preload", "vibration", "total", "alternating"):
+            values = at("stress", region, name, f"{name}_von_mises_Pa")
+            add(f"largest von Mises stress of {region}, {name}, MPa", "{:.4g}", values, 1e-6)
     add("energy lost by impacts, J", "{:.4g}", at("impact_energy_J"))
     add("largest normal force of a pressure point, N", "{:.4g}", at("largest_normal_force_N"))
     add("contact opened, % of the pressure points", "{:.3g}", at("opened_fraction"), 100.0)

@@ -23,6 +23,7 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import needed, replacing, safe_names
 from skfem_joint.output.fields import (
     CELL_ARRAYS,
+    CYCLE_CELL_ARRAYS,
     OPENING_ARRAYS,
     POINT_ARRAYS,
     PRELOAD_ARRAYS,
@@ -75,7 +76,7 @@ class Block:
     def fill(self, arrays: Mapping[str, NDArray[Any]]) -> Any:
         """Set the grid to the values of a frame, from :meth:`Frames.arrays`; returns it."""
         for name, array in arrays.items():
-            if name in CELL_ARRAYS or name in PRELOAD_CELL_ARRAYS:
+            if name in CELL_ARRAYS | PRELOAD_CELL_ARRAYS | CYCLE_CELL_ARRAYS:
                 self.grid.cell_data[name] = array[self.cells]
             else:
                 self.grid.point_data[name] = array[self.nodes]
@@ -170,6 +171,7 @@ def _grid(
         **PRELOAD_ARRAYS,
         **CELL_ARRAYS,
         **PRELOAD_CELL_ARRAYS,
+        **CYCLE_CELL_ARRAYS,
         "thickness": "m",
     }.items()
     _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
@@ -318,10 +320,10 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     `OPENING_ARRAYS`: its present pressure and gap. The body that is not
     pressed carries the reaction, and the other values as means over what lies on it: traction times
     nodal contact area adds up to the same force with the opposite sign. Cells carry `CELL_ARRAYS`
-    (see :meth:`Frames.arrays`), ``region`` (position in the field array ``region_names``, -1
-    without one; of overlapping regions the one with fewest elements), ``body`` and ``thickness``
-    (m, not of solids). The field array ``units`` says this in each file. Elements of second order
-    come as linear cells on their nodes, prisms as wedges.
+    (see :meth:`Frames.arrays`), of runs in cycles `CYCLE_CELL_ARRAYS`, ``region`` (position in the
+    field array ``region_names``, -1 without one; of overlapping regions the one with fewest
+    elements), ``body`` and ``thickness`` (m, not of solids). The field array ``units`` says this in
+    each file. Elements of second order come as linear cells on their nodes, prisms as wedges.
 
     ``NAME.pvd`` is the index of ``NAME/frame_0000.vtm`` and so on, which name the blocks in
     ``NAME/BLOCK_0000.vtu``: ParaView and pyvista show the names. Folders are made. Every file takes

@@ -57,6 +57,14 @@ def doubtful(rows: Iterable[Row]) -> dict[str, int]:
     return {"scenes_with_warnings": warned, "scenes_not_steady": unsteady}
 
 
+def without_column(swept: Swept, rows: Iterable[Row]) -> list[str]:
+    """Results that the scene asks for by name and that no row has, such as losses of a pulse."""
+    if "results" not in swept.table.model_fields_set:
+        return []
+    found = {name.split(".")[1] for row in rows for name, x in row.results.items() if x is not None}
+    return [name for name in swept.table.results if name not in found]
+
+
 def lines(swept: Swept, rows: Sequence[Row]) -> list[str]:
     """What is printed of a sweep: why scenes failed, and how many ended, failed or are doubtful."""
     failed = [row for row in rows if row.failure]
@@ -64,6 +72,11 @@ def lines(swept: Swept, rows: Sequence[Row]) -> list[str]:
     printed.append(
         f"{len(rows)} of {len(swept.scenes)} scenes have ended, {len(failed)} of them failed."
     )
+    if missing := without_column(swept, rows):
+        printed.append(
+            f"No scene has {', '.join(missing)}: what is of a cycle needs time.cycles or "
+            'time.until = "steady", and errors need accuracy.estimate or a full model.'
+        )
     doubts = doubtful(rows)
     if any(doubts.values()):
         printed.append(
@@ -95,6 +108,7 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path, drawn: bool = True) -
     warnings = {str(row.number): list(row.notes) for row in rows if row.notes}
     content = {"scenes": len(swept.scenes), "ended": len(rows), "failures": failures}
     content |= {**doubtful(rows), "warnings": warnings}
+    content |= {"results_without_column": without_column(swept, rows)}
     with writing(folder, content) as summary:
         write_csv(files[0], [list(cells), *zip(*cells.values(), strict=True)])
         for path in parquet:

@@ -20,6 +20,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.runs.last_cycle import beyond_round_off
 from skfem_joint.stepping.recording import Run
 
@@ -36,7 +37,7 @@ COLUMNS = {
 
 
 @dataclass(frozen=True)
-class Losses:
+class Losses(Tabular):
     """Energies of a cycle, or of many: the arrays have one shape, () or that of the cycles.
 
     Attributes
@@ -98,6 +99,12 @@ class Losses:
         """Values by the names of `COLUMNS`; impacts only where they are known."""
         values = {column: getattr(self, name) for column, name in COLUMNS.items()}
         return {column: value for column, value in values.items() if value is not None}
+
+    @property
+    def table(self) -> dict[str, FloatArray]:
+        """Columns by the names of `COLUMNS`, with a row for each cycle, and loss by joint, J."""
+        by_joint = spread("lost_in_joint_{}_J", np.atleast_2d(self.by_joint))
+        return {name: np.ravel(values) for name, values in self.columns().items()} | by_joint
 
     def row(self, *cycle: int) -> dict[str, float]:
         """The same of one cycle, as numbers."""

@@ -11,12 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import sparse
 
 from skfem_joint.body.body import Body
 from skfem_joint.ground.arrays import BoolArray, FloatArray, as_dense
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.joint.clamps import clamp_line
 from skfem_joint.joint.manifold import manifold_of
 from skfem_joint.joint.patch import Patch
@@ -122,6 +124,7 @@ class JointPlaces:
             slipping_share=over(np.asarray((share @ slipping.T).T), whole),
             largest_slip=np.stack(largest, axis=-1) if largest else by_place,
             normal_force=self.normal_force,
+            limit=whole,
         )
 
 
@@ -135,7 +138,7 @@ def of_all(model: System, work: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class PlaceResults:
+class PlaceResults(Tabular):
     """Results of joints and bolts; shapes begin with that of the cycles that they are of.
 
     Attributes
@@ -147,9 +150,9 @@ class PlaceResults:
     slipping_share : ndarray, shape (..., places)
         Share of the friction limit of each place whose points slip, 1 where it slips as a whole.
     largest_slip : ndarray, shape (..., places)
-        Of the points that belong to a place by half at least, m.
-    normal_force : ndarray, shape (places,)
-        At rest, N.
+        Of the points that belong to a place by half at least, m: of a run over all of it.
+    normal_force, limit : ndarray, shape (places,)
+        Normal force at rest and friction limit, N.
     """
 
     names: tuple[str, ...]
@@ -158,11 +161,33 @@ class PlaceResults:
     slipping_share: FloatArray
     largest_slip: FloatArray
     normal_force: FloatArray
+    limit: FloatArray
+
+    @property
+    def slipping_share_of_all(self) -> FloatArray:
+        """Share of the friction limits of all joints whose points slip, (...); 0 without any."""
+        limit, share = self.limit[: self.joints], self.slipping_share[..., : self.joints]
+        slips = np.asarray(np.where(limit > 0.0, share, 0.0) @ limit)
+        return slips / limit.sum() if limit.any() else 0.0 * slips
 
     @property
     def normal_share(self) -> FloatArray:
         """Share of each place in the normal force of all joints at rest, (places,)."""
         return over(self.normal_force, self.normal_force[: self.joints].sum())
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each place, of each cycle in turn."""
+        count, places = int(np.prod(self.loss_share.shape[:-1])), len(self.names)
+        return {
+            "cycle": np.repeat(np.arange(count), places),
+            "place": [*self.names] * count,
+            "loss_share": np.ravel(self.loss_share),
+            "slipping_share": np.ravel(self.slipping_share),
+            "largest_slip_m": np.ravel(self.largest_slip),
+            "normal_force_N": np.tile(self.normal_force, count),
+            "normal_force_share": np.tile(self.normal_share, count),
+        }
 
     @property
     def columns(self) -> dict[str, FloatArray]:

@@ -429,11 +429,12 @@ def _matrix_problems(scene: Scene, matrices: MatricesTable) -> Iterator[str]:
     """Problems of other tables with [matrices]."""
     if matrices.C is not None and scene.damping.model_fields_set:
         yield "damping: found beside matrices.C; leave out either of them"
-    for name in ("vtk", "uff"):
-        if getattr(scene.output, name):
+    for name in ("vtk", "uff", "stress"):
+        if found := getattr(scene.output, name):
+            shown = listed(found) if name == "stress" else "true"
             yield (
-                f"output.{name}: found true beside [matrices], which have no positions of nodes; "
-                "leave it out"
+                f"output.{name}: found {shown} beside [matrices], which have no positions of "
+                "nodes; leave it out"
             )
 
 

@@ -571,7 +571,14 @@ class OutputTable(SceneTable):
         "points that can move if not given",
         (),
     )
-    frames: Count = key("number of stored times in the series for ParaView", 200)
+    stress: Names = key(
+        "names of the regions whose stress is told: at rest, and mean and range of the last cycle; "
+        "by run",
+        (),
+    )
+    frames: Count = key(
+        "number of stored times in the series for ParaView; with stress at least 64 a cycle", 200
+    )
     history: bool = key("motion of the observed points, as history.npz", True)
 
 

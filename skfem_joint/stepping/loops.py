@@ -28,6 +28,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.system.system import System
 
 #: Ways below this share of the largest are round-off.
@@ -35,7 +36,7 @@ ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True, repr=False)
-class Loops:
+class Loops(Tabular):
     """Force over displacement of each load, and over slip of each joint, at every level of a run.
 
     Columns are ordered as ``system.loads`` and ``system.contact.joints``.
@@ -72,6 +73,18 @@ class Loops:
     direction: FloatArray
     covered: FloatArray
     cycle_steps: int | None = None
+
+    @property
+    def table(self) -> dict[str, FloatArray]:
+        """Columns with a row for each level; loads and joints by their numbers."""
+        return {
+            "time_s": self.times,
+            **spread("load_{}_force_N", self.load_force),
+            **spread("load_{}_displacement_m", self.load_displacement),
+            **spread("joint_{}_force_N", self.force),
+            **spread("joint_{}_mean_slip_m", self.slip),
+            **spread("joint_{}_friction_energy_J", self.work),
+        }
 
     def __repr__(self) -> str:
         loads, joints = self.load_force.shape[1], self.force.shape[1]

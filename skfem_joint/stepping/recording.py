@@ -12,6 +12,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, check_like
 from skfem_joint.ground.errors import InputError, first_of
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.values import COUNT, check, check_some
 from skfem_joint.linalg.compressed import compressed_rows
 from skfem_joint.linalg.vectors import raise_to, raise_to_norms
@@ -219,7 +220,7 @@ class Ending(NamedTuple):
 
 
 @dataclass(frozen=True, repr=False)
-class Run:
+class Run(Tabular):
     """Result of a time integration.
 
     Rows and frames are stored as asked for by `Save`; works and peaks are those of every step.
@@ -351,6 +352,18 @@ class Run:
     loops: Loops | None = None
     ending: Ending | None = field(default=None, repr=False, compare=False)
     notes: tuple[str, ...] = ()
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each stored time: loads, named points, friction energy."""
+        points, joints = self.system.points, self.system.contact.joints
+        return {
+            "time_s": self.times,
+            **spread("load_{}", self.amplitudes),
+            **spread("displacement_{}_m", self.point_u, points),
+            **spread("velocity_{}_m_per_s", self.point_v, points),
+            **spread("friction_energy_{}_J", self.joint_work, joints),
+        }
 
     @property
     def end(self) -> tuple[FloatArray, ...]:

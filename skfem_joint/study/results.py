@@ -10,6 +10,7 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import JointError
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.results.history import Errors
+from skfem_joint.results.loss import losses, over
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure.model import AnyStructure
@@ -59,6 +60,24 @@ class Model:
         """What a reduced or condensed model is made of; None for one that serves a range."""
         origin = self.run.system.origin
         return None if origin is None else origin.basis
+
+    @property
+    def loss_error(self) -> float | None:
+        """Stated relative error of the loss factor in the last cycle; None where it is not known.
+
+        To first order from the stated errors of friction energy and peak, as if none cancelled:
+        viscous losses and strain energy grow with the square of the peak.
+        """
+        if self.estimate is None or not self.run.cycles.friction.size:
+            return None
+        energy, peak = (
+            self.estimate.of("total", name) for name in ("friction_energy", "peak_displacement")
+        )
+        found = losses(self.run)
+        share = float(over(found.friction, found.lost))
+        if peak is None or (energy is None and share):
+            return None
+        return share * (energy or 0.0) + 2.0 * (1.0 - share) * peak + 2.0 * peak
 
     @property
     def slip_peak(self) -> FloatArray:

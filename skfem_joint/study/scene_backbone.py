@@ -282,7 +282,8 @@ def _of_all_points(system: System, small: System, curve: Backbone) -> Backbone:
         slip = system.contact.slip_norm(curve.states @ (system.contact.B @ small.origin.basis.V).T)
     else:
         slip = curve.slip if shares is None else curve.slip @ (shares > 0.0)
-    return replace(curve, slip=slip, friction_work=work)
+    share = system.slipping_share(system.contact.slid(work))
+    return replace(curve, slip=slip, friction_work=work, share=share)
 
 
 def _by_mesh(

@@ -14,6 +14,7 @@ from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.results.loss import known, losses
 from skfem_joint.results.places import JointPlaces, of_all, places_of
+from skfem_joint.results.stress import cycle_period, stress_history, stress_notes, within
 from skfem_joint.runs.last_cycle import beyond_round_off, energies, peaks, steady_state
 from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.recording import Run
@@ -53,6 +54,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "friction_energy_per_cycle_J": energies(run)[0] if has_cycles else None,
         "loop_energy_per_cycle_J": energies(run)[1] if has_cycles else None,
         **(known(losses(run).row()) if has_cycles else {}),
+        **({"loss_factor_error_total": model.loss_error} if has_cycles else {}),
         "friction_energy_J": _friction_energy(run),
         "input_work_J": float(beyond_round_off(run, run.input_work.sum())),
         "viscous_work_J": float(beyond_round_off(run, run.viscous_work)),
@@ -62,6 +64,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "opened_fraction": opens and float(np.mean(contact.at_all(run.opened) > 0.0)),
         "active_length_m": model.active_length,
         "active_area_fraction": model.active_area_fraction,
+        "stress": _stresses(study, model),
         "joints": _joints(study, model, places),
         "bolts": {},
         "loads": _loads(run),
@@ -80,6 +83,8 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         del content["bolts"]
     if content["loads"] is None:  # of a run in time
         del content["loads"]
+    if not content["stress"]:
+        del content["stress"]
     if not opens:
         for name in ("impact_energy_J", "largest_normal_force_N", "opened_fraction"):
             del content[name]
@@ -122,6 +127,18 @@ def _joints(study: Study, model: Model, places: JointPlaces) -> dict[str, dict[s
         if bolts := [b for b in range(places.joints, len(places.names)) if places.owner[b] == k]:
             by_name[name]["friction_energy_by_bolt_J"] = by_bolt[bolts].tolist()
     return by_name
+
+
+def _stresses(study: Study, model: Model) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Where stresses of a run are largest in the regions asked for; see `StressCycle.largest`."""
+    run, by_region = model.run, {}
+    for region in study.scene.output.stress:
+        history = stress_history(study.structure.meshed("stress needs a mesh"), run, region)
+        if within(history.times, cycle_period(run)) is None:
+            continue
+        cycle = history.cycle(cycle_period(run))
+        by_region[region] = {name: known(row) for name, row in cycle.largest()}
+    return by_region
 
 
 def _friction_energy(run: Run) -> dict[str, float]:
@@ -197,10 +214,24 @@ def violated(study: Study, model: Model) -> list[str]:
     warnings += _creeping(study, model)
     named = f"The {model.name} model "
     warnings += [re.sub("^The run ", named, note) for note in run.notes]
+    warnings += _stress_notes(study, model)
     if model.estimate is not None:
         warnings += _differs(study, model, model.estimate)
         warnings += _errs(study, model, model.estimate)
     return warnings
+
+
+def _stress_notes(study: Study, model: Model) -> Iterator[str]:
+    """Sentences about stresses that were asked for and are not known."""
+    times = model.run.field_times
+    if not study.scene.output.stress:
+        return
+    yield from stress_notes(study.structure.meshed("stress needs a mesh"))
+    if within(times, cycle_period(model.run)) is None:
+        yield (
+            f"output.stress: the {model.name} model stored {times.size} times, too few for a range "
+            "of stress: 9 are needed; integrate with more steps, or raise output.frames."
+        )
 
 
 def _differs(study: Study, model: Model, errors: Estimate) -> Iterator[str]:

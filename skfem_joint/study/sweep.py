@@ -19,6 +19,7 @@ from typing import Any
 
 from skfem_joint.ground.errors import JointError
 from skfem_joint.ground.files import holding
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.processes import Spawn, safe_path
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.ground.rows import Rows
@@ -38,7 +39,7 @@ STEADY = "steady_state_reached"
 
 
 @dataclass(frozen=True)
-class Row:
+class Row(Tabular):
     """Results of a scene of a sweep.
 
     Attributes
@@ -58,6 +59,12 @@ class Row:
     results: Results = field(default_factory=dict)
     failure: str = ""
     notes: Sequence[str] = ()
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns of a single row; ``pandas.concat`` puts those of a sweep below each other."""
+        row = {"number": self.number, **self.results, "failure": self.failure}
+        return {name: [value] for name, value in row.items()}
 
     @property
     def steady(self) -> bool:

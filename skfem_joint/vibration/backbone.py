@@ -33,6 +33,7 @@ from scipy import sparse
 from skfem_joint.accuracy.range_modes import alone, check_modes, distances
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_some
 from skfem_joint.reduction.stuck import Stuck, StuckMode
@@ -66,7 +67,7 @@ HIGHER_MODES = 10
 
 
 @dataclass(frozen=True)
-class Backbone:
+class Backbone(Tabular):
     """Frequency and damping of one mode over its amplitude, at rising levels.
 
     Attributes
@@ -137,6 +138,9 @@ class Backbone:
     differs : ndarray of bool, shape (levels,), optional
         Levels at which a ring-down differs by more than both stated errors, from
         `skfem_joint.vibration.ring_down.RingDown.beside`; None if there is none beside the curve.
+    excites : tuple of str
+        Higher modes near multiples of its frequency, which friction excites, such as "mode 2 at 3
+        times". What that takes is in no level: the true damping may be twice as large or more.
     path : ModePath, optional
         What the curve was followed along, if it is kept.
     """
@@ -167,6 +171,7 @@ class Backbone:
     opened: FloatArray | None = None
     limits: FloatArray | None = None
     differs: BoolArray | None = None
+    excites: tuple[str, ...] = ()
     path: ModePath | None = field(default=None, repr=False, compare=False)
 
     @property
@@ -181,6 +186,25 @@ class Backbone:
             ", ".join(["whole slip"] * (state == "gross") + ["ring-down differs"] * bool(apart))
             for state, apart in zip(self.state, differs, strict=True)
         )
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each level, as ``backbone.csv``, points by their numbers."""
+        opening = {"modal_offset": self.offset, "opened_share": self.opened}
+        return {
+            "level": self.level / self.slips_at,
+            "modal_amplitude": self.amplitude,
+            "frequency_Hz": self.frequency,
+            "damping_ratio": self.damping_ratio,
+            **spread("displacement_{}_m", self.displacement),
+            "slipping_share": self.share,
+            "friction_damping_ratio": self.friction_damping,
+            "viscous_damping_ratio": self.viscous_damping,
+            "state": self.state,
+            "doubt": self.doubts,
+            **{name: values for name, values in opening.items() if values is not None},
+            **self.losses.table,
+        }
 
     def at_levels(self, rows: IntArray) -> Backbone:
         """Curve at some of its levels, by their numbers, without what it was followed along."""
@@ -420,13 +444,18 @@ def _curve(
     omega = np.sqrt(level / q)
     viscous_damping = float(shape @ (system.C @ shape)) / (2.0 * omega)
     frequency = omega / (2.0 * np.pi)
-    slipping = path.stays.to.system.slipping(found.sliding)
+    stays = path.stays.to.system
+    # In the cycle, which may slip where the rise sticks. Limits at rest may be zero where they
+    # follow normal forces, whose cycles are followed at each level.
+    slid = found.sliding if path.opens else stays.contact.slid(found.by_point)
+    slipping = stays.slipping(slid)
     state = _stick_or_slip(path.stays, mode, asked, found, slipping)
+    excites = _excited_modes(mode, frequency, path.opens)
     notes = [
         *found.notes,
         *_notes_of_levels(asked, state, slipping),
         *_notes_of_law(system, found),
-        *_excited_modes(mode, frequency, path.opens),
+        *_notes_of_excited(excites, path.opens),
     ]
     middle = found.middle
     return Backbone(
@@ -443,7 +472,7 @@ def _curve(
         states=to.outer(states),
         loops=to.outer(found.loops),
         slip=found.slip,
-        share=path.stays.to.system.slipping_share(found.sliding),
+        share=stays.slipping_share(slid),
         state=state,
         losses=Losses(
             friction=found.work,
@@ -460,6 +489,7 @@ def _curve(
         middle=None if middle is None else to.outer(middle),
         offset=None if middle is None else middle @ force,
         opened=found.opened,
+        excites=excites,
         path=ModePath(path.system, path.closed, mode, shape, path, found),
     )
 
@@ -612,19 +642,23 @@ def _notes_of_law(system: System, found: RisingCycles) -> Iterator[str]:
         )
 
 
-def _excited_modes(mode: StuckMode, frequency: FloatArray, opens: bool) -> Iterator[str]:
-    """Note of higher modes near multiples of the frequencies (levels,), Hz, of a mode.
+def _excited_modes(mode: StuckMode, frequency: FloatArray, opens: bool) -> tuple[str, ...]:
+    """Higher modes near multiples of the frequencies (levels,), Hz, of a mode.
 
     Friction has odd harmonics; contact that ``opens`` has even ones too.
     """
     low = frequency.min() * (1.0 - NEAR)
     high = mode.frequency * (1.0 + NEAR)
     multiples = MULTIPLES + (EVEN_MULTIPLES if opens else ())
-    near = [
+    return tuple(
         f"mode {k} at {other / mode.frequency:.3g} times"
         for k, other in enumerate(mode.frequencies[mode.number :], mode.number + 1)
         if any(m * low < other < m * high for m in multiples)
-    ]
+    )
+
+
+def _notes_of_excited(near: tuple[str, ...], opens: bool) -> Iterator[str]:
+    """Note of higher modes that friction or contact that ``opens`` excites."""
     if near:
         kind, what = ("", "contact excites") if opens else ("odd ", "friction excites")
         yield (

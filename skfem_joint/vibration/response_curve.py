@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.results.loss import Losses, stacked
 from skfem_joint.results.peaks import parabola_vertex
 
@@ -92,7 +94,7 @@ class SteadyPoint:
 
 
 @dataclass(frozen=True)
-class Curve:
+class Curve(Tabular):
     """Response at one level of load.
 
     Attributes
@@ -114,6 +116,25 @@ class Curve:
     def column(self, name: str) -> FloatArray:
         """A quantity of `SteadyPoint` at all frequencies, by its name."""
         return np.array([getattr(point, name) for point in self.points])
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each frequency, as ``response.csv``, points by their numbers."""
+        single = {
+            "frequency_Hz": "frequency",
+            "friction_energy_J": "friction_energy",
+            "input_energy_J": "input_energy",
+            "slipping_share": "share",
+            "periods": "periods",
+            "residual": "change",
+            "step_error": "step_error",
+            "failure": "failure",
+        }
+        each = {"amplitude_{}_m": "amplitude", "phase_{}_rad": "phase", "offset_{}_m": "offset"}
+        columns: dict[str, Any] = {name: self.column(of) for name, of in single.items()}
+        for name, of in each.items():
+            columns |= spread(name, self.column(of))
+        return columns | self.losses.table
 
     @property
     def losses(self) -> Losses:

@@ -22,6 +22,7 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 from skfem_joint.accuracy.range_modes import alone, distances, largest_apart, ringing
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.values import at_least, check
 from skfem_joint.results.history import extrapolation
 from skfem_joint.results.peaks import parabola_vertex
@@ -48,7 +49,7 @@ AGAIN, FEWEST_AGAIN = 0.25, 3 * LEFT_OUT
 
 
 @dataclass(frozen=True)
-class RingDown:
+class RingDown(Tabular):
     """Free vibration of a mode, cycle by cycle.
 
     Attributes
@@ -87,6 +88,16 @@ class RingDown:
     impact_work: float = 0.0
     estimated: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    @property
+    def table(self) -> dict[str, FloatArray]:
+        """Columns with a row for each cycle, as ``ring_down.csv``."""
+        return {
+            "time_s": self.time,
+            "modal_amplitude": self.amplitude,
+            "frequency_Hz": self.frequency,
+            "damping_ratio": self.damping_ratio,
+        }
 
     def beside(self, curve: Backbone) -> Backbone:
         """The curve of the mode, which says where this ring-down differs from it.

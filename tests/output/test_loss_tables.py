@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_scenes import harmonic, plate_scene
+from joint_scenes import bar_scene, harmonic, plate_scene
 from pydantic import ValidationError
 
 import skfem_joint as sj
 from skfem_joint.mesh import build_plate
 from skfem_joint.output.damping import backbone_lines, write_backbone, write_response
+from skfem_joint.output.loss import joule, loss_label
+from skfem_joint.output.plots import energies_figure
 from skfem_joint.results.loss import COLUMNS
 from skfem_joint.scene import Scene
 from skfem_joint.study.scene_backbone import scene_backbone
@@ -56,7 +58,8 @@ def test_one_command_says_loss_factor_error_and_bolt(answered):
     _, lines = answered
     (first,) = [line for line in lines if line.startswith("full model, mode 1, force of 20 N")]
     assert "at right: loss factor 0." in first
-    assert " % (cycles, mesh), equivalent viscous ratio " in first
+    assert " % by load increments and the mesh (not counted: friction excites mode 2 at " in first
+    assert "loss factor may be twice as large or more), equivalent viscous ratio " in first
     bolts = [line for line in lines if line.startswith("  joint_bolt_2: ")]
     assert len(bolts) == 4
     assert all(
@@ -85,7 +88,10 @@ def test_a_table_has_the_amplitudes_their_errors_and_all_places(answered):
         assert bool(model) == (row["model"] == "condensed")
         total = float(row["loss_factor_error_total"])
         assert total == pytest.approx(sum(known) + float(model or 0.0))
+        assert "mode 2 at" in row["not_counted"]
+        assert "not known" not in row["not_counted"]
     levels = rows_of(folder / "backbone.csv")
+    assert {row["slipping_share"] == row["slipping_share_joint"] for row in levels} == {True}
     assert set(COLUMNS) - {"lost_by_impacts_J"} <= levels[0].keys()
     for row in levels:
         assert float(row["damping_ratio"]) < float(row["equivalent_viscous_ratio"])
@@ -114,6 +120,7 @@ def test_a_response_has_losses_places_and_the_functions_asked_for(tmp_path):
     (curve,), system = found.models[0].curves, scene.system()
     rows = rows_of(tmp_path / "response.csv")
     for k, row in enumerate(rows):
+        assert row["slipping_share"] == row["slipping_share_joint"]
         assert float(row["loss_factor"]) == pytest.approx(curve.losses.loss_factor[k])
         bolts = [float(row[f"loss_share_{name}"]) for name in PLACES]
         assert bolts[0] == pytest.approx(bolts[1] + bolts[2])
@@ -137,3 +144,34 @@ def test_what_does_not_fit_together_is_refused():
     response = {"frequencies": {"from": 2e2, "to": 3e2}, "functions": ["transmissibility"]}
     with pytest.raises(sj.InputError, match="needs a base that moves"):
         scene_response(bracket("full", response=response))
+
+
+@pytest.fixture(scope="module")
+def run_of_two_models() -> sj.Study:
+    return sj.run_scene(bar_scene("full", "reduced", time={"cycles": 3}, reduction={"modes": 3}))
+
+
+def test_the_stated_error_of_a_loss_factor_covers_what_a_reduction_changes(run_of_two_models):
+    full, reduced = run_of_two_models.models.values()
+    exact, found = (float(sj.losses(model.run).loss_factor) for model in (full, reduced))
+    apart = abs(found / exact - 1.0)
+    assert 0.01 < apart < reduced.loss_error < 3.0 * apart
+
+
+def test_no_total_error_is_less_than_one_of_its_parts(run_of_two_models):
+    for model in run_of_two_models.models.values():
+        parts = {source: e for source, e in model.estimate.parts.items() if source != "coulomb"}
+        total = parts.pop("total")
+        for name in ("peak_displacement", "friction_energy", "loop_energy"):
+            assert total[name] >= max(errors[name] for errors in parts.values())
+
+
+def test_pictures_of_a_run_name_its_loss_factor(run_of_two_models):
+    model = run_of_two_models.models["full"]
+    label, lost = loss_label(model, on_mesh=True), sj.losses(model.run)
+    number = f"loss factor {float(lost.loss_factor):#.3g} ± "
+    assert label.startswith(number)
+    assert label.endswith(f"/ (2π · {joule(float(lost.strain))})")
+    figure = energies_figure(run_of_two_models.runs, {"full": label})
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [f"full: {label}", "reduced"]

@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 import pytest
 import pyvista
+from bodies import STEEL
 from numpy.typing import NDArray
 from pictured import BOXES, PLATES, TIMES, bar, bars, blocks, box, lap, plate, random_frames, side
 from scipy.spatial import cKDTree
 
+import skfem_joint as sj
 from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.clamps import Clamp
 from skfem_joint.mesh import named
-from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames
+from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames, frames_of
 from skfem_joint.output.series import GAP, blocks_of, write_load, write_series
 from skfem_joint.structure.structure import Structure
 
@@ -324,3 +326,24 @@ def test_a_path_that_no_index_can_have_is_refused_and_left_as_it_is(name, words,
     with pytest.raises(InputError, match=words):
         write_series(tmp_path / name, random_frames(bar()))
     assert [path.read_text() for path in tmp_path.iterdir()] == ["of the user"]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_on_an_edge_where_joints_meet_forces_are_over_the_area_of_both(order):
+    """Nodes of the edge are one contact point each: pressures are the mean, slips not twice."""
+    mesh = sj.build_plate([("a", 0.04, 4), ("b", 0.02, 2), ("arm", 0.02, 2)], 0.02, 2, order=order)
+    joints = [sj.Joint("a", 10e6, 0.3), sj.Joint("b", 2e6, 0.3)]
+    made = sj.Structure(mesh, STEEL, thickness=0.01, fixed=["left"], joints=joints)
+    system = made.system([sj.Load("right", sj.Harmonic(2000.0, 100.0), (1.0, 0.0))])
+    run = sj.integrate(system, cycles=1, steps_per_cycle=40, save=sj.Save(fields=True))
+    frames = frames_of(made, {"full": run})
+    (field,), (a, b) = frames.fields, made.patches
+    edge = np.intersect1d(a.nodes, b.nodes)
+    area = np.zeros(len(made.nodes))
+    for patch in (a, b):
+        area[patch.nodes] += patch.area
+    assert frames.pressure[edge] == pytest.approx(np.full(edge.size, 6e6))  # of 10 and 2 MPa
+    assert frames.pressure @ area == pytest.approx(a.normal_force.sum() + b.normal_force.sum())
+    assert field.slip[10, edge] == pytest.approx(field.displacement[10, edge])  # on a rigid base
+    assert field.friction_work_density[-1] @ area == pytest.approx(run.friction_work.sum())
+    assert (field.friction_work_density[-1, edge] > 0.0).all()

@@ -186,3 +186,16 @@ def test_the_table_has_warnings_and_what_is_not_steady_and_the_summary_counts_th
     content = json.loads((tmp_path / "summary.json").read_text())
     assert (content["scenes_with_warnings"], content["scenes_not_steady"]) == (2, 1)
     assert content["warnings"] == {"1": ["It slid."], "2": ["It slid.", "It slid."]}
+
+
+def test_results_that_no_scene_has_are_named(tmp_path):
+    """A sweep without cycles has no loss factor, and says so."""
+    swept = swept_of(tmp_path, PRODUCT + '\nresults = ["loss_factor", "dofs"]')
+    rows = [Row(0, {"full.dofs": 3, "full.friction_energy_per_cycle_J": None})]
+    assert "No scene has loss_factor: what is of a cycle" in "\n".join(sweeps.lines(swept, rows))
+    sweeps.write(swept, rows, tmp_path)
+    assert "full.loss_factor" not in read(tmp_path)[0]
+    content = json.loads((tmp_path / "summary.json").read_text())
+    assert content["results_without_column"] == ["loss_factor"]
+    whole = [Row(0, {"full.dofs": 3, "full.loss_factor": 0.1})]
+    assert "No scene has" not in "\n".join(sweeps.lines(swept, whole))

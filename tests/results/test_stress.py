@@ -1,23 +1,30 @@
 """Stress at rest by clamp forces, and mean and range of a cycle on it."""
 
+import csv
+import json
+
 import numpy as np
 import pytest
 from bodies import STEEL
 from clamped_plates import BOLTS, DEEP, JOINT, plates
 
 import skfem_joint as sj
+from skfem_joint.output.folder import write
 from skfem_joint.results.stress import preload_stress, von_mises
+from skfem_joint.scene import scene_from
 
 FORCE, PULL = 1000.0, 400.0
 WITHOUT_POISSON = sj.Material(200e9, 8000.0, 0.0)
 
 
+SIDES = {"under": "bottom", "over": "top", "end": "right", "back": "left"}
+BLOCK = sj.build_plate([("block", 0.04, 8)], 0.01, 4, boundaries=SIDES)
+
+
 def pressed():
     """A block whose whole top one bolt presses on a rigid base, pulled along it."""
-    sides = {"under": "bottom", "over": "top", "end": "right", "back": "left"}
-    mesh = sj.build_plate([("block", 0.04, 8)], 0.01, 4, boundaries=sides)
     return sj.Structure(
-        mesh, WITHOUT_POISSON, thickness=0.01, joints=[sj.Joint("under", "preload", 0.3)],
+        BLOCK, WITHOUT_POISSON, thickness=0.01, joints=[sj.Joint("under", "preload", 0.3)],
         bolts=[sj.Clamp(FORCE, head="over")], fixed_x=["back"], damping_ratio=0.02,
     )  # fmt: skip
 
@@ -28,12 +35,95 @@ def test_a_bolt_that_presses_a_whole_block_strains_it_by_force_over_area():
     assert np.abs(np.delete(rest, 1, axis=1)).max() < 1e-6 * FORCE / (0.04 * 0.01)
 
 
-def test_given_pressures_are_no_stress_of_the_bodies():
+def test_stress_at_rest_is_not_known_where_pressures_are_given():
     mesh = sj.build_plate([("joint", 0.04, 8), ("arm", 0.02, 2)], 0.01, 2)
     structure = sj.Structure(
         mesh, STEEL, thickness=0.01, joints=[sj.Joint("joint", 5e6, 0.3)], fixed=["left"]
     )
-    assert not preload_stress(structure).any()
+    assert np.isnan(preload_stress(structure)).all()
+    run = sj.integrate(
+        structure.system([sj.Load("right", sj.Harmonic(10.0, 50.0), (1.0, 0.0))]),
+        cycles=1, steps_per_cycle=64, save=sj.Save(fields=True),
+    )  # fmt: skip
+    found = sj.stress_history(structure, run)
+    assert ["the pressure of 'joint' is given" in note for note in found.notes] == [True]
+    assert [name for name, _ in found.cycle().largest()] == ["vibration", "alternating"]
+
+
+def test_stress_of_a_bar_without_joints_is_that_of_its_load_alone():
+    bar = sj.build_bar([("bar", 0.5, 5)], {"left": 0.0, "right": 0.5})
+    structure = sj.Structure(bar, STEEL, width=0.02, thickness=0.01, fixed=["left"])
+    system = structure.system([sj.Load("right", sj.Harmonic(PULL, 1.0))], quasi_static=True)
+    run = sj.quasi_static(system, cycles=1, steps_per_cycle=64, save=sj.Save(fields=True))
+    cycle = sj.stress_history(structure, run).cycle(1.0)
+    assert cycle.range[:, 0] == pytest.approx(np.full(5, 2.0 * PULL / 2e-4), rel=1e-9)
+    assert np.abs(cycle.mean).max() < 1e-9 * PULL / 2e-4
+    assert not cycle.preload.any()
+
+
+def pressed_scene(mesh=BLOCK, **output):
+    """The same block, which a slow load presses and pulls along its bolt."""
+    return scene_from(
+        {
+            "material": {"E": 200e9, "density": 8000.0, "poisson": 0.0},
+            "section": {"thickness": 0.01},
+            "support": {"fixed_x": ["back"]},
+            "joint": [{"on": "under", "pressure": "preload", "friction": 0.3}],
+            "bolt": [{"force": FORCE, "head": "over"}],
+            "load": [
+                {"on": "over", "direction": [0.0, 1.0], "kind": "harmonic", "amplitude": PULL,
+                 "frequency": 50.0}
+            ],
+            "time": {"cycles": 1, "quasi_static": True, "steps_per_cycle": 400},
+            "output": {"stress": ["block"], **output},
+        },
+        mesh,
+    )  # fmt: skip
+
+
+def test_a_scene_tells_stress_at_rest_mean_and_range_of_a_region(tmp_path):
+    """Exact: force over area, of the bolt at rest and in the mean, of twice the load as range."""
+    scene = pressed_scene()
+    study = sj.run_scene(scene)
+    write(study, tmp_path)
+    told = json.loads((tmp_path / "summary.json").read_text())["models"]["full"]["stress"]["block"]
+    assert [*told] == ["preload", "vibration", "total", "alternating"]
+    rest, load = FORCE / 4e-4, PULL / 4e-4
+    for row in told.values():
+        assert row["preload_von_mises_Pa"] == pytest.approx(rest, rel=1e-6)
+        assert row["vibration_von_mises_Pa"] == pytest.approx(load, rel=1e-6)
+        assert row["total_von_mises_Pa"] == pytest.approx(rest + load, rel=1e-6)
+        assert row["alternating_von_mises_Pa"] == pytest.approx(load, rel=1e-6)
+        assert row["mean_von_mises_signed_Pa"] == pytest.approx(-rest, rel=1e-6)
+        assert row["mean_YY_Pa"] == pytest.approx(-rest, rel=1e-6)
+        assert row["range_YY_Pa"] == pytest.approx(2.0 * load, rel=1e-6)
+        element = BLOCK.mesh.p[:, BLOCK.mesh.t[:, row["element"]]].mean(axis=1)
+        assert [row["x_m"], row["y_m"], row["z_m"]] == pytest.approx([*element, 0.0])
+    with (tmp_path / "stress.csv").open() as file:
+        rows = [*csv.DictReader(file)]
+    assert [row["largest"] for row in rows] == [*told]
+    assert float(rows[2]["range_YY_Pa"]) == pytest.approx(told["total"]["range_YY_Pa"], rel=1e-9)
+    found = sj.stress_history(scene.structure(), study.runs["full"], "block").cycle(1.0 / 50.0)
+    assert {name: row for name, row in found.largest()} == told
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [(["no"], "no such name in the mesh; a region is needed"), (["over"], "which is a boundary")],
+)
+def test_stress_is_told_of_regions_alone(names, message):
+    with pytest.raises(sj.InputError, match=f"output.stress: found '{names[0]}', {message}"):
+        pressed_scene(stress=names)
+
+
+def test_a_series_has_mean_and_range_of_the_last_cycle(tmp_path):
+    pyvista = pytest.importorskip("pyvista")
+    study = sj.run_scene(pressed_scene())
+    sj.write_vtk(tmp_path / "fields.pvd", study.structure, study.runs)
+    block = pyvista.get_reader(tmp_path / "fields.pvd").read().combine()
+    n, rest, load = block.n_cells, FORCE / 4e-4, PULL / 4e-4
+    assert block["von_mises_range"] == pytest.approx(np.full(n, 2.0 * load), rel=1e-6)
+    assert block["von_mises_mean"] == pytest.approx(np.full(n, -rest), rel=1e-6)
 
 
 def test_stress_by_bolts_is_that_of_elements_of_a_quarter_of_the_size_within_3_percent():

@@ -44,16 +44,20 @@ def warp_factor(frames: Frames) -> float:
 
 
 def frame_to_show(frames: Frames) -> tuple[int, str]:
-    """Number of the frame where most points slip, or else the displacement is largest, and why.
+    """Number of the frame where slip is fastest, or else the displacement is largest, and why.
 
-    It is a frame of the second half of the run, which has settled, unless less than half as many
-    points slip there as in the first half.
+    Slip is fastest among the frames in which nearly as many points slip as in any: where a load
+    turns, all stick. It is a frame of the second half of the run, which has settled, unless less
+    than half as many points slip there as in the first half.
     """
     first, count = frames.fields[0], len(frames.times)
     slipping = np.count_nonzero(first.slip_state[:count] == 1, axis=1)
     if slipping.any():
         late = count // 2 if 2 * slipping[count // 2 :].max() >= slipping.max() else 0
-        return late + int(slipping[late:].argmax()), "most points slip"
+        rate = np.gradient(first.slip[:count], frames.times, axis=0) if count > 1 else first.slip
+        speed = np.linalg.norm(rate[late:], axis=2).sum(axis=1)
+        most = slipping[late:] >= 0.9 * slipping[late:].max()
+        return late + int(np.where(most, speed, -1.0).argmax()), "slip is fastest"
     moves = np.abs(first.displacement[:count]).max(axis=(1, 2))
     return int(moves.argmax()), "largest displacement" if moves.any() else "nothing moves"
 
