@@ -533,13 +533,7 @@ def write_random(
     spectra |= _named("displacement_{}_m2_Hz", names, found.displacement_psd)
     spectra |= _named("acceleration_{}_m2_s4_Hz", names, found.acceleration_psd)
     tables: dict[str, Any] = {
-        "random.csv": {
-            "point": list(found.points),
-            "displacement_rms_m": found.displacement_rms,
-            "displacement_peak_m": found.displacement_peak,
-            "acceleration_rms_m_s2": found.acceleration_rms,
-            "acceleration_peak_m_s2": found.acceleration_peak,
-        },
+        "random.csv": found.table,
         "random_joints.csv": {"joint": list(found.joints), "work_J_per_hour": found.joint_work},
         "random_psd.csv": spectra,
     }

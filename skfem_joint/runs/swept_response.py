@@ -17,6 +17,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Harmonic, Scaled, SweptSine
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.values import POSITIVE, at_least, check
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -30,7 +31,7 @@ FEWEST_STEPS = 20
 
 
 @dataclass(frozen=True)
-class SweptResponse:
+class SweptResponse(Tabular):
     """Response to a swept sine.
 
     Attributes
@@ -49,6 +50,11 @@ class SweptResponse:
     rate: float
     frequency: FloatArray
     amplitude: FloatArray
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each cycle, as ``swept.csv``, points by their numbers."""
+        return {"frequency_Hz": self.frequency, **spread("amplitude_{}_m", self.amplitude)}
 
     @property
     def peak(self) -> tuple[float, float]:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Scaled
+from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.power_density import GRAVITY, AddedDensities, PowerDensity
 from skfem_joint.ground.values import POSITIVE, check
 from skfem_joint.system.system import AppliedLoad, System
@@ -69,7 +70,7 @@ class RandomMode:
 
 
 @dataclass(frozen=True)
-class RandomResponse:
+class RandomResponse(Tabular):
     """Stationary response to random loads.
 
     Attributes
@@ -120,6 +121,17 @@ class RandomResponse:
     viscous_work: float
     estimated: Mapping[str, float]
     notes: tuple[str, ...]
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each named point, as ``random.csv``."""
+        return {
+            "point": list(self.points),
+            "displacement_rms_m": self.displacement_rms,
+            "displacement_peak_m": self.displacement_peak,
+            "acceleration_rms_m_s2": self.acceleration_rms,
+            "acceleration_peak_m_s2": self.acceleration_peak,
+        }
 
 
 def random_response(

@@ -12,6 +12,7 @@ from bodies import STEEL
 import skfem_joint as sj
 
 NAMES = ("run", "losses", "curve", "ring_down", "fit", "places", "response", "estimate", "loops")
+NAMES += ("swept", "random")
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +32,10 @@ def tables():
     time = np.linspace(0.0, 0.5, 2000)
     fit = sj.damping_curve(time, np.exp(-10.0 * time) * np.cos(2.0 * np.pi * 60.0 * time))
     slow = sj.quasi_static(system, cycles=1, steps_per_cycle=40)
+    swept = sj.swept_response(system, (100.0, 150.0), 600.0)
+    random = sj.random_response(system, [curve], [[1.0, 1e-6], [1000.0, 1e-6]])
     found = run, curve.losses, curve, ring_down, fit, places, response, sj.estimate(run), slow.loops
+    found += swept, random
     return dict(zip(NAMES, found, strict=True))
 
 
