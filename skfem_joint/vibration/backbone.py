@@ -305,11 +305,14 @@ def backbone(
     larger = None
     if system.serves is not None:  # its modes end with its range, and it states its errors
         of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
-        check_modes(system.serves, of_mode, of_mode, up_to)
+        check_modes(system.serves, of_mode, of_mode, 0.0 if asked.absolute else up_to)
         larger = alone(system)
     curves = []
     for k in numbers.tolist():
         mode = StuckMode(k, frequencies, shapes, stuck)
+        if larger is not None and asked.absolute:  # a range has shares
+            whole = _check_levels(path.stays, mode, _Levels.of(1, 0.5, slips_at))
+            check_modes(system.serves, (), {}, float(asked.shares[-1]) / whole)
         curve = _curve(path, mode, asked)
         if amplitudes:
             curve = _at_amplitudes(path, mode, curve, amplitudes, point)
@@ -317,7 +320,8 @@ def backbone(
     if larger is None:
         return curves
     for k, curve in enumerate(curves):
-        (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
+        known = None if asked.absolute else curve.slips_at
+        (other,) = backbone(larger, (curve.mode,), levels, up_to, known)
         curves[k] = replace(curve, estimated=distances(Served.by(system), curve, other))
     return curves
 
