@@ -113,8 +113,8 @@ class Pool:
         M, stuck = self.system.M, self.stuck.modes
         W = [proper.modes[:, :modes], self.paths[0].response, *rigid, stuck]
         V = orthonormal(np.hstack(W), M)
-        # What depends on other vectors is left out of the span, with a part of stuck modes so small
-        # that they move, but slip: without it nothing would vibrate without slip.
+        # What nearly depends on other vectors is left out, of stuck modes too, which then slip by
+        # 1e-7 of their motion and are no modes without slip any more: they are put back whole.
         beside = V @ null_space(stuck.T @ (M @ V))
         return orthonormal(np.hstack([stuck, beside]), M)
 
