@@ -71,8 +71,8 @@ def check_modes(
     if up_to > most * (1.0 + _NEAR):
         raise InputError(
             f"backbone: found up_to {up_to:g}, above the slip of the range of the reduced model, "
-            f"up to {most:g} of what makes the first joint slip as a whole; lower up_to, or make a "
-            "model for a wider range"
+            f"up to {most:g} of what makes the first joint slip as a whole; lower it or the levels "
+            "given, or make a model for a wider range"
         )
 
 

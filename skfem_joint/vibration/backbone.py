@@ -45,7 +45,6 @@ from skfem_joint.results.gross_slip import (
 from skfem_joint.results.loss import Losses, stacked
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.arrangement import Arranged, arranged
-from skfem_joint.system.served import Served
 from skfem_joint.system.system import System
 from skfem_joint.vibration.amplitudes import Amplitudes, LevelSearch
 from skfem_joint.vibration.cycles import CyclePath, ModePath, RisingCycles, items_of_work
@@ -326,23 +325,26 @@ def backbone(
         for k in numbers.tolist()
         if k > frequencies.size
     )
-    larger = None
-    if system.serves is not None:  # its modes end with its range, and it states its errors
+    serves = system.serves
+    if serves is not None:  # its modes end with its range, and it states its errors
         of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
-        check_modes(system.serves, of_mode, of_mode, up_to)
-        larger = alone(system)
+        check_modes(serves, of_mode, of_mode, 0.0 if asked.absolute else up_to)
     curves = []
     for k in numbers.tolist():
         mode = StuckMode(k, frequencies, shapes, stuck)
+        if serves is not None and asked.absolute:  # a range ends at a share
+            whole = _check_levels(path.stays, mode, _Levels.of(1, 0.5, slips_at))
+            check_modes(serves, (), {}, float(asked.shares[-1]) / whole)
         curve = _curve(path, mode, asked)
         if amplitudes:
             curve = _at_amplitudes(path, mode, curve, amplitudes, point)
         curves.append(curve if keep_path else replace(curve, path=None))
-    if larger is None:
+    if serves is None:
         return curves
     for k, curve in enumerate(curves):
-        (other,) = backbone(larger, (curve.mode,), levels, up_to, curve.slips_at)
-        curves[k] = replace(curve, estimated=distances(Served.by(system), curve, other))
+        known = None if asked.absolute else curve.slips_at
+        (other,) = backbone(alone(system), (curve.mode,), levels, up_to, known)
+        curves[k] = replace(curve, estimated=distances(serves, curve, other))
     return curves
 
 

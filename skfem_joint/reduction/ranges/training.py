@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import null_space
 from scipy.stats import qmc
 
 from skfem_joint.ground.arrays import FloatArray
@@ -109,9 +110,13 @@ class Pool:
     def basis(self, proper: ProperModes, modes: int) -> FloatArray:
         """Basis (n, j): the first proper modes, static responses, rigid and interface motions."""
         rigid = [path.rigid for path in self.paths if path.rigid.size][:1]
-        W = [proper.modes[:, :modes], self.paths[0].response, *rigid, self.stuck.modes]
-        M = self.system.M
-        return orthonormal(orthonormal(np.hstack(W), M), M)
+        M, stuck = self.system.M, self.stuck.modes
+        W = [proper.modes[:, :modes], self.paths[0].response, *rigid, stuck]
+        V = orthonormal(np.hstack(W), M)
+        # What nearly depends on other vectors is left out, of stuck modes too, which then slip by
+        # 1e-7 of their motion and are no modes without slip any more: they are put back whole.
+        beside = V @ null_space(stuck.T @ (M @ V))
+        return orthonormal(np.hstack([stuck, beside]), M)
 
     def merged(self, V: FloatArray) -> System:
         """Reduced system on a basis with merged contact points."""
