@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from friction_beam import DAMPING, FREQUENCY, TIP, friction_beam
+from benchmarks.nonlinear_modes import DAMPING, FREQUENCY, TIP, friction_beam
 from scipy.integrate import quad
 
 import skfem_joint as sj
@@ -119,17 +119,6 @@ def test_springs_of_sticking_soften_the_stuck_mode_by_one_over_their_factor():
         balance = Balance.of(system, series, stuck, factor)
         softer.append(1.0 - (balance.frequencies[0] / stuck) ** 2)
     assert np.array(softer) == pytest.approx([5e-3, 5e-4, 5e-5], rel=0.1)
-
-
-def test_joints_that_slip_in_part_have_the_quasi_static_curve():
-    """A mode of low frequency, whose shape hardly changes, with springs in series."""
-    contact = replace(chain().contact, stiffness=np.full(8, 2.0))
-    system = replace(chain(), contact=contact)
-    (curve,) = sj.backbone(system, levels=3, up_to=0.2)
-    (mode,) = sj.nonlinear_modes(system, amplitudes=curve.displacement[:, 0], confirm=False)
-    assert mode.stuck_frequency == pytest.approx(curve.stuck_frequency, rel=1e-9)
-    assert mode.frequency == pytest.approx(curve.frequency, rel=2e-3)
-    assert mode.damping_ratio == pytest.approx(curve.damping_ratio, rel=0.05)
 
 
 def test_contact_that_opens_has_the_period_of_two_half_oscillators():
