@@ -1,13 +1,19 @@
 """Nonlinear modes into gross slip, beside published figures, quasi-static curves and ring-downs.
 
-    python examples/benchmarks/nonlinear_modes.py            some ten minutes
-    python examples/benchmarks/nonlinear_modes.py beam       the public benchmark alone, seconds
+    python examples/benchmarks/nonlinear_modes.py beam       the public benchmark, seconds
+    python examples/benchmarks/nonlinear_modes.py joints     three joints, some five minutes
+    python examples/benchmarks/nonlinear_modes.py bar        one of them: bar, lap or brake_reuss
 
 The virtual friction-damped beam is a public benchmark: an Euler-Bernoulli beam of 0.71 m x 60 mm x
 50 mm, clamped and free, of 15 nodes, with a Jenkins element at node 6, reduced to 3 modes with that
 node fixed, and 1 % of viscous damping of the stuck modes. The others are a bar with a tip mass, the
 shipped lap of solids with contact that opens, bent by its free end, and the Brake-Reuss beam with
 constant contact, all reduced.
+
+The decrement of a ring-down is another damping ratio where a joint is soft: from peak to peak the
+energy of a body of Masing's loops goes as the force there, so that the ratio of a steady cycle is
+multiplied by force over amplitude over the slope of the force, 1 / (1 + 2 d ln omega / d ln a).
+With that it is compared.
 """
 
 import os
@@ -21,6 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import numpy as np
 from scipy import linalg
+from scipy.interpolate import PchipInterpolator
 
 import skfem_joint as sj
 from benchmarks import EXAMPLES, head, row
@@ -29,12 +36,6 @@ from benchmarks import EXAMPLES, head, row
 TIP = 1e-6 * np.array([6.34, 10.05, 15.76, 24.77, 39.06, 61.76, 97.73, 154.8, 388.6])
 FREQUENCY = (80.368, 80.143, 76.055, 72.414, 70.364, 69.258, 68.624, 68.290, 68.041)
 DAMPING = (1.000, 1.929, 5.773, 6.465, 5.461, 4.269, 3.312, 2.601, 1.779)
-#: Cycles of a ring-down from the highest amplitude, of 400 steps each, by structure.
-RING_DOWN = {
-    "bar with a tip mass": (80, 400),
-    "lap that opens": (140, 400),
-    "Brake-Reuss": (60, 400),
-}
 
 
 def friction_beam(spring=1e7, limit=15.0):
@@ -99,7 +100,12 @@ def brake_reuss():
     return beam("constant").system(points=["upper_end"]), 7
 
 
-STRUCTURES = {"bar with a tip mass": bar, "lap that opens": lap, "Brake-Reuss": brake_reuss}
+#: Title and cycles of a ring-down from the highest amplitude, by the function that makes it.
+JOINTS = {
+    bar: ("bar with a tip mass", 60),
+    lap: ("lap that opens", 120),
+    brake_reuss: ("Brake-Reuss beam", 50),
+}
 
 
 def published():
@@ -136,16 +142,16 @@ def beside(x, xs, ys):
     return np.interp(np.log(x), np.log(xs[order]), ys[order], left=np.nan, right=np.nan)
 
 
-def compared(title):
+def compared(joint):
     """A row for a structure: its mode beside the slow curve, a ring-down, and time steps."""
-    full, number = STRUCTURES[title]()
+    (title, cycles), (full, number) = JOINTS[joint], joint()
     (curve,) = sj.backbone(full, modes=[number], up_to=0.9)
     model = sj.reduce(full, curve=curve)
     (slow,) = sj.backbone(model, modes=[number], levels=curve.level)
     point = int(slow.displacement[-1].argmax())
     reach = slow.displacement[:, point]
     amplitudes = np.concatenate(
-        [np.geomspace(reach[2], reach[-1], 9), reach[-1] * np.geomspace(1.2, 6.0, 7)]
+        [np.geomspace(reach[2], reach[-1], 8), reach[-1] * np.geomspace(1.2, 5.0, 6)]
     )
     begin = time.process_time()
     (mode,) = sj.nonlinear_modes(
@@ -153,13 +159,15 @@ def compared(title):
     )
     seconds = time.process_time() - begin
     start = mode.motion(-1)[0]
-    down = sj.ring_down(model, slow, RING_DOWN[title], 400, start=(start, 0.0 * start))
+    down = sj.ring_down(model, slow, cycles, 400, start=(start, 0.0 * start))
+    slope = PchipInterpolator(np.log(mode.amplitude), np.log(mode.frequency)).derivative()
+    decrement = mode.damping_ratio / (1.0 + 2.0 * slope(np.log(mode.amplitude)))
     apart = {}
-    for name in ("frequency", "damping_ratio"):
+    for name, released in (("frequency", mode.frequency), ("damping_ratio", decrement)):
         value = getattr(mode, name)
         apart[name] = (
             beside(amplitudes, reach, getattr(slow, name)) / value - 1.0,
-            beside(mode.amplitude, down.amplitude, getattr(down, name)) / value - 1.0,
+            beside(mode.amplitude, down.amplitude, getattr(down, name)) / released - 1.0,
         )
     micro, peak = amplitudes <= 0.25 * reach[-1], int(mode.damping_ratio.argmax())
     near = np.abs(np.arange(amplitudes.size) - peak) <= 1
@@ -173,16 +181,18 @@ def compared(title):
 
 
 def main(arguments):
-    published()
-    if "beam" in arguments:
+    if not arguments or "beam" in arguments:
+        published()
+    asked = [x for x in JOINTS if {"joints", x.__name__} & set(arguments)]
+    if not asked:
         return
     head(
         "structure", "unknowns", "points", "levels", "CPU s", "harmonics, samples",
         "slow: Hz", "damping", "ring-down: Hz", "damping", "at the peak: Hz", "damping",
         "time steps: Hz, damping", "stated: Hz, damping",
     )  # fmt: skip
-    for title in STRUCTURES:
-        compared(title)
+    for joint in asked:
+        compared(joint)
 
 
 if __name__ == "__main__":
