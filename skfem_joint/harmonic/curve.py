@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_dense, slip_norms
+from skfem_joint.ground.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.harmonic.levels import Levels
 from skfem_joint.harmonic.marched import Marched
 from skfem_joint.harmonic.series import Series
@@ -148,13 +148,12 @@ def curve_of(
         both = -moved.min(axis=1) if series.odd else moved.max(axis=1)
         reach[rows] = np.ptp(np.hstack([moved, both[:, np.newaxis]]), axis=1)
         work[k], slip[k] = contact.by_point(by_row), 0.5 * contact.slip_norm(reach)
-        slides = np.zeros((m, moved.shape[1]), np.bool_)
-        slides[rubs] = slides_of(friction, sampled.limits, contact.directions[rubs])
-        state.append(
-            "gross"
-            if any(slides[joint].all(axis=0).any() for joint in points if joint.size)
-            else ("partial" if slides.any() else "stick")
-        )
+        slides, holds = np.zeros((2, m, moved.shape[1]), np.bool_)
+        size = slip_norms(friction.T, contact.directions[rubs]).T
+        slides[rubs] = (size >= sampled.limits * (1.0 - SLIDES)) & (sampled.limits > 0.0)
+        holds[rubs] = ~slides[rubs] & (sampled.limits > 0.0)
+        gross = any((slides[j].any(axis=0) & ~holds[j].any(axis=0)).any() for j in points)
+        state.append("gross" if gross else "partial" if slides.any() else "stick")
         opened[k] = np.count_nonzero(sampled.opened) / pressed
         rate = series.rate(u)
         viscous[k] = omega * series.work(rate @ C, u).sum()
@@ -238,9 +237,3 @@ def notes_of_errors(curve: NonlinearMode, settled: Mapping[str, float]) -> Itera
                     f"the level number {k + 1}, more than is stated. The motion may not be the "
                     "only one there, or other modes take part."
                 )
-
-
-def slides_of(friction: FloatArray, limits: FloatArray, directions: IntArray) -> BoolArray:
-    """Whether each point slides at each sample, (m, samples), by friction (rows, samples), N."""
-    size = slip_norms(friction.T, directions).T
-    return np.asarray(size >= limits * (1.0 - SLIDES))

@@ -8,7 +8,7 @@ from benchmarks.nonlinear_modes import DAMPING, FREQUENCY, TIP, friction_beam
 from scipy.integrate import quad
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.harmonic.series import Series
 
@@ -130,6 +130,46 @@ def test_contact_that_opens_has_the_period_of_two_half_oscillators():
     (mode,) = sj.nonlinear_modes(system, amplitudes=[1.0], confirm=False)
     period = np.pi * (1.0 + 1.0 / np.sqrt(1.0 + stop))
     assert mode.frequency[0] == pytest.approx(1.0 / period, rel=1e-4)
+
+
+def test_time_steps_agree_where_limits_follow_normal_forces():
+    """A mass that slides along x on an elastic stop in y, which opens, coupled by its springs."""
+    one = np.ones(1)
+    normal = sj.NormalPart(np.array([[0.0, 1.0]]), 0 * one, one, 5.0 * one, one)
+    B, gain = np.array([[1.0, 0.0]]), 0.5 * np.ones((1, 1))
+    contact = sj.Contact(B, [0.0], np.inf, stiffness=4.0 * one, normal=normal, gain=gain)
+    K = np.array([[2.0, 0.8], [0.8, 3.0]])
+    system = sj.System(np.eye(2), 0.01 * K, K, contact, P=B, points=("mass",))
+    (mode,) = sj.nonlinear_modes(system, amplitudes=[0.05, 0.5, 2.0])
+    assert mode.state == ("stick", "gross", "gross")
+    assert mode.opened.tolist() == [0.0, 0.0, 1.0]
+    assert np.abs(mode.marched.frequency).max() < 1e-3
+    assert np.abs(mode.marched.damping_ratio).max() < 1e-2
+
+
+def test_friction_of_a_slip_vector_does_not_depend_on_its_axes():
+    """Turned slip rows of points with two directions leave the mode."""
+    K = np.array([[2.0, 0.3], [0.3, 1.2]])
+    turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    modes = []
+    for B in (np.eye(2), turn):
+        contact = sj.Contact(B, [0.7], np.inf, np.array([2]), stiffness=np.array([3.0]))
+        system = sj.System(np.eye(2), 0.01 * K, K, contact, P=np.eye(2)[:1], points=("x",))
+        modes += sj.nonlinear_modes(system, amplitudes=[0.5, 2.0], confirm=False)
+    assert modes[1].frequency == pytest.approx(modes[0].frequency, rel=1e-6)
+    assert modes[1].damping_ratio == pytest.approx(modes[0].damping_ratio, rel=1e-5)
+    assert modes[0].friction_damping.min() > 0.01
+
+
+def test_a_curve_that_ends_says_where_and_has_the_levels_below():
+    """A chain with frequencies as of a uniform bar: a harmonic meets a higher mode."""
+    system = chain()
+    uniform = replace(system, M=np.eye(12))
+    with pytest.raises(
+        ConvergenceError, match=r"not found at an amplitude of .* of 'end'"
+    ) as error:
+        sj.nonlinear_modes(uniform, amplitudes=[0.1, 0.5, 5.0], confirm=False)
+    assert error.value.run.state[0] == "stick"
 
 
 @pytest.mark.parametrize(
