@@ -1,8 +1,8 @@
 """Nonlinear modes into gross slip, beside published figures, quasi-static curves and ring-downs.
 
     python examples/benchmarks/nonlinear_modes.py beam       the public benchmark, seconds
-    python examples/benchmarks/nonlinear_modes.py joints     three joints, some five minutes
-    python examples/benchmarks/nonlinear_modes.py bar        one of them: bar, lap or brake_reuss
+    python examples/benchmarks/nonlinear_modes.py bar        joints: bar, lap or brake_reuss, some
+                                                             minutes each
 
 The virtual friction-damped beam is a public benchmark: an Euler-Bernoulli beam of 0.71 m x 60 mm x
 50 mm, clamped and free, of 15 nodes, with a Jenkins element at node 6, reduced to 3 modes with that
@@ -183,7 +183,7 @@ def compared(joint):
 def main(arguments):
     if not arguments or "beam" in arguments:
         published()
-    asked = [x for x in JOINTS if {"joints", x.__name__} & set(arguments)]
+    asked = [x for x in JOINTS if x.__name__ in arguments]
     if not asked:
         return
     head(
