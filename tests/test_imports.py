@@ -20,7 +20,7 @@ FOLDERS = [
     *("ground", "matrix_files", "linalg", "system", "mesh", "body", "joint", "structure"),
     *("minimise", "stepping"),
     *("slow", "steady", "runs", "reduction", "scene", "reduction.scaled", "results", "accuracy"),
-    *("vibration", "fitting", "study", "output", ""),
+    *("vibration", "harmonic", "fitting", "study", "output", ""),
 ]
 MODULES = sorted(
     ".".join(path.relative_to(PACKAGE).with_suffix("").parts) for path in PACKAGE.rglob("*.py")

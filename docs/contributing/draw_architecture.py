@@ -39,6 +39,7 @@ FOLDERS = (
     ("results", "slip, stress, active region, modes"),
     ("accuracy", "estimated errors: a ladder of models"),
     ("vibration", "backbone, ring-down, response"),
+    ("harmonic", "nonlinear modes"),
     ("fitting", "measured curves, fit"),
     ("study", "models of a scene, sweeps"),
     ("output", "tables, VTK, pictures, preview"),

@@ -317,6 +317,26 @@ CLAIMS = {
         timed=True,
     ),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
+    "nonlinear-beam": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py beam", 10, {"nonlinear-beam": printed}, timed=True
+    ),
+    "nonlinear-bar": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py bar", 60, {"nonlinear-bar": printed}, timed=True
+    ),
+    "nonlinear-lap": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py lap",
+        400,
+        {"nonlinear-lap": printed},
+        short=f"{BENCHMARKS}/nonlinear_modes.py beam",
+        timed=True,
+    ),
+    "nonlinear-brake-reuss": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py brake_reuss",
+        200,
+        {"nonlinear-brake-reuss": printed},
+        short=f"{BENCHMARKS}/nonlinear_modes.py beam",
+        timed=True,
+    ),
     "random": Claim(f"{BENCHMARKS}/noise.py", 600, {"random": printed}, timed=True),
     "random-plate": Claim(f"{BENCHMARKS}/noise.py plate", 300, {"random-plate": printed}),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),

@@ -31,7 +31,7 @@ from numba.extending import overload, typeof_impl
 _SOURCES = sha256(
     b"".join(
         path.read_bytes()
-        for folder in ("linalg", "minimise", "stepping", "steady")
+        for folder in ("linalg", "minimise", "stepping", "steady", "harmonic")
         for path in sorted((Path(__file__).parent.parent / folder).glob("*.py"))
     )
 ).hexdigest()

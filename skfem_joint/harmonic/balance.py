@@ -1,0 +1,253 @@
+"""Balance of harmonics of a system: residual and derivatives of a periodic motion.
+
+With u = Phi q, Phi the modes with stuck and closed contact, Phi^T M Phi = 1, and harmonics
+q = q_0 + sum of c_k cos(k w t) + s_k sin(k w t), the residuals of harmonic k are
+
+    (W^2 - k^2 w^2) c_k + k w (C - 2 zeta w) s_k + F_k - f_k,
+    (W^2 - k^2 w^2) s_k - k w (C - 2 zeta w) c_k + G_k - g_k,
+
+where W are the natural frequencies of Phi, F and G what contact does beyond its linear part, f and
+g the loads. The term in zeta is the force 2 zeta w M du/dt of the extended periodic motion concept
+(M. Krack, Comput. Struct. 154, 2015), which keeps a damped mode in steady motion.
+
+Residuals over max(W_j, w), and unknowns times that, are alike in size: modes of the contact reach
+megahertz, and the plain norm of residuals stalls Newton's iteration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from scipy import linalg
+
+from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.ground.errors import InputError
+from skfem_joint.harmonic.contact_forces import ContactForces, Sampled
+from skfem_joint.harmonic.series import Series
+from skfem_joint.reduction.stuck import Stuck
+from skfem_joint.system.system import System
+
+#: Most unknowns of a balance, coefficients times unknowns of the system: an iteration with their
+#: dense derivative takes a quarter of a second.
+MOST = 1300
+#: Stuck modes among which the one of reference is.
+MODES = 30
+#: Share of the square of a stuck frequency that springs of sticking are found to take off first,
+#: well above round-off, and corrections of these springs, each by what the one before takes.
+SOFTENED, SCALINGS = 5e-3, 12
+#: Frequency, over that of reference, of soft springs on mean motions that nothing else holds.
+SOFT = 0.01
+#: Squares of frequencies below this share of that of reference are those of free motions.
+FREE = 1e-6
+
+
+class Residual(NamedTuple):
+    """Residual of a motion, in the unknowns q.
+
+    Attributes
+    ----------
+    values : ndarray, shape (nh, n)
+    derivative : ndarray, shape (nh, n, nh, n), or None
+        By the coefficients of q.
+    by_omega, by_zeta : ndarray, shape (nh, n)
+    contact : Sampled
+    """
+
+    values: FloatArray
+    derivative: FloatArray | None
+    by_omega: FloatArray
+    by_zeta: FloatArray
+    contact: Sampled
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Balance of harmonics of one system.
+
+    Attributes
+    ----------
+    system : System
+        Its own contact with the springs of ``factor``.
+    series : Series
+    Phi : ndarray, shape (n, n)
+        Modes with stuck and closed contact, of unit mass.
+    frequencies : ndarray, shape (n,)
+        Of these, rad/s.
+    C : ndarray, shape (n, n)
+        Damping of q.
+    soft : ndarray, shape (n, n)
+        Of soft springs on the mean of q; zero where all motions are held.
+    contact : ContactForces
+    reference : float
+        rad/s.
+    """
+
+    system: System
+    series: Series
+    Phi: FloatArray
+    frequencies: FloatArray
+    C: FloatArray
+    soft: FloatArray
+    contact: ContactForces
+    reference: float
+
+    @classmethod
+    def of(cls, system: System, series: Series, reference: float, factor: float) -> Balance:
+        """Balance of a system near an angular frequency of ``reference``, rad/s.
+
+        ``factor`` is that of the springs of rigid sticking, see `springs_of_sticking`.
+
+        Raises
+        ------
+        InputError
+            If the system is too large, or contact that opens is rigid.
+        """
+        check_size(system, series)
+        contact = system.contact
+        if contact.normal.rigid.any():
+            raise InputError(
+                "nonlinear_modes: found rigid contact that opens, must be elastic: give a model of "
+                "sj.reduce, in which it is"
+            )
+        M, C, K = (as_dense(A) for A in (system.M, system.C, system.K))
+        springs = springs_of_sticking(system, reference, factor)
+        B = as_dense(contact.B)
+        k = contact.on_rows(np.where(contact.w > 0.0, springs, 0.0))
+        stuck = K + (B.T * k) @ B + as_dense(contact.normal.springs)
+        squares, Phi = linalg.eigh(0.5 * (stuck + stuck.T), M)
+        # what nothing holds once all slips and opens
+        _, shapes = linalg.eigh(K, M, subset_by_value=(-np.inf, FREE * reference**2))
+        momenta = Phi.T @ (M @ shapes)
+        return cls(
+            system=replace(system, contact=replace(contact, stiffness=springs)),
+            series=series,
+            Phi=Phi,
+            frequencies=np.sqrt(np.maximum(squares, 0.0)),
+            C=Phi.T @ C @ Phi,
+            soft=(SOFT * reference) ** 2 * momenta @ momenta.T,
+            contact=ContactForces.of(contact, springs, Phi),
+            reference=reference,
+        )
+
+    def refined(self, series: Series) -> Balance:
+        """Same balance of another series."""
+        check_size(self.system, series)
+        return replace(self, series=series)
+
+    @property
+    def scale(self) -> FloatArray:
+        """Frequencies, (n,), that residuals are over and unknowns times, rad/s."""
+        return np.maximum(self.frequencies, self.reference)
+
+    def inner(self, u: FloatArray) -> FloatArray:
+        """Coefficients (nh, n) of q, from those of the unknowns of the system."""
+        return np.asarray(u @ as_dense(self.system.M) @ self.Phi)
+
+    def outer(self, q: FloatArray) -> FloatArray:
+        """Coefficients (nh, n) of the unknowns of the system, m."""
+        return np.asarray(q @ self.Phi.T)
+
+    def residual(
+        self,
+        q: FloatArray,
+        omega: float,
+        zeta: float = 0.0,
+        force: FloatArray | None = None,
+        tangents: bool = True,
+    ) -> Residual:
+        """Residual of a motion.
+
+        Parameters
+        ----------
+        q : ndarray, shape (nh, n)
+        omega : float
+            Angular frequency, rad/s.
+        zeta : float
+            Of the force that keeps a damped mode in motion.
+        force : ndarray, shape (nh, n), optional
+            Coefficients of the loads on q, ``Phi.T`` times those on the unknowns.
+        tangents : bool
+            Whether the derivative by q is wanted.
+        """
+        series, n = self.series, q.shape[1]
+        sampled = self.contact.sampled(series, q, tangents)
+        order = series.coefficient_orders[:, np.newaxis]
+        rate = series.rate(q)
+        damped = rate @ self.C
+        values = (self.frequencies**2 - (order * omega) ** 2) * q + sampled.force
+        values += omega * damped - 2.0 * zeta * omega**2 * rate
+        if force is not None:
+            values -= force
+        if not series.odd:
+            values[0] += self.soft @ q[0]
+        derivative = sampled.derivative
+        if derivative is not None:
+            own = np.arange(n)
+            for a, k in enumerate(series.coefficient_orders.tolist()):
+                derivative[a, own, a, own] += self.frequencies**2 - (k * omega) ** 2
+            damping = omega * self.C - 2.0 * zeta * omega**2 * np.eye(n)
+            for place, k in enumerate(series.orders.tolist()):
+                a = series.first + 2 * place
+                derivative[a, :, a + 1] += k * damping
+                derivative[a + 1, :, a] -= k * damping
+            if not series.odd:
+                derivative[0, :, 0] += self.soft
+        by_omega = -2.0 * omega * order**2 * q + damped - 4.0 * zeta * omega * rate
+        return Residual(values, derivative, by_omega, -2.0 * omega**2 * rate, sampled)
+
+    def held_softly(self, q: FloatArray) -> float:
+        """Largest force of the soft springs over the sum of friction limits at rest."""
+        if self.series.odd or not self.soft.any():
+            return 0.0
+        force = as_dense(self.system.M) @ self.Phi @ self.soft @ q[0]
+        whole = float(self.system.contact.w.sum())
+        return float(np.abs(force).sum() / whole) if whole > 0.0 else 0.0
+
+
+def check_size(system: System, series: Series) -> None:
+    """Refuse a balance that is too large."""
+    size = series.size * system.n
+    if size > MOST:
+        raise InputError(
+            f"nonlinear_modes: found {system.n} unknowns, with {series.size} coefficients of each "
+            f"{size} in all, must be at most {MOST}: their derivative is a dense matrix. Give a "
+            "reduced model, such as sj.reduce(system, curve=...), or fewer harmonics"
+        )
+
+
+def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
+    """Lowest modes with stuck and closed contact: rad/s, and shapes (n, modes) of unit mass."""
+    frequencies, shapes = Stuck(system.closed()).modes(count)
+    return 2.0 * np.pi * frequencies, shapes
+
+
+def springs_of_sticking(system: System, reference: float, factor: float) -> FloatArray:
+    """Springs in series with the friction of all points, (m,), N/m: their own, or stiff ones.
+
+    Those of points without a spring are in proportion to the stiffness that the structure itself
+    opposes to their slip, b (K + r^2 M)^-1 b^T inverted, r the frequency of ``reference``. They
+    lower the square of the frequency of the stuck mode there by some one over ``factor``.
+    """
+    contact = system.contact
+    own_springs = np.where(contact.rubs, contact.stiffness, 1.0)
+    rigid = contact.rubs & np.isinf(own_springs)
+    if not rigid.any():
+        return np.asarray(own_springs)
+    B, M = as_dense(contact.B), as_dense(system.M)
+    closed = as_dense(system.closed().stuck_stiffness)
+    soft = linalg.cho_solve(linalg.cho_factor(closed + reference**2 * M), B.T)
+    flexibility = contact.by_point((B * soft.T).sum(axis=1)) / contact.directions
+    springs = np.where(rigid & (flexibility > 0.0), 1.0 / np.maximum(flexibility, 1e-300), 0.0)
+    frequencies, shapes = stuck_modes(system, MODES)
+    mode = int(np.abs(frequencies - reference).argmin())
+    acting = contact.on_rows(np.where(contact.w > 0.0, springs, 0.0))
+    loose = as_dense(system.closed().K)
+    scale = 1.0
+    for _ in range(SCALINGS):
+        squares, found = linalg.eigh(loose + (B.T * (scale * acting)) @ B, M)
+        own = int(np.abs(found.T @ (M @ shapes[:, mode])).argmax())
+        softer = 1.0 - squares[own] / frequencies[mode] ** 2
+        scale *= float(np.clip(softer / SOFTENED, 0.1, 10.0))
+    return np.where(rigid, factor * SOFTENED * scale * springs, own_springs)

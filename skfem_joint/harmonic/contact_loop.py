@@ -1,0 +1,201 @@
+"""The compiled loop over contact points and samples: friction by return mapping, and its tangent.
+
+The spring k of a point is stretched by t / k. From one sample to the next the slip changes by
+dx, and the law of :mod:`skfem_joint.minimise.law` gives the friction t of the slip dx + t / k that
+the spring and the slider share. The loop goes over a period more than once, from springs without
+force at rest, and the last time counts. Forces are those beyond a spring that never slips, which
+has a place in the linear stiffness: a point that sticks all the time has none, and no tangent.
+"""
+
+# numba infers the types of compiled functions:
+# mypy: allow-untyped-defs, allow-untyped-calls, allow-untyped-decorators
+
+from __future__ import annotations
+
+from math import hypot, inf
+from typing import Any, NamedTuple
+
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.compiling import compiled, compiled_inside
+from skfem_joint.minimise.law import slider, tangent_inside
+
+
+class FrictionPoints(NamedTuple):
+    """Contact points with friction, each of which has its own columns.
+
+    Columns are what the friction of a point depends on: its slips, then the approaches at the
+    pressure points that give to its limit. Blocks of derivatives are stored row by row of a point,
+    and in each row column by column.
+
+    Attributes
+    ----------
+    first_row : ndarray of int, shape (m + 1,)
+        First slip row of each point.
+    first_gain : ndarray of int, shape (m + 1,)
+        First pressure point of each, among those of ``pressure`` and ``gain``.
+    first_block : ndarray of int, shape (m + 1,)
+    stiffness : ndarray, shape (m,)
+        Of the springs, N/m.
+    linear : ndarray, shape (m,)
+        That part of it which linear contact has: all, or none where nothing presses at rest.
+    pressure : ndarray of int, shape (gains,)
+        Numbers of the pressure points.
+    gain : ndarray, shape (gains,)
+        What each gives to the limit, over its force.
+    """
+
+    first_row: Any
+    first_gain: Any
+    first_block: Any
+    stiffness: FloatArray
+    linear: FloatArray
+    pressure: Any
+    gain: FloatArray
+
+
+@compiled_inside
+def _onto_limit(now, rows, columns, nh, tangent):
+    """Derivative of friction that is returned to its limit, from that before, in place."""
+    first, mixed, second = tangent
+    for c in range(columns):
+        for j in range(nh):
+            along = now[0, c, j]
+            across = now[1, c, j] if rows == 2 else 0.0
+            now[0, c, j] = first * along + mixed * across
+            if rows == 2:
+                now[1, c, j] = mixed * along + second * across
+
+
+@compiled
+def friction(
+    points,
+    slip,
+    limits,
+    slopes,
+    basis,
+    projection,
+    passes,
+    sign,
+    tangents,
+    force,
+    blocks,
+    moves,
+    now,
+):
+    """Friction beyond the springs at all samples, and blocks of its derivatives.
+
+    Parameters
+    ----------
+    points : FrictionPoints
+    slip : ndarray, shape (rows, samples)
+    limits : ndarray, shape (m, samples)
+    slopes : ndarray, shape (q, samples)
+        Slope of each normal force over its approach, N/m.
+    basis, projection : ndarray, shape (samples, nh)
+        Of `Series`.
+    passes : int
+        Times that the loop goes over the samples.
+    sign : float
+        Of the motion in the next pass over that in this one.
+    tangents : bool
+        Whether blocks are wanted.
+    force : ndarray, shape (rows, samples)
+        Result, N.
+    blocks : ndarray, shape (blocks, nh, nh)
+        Result: derivative of each coefficient of the force by each one of the column.
+    moves : ndarray of bool, shape (m,)
+        Result: whether each point slips; the others have no force and no blocks.
+    now : ndarray, shape (2, columns, nh)
+        Worked in: derivative of the friction now; as many columns as any point has.
+    """
+    count, nh = basis.shape
+    for i in range(limits.shape[0]):
+        row, k, linear = points.first_row[i], points.stiffness[i], points.linear[i]
+        pair = points.first_row[i + 1] - row == 2
+        rows = 2 if pair else 1
+        first_gain = points.first_gain[i]
+        columns = rows + points.first_gain[i + 1] - first_gain
+        first_block = points.first_block[i]
+        moves[i] = linear == 0.0
+        x = y = t = s = 0.0  # slips and friction along both directions
+        if tangents:
+            for r in range(rows):
+                for c in range(columns):
+                    for j in range(nh):
+                        now[r, c, j] = 0.0
+        for turn in range(passes):
+            last = turn == passes - 1
+            if turn > 0:
+                if not moves[i]:
+                    break
+                x *= sign
+                y *= sign
+                t *= sign
+                s *= sign
+                if tangents and sign != 1.0:
+                    for r in range(rows):
+                        for c in range(columns):
+                            for j in range(nh):
+                                now[r, c, j] *= sign
+            if last and tangents:
+                for b in range(first_block, first_block + rows * columns):
+                    for a in range(nh):
+                        for j in range(nh):
+                            blocks[b, a, j] = 0.0
+            for n in range(count):
+                w = limits[i, n]
+                x_next = slip[row, n]
+                y_next = slip[row + 1, n] if pair else 0.0
+                t += k * (x_next - x)
+                s += k * (y_next - y)
+                x, y = x_next, y_next
+                size = hypot(t, s) / k
+                soft = w / k
+                slides = w <= 0.0 or slider(size, inf, soft)[0] > 0.0
+                if tangents:
+                    # basis at the sample before: zero at rest, before the first one
+                    before = n - 1 if n > 0 else count - 1
+                    factor = k if n > 0 else (0.0 if turn == 0 else k * sign)
+                    for j in range(nh):
+                        change = k * basis[n, j] - factor * basis[before, j]
+                        now[0, 0, j] += change
+                        if pair:
+                            now[1, 1, j] += change
+                if slides:
+                    moves[i] = True
+                    across = soft / size if size > 0.0 else 0.0
+                    e, f = (t / (k * size), s / (k * size)) if size > 0.0 else (0.0, 0.0)
+                    if tangents:
+                        _onto_limit(
+                            now, rows, columns, nh, tangent_inside(-across, across, e, f, e, f)
+                        )
+                        for c in range(rows, columns):
+                            g = first_gain + c - rows
+                            more = points.gain[g] * slopes[points.pressure[g], n]
+                            if more != 0.0:
+                                for j in range(nh):
+                                    now[0, c, j] += e * more * basis[n, j]
+                                    if pair:
+                                        now[1, c, j] += f * more * basis[n, j]
+                    t, s = w * e, w * f
+                if last:
+                    force[row, n] = t - linear * x
+                    if pair:
+                        force[row + 1, n] = s - linear * y
+                    if tangents and not (slides and columns == 1):  # zero there
+                        b = first_block
+                        for r in range(rows):
+                            for c in range(columns):
+                                for a in range(nh):
+                                    p = projection[n, a]
+                                    for j in range(nh):
+                                        blocks[b, a, j] += p * now[r, c, j]
+                                b += 1
+        if not moves[i]:
+            for r in range(row, row + rows):
+                for n in range(count):
+                    force[r, n] = 0.0
+        elif tangents:
+            for r in range(rows):
+                for a in range(nh):
+                    blocks[first_block + r * columns + r, a, a] -= linear
