@@ -156,7 +156,7 @@ def _equations(system: System, number: int, at: str | None, factor: float) -> Mo
     highest, samples = LADDER[0]
     series = Series(highest, samples, not system.contact.opens)
     check_size(system, series)
-    frequencies, shapes = stuck_modes(system, MODES)
+    frequencies, shapes = stuck_modes(system, max(MODES, number))
     if number > frequencies.size:
         raise InputError(
             f"nonlinear_modes: found mode {number}, there are {frequencies.size} with the contact "
