@@ -30,9 +30,9 @@ from skfem_joint.system.system import System
 
 #: Most unknowns of a balance, coefficients times unknowns of the system: their derivative takes
 #: 128 MB, and a factor of it a second.
-MOST = 4000
+MOST = 1300
 #: Frequency, over that of reference, of soft springs on mean motions that nothing else holds.
-SOFT = 0.01
+SOFT = 0.1
 #: Squares of frequencies below this share of that of reference are those of free motions.
 FREE = 1e-6
 

@@ -102,19 +102,22 @@ class Forced:
         return replace(self, size=size) if size > 0.0 else self
 
     def at(
-        self, y: FloatArray, omega: float, level: float
+        self, y: FloatArray, omega: float, level: float, tangents: bool = True
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Residual, its derivative, and those by omega over the reference and by the level."""
-        found = self.balance.residual(self.motion(y), omega, force=level * self.force)
+        force = level * self.force
+        found = self.balance.residual(self.motion(y), omega, force=force, tangents=tangents)
         reference = self.balance.reference
         weights = 1.0 / (self.balance.scale * self.size * reference)
-        assert found.derivative is not None
-        J = found.derivative
-        J *= (weights * self.size * reference)[:, np.newaxis, np.newaxis]
-        J *= 1.0 / self.balance.scale
+        J = np.zeros((0, 0))
+        if found.derivative is not None:
+            J = found.derivative.reshape(y.size, y.size)
+            over = np.tile(1.0 / self.balance.scale, self.balance.series.size)
+            J *= over[:, np.newaxis]
+            J *= over
         by_omega = (found.by_omega * weights).ravel() * reference
         by_level = -(self.force * weights).ravel()
-        return (found.values * weights).ravel(), J.reshape(y.size, y.size), by_omega, by_level
+        return (found.values * weights).ravel(), J, by_omega, by_level
 
 
 @dataclass(frozen=True)
@@ -126,9 +129,9 @@ class ByLevel:
     unit: float
 
     def __call__(
-        self, y: FloatArray, parameter: float
+        self, y: FloatArray, parameter: float, tangents: bool = True
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        values, J, _, by_level = self.forced.at(y, self.omega, parameter * self.unit)
+        values, J, _, by_level = self.forced.at(y, self.omega, parameter * self.unit, tangents)
         return values, J, by_level * self.unit
 
 
@@ -140,10 +143,10 @@ class ByFrequency:
     level: float
 
     def __call__(
-        self, y: FloatArray, parameter: float
+        self, y: FloatArray, parameter: float, tangents: bool = True
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         omega = parameter * self.forced.balance.reference
-        values, J, by_omega, _ = self.forced.at(y, omega, self.level)
+        values, J, by_omega, _ = self.forced.at(y, omega, self.level, tangents)
         return values, J, by_omega
 
 
@@ -165,14 +168,13 @@ class ByArc:
     normal: FloatArray
 
     def __call__(
-        self, y: FloatArray, parameter: float
+        self, y: FloatArray, parameter: float, tangents: bool = True
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         omega = float(y[-1]) * self.forced.balance.reference
-        values, J, by_omega, _ = self.forced.at(y[:-1], omega, self.level)
-        n = y.size
-        whole, by_parameter = np.empty((n, n)), np.zeros(n)
-        whole[:-1, :-1], whole[:-1, -1], whole[-1] = J, by_omega, self.normal
-        by_parameter[-1] = -1.0
+        values, J, by_omega, _ = self.forced.at(y[:-1], omega, self.level, tangents)
+        whole, by_parameter = J, np.append(np.zeros(y.size - 1), -1.0)
+        if tangents:
+            whole = np.vstack([np.column_stack([J, by_omega]), self.normal])
         arc = float(self.normal @ (y - self.start)) - parameter
         return np.append(values, arc), whole, by_parameter
 

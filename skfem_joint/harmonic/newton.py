@@ -11,10 +11,11 @@ from scipy import linalg
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
 
-#: Norm of a residual of unknowns of size 1 that ends the iteration.
-TOLERANCE = 1e-9
+#: Norm of a residual of unknowns of size 1 that ends the iteration: 0.02 % of a damping ratio of
+#: 0.25 %. States of points change one by one where it is smaller, which takes as long again.
+TOLERANCE = 1e-6
 #: Most iterations, and halvings of a step.
-ITERATIONS, HALVINGS = 30, 8
+ITERATIONS, HALVINGS = 40, 8
 #: Step in the parameter, halved, below which a continuation ends.
 LEAST = 1e-3
 
@@ -36,8 +37,9 @@ class Point(NamedTuple):
     iterations: int
 
 
-#: Residual, and its derivatives by the unknowns and the parameter, of scaled unknowns and parameter.
-Equations = Callable[[FloatArray, float], tuple[FloatArray, FloatArray, FloatArray]]
+#: Residual, with its derivatives by the unknowns and the parameter, all scaled to size 1; the last
+#: argument is whether the derivatives are wanted, which else are empty.
+Equations = Callable[[FloatArray, float, bool], tuple[FloatArray, FloatArray, FloatArray]]
 
 
 def solved(equations: Equations, y: FloatArray, parameter: float) -> Point:
@@ -48,23 +50,22 @@ def solved(equations: Equations, y: FloatArray, parameter: float) -> Point:
     ConvergenceError
         If it is not found.
     """
-    residual, derivative, by_parameter = equations(y, parameter)
-    size = float(np.linalg.norm(residual))
+    share = 1.0
     for iteration in range(ITERATIONS):
+        residual, derivative, by_parameter = equations(y, parameter, True)
+        size = float(np.linalg.norm(residual))
         if not np.isfinite(size):
             break
         factor = linalg.lu_factor(derivative, overwrite_a=True, check_finite=False)
         if size <= TOLERANCE:
             return Point(y, -linalg.lu_solve(factor, by_parameter), iteration)
-        step, share = -linalg.lu_solve(factor, residual), 1.0
+        step, share = -linalg.lu_solve(factor, residual), min(1.0, 2.0 * share)
         for _ in range(HALVINGS):
-            tried = y + share * step
-            residual, derivative, by_parameter = equations(tried, parameter)
-            new = float(np.linalg.norm(residual))
-            if new < (1.0 - 0.1 * share) * size:
+            tried = float(np.linalg.norm(equations(y + share * step, parameter, False)[0]))
+            if tried < (1.0 - 0.1 * share) * size:
                 break
             share *= 0.5
-        y, size = tried, new
+        y = y + share * step
     raise ConvergenceError(f"Newton's iteration ends at a residual of {size:.2g}")
 
 
