@@ -28,8 +28,8 @@ from skfem_joint.harmonic.contact_forces import ContactForces, Sampled
 from skfem_joint.harmonic.series import Series
 from skfem_joint.system.system import System
 
-#: Most unknowns of a balance, coefficients times unknowns of the system: their derivative takes
-#: 128 MB, and a factor of it a second.
+#: Most unknowns of a balance, coefficients times unknowns of the system: an iteration with their
+#: dense derivative takes a quarter of a second.
 MOST = 1300
 #: Frequency, over that of reference, of soft springs on mean motions that nothing else holds.
 SOFT = 0.1

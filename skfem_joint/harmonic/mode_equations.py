@@ -26,42 +26,47 @@ class ModeEquations:
     Attributes
     ----------
     balance : Balance
+    number : int
+        Of the mode, from 1.
     looked_at : ndarray, shape (n,)
         Displacement l whose first harmonic is the amplitude, from the unknowns of the system.
     modal : float
         Modal amplitude, m kg^1/2, of a displacement of 1 m, by which unknowns are scaled.
+    point : int or None
+        Number of the named point that is looked at; None for the modal amplitude.
     """
 
     balance: Balance
+    number: int
     looked_at: FloatArray
     modal: float
+    point: int | None = None
 
     def __call__(
-        self, y: FloatArray, parameter: float
+        self, y: FloatArray, parameter: float, tangents: bool
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residual of ``y`` at the logarithm of an amplitude, and derivatives by both."""
-        balance, a = self.balance, float(np.exp(parameter))
-        series, n = balance.series, balance.frequencies.size
-        q, omega, zeta = self.motion(y, parameter)
-        residual = balance.residual(q, omega, zeta)
-        weights, size, reference = 1.0 / balance.scale, series.size * n, balance.reference
-        by = 1.0 / (a * self.modal * reference)
+        balance = self.balance
+        series, n, reference = balance.series, balance.frequencies.size, balance.reference
+        residual = balance.residual(*self.motion(y, parameter), tangents=tangents)
+        weights, size = 1.0 / balance.scale, series.size * n
+        by = 1.0 / (float(np.exp(parameter)) * self.modal * reference)
         functional = (balance.Phi.T @ self.looked_at) * weights * self.modal * reference
         first = series.first * n
-        values = np.zeros(size + 2)
+        values = np.empty(size + 2)
         values[:size] = (residual.values * weights).ravel() * by
         values[size:] = y[first : first + 2 * n].reshape(2, n) @ functional - [1.0, 0.0]
-        derivative = np.zeros((size + 2, size + 2))
-        assert residual.derivative is not None
-        J = residual.derivative
-        J *= weights[:, np.newaxis, np.newaxis]
-        J *= weights
-        derivative[:size, :size] = J.reshape(size, size)
+        if residual.derivative is None:
+            return values, np.zeros((0, 0)), np.zeros(0)
+        derivative, by_parameter = np.zeros((size + 2, size + 2)), np.zeros(size + 2)
+        own = residual.derivative
+        own *= weights[:, np.newaxis, np.newaxis]
+        own *= weights
+        derivative[:size, :size] = own.reshape(size, size)
         derivative[:size, size] = (residual.by_omega * weights).ravel() * (by * reference)
         derivative[:size, size + 1] = (residual.by_zeta * weights).ravel() * by
         derivative[size, first : first + n] = functional
         derivative[size + 1, first + n : first + 2 * n] = functional
-        by_parameter = np.zeros(size + 2)
         by_parameter[:size] = derivative[:size, :size] @ y[:size] - values[:size]
         return values, derivative, by_parameter
 
@@ -79,3 +84,12 @@ class ModeEquations:
         return np.concatenate(
             [(q * (balance.scale / by)).ravel(), [omega / balance.reference, zeta]]
         )
+
+    def linear(self, parameter: float) -> FloatArray:
+        """Scaled unknowns of the linear mode with stuck and closed contact."""
+        balance, mode = self.balance, self.number - 1
+        q = np.zeros((balance.series.size, balance.frequencies.size))
+        moved = float(self.looked_at @ balance.Phi[:, mode])
+        q[balance.series.first, mode] = float(np.exp(parameter)) / moved
+        omega = float(balance.frequencies[mode])
+        return self.scaled(q, omega, 0.5 * float(balance.C[mode, mode]) / omega, parameter)

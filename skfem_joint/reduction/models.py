@@ -220,7 +220,9 @@ def reduced_for_mode(system: System, curve: Any, options: Options | None = None)
     small = reduced_on(system, basis, **options.friction)
     made_for = f"mode {curve.mode} up to level {curve.level[-1]:.6g}"
     of_curve = {"highest": float(curve.level[-1]), "slips_at": curve.slips_at}
-    origin = replace(small.origin, analyses=("backbone", "ring_down"), **of_curve)
+    origin = replace(
+        small.origin, analyses=("backbone", "ring_down", "nonlinear_modes"), **of_curve
+    )
     return replace(small, made_for=made_for, origin=origin)
 
 

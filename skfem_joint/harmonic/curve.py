@@ -1,0 +1,198 @@
+"""`NonlinearMode`: frequency, damping and harmonics of a mode over its amplitude."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_dense, slip_norms
+from skfem_joint.harmonic.levels import Levels
+from skfem_joint.harmonic.marched import Marched
+from skfem_joint.harmonic.series import Series
+from skfem_joint.results.loss import Losses
+
+#: Share of its limit by which the friction of a point that slides may be below, for round-off.
+SLIDES = 1e-4
+#: Force of soft springs over the friction limits beyond which a note says so.
+SOFT_FORCE = 1e-3
+
+
+@dataclass(frozen=True)
+class NonlinearMode:
+    """A mode in steady motion at rising amplitudes, kept up by the force 2 zeta omega M du/dt.
+
+    Names are those of `Backbone`, whose curves stand beside it. Both have the energy lost in a
+    cycle over 2 pi omega^2 times the square of the modal amplitude as twice the damping ratio; here
+    the square is the sum of those of all harmonics, each times the square of its number. Where the
+    mode keeps its shape both are the same.
+
+    Attributes
+    ----------
+    mode : int
+        Number of the mode, from 1.
+    shape : ndarray, shape (n,)
+        Mode with the contact stuck, of unit modal mass, kg^(-1/2).
+    stuck_frequency : float
+        Hz.
+    point : str
+        Name of the point whose first harmonic is the given amplitude; empty where the system has
+        none, and the modal amplitude is.
+    amplitude : ndarray, shape (levels,)
+        Modal amplitude, m kg^1/2: norm of the first harmonic by the mass.
+    frequency : ndarray, shape (levels,)
+        Hz.
+    friction_damping, viscous_damping : ndarray, shape (levels,)
+        Parts of the damping ratio by friction and by C.
+    displacement : ndarray, shape (levels, points)
+        First harmonic of the named points, m.
+    harmonics : ndarray, shape (levels, nh, n)
+        Coefficients of the displacement, m, in the order of ``series``.
+    series : Series
+        Harmonics and samples that were chosen.
+    slip : ndarray, shape (levels, m)
+        Of each contact point, m, half of peak to peak; that of springs in series included.
+    state : tuple of str
+        At each level "stick", "partial", or "gross", where all points of a joint slip at once.
+    opened : ndarray, shape (levels,)
+        Share of the pressure points pressed at rest that open.
+    losses : Losses
+        Energies that a cycle of each level loses, and its loss factor.
+    friction_work : ndarray, shape (levels, m)
+        Energy lost by friction in a cycle at each contact point, J.
+    errors : dict of str to dict of str to ndarray, shape (levels,)
+        Estimated relative errors of ``frequency`` and ``damping_ratio`` by source: "harmonics", of
+        harmonics and samples, and "sticking", of the springs that stand for rigid sticking.
+    marched : Marched or None
+        Some levels judged by time steps.
+    notes : tuple of str
+    """
+
+    mode: int
+    shape: FloatArray
+    stuck_frequency: float
+    point: str
+    amplitude: FloatArray
+    frequency: FloatArray
+    friction_damping: FloatArray
+    viscous_damping: FloatArray
+    displacement: FloatArray
+    harmonics: FloatArray
+    series: Series
+    slip: FloatArray
+    state: tuple[str, ...]
+    opened: FloatArray
+    losses: Losses
+    friction_work: FloatArray
+    errors: Mapping[str, Mapping[str, FloatArray]]
+    marched: Marched | None
+    notes: tuple[str, ...]
+
+    @property
+    def damping_ratio(self) -> FloatArray:
+        """Damping ratio of friction and viscous forces."""
+        return self.friction_damping + self.viscous_damping
+
+    @property
+    def estimated(self) -> dict[str, float]:
+        """Estimated largest relative errors of ``frequency`` and ``damping_ratio``."""
+        names = "frequency", "damping_ratio"
+        return {name: float(self.error(name).max()) for name in names}
+
+    def error(self, name: str) -> FloatArray:
+        """Estimated relative error, (levels,), of "frequency" or "damping_ratio"."""
+        return np.asarray(np.sum([of[name] for of in self.errors.values()], axis=0))
+
+    def motion(self, level: int, samples: int = 100) -> FloatArray:
+        """Displacement over a period at a level, (samples, n), m."""
+        fine = Series(self.series.highest, 2 * samples if self.series.odd else samples, False)
+        return np.asarray(fine.basis[:samples] @ fine.of(self.harmonics[level], self.series))
+
+
+def curve_of(
+    levels: Levels,
+    values: Mapping[str, FloatArray],
+    errors: Mapping[str, Mapping[str, FloatArray]],
+    marched: Marched | None,
+) -> NonlinearMode:
+    """Curve of levels.
+
+    Parameters
+    ----------
+    levels : Levels
+    values : dict of str to ndarray, shape (levels,)
+        Their frequency, rad/s, and damping ratio.
+    errors : dict
+        See `NonlinearMode`.
+    marched : Marched or None
+    """
+    equations, series = levels.equations, levels.series
+    balance, mode = equations.balance, equations.number - 1
+    system, contact = balance.system, balance.system.contact
+    rubs, rows = contact.rubs, contact.on_rows(contact.rubs)
+    M, C, K = (as_dense(A) for A in (system.M, system.C, system.K))
+    count, m = levels.omega.size, rubs.size
+    P, points = as_dense(system.P), contact.joint_points
+    work, slip = np.zeros((count, m)), np.zeros((count, m))
+    viscous, strain, soft, opened = np.zeros((4, count))
+    state = []
+    pressed = max(int(np.count_nonzero(contact.normal.force > 0.0)), 1)
+    springs = contact.on_rows(contact.spring_constants)[rows]
+    for k, (u, omega) in enumerate(zip(levels.u, levels.omega.tolist(), strict=True)):
+        q = balance.inner(u)
+        sampled = balance.contact.sampled(series, q, False)
+        moved = sampled.slip @ series.basis.T
+        friction = sampled.friction + springs[:, np.newaxis] * moved
+        by_row, reach = np.zeros(rows.size), np.zeros(rows.size)
+        by_row[rows] = series.work((friction @ series.projection).T, sampled.slip.T)
+        both = -moved.min(axis=1) if series.odd else moved.max(axis=1)
+        reach[rows] = np.ptp(np.hstack([moved, both[:, np.newaxis]]), axis=1)
+        work[k], slip[k] = contact.by_point(by_row), 0.5 * contact.slip_norm(reach)
+        slides = np.zeros((m, moved.shape[1]), np.bool_)
+        slides[rubs] = slides_of(friction, sampled.limits, contact.directions[rubs])
+        state.append(
+            "gross"
+            if any(slides[joint].all(axis=0).any() for joint in points if joint.size)
+            else ("partial" if slides.any() else "stick")
+        )
+        opened[k] = np.count_nonzero(sampled.opened) / pressed
+        rate = series.rate(u)
+        viscous[k] = omega * series.work(rate @ C, u).sum()
+        held = 0.5 * (friction**2 / springs[:, np.newaxis]).sum(axis=0)
+        strain[k] = max(
+            0.5 * x @ (K @ x) + contact.normal.potential(x) + float(h)
+            for x, h in zip(series.basis @ u, held, strict=True)
+        )
+        soft[k] = balance.held_softly(q)
+    first = levels.u[:, series.first : series.first + 2]
+    lost = work.sum(axis=1) + viscous
+    share = np.divide(viscous, lost, out=np.zeros(count), where=lost > 0.0)
+    ratio = values["damping_ratio"]
+    return NonlinearMode(
+        mode=equations.number,
+        shape=balance.Phi[:, mode],
+        stuck_frequency=float(balance.frequencies[mode]) / (2.0 * np.pi),
+        point="" if equations.point is None else system.points[equations.point],
+        amplitude=np.sqrt(np.einsum("lhn,nm,lhm->l", first, M, first)),
+        frequency=values["frequency"] / (2.0 * np.pi),
+        friction_damping=(1.0 - share) * ratio,
+        viscous_damping=share * ratio,
+        displacement=np.linalg.norm(first @ P.T, axis=1),
+        harmonics=levels.u,
+        series=series,
+        slip=slip,
+        state=tuple(state),
+        opened=opened,
+        losses=Losses(work.sum(axis=1), viscous, strain, np.asarray((contact.J @ work.T).T)),
+        friction_work=work,
+        errors=errors,
+        marched=marched,
+        notes=(),
+    )
+
+
+def slides_of(friction: FloatArray, limits: FloatArray, directions: IntArray) -> BoolArray:
+    """Whether each point slides at each sample, (m, samples), by friction (rows, samples), N."""
+    size = slip_norms(friction.T, directions).T
+    return np.asarray(size >= limits * (1.0 - SLIDES))

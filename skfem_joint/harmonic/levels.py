@@ -1,0 +1,148 @@
+"""Levels of a nonlinear mode: followed upwards, and found again with other equations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skfem_joint.ground.arrays import BoolArray, FloatArray
+from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.progress import Tally
+from skfem_joint.harmonic.mode_equations import ModeEquations
+from skfem_joint.harmonic.newton import Point, followed, solved
+from skfem_joint.harmonic.series import Series
+
+#: Amplitude, over the first one, from which levels start if the first one is not found at once.
+BELOW = 1e-3
+#: Damping below this share of the largest counts as so large, where its relative change is taken.
+LEAST = 0.02
+
+
+@dataclass(frozen=True)
+class Levels:
+    """A mode at some amplitudes.
+
+    Attributes
+    ----------
+    equations : ModeEquations
+        Which they solve.
+    parameters : ndarray, shape (levels,)
+        Logarithms of the amplitudes.
+    u : ndarray, shape (levels, nh, n)
+        Coefficients of the unknowns of the system, m.
+    omega, zeta : ndarray, shape (levels,)
+        Angular frequency, rad/s, and damping ratio.
+    """
+
+    equations: ModeEquations
+    parameters: FloatArray
+    u: FloatArray
+    omega: FloatArray
+    zeta: FloatArray
+
+    @property
+    def series(self) -> Series:
+        """Harmonics and samples."""
+        return self.equations.balance.series
+
+    @property
+    def values(self) -> dict[str, FloatArray]:
+        """Frequency, rad/s, and damping ratio by name."""
+        return {"frequency": self.omega, "damping_ratio": self.zeta}
+
+
+def _levels(equations: ModeEquations, parameters: FloatArray, points: list[Point]) -> Levels:
+    """From solutions at parameters."""
+    motions = [
+        equations.motion(point.y, at) for point, at in zip(points, parameters.tolist(), strict=True)
+    ]
+    u = np.array([equations.balance.outer(q) for q, _, _ in motions])
+    omega, zeta = (np.array([motion[k] for motion in motions]) for k in (1, 2))
+    return Levels(equations, parameters, u, omega, zeta)
+
+
+def climbed(
+    equations: ModeEquations, parameters: FloatArray, tally: Tally
+) -> tuple[Levels, ConvergenceError | None]:
+    """Levels one after the other, from a linear mode on; and why they end before the last one.
+
+    Raises
+    ------
+    ConvergenceError
+        If the first level is not found.
+    """
+    first = float(parameters[0])
+    try:
+        point = solved(equations, equations.linear(first), first)
+    except ConvergenceError:
+        low = first + float(np.log(BELOW))
+        point = solved(equations, equations.linear(low), low)
+        for _, point in followed(equations, point, low, first):  # noqa: B007
+            pass
+    points, error = [point], None
+    tally.add()
+    for before, after in zip(parameters[:-1].tolist(), parameters[1:].tolist(), strict=True):
+        try:
+            *_, (_, point) = followed(equations, points[-1], before, after)
+        except ConvergenceError as failure:
+            error = failure
+            break
+        points.append(point)
+        tally.add()
+    return _levels(equations, parameters[: len(points)], points), error
+
+
+def resolved(
+    levels: Levels, equations: ModeEquations, tally: Tally, rows: BoolArray | None = None
+) -> Levels:
+    """Same levels by other equations, of ``rows`` (levels,) alone if given.
+
+    A level that is not found from its own former state is followed from the level before.
+
+    Raises
+    ------
+    ConvergenceError
+        If one is not found.
+    """
+    points = list[Point]()
+    balance, parameters = equations.balance, levels.parameters.tolist()
+    asked = np.ones(len(parameters), np.bool_) if rows is None else rows
+    tally.total += int(asked.sum())
+    states = [balance.series.of(u, levels.series) for u in levels.u]
+    for k, (at, wanted) in enumerate(zip(parameters, asked.tolist(), strict=True)):
+        y = equations.scaled(
+            balance.inner(states[k]), float(levels.omega[k]), float(levels.zeta[k]), at
+        )
+        if not wanted:
+            points.append(Point(y, np.zeros_like(y), 0))
+            continue
+        try:
+            points.append(solved(equations, y, at))
+        except ConvergenceError:
+            if k == 0:
+                raise
+            start = solved(equations, points[-1].y, parameters[k - 1])
+            *_, (_, point) = followed(equations, start, parameters[k - 1], at)
+            points.append(point)
+        tally.add()
+    return _levels(equations, levels.parameters, points)
+
+
+def relative(change: FloatArray, values: FloatArray) -> FloatArray:
+    """Changes over the values, or over `LEAST` of the largest of them where that is more."""
+    size = np.maximum(np.abs(values), LEAST * np.abs(values).max())
+    return np.asarray(np.abs(change) / np.where(size > 0.0, size, 1.0))
+
+
+def changes(after: Levels, before: Levels) -> dict[str, FloatArray]:
+    """Relative changes, (levels,), of frequency and damping, the largest of each three levels.
+
+    Values of single levels may meet by chance.
+    """
+    found = {}
+    for name, new in after.values.items():
+        change = relative(new - before.values[name], new)
+        padded = np.pad(change, 1, mode="edge")
+        found[name] = np.max([padded[:-2], padded[1:-1], padded[2:]], axis=0)
+    return found

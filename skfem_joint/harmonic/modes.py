@@ -1,0 +1,209 @@
+"""Nonlinear modes: frequency, damping, shape and harmonics over amplitude, into gross slip.
+
+A mode is the periodic motion that the force 2 zeta omega M du/dt keeps up (extended periodic motion
+concept, M. Krack, Comput. Struct. 154, 2015), by harmonic balance with exact Coulomb friction. Its
+shape may change, joints may slip as a whole, contact may open.
+
+Levels follow each other from a linear mode on. Then harmonics and samples are raised at all levels
+until frequency and damping settle; what the last rise changed states their error. Rigid sticking
+has springs of two stiffnesses; both are extrapolated to rigid springs, and half of the distance is
+the error stated for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense, as_real
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.progress import Progress, Tally, silent
+from skfem_joint.ground.values import COUNT, check_each
+from skfem_joint.harmonic.balance import MOST, Balance
+from skfem_joint.harmonic.curve import NonlinearMode, curve_of
+from skfem_joint.harmonic.levels import Levels, changes, climbed, relative, resolved
+from skfem_joint.harmonic.marched import march
+from skfem_joint.harmonic.mode_equations import ModeEquations
+from skfem_joint.harmonic.series import Series
+from skfem_joint.system.system import System
+
+#: Harmonics and samples, raised until values settle.
+LADDER = (3, 128), (7, 256), (15, 512), (31, 1024), (63, 2048)
+#: Springs of rigid sticking over the stiffness of the structure: levels are climbed with the first,
+#: and extrapolated from the last two.
+FACTORS = 10.0, 100.0, 1000.0
+#: Relative change of the damping by which it has settled, and of the frequency.
+SETTLED = {"frequency": 5e-4, "damping_ratio": 1e-2}
+#: Frequency, over the mean of all, below which a mode is a rigid motion.
+RIGID = 1e-6
+#: Displacement of a point, over the largest, below which a mode does not move it.
+STILL = 1e-6
+
+
+def nonlinear_modes(
+    system: System,
+    modes: Sequence[int] = (1,),
+    *,
+    amplitudes: ArrayLike,
+    at: str | None = None,
+    confirm: bool = True,
+    progress: Progress = silent,
+) -> list[NonlinearMode]:
+    """Frequency, damping, shape and harmonics of some modes over their amplitude.
+
+    Parameters
+    ----------
+    system : System
+        Reduced, or small: its unknowns times coefficients of harmonics must be at most 1,300. Its
+        friction acts as Coulomb's; its loads do not act. Contact that opens must be elastic.
+    modes : sequence of int
+        Numbers of the modes with the contact stuck, from 1.
+    amplitudes : array_like, shape (levels,)
+        Rising, m: first harmonic of the named point that the mode moves most, or modal amplitudes,
+        m kg^1/2, where the system has no points.
+    at : str, optional
+        Name of the point whose amplitudes they are.
+    confirm : bool
+        Whether three levels are judged by time steps.
+    progress : callable, optional
+        Called with (levels done, levels in all as far as they are known).
+
+    Returns
+    -------
+    list of NonlinearMode
+        In the order of ``modes``.
+
+    Raises
+    ------
+    InputError
+        If amplitudes do not rise from above zero, there is no such mode or point, the mode is a
+        motion as a rigid body, the system is too large, its contact that opens is rigid, or it is a
+        reduced model made for something else.
+    ConvergenceError
+        If an amplitude is not found. The error's ``run`` is the curve up to there, if there is one.
+    """
+    system.check_any_load("nonlinear_modes")
+    check_each("nonlinear_modes: modes", modes, COUNT)
+    asked = np.asarray(as_real(amplitudes, "nonlinear_modes: amplitudes"))
+    rises = asked.ndim == 1 and asked.size and asked[0] > 0.0 and np.all(np.diff(asked) > 0.0)
+    if not rises or not np.isfinite(asked).all():
+        raise InputError(
+            f"nonlinear_modes: amplitudes: found {asked.tolist()}, must be positive and rise"
+        )
+    if at is not None and at not in system.points:
+        raise InputError(
+            f"nonlinear_modes: at: found {at!r}, must be one of "
+            f"{', '.join(system.points) or 'none'}"
+        )
+    return [_mode(system, k, asked, at, confirm, progress) for k in modes]
+
+
+def _mode(
+    system: System,
+    number: int,
+    amplitudes: FloatArray,
+    at: str | None,
+    confirm: bool,
+    progress: Progress,
+) -> NonlinearMode:
+    """One mode; ConvergenceError if an amplitude is not found."""
+    rigid = bool(np.any(system.contact.rubs & ~system.contact.sprung))
+    tally = Tally(progress, amplitudes.size)
+    levels, failure = climbed(_equations(system, number, at, FACTORS[0]), np.log(amplitudes), tally)
+    softer = None
+    for factor in FACTORS[1:] if rigid else ():
+        softer = levels
+        levels = resolved(levels, _equations(system, number, at, factor), tally)
+    levels, errors = _settled(levels, tally)
+    if softer is not None:
+        balance = softer.equations.balance.refined(levels.series)
+        softer = resolved(levels, replace(softer.equations, balance=balance), tally)
+    if failure is None:
+        return _finished(levels, errors, softer, confirm)
+    curve = _finished(levels, errors, softer, False)
+    where = f"{amplitudes[levels.omega.size]:.4g} m" + (f" of {curve.point!r}" * bool(curve.point))
+    raise ConvergenceError(
+        f"nonlinear_modes: mode {number} is not found at an amplitude of {where} ({failure}); the "
+        f"{levels.omega.size} levels below are in the error's run. Ask for levels up to there, or "
+        "see a ring-down",
+        run=curve,
+    )
+
+
+def _equations(system: System, number: int, at: str | None, factor: float) -> ModeEquations:
+    """Equations of a mode with springs of a factor, in the first series.
+
+    InputError if there is no such mode, it is a rigid motion, or does not move the point.
+    """
+    highest, samples = LADDER[0]
+    series = Series(highest, samples, not system.contact.opens)
+    whole = float(np.sqrt(system.mean_square_frequency))
+    frequencies = Balance.of(system, series, whole, FACTORS[-1]).frequencies
+    if number > frequencies.size:
+        raise InputError(
+            f"nonlinear_modes: found mode {number}, there are {frequencies.size} with the contact "
+            "stuck"
+        )
+    reference = float(frequencies[number - 1])
+    if reference < RIGID * whole:
+        raise InputError(
+            f"nonlinear_modes: mode {number} moves the structure as a rigid body; support it, or "
+            "choose a higher mode"
+        )
+    balance = Balance.of(system, series, reference, factor)
+    shape = balance.Phi[:, number - 1]
+    if not system.points:
+        return ModeEquations(balance, number, as_dense(system.M) @ shape, 1.0)
+    moved = np.asarray(system.P @ shape)
+    point = int(np.abs(moved).argmax()) if at is None else system.points.index(at)
+    if np.abs(moved[point]) <= STILL * np.abs(system.expand(shape)).max():
+        raise InputError(
+            f"nonlinear_modes: at: mode {number} does not move {system.points[point]!r}, which has "
+            "a direction of its own; choose another point or mode"
+        )
+    looked_at = np.sign(moved[point]) * as_dense(system.P)[point]
+    return ModeEquations(balance, number, looked_at, 1.0 / abs(float(moved[point])), point)
+
+
+def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray]]:
+    """Levels with as many harmonics as it takes, and the relative errors left."""
+    errors = {name: np.full(levels.omega.size, np.inf) for name in SETTLED}
+    for highest, samples in LADDER[1:]:
+        balance = levels.equations.balance
+        series = Series(highest, samples, balance.series.odd)
+        if series.size * balance.frequencies.size > MOST:
+            break
+        open_ = np.any([errors[name] > bound for name, bound in SETTLED.items()], axis=0)
+        equations = replace(levels.equations, balance=balance.refined(series))
+        finer = resolved(levels, equations, tally, open_)
+        changed = changes(finer, levels)
+        errors = {name: np.where(open_, changed[name], errors[name]) for name in SETTLED}
+        levels = finer
+        if all((errors[name] <= bound).all() for name, bound in SETTLED.items()):
+            break
+    return levels, errors
+
+
+def _finished(
+    levels: Levels,
+    errors: dict[str, FloatArray],
+    softer: Levels | None,
+    confirm: bool,
+) -> NonlinearMode:
+    """Curve of levels, extrapolated from those with softer springs where there are such."""
+    by_source, values = {"harmonics": errors}, levels.values
+    if softer is not None:
+        beyond = 1.0 / (FACTORS[-1] / FACTORS[-2] - 1.0)
+        shift = {name: beyond * (new - softer.values[name]) for name, new in values.items()}
+        by_source["sticking"] = {name: relative(shift[name], values[name]) for name in shift}
+        values = {name: new + shift[name] for name, new in values.items()}
+    return curve_of(levels, values, by_source, march(levels, _judged(levels)) if confirm else None)
+
+
+def _judged(levels: Levels) -> IntArray:
+    """Numbers of three levels: where damping is largest, and half way to both ends."""
+    last, peak = levels.omega.size - 1, int(levels.zeta.argmax())
+    return np.unique([(peak + 1) // 2, peak, (peak + last + 1) // 2])
