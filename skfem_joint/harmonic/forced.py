@@ -21,7 +21,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.harmonic.balance import Balance
-from skfem_joint.harmonic.newton import Point, solved
+from skfem_joint.harmonic.newton import Equations, Point, followed, solved
 from skfem_joint.harmonic.series import Series
 from skfem_joint.system.system import System
 
@@ -45,12 +45,15 @@ class Place(NamedTuple):
         Change of q, and of omega, along the branch.
     asked : bool
         Whether its frequency was asked for.
+    arc : float
+        Length of the arc from the place before.
     """
 
     q: FloatArray
     omega: float
     along: FloatArray
     asked: bool
+    arc: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -270,17 +273,49 @@ def branch(
                 step = 0.5 * min(step, length)
                 continue
             break
+        turned /= metric.norm(turned)
         place = Place(
             here.motion(y[:-1]),
             float(y[-1]) * reference,
             np.append(here.motion(turned[:-1]).ravel(), turned[-1] * reference),
             lands,
+            metric.norm(y - start),
         )
         step = min(LONGEST, step * (1.5 if point.iterations <= 6 else 0.7))
         yield place
         if not low <= place.omega <= high:
             return
     raise ConvergenceError(f"the branch has not ended after {MOST_STEPS * targets.size} steps")
+
+
+def eased(equations: Equations, y: FloatArray, parameter: float) -> Point:
+    """Solution near ``y``, in small steps in which the residual there vanishes, if need be.
+
+    ConvergenceError if it is not found.
+    """
+    try:
+        return solved(equations, y, parameter)
+    except ConvergenceError:
+        easing = _Easing(equations, parameter, equations(y, parameter, False)[0])
+        point = solved(easing, y, 0.0)
+        for _, point in followed(easing, point, 0.0, 1.0):  # noqa: B007, B020
+            pass
+        return point
+
+
+@dataclass(frozen=True)
+class _Easing:
+    """Equations at a ``parameter`` less a share of a residual; the new parameter is its rest."""
+
+    equations: Equations
+    parameter: float
+    residual: FloatArray
+
+    def __call__(
+        self, y: FloatArray, parameter: float, tangents: bool = True
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        values, derivative, _ = self.equations(y, self.parameter, tangents)
+        return values - (1.0 - parameter) * self.residual, derivative, self.residual
 
 
 def corrected(forced: Forced, level: float, place: Place, grid: float) -> Place:
@@ -293,7 +328,7 @@ def corrected(forced: Forced, level: float, place: Place, grid: float) -> Place:
     y = here.scaled(place.q)
     if place.asked:
         try:
-            point = solved(ByFrequency(here, level), y, place.omega / reference)
+            point = eased(ByFrequency(here, level), y, place.omega / reference)
             return place._replace(q=here.motion(point.y))
         except ConvergenceError:  # beyond the turning point of a coarser series
             pass
@@ -301,7 +336,7 @@ def corrected(forced: Forced, level: float, place: Place, grid: float) -> Place:
     start = np.append(y, place.omega / reference)
     along = np.append(here.scaled(place.along[:-1]), place.along[-1] / reference)
     along /= metric.norm(along)
-    point = solved(ByArc(here, level, start, metric.weights * along), start, 0.0)
+    point = eased(ByArc(here, level, start, metric.weights * along), start, 0.0)
     return place._replace(
         q=here.motion(point.y[:-1]), omega=float(point.y[-1]) * reference, asked=False
     )

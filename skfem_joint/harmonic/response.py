@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,8 +21,9 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import POSITIVE, check_each
+from skfem_joint.harmonic.forced import Place
 from skfem_joint.harmonic.points import state_of
-from skfem_joint.harmonic.search import STEPS, Search, Settled, change
+from skfem_joint.harmonic.search import OF_WORK, STEPS, Search, Settled, change
 from skfem_joint.harmonic.series import Series
 from skfem_joint.harmonic.stability import stable
 from skfem_joint.reduction.ranges.points import loaded_at
@@ -37,6 +39,8 @@ STICKING = 1000.0
 NAMES = "amplitude", "friction_energy"
 #: Relative errors of these beyond which a note says so.
 DOUBTFUL = 0.01, 0.05
+#: Force that keeps bodies in place, over the friction limits, from which on a note says so.
+HELD = 1e-3
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,11 @@ class BalancedCurve(Curve):
     confirmed : dict of int to tuple of float
         Relative differences of both by time steps with the same springs, at points by number; nan
         where steps found nothing steady. Empty where it was not asked for.
+    turns : tuple of float
+        Frequencies, Hz, at which the branch turns.
+    held : float
+        Largest mean force that keeps bodies in place which friction alone holds, over the friction
+        limits. It stands for none.
     """
 
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -69,13 +78,8 @@ class BalancedCurve(Curve):
     why: tuple[str, ...] = ()
     sticking: tuple[float, float] = (0.0, 0.0)
     confirmed: Mapping[int, tuple[float, float]] = field(default_factory=dict)
-
-    @property
-    def turns(self) -> FloatArray:
-        """Frequencies, Hz, at which the branch turns: of the outermost points there."""
-        f = self.column("frequency")
-        way = np.sign(np.diff(f))
-        return np.asarray(f[1:-1][way[1:] * way[:-1] < 0.0])
+    turns: tuple[float, ...] = ()
+    held: float = 0.0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -90,7 +94,12 @@ class BalancedCurve(Curve):
             yield f"{reason}."
         if marched:
             yield f"{', '.join(marched)} Hz were marched to, not found by harmonic balance."
-        if self.turns.size:
+        if self.held > HELD:
+            yield (
+                f"a mean force of {100.0 * self.held:.2g} % of the friction limits keeps bodies in "
+                "place that nothing else holds."
+            )
+        if self.turns:
             at = ", ".join(f"{f:.6g}" for f in self.turns)
             yield f"the branch turns at about {at} Hz: there are several vibrations between."
         if unstable := sum(p.stable is False for p in self.points):
@@ -199,7 +208,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
     """Curve of a level that is higher than those before."""
     items, why = search.branches(level)
     points, errors, settled = list[SteadyPoint](), [], dict[int, Settled]()
-    most = 0.0  # friction energy so far, J
+    most = held = 0.0  # friction energy so far, J, and mean force
     for item in items:
         if isinstance(item, SteadyPoint):
             points.append(item)
@@ -208,6 +217,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         found = search.settled(item, level, most)
         balance = search.forced[found.rung].balance
         holds = stable(balance, found.place.q, found.place.omega)
+        held = max(held, balance.held_softly(found.place.q))
         settled[len(points)] = found
         points.append(replace(found.point, stable=holds))
         errors.append(found.errors)
@@ -219,11 +229,22 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         curve,
         series=search.forced[max(rungs, default=0)].balance.series,
         why=tuple(why),
+        turns=tuple(_turns([found.place for found in settled.values()])),
+        held=held,
         sticking=search.sticking(settled[judged[-1]], level)
         if judged and search.rigid
         else (0.0, 0.0),
         confirmed={k: _confirmed(search, settled[k], level) for k in judged if confirm},
     )
+
+
+def _turns(places: Sequence[Place]) -> Iterator[float]:
+    """Frequencies, Hz, at which a branch turns: the vertex of omega over the arc between places."""
+    for here, there in pairwise(places):
+        before, after = float(here.along[-1]), float(there.along[-1])
+        if before * after < 0.0:
+            rise = 0.5 * there.arc * before**2 / (before - after)
+            yield (here.omega + rise) / (2.0 * np.pi)
 
 
 def _judged(curve: BalancedCurve, settled: Mapping[int, Settled]) -> list[int]:
@@ -254,4 +275,8 @@ def _confirmed(search: Search, found: Settled, level: float) -> tuple[float, flo
         return np.nan, np.nan
     amplitude = float(run.vibration.amplitude.max())
     energy = float(run.friction_work.sum())
-    return change(amplitude, float(point.amplitude.max())), change(energy, point.friction_energy)
+    least = OF_WORK * point.input_energy
+    return (
+        change(amplitude, float(point.amplitude.max())),
+        change(energy, point.friction_energy, least),
+    )

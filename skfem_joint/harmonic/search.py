@@ -28,11 +28,12 @@ from skfem_joint.vibration.response import steady_point
 from skfem_joint.vibration.response_curve import SteadyPoint
 
 #: Harmonics and samples, raised until amplitude and friction energy settle.
-LADDER = (5, 128), (7, 256), (11, 512), (15, 1024), (23, 1024), (31, 2048)
+LADDER = (5, 128), (9, 256), (15, 512), (19, 1024), (31, 2048)
 #: Relative changes of amplitude and friction energy by which they have settled.
-SETTLED = 5e-4, 5e-3
-#: Energies below this share of the largest so far count as so large, where their change is taken.
-LEAST = 0.02
+SETTLED = 1e-3, 1e-2
+#: Friction energies below these shares, of the largest so far and of the work of the loads, count
+#: as so large where their change is taken.
+LEAST, OF_WORK = 0.02, 1e-3
 #: Steps in a period of vibration that is marched to.
 STEPS = 200
 #: Springs of rigid sticking are this much softer where their error is judged.
@@ -212,7 +213,11 @@ class Search:
             point, before = _point(finer, place, level), found.point
             errors = (
                 change(float(point.amplitude.max()), float(before.amplitude.max())),
-                change(point.friction_energy, before.friction_energy, LEAST * most),
+                change(
+                    point.friction_energy,
+                    before.friction_energy,
+                    max(LEAST * most, OF_WORK * point.input_energy),
+                ),
             )
             found = Settled(place, rung, point, errors)
             if all(error <= bound for error, bound in zip(errors, SETTLED, strict=True)):
@@ -241,7 +246,8 @@ class Search:
         point, other = found.point, _point(soft, place, level)
         amplitudes = float(point.amplitude.max()), float(other.amplitude.max())
         energies = point.friction_energy, other.friction_energy
-        return change(*amplitudes) / (SOFTER - 1.0), change(*energies) / (SOFTER - 1.0)
+        least = OF_WORK * point.input_energy
+        return change(*amplitudes) / (SOFTER - 1.0), change(*energies, least) / (SOFTER - 1.0)
 
 
 def _point(forced: Forced, place: Place, level: float) -> SteadyPoint:
