@@ -34,7 +34,7 @@ from skfem_joint.vibration.response import steady_plan, suited_steps
 from skfem_joint.vibration.response_curve import Curve, SteadyPoint, nothing_found
 
 #: Springs of rigid sticking over the stiffness of the structure.
-STICKING = 1000.0
+STICKING = 300.0
 #: Results whose errors are stated.
 NAMES = "amplitude", "friction_energy"
 #: Relative errors of these beyond which a note says so.
