@@ -51,13 +51,13 @@ class BalancedCurve(Curve):
     ----------
     level : float
     points : tuple of SteadyPoint
-        Along the branch: where it turns frequencies fall. ``point.stable`` says whether disturbances
-        vanish; points with ``point.periods`` above zero were marched to.
+        Along the branch: where it turns frequencies fall. ``point.stable`` says whether
+        disturbances vanish; points with ``point.periods`` above zero were marched to.
     errors : dict of str to ndarray, shape (points,)
         Relative changes of ``amplitude`` and ``friction_energy`` with the last rise of harmonics
         and samples; nan where there was none, and at points that were marched to.
-    series : Series
-        Largest one that a point took.
+    series : Series or None
+        Largest one that a point took; None where all points were marched to.
     why : tuple of str
         Why points were marched to.
     sticking : tuple of float
@@ -74,7 +74,7 @@ class BalancedCurve(Curve):
     """
 
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
-    series: Series = Series(1, 4, True)
+    series: Series | None = None
     why: tuple[str, ...] = ()
     sticking: tuple[float, float] = (0.0, 0.0)
     confirmed: Mapping[int, tuple[float, float]] = field(default_factory=dict)
@@ -108,8 +108,8 @@ class BalancedCurve(Curve):
             shown = name.replace("_", " ")
             error = np.array([*self.errors[name], *self.sticking[number : number + 1]])
             unknown = np.isnan(self.errors[name]) & (self.column("periods") == 0)
-            if unknown.any():
-                yield f"the error of the {shown} is not known at {np.count_nonzero(unknown)} points."
+            if count := np.count_nonzero(unknown):
+                yield f"the error of the {shown} is not known at {count} points."
             if np.nanmax(error, initial=0.0) > DOUBTFUL[number]:
                 yield (
                     f"harmonics and springs of sticking leave an error of the {shown} of up to "
@@ -227,7 +227,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
     rungs = [found.rung for found in settled.values()]
     return replace(
         curve,
-        series=search.forced[max(rungs, default=0)].balance.series,
+        series=search.forced[max(rungs)].balance.series if rungs else None,
         why=tuple(why),
         turns=tuple(_turns([found.place for found in settled.values()])),
         held=held,

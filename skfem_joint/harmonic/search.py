@@ -145,7 +145,8 @@ class Search:
             if place is not None:
                 found.append(place)
                 try:
-                    for place in branch(self.forced[0], level, place, self.targets, self.grid):
+                    ahead = branch(self.forced[0], level, place, self.targets, self.grid)
+                    for place in ahead:
                         found.append(place)
                         self.tally.add(int(place.asked))
                     if place.omega < self.targets[-1] * (1.0 - 1e-9):
@@ -168,9 +169,8 @@ class Search:
         """Place at the first frequency; ConvergenceError if it is not found."""
         omega, forced = float(self.targets[0]), self.forced[0].sized(level * self.linear)
         equations, at = ByLevel(forced, omega, level), self.level / level
-        point = solved(equations, forced.scaled(self.start), at)
-        for _, point in followed(equations, point, at, 1.0):  # noqa: B007
-            pass
+        below = solved(equations, forced.scaled(self.start), at)
+        *_, (_, point) = followed(equations, below, at, 1.0)
         self.start, self.level = forced.motion(point.y), level
         return self._placed(self.start, level, omega)
 
