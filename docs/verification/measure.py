@@ -317,6 +317,16 @@ CLAIMS = {
         timed=True,
     ),
     "peaks": Claim(f"{BENCHMARKS}/peaks.py", 90, {"peaks": printed}),
+    "nonlinear-beam": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py beam", 10, {"nonlinear-beam": printed}, timed=True
+    ),
+    "nonlinear-modes": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py joints",
+        600,
+        {"nonlinear-modes": printed},
+        short=f"{BENCHMARKS}/nonlinear_modes.py bar",
+        timed=True,
+    ),
     "random": Claim(f"{BENCHMARKS}/noise.py", 600, {"random": printed}, timed=True),
     "random-plate": Claim(f"{BENCHMARKS}/noise.py plate", 300, {"random-plate": printed}),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),

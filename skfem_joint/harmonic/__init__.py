@@ -2,5 +2,7 @@
 
 A `balance` takes the harmonics of a motion, a `series`, to its residual and derivatives, with
 `contact_forces` by one compiled pass (`contact_loop`) over its periods. `newton` solves and follows
-equations of scaled unknowns, such as the `mode_equations` of a nonlinear mode.
+equations of scaled unknowns, such as the `mode_equations` of a nonlinear mode. `modes` is the way
+of a mode: its `levels` climb, are found again with stiffer sticking and more harmonics, are judged
+by time steps (`marched`), and become a `curve`.
 """

@@ -26,11 +26,17 @@ from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import InputError
 from skfem_joint.harmonic.contact_forces import ContactForces, Sampled
 from skfem_joint.harmonic.series import Series
+from skfem_joint.reduction.stuck import Stuck
 from skfem_joint.system.system import System
 
 #: Most unknowns of a balance, coefficients times unknowns of the system: an iteration with their
 #: dense derivative takes a quarter of a second.
 MOST = 1300
+#: Stuck modes among which the one of reference is.
+MODES = 30
+#: Share of the square of a stuck frequency that springs of sticking are found to take off first,
+#: well above round-off, and corrections of these springs, each by what the one before takes.
+SOFTENED, SCALINGS = 5e-3, 12
 #: Frequency, over that of reference, of soft springs on mean motions that nothing else holds.
 SOFT = 0.1
 #: Squares of frequencies below this share of that of reference are those of free motions.
@@ -91,7 +97,7 @@ class Balance:
     def of(cls, system: System, series: Series, reference: float, factor: float) -> Balance:
         """Balance of a system near an angular frequency of ``reference``, rad/s.
 
-        ``factor`` is that of the springs of rigid sticking, over the stiffness of the structure.
+        ``factor`` is that of the springs of rigid sticking, see `springs_of_sticking`.
 
         Raises
         ------
@@ -108,7 +114,7 @@ class Balance:
         M, C, K = (as_dense(A) for A in (system.M, system.C, system.K))
         springs = springs_of_sticking(system, reference, factor)
         B = as_dense(contact.B)
-        k = contact.on_rows(np.where(contact.rubs, springs, 0.0))
+        k = contact.on_rows(np.where(contact.w > 0.0, springs, 0.0))
         stuck = K + (B.T * k) @ B + as_dense(contact.normal.springs)
         squares, Phi = linalg.eigh(0.5 * (stuck + stuck.T), M)
         # what nothing holds once all slips and opens
@@ -211,20 +217,37 @@ def check_size(system: System, series: Series) -> None:
         )
 
 
+def stuck_modes(system: System, count: int) -> tuple[FloatArray, FloatArray]:
+    """Lowest modes with stuck and closed contact: rad/s, and shapes (n, modes) of unit mass."""
+    frequencies, shapes = Stuck(system.closed()).modes(count)
+    return 2.0 * np.pi * frequencies, shapes
+
+
 def springs_of_sticking(system: System, reference: float, factor: float) -> FloatArray:
     """Springs in series with the friction of all points, (m,), N/m: their own, or stiff ones.
 
-    A point without a spring gets ``factor`` times the stiffness that the structure alone opposes to
-    its slip, b K^-1 b^T inverted, without motions that strain nothing: with those of a body that
-    friction holds it would be a hundred times softer.
+    Those of points without a spring are in proportion to the stiffness that the structure itself
+    opposes to their slip, b (K + r^2 M)^-1 b^T inverted, r the frequency of ``reference``. They
+    lower the square of the frequency of the stuck mode there by some one over ``factor``.
     """
     contact = system.contact
-    own = np.where(contact.rubs, contact.stiffness, 1.0)
-    rigid = contact.rubs & np.isinf(own)
+    own_springs = np.where(contact.rubs, contact.stiffness, 1.0)
+    rigid = contact.rubs & np.isinf(own_springs)
     if not rigid.any():
-        return np.asarray(own)
-    squares, shapes = linalg.eigh(as_dense(system.K), as_dense(system.M))
-    strains = squares > FREE * reference**2
-    slips = as_dense(contact.B) @ shapes[:, strains]
-    flexibility = contact.by_point((slips**2 / squares[strains]).sum(axis=1)) / contact.directions
-    return np.where(rigid, factor / np.where(flexibility > 0.0, flexibility, 1.0), own)
+        return np.asarray(own_springs)
+    B, M = as_dense(contact.B), as_dense(system.M)
+    closed = as_dense(system.closed().stuck_stiffness)
+    soft = linalg.cho_solve(linalg.cho_factor(closed + reference**2 * M), B.T)
+    flexibility = contact.by_point((B * soft.T).sum(axis=1)) / contact.directions
+    springs = np.where(rigid & (flexibility > 0.0), 1.0 / np.maximum(flexibility, 1e-300), 0.0)
+    frequencies, shapes = stuck_modes(system, MODES)
+    mode = int(np.abs(frequencies - reference).argmin())
+    acting = contact.on_rows(np.where(contact.w > 0.0, springs, 0.0))
+    loose = as_dense(system.closed().K)
+    scale = 1.0
+    for _ in range(SCALINGS):
+        squares, found = linalg.eigh(loose + (B.T * (scale * acting)) @ B, M)
+        own = int(np.abs(found.T @ (M @ shapes[:, mode])).argmax())
+        softer = 1.0 - squares[own] / frequencies[mode] ** 2
+        scale *= float(np.clip(softer / SOFTENED, 0.1, 10.0))
+    return np.where(rigid, factor * SOFTENED * scale * springs, own_springs)

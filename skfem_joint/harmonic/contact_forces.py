@@ -1,8 +1,7 @@
 """Contact forces of a periodic motion by harmonics, and their derivatives.
 
-Forces are those beyond linear contact: springs in series with friction whose sliders stick, and
-elastic pressure points that stay pressed. Points of rigid sticking get springs of a ``factor``
-times the stiffness that the structure itself opposes to their slip.
+Forces are those beyond linear contact, of points that are pressed at rest: springs in series with
+friction whose sliders stick, and elastic pressure points that stay pressed.
 """
 
 from __future__ import annotations
@@ -31,8 +30,8 @@ class Sampled(NamedTuple):
         Of each coefficient by each one of the motion.
     slip : ndarray, shape (rows, nh)
         Coefficients of the slip, m.
-    friction : ndarray, shape (rows, samples)
-        Friction beyond the springs, N.
+    moved, friction : ndarray, shape (rows, samples)
+        Slip, m, and friction, N, at each sample.
     limits : ndarray, shape (m, samples)
     moves : ndarray of bool, shape (m,)
         Whether each point slips.
@@ -43,6 +42,7 @@ class Sampled(NamedTuple):
     force: FloatArray
     derivative: FloatArray | None
     slip: FloatArray
+    moved: FloatArray
     friction: FloatArray
     limits: FloatArray
     moves: BoolArray
@@ -89,6 +89,7 @@ class ContactForces:
             first_gain=gain.indptr.astype(np.intp),
             first_block=first_block.astype(np.intp),
             stiffness=np.ascontiguousarray(springs[rubs]),
+            linear=np.where(contact.w > 0.0, springs, 0.0)[rubs],
             pressure=gain.indices.astype(np.intp),
             gain=gain.data,
         )
@@ -160,9 +161,9 @@ class ContactForces:
                 np.concatenate([blocks[used], more.reshape(-1, nh, nh)]),
             )
         opened = pressed & (normal == 0.0).any(axis=1)
-        return Sampled(
-            force, derivative, coefficients[:slips], beyond[:slips], limits, moves, opened
-        )
+        held = np.repeat(self.points.linear, self.directions)[:, np.newaxis]
+        whole, of_slips = beyond[:slips] + held * slip, coefficients[:slips]
+        return Sampled(force, derivative, of_slips, slip, whole, limits, moves, opened)
 
     def _assembled(self, left: IntArray, right: IntArray, blocks: FloatArray) -> FloatArray:
         """Derivative in the unknowns, from blocks of one row by another, sorted by the first."""

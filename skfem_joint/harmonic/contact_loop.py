@@ -3,7 +3,7 @@
 The spring k of a point is stretched by t / k. From one sample to the next the slip changes by
 dx, and the law of :mod:`skfem_joint.minimise.law` gives the friction t of the slip dx + t / k that
 the spring and the slider share. The loop goes over a period more than once, from springs without
-force at rest, and the last time counts. Forces are those beyond a spring k that never slips, which
+force at rest, and the last time counts. Forces are those beyond a spring that never slips, which
 has a place in the linear stiffness: a point that sticks all the time has none, and no tangent.
 """
 
@@ -36,6 +36,8 @@ class FrictionPoints(NamedTuple):
     first_block : ndarray of int, shape (m + 1,)
     stiffness : ndarray, shape (m,)
         Of the springs, N/m.
+    linear : ndarray, shape (m,)
+        That part of it which linear contact has: all, or none where nothing presses at rest.
     pressure : ndarray of int, shape (gains,)
         Numbers of the pressure points.
     gain : ndarray, shape (gains,)
@@ -46,6 +48,7 @@ class FrictionPoints(NamedTuple):
     first_gain: Any
     first_block: Any
     stiffness: FloatArray
+    linear: FloatArray
     pressure: Any
     gain: FloatArray
 
@@ -107,13 +110,13 @@ def friction(
     """
     count, nh = basis.shape
     for i in range(limits.shape[0]):
-        row, k = points.first_row[i], points.stiffness[i]
+        row, k, linear = points.first_row[i], points.stiffness[i], points.linear[i]
         pair = points.first_row[i + 1] - row == 2
         rows = 2 if pair else 1
         first_gain = points.first_gain[i]
         columns = rows + points.first_gain[i + 1] - first_gain
         first_block = points.first_block[i]
-        moves[i] = False
+        moves[i] = linear == 0.0
         x = y = t = s = 0.0  # slips and friction along both directions
         if tangents:
             for r in range(rows):
@@ -176,9 +179,9 @@ def friction(
                                         now[1, c, j] += f * more * basis[n, j]
                     t, s = w * e, w * f
                 if last:
-                    force[row, n] = t - k * x
+                    force[row, n] = t - linear * x
                     if pair:
-                        force[row + 1, n] = s - k * y
+                        force[row + 1, n] = s - linear * y
                     if tangents and not (slides and columns == 1):  # zero there
                         b = first_block
                         for r in range(rows):
@@ -195,4 +198,4 @@ def friction(
         elif tangents:
             for r in range(rows):
                 for a in range(nh):
-                    blocks[first_block + r * columns + r, a, a] -= k
+                    blocks[first_block + r * columns + r, a, a] -= linear

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_dense, slip_norms
+from skfem_joint.ground.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.harmonic.levels import Levels
 from skfem_joint.harmonic.marched import Marched
 from skfem_joint.harmonic.series import Series
@@ -128,7 +128,7 @@ def curve_of(
     marched : Marched or None
     """
     equations, series = levels.equations, levels.series
-    balance, mode = equations.balance, equations.number - 1
+    balance = equations.balance
     system, contact = balance.system, balance.system.contact
     rubs, rows = contact.rubs, contact.on_rows(contact.rubs)
     M, C, K = (as_dense(A) for A in (system.M, system.C, system.K))
@@ -142,20 +142,18 @@ def curve_of(
     for k, (u, omega) in enumerate(zip(levels.u, levels.omega.tolist(), strict=True)):
         q = balance.inner(u)
         sampled = balance.contact.sampled(series, q, False)
-        moved = sampled.slip @ series.basis.T
-        friction = sampled.friction + springs[:, np.newaxis] * moved
+        moved, friction = sampled.moved, sampled.friction
         by_row, reach = np.zeros(rows.size), np.zeros(rows.size)
         by_row[rows] = series.work((friction @ series.projection).T, sampled.slip.T)
         both = -moved.min(axis=1) if series.odd else moved.max(axis=1)
         reach[rows] = np.ptp(np.hstack([moved, both[:, np.newaxis]]), axis=1)
         work[k], slip[k] = contact.by_point(by_row), 0.5 * contact.slip_norm(reach)
-        slides = np.zeros((m, moved.shape[1]), np.bool_)
-        slides[rubs] = slides_of(friction, sampled.limits, contact.directions[rubs])
-        state.append(
-            "gross"
-            if any(slides[joint].all(axis=0).any() for joint in points if joint.size)
-            else ("partial" if slides.any() else "stick")
-        )
+        slides, holds = np.zeros((2, m, moved.shape[1]), np.bool_)
+        size = slip_norms(friction.T, contact.directions[rubs]).T
+        slides[rubs] = (size >= sampled.limits * (1.0 - SLIDES)) & (sampled.limits > 0.0)
+        holds[rubs] = ~slides[rubs] & (sampled.limits > 0.0)
+        gross = any((slides[j].any(axis=0) & ~holds[j].any(axis=0)).any() for j in points)
+        state.append("gross" if gross else "partial" if slides.any() else "stick")
         opened[k] = np.count_nonzero(sampled.opened) / pressed
         rate = series.rate(u)
         viscous[k] = omega * series.work(rate @ C, u).sum()
@@ -169,10 +167,11 @@ def curve_of(
     lost = work.sum(axis=1) + viscous
     share = np.divide(viscous, lost, out=np.zeros(count), where=lost > 0.0)
     ratio = values["damping_ratio"]
+    notes = _notes(levels, values, float(soft.max()))
     return NonlinearMode(
         mode=equations.number,
-        shape=balance.Phi[:, mode],
-        stuck_frequency=float(balance.frequencies[mode]) / (2.0 * np.pi),
+        shape=equations.shape,
+        stuck_frequency=balance.reference / (2.0 * np.pi),
         point="" if equations.point is None else system.points[equations.point],
         amplitude=np.sqrt(np.einsum("lhn,nm,lhm->l", first, M, first)),
         frequency=values["frequency"] / (2.0 * np.pi),
@@ -188,11 +187,53 @@ def curve_of(
         friction_work=work,
         errors=errors,
         marched=marched,
-        notes=(),
+        notes=tuple(f"Mode {equations.number}: {note}" for note in notes),
     )
 
 
-def slides_of(friction: FloatArray, limits: FloatArray, directions: IntArray) -> BoolArray:
-    """Whether each point slides at each sample, (m, samples), by friction (rows, samples), N."""
-    size = slip_norms(friction.T, directions).T
-    return np.asarray(size >= limits * (1.0 - SLIDES))
+def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Iterator[str]:
+    """Notes of the law, of soft springs with their largest force, and of a model's range."""
+    system = levels.equations.balance.system
+    contact, origin = system.contact, system.origin
+    beta = contact.beta[contact.rubs & np.isfinite(contact.beta)]
+    if beta.size:
+        yield (
+            "the curve is of Coulomb's law. The joints' own, with beta = "
+            f"{beta.min():.3g} s/m, lets them creep where they would stick. A ring-down and "
+            "response have it."
+        )
+    if soft > SOFT_FORCE:
+        yield (
+            "nothing but friction holds the structure's mean position, which soft springs hold "
+            f"here with up to {100.0 * soft:.2g} % of the friction limits; support it, or see a "
+            "ring-down."
+        )
+    highest = getattr(origin, "highest", np.inf) if system.made_for else np.inf
+    beyond = values["frequency"] ** 2 * np.exp(levels.parameters) * levels.equations.modal
+    if (beyond > highest).any():
+        yield (
+            f"from the level number {int(np.argmax(beyond > highest)) + 1} on amplitudes are "
+            f"beyond those that the reduced model was made for, {system.made_for}: how far its "
+            "modes serve there is not known. Make it of a curve up to higher levels."
+        )
+
+
+def notes_of_errors(curve: NonlinearMode, settled: Mapping[str, float]) -> Iterator[str]:
+    """Notes of values that have not settled, and of time steps that differ."""
+    for name, bound in settled.items():
+        what = name.replace("_", " ")
+        if (worst := float(curve.errors["harmonics"][name].max())) > bound:
+            yield (
+                f"its {what} has not settled with {curve.series.highest} harmonics: up to "
+                f"{100.0 * worst:.2g} % of it may be missing. See the errors of its levels."
+            )
+        if curve.marched is not None:
+            apart = np.abs(getattr(curve.marched, name))
+            stated = curve.errors["harmonics"][name][curve.marched.levels] + bound
+            if (far := apart > stated).any():
+                k = int(curve.marched.levels[np.argmax(far)])
+                yield (
+                    f"time steps differ in {what} by {100.0 * float(apart[far].max()):.2g} % at "
+                    f"the level number {k + 1}, more than is stated. The motion may not be the "
+                    "only one there, or other modes take part."
+                )

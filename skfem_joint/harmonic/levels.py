@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +15,8 @@ from skfem_joint.harmonic.series import Series
 
 #: Amplitude, over the first one, from which levels start if the first one is not found at once.
 BELOW = 1e-3
+#: Least step in the logarithm of the amplitude, and most steps to a level that is found again.
+LEAST_STEP, FEW = 0.01, 4
 #: Damping below this share of the largest counts as so large, where its relative change is taken.
 LEAST = 0.02
 
@@ -41,6 +43,11 @@ class Levels:
     omega: FloatArray
     zeta: FloatArray
 
+    def up_to(self, count: int) -> Levels:
+        """The first levels alone."""
+        values = self.parameters, self.u, self.omega, self.zeta
+        return Levels(self.equations, *(x[:count] for x in values))
+
     @property
     def series(self) -> Series:
         """Harmonics and samples."""
@@ -62,6 +69,14 @@ def _levels(equations: ModeEquations, parameters: FloatArray, points: list[Point
     return Levels(equations, parameters, u, omega, zeta)
 
 
+def _arrived(
+    equations: ModeEquations, point: Point, start: float, end: float, least: float = LEAST_STEP
+) -> Point:
+    """Solution at the parameter ``end``, followed from that at ``start`` in steps of ``least``."""
+    *_, (_, last) = followed(equations, point, start, end, least, equations.near)
+    return last
+
+
 def climbed(
     equations: ModeEquations, parameters: FloatArray, tally: Tally
 ) -> tuple[Levels, ConvergenceError | None]:
@@ -73,18 +88,15 @@ def climbed(
         If the first level is not found.
     """
     first = float(parameters[0])
-    try:
-        point = solved(equations, equations.linear(first), first)
-    except ConvergenceError:
+    point = _solved_near(equations, equations.linear(first), first)
+    if point is None:
         low = first + float(np.log(BELOW))
-        point = solved(equations, equations.linear(low), low)
-        for _, point in followed(equations, point, low, first):  # noqa: B007
-            pass
+        point = _arrived(equations, solved(equations, equations.linear(low), low), low, first)
     points, error = [point], None
     tally.add()
     for before, after in zip(parameters[:-1].tolist(), parameters[1:].tolist(), strict=True):
         try:
-            *_, (_, point) = followed(equations, points[-1], before, after)
+            point = _arrived(equations, points[-1], before, after)
         except ConvergenceError as failure:
             error = failure
             break
@@ -95,38 +107,48 @@ def climbed(
 
 def resolved(
     levels: Levels, equations: ModeEquations, tally: Tally, rows: BoolArray | None = None
-) -> Levels:
-    """Same levels by other equations, of ``rows`` (levels,) alone if given.
+) -> tuple[Levels, BoolArray]:
+    """Same levels by other equations, of ``rows`` (levels,) alone if given; and which are found.
 
-    A level that is not found from its own former state is followed from the level before.
-
-    Raises
-    ------
-    ConvergenceError
-        If one is not found.
+    A level that is not found from its own former state is followed from the level before. One that
+    is not found so either keeps its former state.
     """
-    points = list[Point]()
+    points, found = list[Point](), list[bool]()
     balance, parameters = equations.balance, levels.parameters.tolist()
     asked = np.ones(len(parameters), np.bool_) if rows is None else rows
     tally.total += int(asked.sum())
-    states = [balance.series.of(u, levels.series) for u in levels.u]
     for k, (at, wanted) in enumerate(zip(parameters, asked.tolist(), strict=True)):
-        y = equations.scaled(
-            balance.inner(states[k]), float(levels.omega[k]), float(levels.zeta[k]), at
-        )
-        if not wanted:
-            points.append(Point(y, np.zeros_like(y), 0))
-            continue
-        try:
-            points.append(solved(equations, y, at))
-        except ConvergenceError:
-            if k == 0:
-                raise
-            start = solved(equations, points[-1].y, parameters[k - 1])
-            *_, (_, point) = followed(equations, start, parameters[k - 1], at)
-            points.append(point)
-        tally.add()
-    return _levels(equations, levels.parameters, points)
+        q = balance.inner(balance.series.of(levels.u[k], levels.series))
+        y = equations.scaled(q, float(levels.omega[k]), float(levels.zeta[k]), at)
+        point: Point | None = Point(y, np.zeros_like(y), 0)
+        if wanted:
+            point = _solved_near(equations, y, at)
+            if point is None and k > 0 and found[-1]:
+                point = _followed_from(equations, points[-1].y, parameters[k - 1], at)
+            tally.add()
+        found.append(point is not None)
+        points.append(point or Point(y, np.zeros_like(y), 0))
+    return _levels(equations, levels.parameters, points), np.array(found)
+
+
+def _solved_near(equations: ModeEquations, y: FloatArray, at: float) -> Point | None:
+    """Solution of the mode of ``y``, if it is found."""
+    try:
+        point = solved(equations, y, at)
+    except ConvergenceError:
+        return None
+    return point if equations.near(point.y, y) else None
+
+
+def _followed_from(
+    equations: ModeEquations, y: FloatArray, start: float, end: float
+) -> Point | None:
+    """Solution that is followed from ``y`` at another parameter, if it is found in few steps."""
+    point = _solved_near(equations, y, start)
+    try:
+        return point and _arrived(equations, point, start, end, least=(end - start) / FEW)
+    except ConvergenceError:
+        return None
 
 
 def relative(change: FloatArray, values: FloatArray) -> FloatArray:

@@ -75,8 +75,7 @@ def _differences(levels: Levels, k: int) -> tuple[float, float]:
     sampled = balance.contact.sampled(series, balance.inner(u), False)
     rows = contact.on_rows(contact.rubs)
     now = np.zeros(rows.size)
-    springs = contact.on_rows(contact.spring_constants)[rows]
-    now[rows] = sampled.friction[:, 0] + springs * (sampled.slip @ series.basis[0])
+    now[rows] = sampled.friction[:, 0]
     start = series.basis[0] @ u
     limits = contact.limits(contact.normal.elastic_forces(start))
     over = contact.on_rows(limits)

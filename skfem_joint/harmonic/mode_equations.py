@@ -15,8 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.harmonic.balance import Balance
+
+#: Least correlation of the first harmonics, and largest relative difference in frequency, of
+#: neighbouring solutions: others are of another mode, to which the iteration went over.
+ALIKE, APART = 0.8, 0.1
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,8 @@ class ModeEquations:
     balance : Balance
     number : int
         Of the mode, from 1.
+    shape : ndarray, shape (n,)
+        Mode with the contact stuck, of unit mass.
     looked_at : ndarray, shape (n,)
         Displacement l whose first harmonic is the amplitude, from the unknowns of the system.
     modal : float
@@ -38,6 +44,7 @@ class ModeEquations:
 
     balance: Balance
     number: int
+    shape: FloatArray
     looked_at: FloatArray
     modal: float
     point: int | None = None
@@ -48,7 +55,10 @@ class ModeEquations:
         """Residual of ``y`` at the logarithm of an amplitude, and derivatives by both."""
         balance = self.balance
         series, n, reference = balance.series, balance.frequencies.size, balance.reference
-        residual = balance.residual(*self.motion(y, parameter), tangents=tangents)
+        q, omega, zeta = self.motion(y, parameter)
+        if omega <= 0.0:  # too far away: the line search comes back
+            return np.full(y.size, np.inf), np.zeros((0, 0)), np.zeros(0)
+        residual = balance.residual(q, omega, zeta, tangents=tangents)
         weights, size = 1.0 / balance.scale, series.size * n
         by = 1.0 / (float(np.exp(parameter)) * self.modal * reference)
         functional = (balance.Phi.T @ self.looked_at) * weights * self.modal * reference
@@ -87,9 +97,20 @@ class ModeEquations:
 
     def linear(self, parameter: float) -> FloatArray:
         """Scaled unknowns of the linear mode with stuck and closed contact."""
-        balance, mode = self.balance, self.number - 1
+        balance, mass = self.balance, as_dense(self.balance.system.M)
+        mode = int(np.abs(balance.Phi.T @ (mass @ self.shape)).argmax())
         q = np.zeros((balance.series.size, balance.frequencies.size))
         moved = float(self.looked_at @ balance.Phi[:, mode])
         q[balance.series.first, mode] = float(np.exp(parameter)) / moved
         omega = float(balance.frequencies[mode])
         return self.scaled(q, omega, 0.5 * float(balance.C[mode, mode]) / omega, parameter)
+
+    def near(self, y: FloatArray, other: FloatArray) -> bool:
+        """Whether two solutions are of one mode: alike in frequency and in the first harmonic."""
+        n, first = self.balance.frequencies.size, self.balance.series.first
+        one, two = (
+            x[first * n : (first + 2) * n] * np.tile(1.0 / self.balance.scale, 2)
+            for x in (y, other)
+        )
+        alike = float(one @ two) > ALIKE * float(np.linalg.norm(one) * np.linalg.norm(two))
+        return alike and abs(float(y[-2] / other[-2]) - 1.0) < APART

@@ -22,8 +22,8 @@ from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import COUNT, check_each
-from skfem_joint.harmonic.balance import MOST, Balance
-from skfem_joint.harmonic.curve import NonlinearMode, curve_of
+from skfem_joint.harmonic.balance import MODES, MOST, Balance, check_size, stuck_modes
+from skfem_joint.harmonic.curve import NonlinearMode, curve_of, notes_of_errors
 from skfem_joint.harmonic.levels import Levels, changes, climbed, relative, resolved
 from skfem_joint.harmonic.marched import march
 from skfem_joint.harmonic.mode_equations import ModeEquations
@@ -32,13 +32,13 @@ from skfem_joint.system.system import System
 
 #: Harmonics and samples, raised until values settle.
 LADDER = (3, 128), (7, 256), (15, 512), (31, 1024), (63, 2048)
-#: Springs of rigid sticking over the stiffness of the structure: levels are climbed with the first,
-#: and extrapolated from the last two.
-FACTORS = 10.0, 100.0, 1000.0
-#: Relative change of the damping by which it has settled, and of the frequency.
-SETTLED = {"frequency": 5e-4, "damping_ratio": 1e-2}
-#: Frequency, over the mean of all, below which a mode is a rigid motion.
-RIGID = 1e-6
+#: Springs of rigid sticking, by one over what they take off the square of the stuck frequency:
+#: levels are climbed with the first, and extrapolated from the last two.
+FACTORS = 200.0, 1400.0, 10000.0
+#: Share of what the last rise of harmonics changed that is left as an error.
+SHARE_LEFT = 0.5
+#: Relative error of the damping by which it has settled, and of the frequency.
+SETTLED = {"frequency": 3e-4, "damping_ratio": 5e-3}
 #: Displacement of a point, over the largest, below which a mode does not move it.
 STILL = 1e-6
 
@@ -86,6 +86,11 @@ def nonlinear_modes(
         If an amplitude is not found. The error's ``run`` is the curve up to there, if there is one.
     """
     system.check_any_load("nonlinear_modes")
+    if system.serves is not None:
+        raise InputError(
+            f"nonlinear_modes: found a reduced model for a range ({system.serves}), must be one of "
+            "a curve, sj.reduce(system, curve=...), or a small full or condensed system"
+        )
     check_each("nonlinear_modes: modes", modes, COUNT)
     asked = np.asarray(as_real(amplitudes, "nonlinear_modes: amplitudes"))
     rises = asked.ndim == 1 and asked.size and asked[0] > 0.0 and np.all(np.diff(asked) > 0.0)
@@ -116,14 +121,19 @@ def _mode(
     softer = None
     for factor in FACTORS[1:] if rigid else ():
         softer = levels
-        levels = resolved(levels, _equations(system, number, at, factor), tally)
+        levels, found = resolved(levels, _equations(system, number, at, factor), tally)
+        if not found.all():
+            failure = failure or ConvergenceError("with stiffer springs of sticking")
+            levels = levels.up_to(int(np.argmin(found)))
+    if not levels.omega.size:
+        raise ConvergenceError(
+            f"nonlinear_modes: mode {number} is not found at the first amplitude; ask for lower "
+            "ones"
+        )
     levels, errors = _settled(levels, tally)
-    if softer is not None:
-        balance = softer.equations.balance.refined(levels.series)
-        softer = resolved(levels, replace(softer.equations, balance=balance), tally)
     if failure is None:
-        return _finished(levels, errors, softer, confirm)
-    curve = _finished(levels, errors, softer, False)
+        return _finished(levels, errors, softer, confirm, tally)
+    curve = _finished(levels, errors, softer, False, tally)
     where = f"{amplitudes[levels.omega.size]:.4g} m" + (f" of {curve.point!r}" * bool(curve.point))
     raise ConvergenceError(
         f"nonlinear_modes: mode {number} is not found at an amplitude of {where} ({failure}); the "
@@ -140,23 +150,22 @@ def _equations(system: System, number: int, at: str | None, factor: float) -> Mo
     """
     highest, samples = LADDER[0]
     series = Series(highest, samples, not system.contact.opens)
-    whole = float(np.sqrt(system.mean_square_frequency))
-    frequencies = Balance.of(system, series, whole, FACTORS[-1]).frequencies
+    check_size(system, series)
+    frequencies, shapes = stuck_modes(system, MODES)
     if number > frequencies.size:
         raise InputError(
             f"nonlinear_modes: found mode {number}, there are {frequencies.size} with the contact "
             "stuck"
         )
-    reference = float(frequencies[number - 1])
-    if reference < RIGID * whole:
+    reference, shape = float(frequencies[number - 1]), shapes[:, number - 1]
+    if reference == 0.0:
         raise InputError(
             f"nonlinear_modes: mode {number} moves the structure as a rigid body; support it, or "
             "choose a higher mode"
         )
     balance = Balance.of(system, series, reference, factor)
-    shape = balance.Phi[:, number - 1]
     if not system.points:
-        return ModeEquations(balance, number, as_dense(system.M) @ shape, 1.0)
+        return ModeEquations(balance, number, shape, as_dense(system.M) @ shape, 1.0)
     moved = np.asarray(system.P @ shape)
     point = int(np.abs(moved).argmax()) if at is None else system.points.index(at)
     if np.abs(moved[point]) <= STILL * np.abs(system.expand(shape)).max():
@@ -165,12 +174,16 @@ def _equations(system: System, number: int, at: str | None, factor: float) -> Mo
             "a direction of its own; choose another point or mode"
         )
     looked_at = np.sign(moved[point]) * as_dense(system.P)[point]
-    return ModeEquations(balance, number, looked_at, 1.0 / abs(float(moved[point])), point)
+    modal = 1.0 / abs(float(moved[point]))
+    return ModeEquations(balance, number, shape, looked_at, modal, point)
 
 
 def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray]]:
-    """Levels with as many harmonics as it takes, and the relative errors left."""
-    errors = {name: np.full(levels.omega.size, np.inf) for name in SETTLED}
+    """Levels with as many harmonics as it takes, and the relative errors left.
+
+    A level that is not found with more harmonics keeps its own, and the largest error of all.
+    """
+    errors = {name: np.ones(levels.omega.size) for name in SETTLED}
     for highest, samples in LADDER[1:]:
         balance = levels.equations.balance
         series = Series(highest, samples, balance.series.odd)
@@ -178,9 +191,10 @@ def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray
             break
         open_ = np.any([errors[name] > bound for name, bound in SETTLED.items()], axis=0)
         equations = replace(levels.equations, balance=balance.refined(series))
-        finer = resolved(levels, equations, tally, open_)
-        changed = changes(finer, levels)
-        errors = {name: np.where(open_, changed[name], errors[name]) for name in SETTLED}
+        finer, found = resolved(levels, equations, tally, open_)
+        for name, change in changes(finer, levels).items():
+            new = np.where(open_ & found, SHARE_LEFT * change, errors[name])
+            errors[name] = np.where(found, new, new.max())
         levels = finer
         if all((errors[name] <= bound).all() for name, bound in SETTLED.items()):
             break
@@ -192,15 +206,24 @@ def _finished(
     errors: dict[str, FloatArray],
     softer: Levels | None,
     confirm: bool,
+    tally: Tally,
 ) -> NonlinearMode:
-    """Curve of levels, extrapolated from those with softer springs where there are such."""
+    """Curve of levels, extrapolated from those with ``softer`` springs where there are such."""
     by_source, values = {"harmonics": errors}, levels.values
     if softer is not None:
-        beyond = 1.0 / (FACTORS[-1] / FACTORS[-2] - 1.0)
-        shift = {name: beyond * (new - softer.values[name]) for name, new in values.items()}
-        by_source["sticking"] = {name: relative(shift[name], values[name]) for name in shift}
+        balance = softer.equations.balance.refined(levels.series)
+        other, found = resolved(levels, replace(softer.equations, balance=balance), tally)
+        beyond = found / (FACTORS[-1] / FACTORS[-2] - 1.0)
+        shift = {name: beyond * (new - other.values[name]) for name, new in values.items()}
+        sticking = {name: relative(shift[name], values[name]) for name in shift}
+        by_source["sticking"] = {
+            name: np.where(found, error, error.max()) for name, error in sticking.items()
+        }
         values = {name: new + shift[name] for name, new in values.items()}
-    return curve_of(levels, values, by_source, march(levels, _judged(levels)) if confirm else None)
+    marched = march(levels, _judged(levels)) if confirm else None
+    curve = curve_of(levels, values, by_source, marched)
+    notes = (f"Mode {curve.mode}: {note}" for note in notes_of_errors(curve, SETTLED))
+    return replace(curve, notes=(*curve.notes, *notes))
 
 
 def _judged(levels: Levels) -> IntArray:

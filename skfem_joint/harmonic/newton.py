@@ -14,10 +14,11 @@ from skfem_joint.ground.errors import ConvergenceError
 #: Norm of a residual of unknowns of size 1 that ends the iteration: 0.02 % of a damping ratio of
 #: 0.25 %. States of points change one by one where it is smaller, which takes as long again.
 TOLERANCE = 1e-6
+#: Norm that will do where the iteration ends: points that just begin to slip between two samples
+#: may leave so much.
+ENOUGH = 1e-5
 #: Most iterations, and halvings of a step.
 ITERATIONS, HALVINGS = 40, 8
-#: Step in the parameter, halved, below which a continuation ends.
-LEAST = 1e-3
 
 
 class Point(NamedTuple):
@@ -57,7 +58,7 @@ def solved(equations: Equations, y: FloatArray, parameter: float) -> Point:
         if not np.isfinite(size):
             break
         factor = linalg.lu_factor(derivative, overwrite_a=True, check_finite=False)
-        if size <= TOLERANCE:
+        if size <= TOLERANCE or (size <= ENOUGH and iteration == ITERATIONS - 1):
             return Point(y, -linalg.lu_solve(factor, by_parameter), iteration)
         step, share = -linalg.lu_solve(factor, residual), min(1.0, 2.0 * share)
         for _ in range(HALVINGS):
@@ -70,12 +71,18 @@ def solved(equations: Equations, y: FloatArray, parameter: float) -> Point:
 
 
 def followed(
-    equations: Equations, point: Point, start: float, end: float
+    equations: Equations,
+    point: Point,
+    start: float,
+    end: float,
+    least: float,
+    near: Callable[[FloatArray, FloatArray], bool] = lambda *_: True,
 ) -> Iterator[tuple[float, Point]]:
     """Solutions on the way of the parameter from ``start``, where ``point`` is, to ``end``.
 
-    The way is one step if that is found, else steps that are halved, and doubled again, each of
-    which goes out along the tangent.
+    The way is one step if that is found, else steps that are halved, down to ``least``, and doubled
+    again, each of which goes out along the tangent. ``near`` tells whether a solution goes on from
+    the one before.
 
     Raises
     ------
@@ -88,9 +95,11 @@ def followed(
         to = end if abs(end - at - step) < 1e-12 * abs(end - start) else at + step
         try:
             found = solved(equations, point.y + (to - at) * point.tangent, to)
+            if not near(found.y, point.y):
+                raise ConvergenceError("the iteration goes over to another mode")
         except ConvergenceError:
             step *= 0.5
-            if abs(step) < LEAST:
+            if abs(step) < least:
                 raise
         else:
             point, at = found, to

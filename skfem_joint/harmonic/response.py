@@ -33,8 +33,8 @@ from skfem_joint.system.system import System
 from skfem_joint.vibration.response import steady_plan, suited_steps
 from skfem_joint.vibration.response_curve import Curve, SteadyPoint, nothing_found
 
-#: Springs of rigid sticking over the stiffness of the structure.
-STICKING = 300.0
+#: Springs of rigid sticking: they lower the square of the nearest stuck frequency by one over this.
+STICKING = 3000.0
 #: Results whose errors are stated.
 NAMES = "amplitude", "friction_energy"
 #: Relative errors of these beyond which a note says so.

@@ -1,0 +1,199 @@
+"""Nonlinear modes into gross slip, beside published figures, quasi-static curves and ring-downs.
+
+    python examples/benchmarks/nonlinear_modes.py beam       the public benchmark, seconds
+    python examples/benchmarks/nonlinear_modes.py joints     three joints, some five minutes
+    python examples/benchmarks/nonlinear_modes.py bar        one of them: bar, lap or brake_reuss
+
+The virtual friction-damped beam is a public benchmark: an Euler-Bernoulli beam of 0.71 m x 60 mm x
+50 mm, clamped and free, of 15 nodes, with a Jenkins element at node 6, reduced to 3 modes with that
+node fixed, and 1 % of viscous damping of the stuck modes. The others are a bar with a tip mass, the
+shipped lap of solids with contact that opens, bent by its free end, and the Brake-Reuss beam with
+constant contact, all reduced.
+
+The decrement of a ring-down is another damping ratio where a joint is soft: from peak to peak the
+energy of a body of Masing's loops goes as the force there, so that the ratio of a steady cycle is
+multiplied by force over amplitude over the slope of the force, 1 / (1 + 2 d ln omega / d ln a).
+With that it is compared.
+"""
+
+import os
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import numpy as np
+from scipy import linalg
+from scipy.interpolate import PchipInterpolator
+
+import skfem_joint as sj
+from benchmarks import EXAMPLES, head, row
+
+#: First harmonic of the beam's tip (m), frequency (Hz) and damping ratio (%), as published.
+TIP = 1e-6 * np.array([6.34, 10.05, 15.76, 24.77, 39.06, 61.76, 97.73, 154.8, 388.6])
+FREQUENCY = (80.368, 80.143, 76.055, 72.414, 70.364, 69.258, 68.624, 68.290, 68.041)
+DAMPING = (1.000, 1.929, 5.773, 6.465, 5.461, 4.269, 3.312, 2.601, 1.779)
+
+
+def friction_beam(spring=1e7, limit=15.0):
+    """System of the virtual beam."""
+    nodes, node, length, width, height = 15, 6, 0.71, 0.06, 0.05
+    bending, mass = 141.225e9 * width * height**3 / 12.0, 7850.0 * width * height
+    h, n = length / (nodes - 1), 2 * nodes
+    K, M = np.zeros((n, n)), np.zeros((n, n))
+    ends, turn = [12.0, 6 * h, -12.0, 6 * h], [6 * h, 4 * h * h, -6 * h, 2 * h * h]
+    k = np.array([ends, turn, [-x for x in ends], [6 * h, 2 * h * h, -6 * h, 4 * h * h]])
+    m = np.array(
+        [
+            [156.0, 22 * h, 54.0, -13 * h],
+            [22 * h, 4 * h * h, 13 * h, -3 * h * h],
+            [54.0, 13 * h, 156.0, -22 * h],
+            [-13 * h, -3 * h * h, -22 * h, 4 * h * h],
+        ]
+    )
+    for e in range(nodes - 1):
+        own = slice(2 * e, 2 * e + 4)
+        K[own, own] += bending / h**3 * k
+        M[own, own] += mass * h / 420.0 * m
+    K, M = K[2:, 2:], M[2:, 2:]
+    held = 2 * (node - 2)
+    free = np.delete(np.arange(n - 2), held)
+    inner = K[np.ix_(free, free)]
+    fixed = linalg.eigh(inner, M[np.ix_(free, free)], subset_by_index=(0, 2))[1]
+    T = np.zeros((n - 2, 4))
+    T[held, 0], T[free, 1:], T[free, 0] = 1.0, fixed, -np.linalg.solve(inner, K[free, held])
+    K, M, B = T.T @ K @ T, T.T @ M @ T, T[held : held + 1]
+    squares, shapes = linalg.eigh(K + spring * B.T @ B, M)
+    C = M @ shapes @ np.diag(0.02 * np.sqrt(squares)) @ shapes.T @ M
+    contact = sj.Contact(B, [limit], np.inf, stiffness=np.array([spring]))
+    return sj.System(M, C, K, contact, P=T[-2:-1], points=("tip",))
+
+
+def bar():
+    """Full model of the paper's bar under Coulomb's law, with a tip of 320 t/m3."""
+    strips = [("joint", 0.1, 100), ("linear", 0.48, 90), ("tip", 0.02, 4)]
+    scene = sj.load_scene(EXAMPLES / "structure_harmonic.toml").changed(
+        mesh=sj.build_bar(strips, {"fixed": 0.0, "junction": 0.1, "free_end": 0.6}),
+        material={"regions": {"tip": {"density": 320e3}}},
+        joint={"law": "coulomb"},
+        damping={"ratio": 0.002},
+    )
+    return scene.system(), 1
+
+
+def lap():
+    """Full model of the shipped lap with contact that opens, its lower end free to bend."""
+    structure = sj.load_scene(EXAMPLES / "solid_lap_joint.toml").structure()
+    joints = [replace(joint, contact="unilateral") for joint in structure.joints]
+    structure = replace(structure, joints=joints, fixed_y=[], fixed_z=[])
+    load = sj.Load("lower_end", sj.Harmonic(40.0, 84.0), (0.0, 0.0, 1.0))
+    return structure.system([load]), 1
+
+
+def brake_reuss():
+    """Full model of the Brake-Reuss beam with constant contact."""
+    from benchmarks.brake_reuss import beam
+
+    return beam("constant").system(points=["upper_end"]), 7
+
+
+#: Title and cycles of a ring-down from the highest amplitude, by the function that makes it.
+JOINTS = {
+    bar: ("bar with a tip mass", 60),
+    lap: ("lap that opens", 120),
+    brake_reuss: ("Brake-Reuss beam", 50),
+}
+
+
+def published():
+    """The virtual beam beside its published figures."""
+    system = friction_beam()
+    sj.nonlinear_modes(system, amplitudes=TIP[:2], confirm=False)  # compiles
+    begin = time.perf_counter()
+    (mode,) = sj.nonlinear_modes(system, amplitudes=TIP, confirm=False)
+    seconds = time.perf_counter() - begin
+    head("tip, um", "Hz", "published", "apart", "damping, %", "published", "apart", "stated")
+    values = mode.frequency, FREQUENCY, 100.0 * mode.damping_ratio, DAMPING
+    stated = 100.0 * mode.error("damping_ratio")
+    for a, f, f0, d, d0, error in zip(1e6 * TIP, *values, stated, strict=True):
+        row(
+            f"{a:.4g}", f"{f:.3f}", f"{f0:.3f}", f"{100 * (f / f0 - 1):+.3f} %",
+            f"{d:.3f}", f"{d0:.3f}", f"{100 * (d / d0 - 1):+.2f} %", f"{error:.2g} %",
+        )  # fmt: skip
+    series = mode.series
+    print(
+        f"\nThe curve takes {seconds:.2g} s, compiled, with {series.highest} harmonics and "
+        f"{series.samples} samples.\n"
+    )
+
+
+def largest(apart, rows):
+    """Largest of relative differences at some levels, %."""
+    found = 100.0 * np.abs(apart[rows])
+    return f"{np.nanmax(found):.2g} %" if np.isfinite(found).any() else ""
+
+
+def beside(x, xs, ys):
+    """Values at x of a curve over xs, on a logarithmic axis; nan outside."""
+    order = np.argsort(xs)
+    return np.interp(np.log(x), np.log(xs[order]), ys[order], left=np.nan, right=np.nan)
+
+
+def compared(joint):
+    """A row for a structure: its mode beside the slow curve, a ring-down, and time steps."""
+    (title, cycles), (full, number) = JOINTS[joint], joint()
+    (curve,) = sj.backbone(full, modes=[number], up_to=0.9)
+    model = sj.reduce(full, curve=curve)
+    (slow,) = sj.backbone(model, modes=[number], levels=curve.level)
+    point = int(slow.displacement[-1].argmax())
+    reach = slow.displacement[:, point]
+    amplitudes = np.concatenate(
+        [np.geomspace(reach[2], reach[-1], 8), reach[-1] * np.geomspace(1.2, 5.0, 6)]
+    )
+    begin = time.process_time()
+    (mode,) = sj.nonlinear_modes(
+        model, modes=[number], amplitudes=amplitudes, at=model.points[point]
+    )
+    seconds = time.process_time() - begin
+    start = mode.motion(-1)[0]
+    down = sj.ring_down(model, slow, cycles, 400, start=(start, 0.0 * start))
+    slope = PchipInterpolator(np.log(mode.amplitude), np.log(mode.frequency)).derivative()
+    decrement = mode.damping_ratio / (1.0 + 2.0 * slope(np.log(mode.amplitude)))
+    apart = {}
+    for name, released in (("frequency", mode.frequency), ("damping_ratio", decrement)):
+        value = getattr(mode, name)
+        apart[name] = (
+            beside(amplitudes, reach, getattr(slow, name)) / value - 1.0,
+            beside(mode.amplitude, down.amplitude, getattr(down, name)) / released - 1.0,
+        )
+    micro, peak = amplitudes <= 0.25 * reach[-1], int(mode.damping_ratio.argmax())
+    near = np.abs(np.arange(amplitudes.size) - peak) <= 1
+    cells = [title, model.n, model.contact.count, amplitudes.size, f"{seconds:.0f}"]
+    cells += [f"{mode.series.highest}, {mode.series.samples}"]
+    for rows, which in ((micro, 0), (~near, 1), (near, 1)):
+        cells += [f"{largest(apart[name][which], rows)}" for name in apart]
+    marched = (largest(getattr(mode.marched, name), slice(None)) for name in apart)
+    stated = (f"{100 * mode.error(name).max():.2g} %" for name in apart)
+    row(*cells, ", ".join(marched), ", ".join(stated))
+
+
+def main(arguments):
+    if not arguments or "beam" in arguments:
+        published()
+    asked = [x for x in JOINTS if {"joints", x.__name__} & set(arguments)]
+    if not asked:
+        return
+    head(
+        "structure", "unknowns", "points", "levels", "CPU s", "harmonics, samples",
+        "slow: Hz", "damping", "ring-down: Hz", "damping", "at the peak: Hz", "damping",
+        "time steps: Hz, damping", "stated: Hz, damping",
+    )  # fmt: skip
+    for joint in asked:
+        compared(joint)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

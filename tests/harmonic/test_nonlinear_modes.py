@@ -1,0 +1,191 @@
+"""Nonlinear modes: published and closed forms, limits, and the balance of energy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.nonlinear_modes import DAMPING, FREQUENCY, TIP, friction_beam
+from scipy.integrate import quad
+
+import skfem_joint as sj
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.harmonic.balance import Balance
+from skfem_joint.harmonic.series import Series
+
+
+@pytest.fixture(scope="module")
+def beam():
+    (mode,) = sj.nonlinear_modes(friction_beam(), amplitudes=TIP, at="tip")
+    return mode
+
+
+def test_virtual_friction_damped_beam_has_its_published_curve(beam):
+    assert beam.stuck_frequency == pytest.approx(80.36779981, rel=1e-9)
+    assert beam.frequency == pytest.approx(FREQUENCY, rel=2e-4)
+    assert 100.0 * beam.damping_ratio == pytest.approx(DAMPING, rel=5e-3)
+    assert beam.state == ("stick",) + ("gross",) * 8
+
+
+def test_time_steps_stay_on_the_motion_of_a_mode(beam):
+    assert np.abs(beam.marched.frequency).max() < 2e-4
+    assert np.abs(beam.marched.damping_ratio).max() < 3e-3
+    assert not beam.notes
+
+
+def test_amplitudes_are_those_of_the_first_harmonic(beam):
+    assert beam.displacement[:, 0] == pytest.approx(TIP, rel=1e-6)
+
+
+def test_what_a_cycle_loses_is_the_work_of_the_force_that_keeps_it_up(beam):
+    """Its work is 2 zeta omega^2 pi times the sum of k^2 |u_k|^2 by the mass."""
+    M = friction_beam().M
+    order = beam.series.coefficient_orders[:, np.newaxis]
+    squares = np.einsum("lhn,nm,lhm->l", order * beam.harmonics, M, order * beam.harmonics)
+    omega = 2.0 * np.pi * beam.frequency
+    work = 2.0 * np.pi * beam.damping_ratio * omega**2 * squares
+    assert beam.losses.lost == pytest.approx(work, rel=1e-4)
+    assert beam.friction_work.sum(axis=1) == pytest.approx(beam.losses.friction)
+
+
+def jenkins(k=1.0, spring=3.0, limit=0.7, damping=0.02):
+    """Mass of 1 kg on a spring and a Jenkins element."""
+    contact = sj.Contact(np.ones((1, 1)), [limit], np.inf, stiffness=np.array([spring]))
+    C = damping * np.ones((1, 1))
+    return sj.System(np.ones((1, 1)), C, k * np.ones((1, 1)), contact)
+
+
+def test_loss_of_a_jenkins_oscillator_has_its_closed_form():
+    """Of the amplitude of its slip: 4 limit (a - limit / spring), whatever its harmonics do."""
+    (mode,) = sj.nonlinear_modes(jenkins(), amplitudes=[0.1, 0.3, 1.0, 5.0], confirm=False)
+    reach = mode.slip[:, 0]
+    lost = np.maximum(4.0 * 0.7 * (reach - 0.7 / 3.0), 0.0)
+    assert mode.losses.friction == pytest.approx(lost, rel=2e-3, abs=1e-12)
+    assert mode.frequency[0] == pytest.approx(2.0 / (2.0 * np.pi), rel=1e-9)  # stuck: k + spring
+
+
+def test_one_harmonic_has_the_describing_function():
+    """Iwan's averages of the Jenkins element for a slip a cos, by quadrature."""
+    spring, limit, a = 3.0, 0.7, 1.3
+    balance = Balance.of(jenkins(), Series(1, 4096, True), 2.0, 1.0)
+    residual = balance.residual(np.array([[a], [0.0]]), 1.0)
+    turn = np.arccos(1.0 - 2.0 * limit / spring / a)
+
+    def force(t):  # falls from the limit at t = 0
+        return limit - spring * a * (1.0 - np.cos(t)) if t < turn else -limit
+
+    cosine = 2.0 / np.pi * quad(lambda t: force(t) * np.cos(t), 0.0, np.pi, points=[turn])[0]
+    sine = 2.0 / np.pi * quad(lambda t: force(t) * np.sin(t), 0.0, np.pi, points=[turn])[0]
+    expected = [(1.0 - 1.0) * a + cosine, -0.02 * a + sine]
+    assert residual.values[:, 0] == pytest.approx(expected, rel=1e-5)
+
+
+def test_linear_modes_are_exact():
+    """Contact that never slips leaves the modes of the stuck structure."""
+    system = friction_beam()
+    held = replace(system.contact, given=np.array([1e9]))
+    modes = sj.nonlinear_modes(replace(system, contact=held), modes=(1, 2), amplitudes=[1e-6, 1e-3])
+    for mode in modes:
+        assert mode.frequency == pytest.approx(mode.stuck_frequency, rel=1e-10)
+        assert mode.damping_ratio == pytest.approx(0.01, rel=1e-9)
+        assert mode.friction_work == pytest.approx(0.0, abs=1e-12)
+
+
+def test_sliders_that_share_a_slip_are_their_sum():
+    """Two halves of a Jenkins element are the whole one."""
+    whole = jenkins()
+    halves = sj.Contact(np.ones((2, 1)), [0.35] * 2, np.inf, stiffness=np.array([1.5, 1.5]))
+    modes = [
+        sj.nonlinear_modes(system, amplitudes=[0.3, 1.0], confirm=False)[0]
+        for system in (whole, replace(whole, contact=halves))
+    ]
+    assert modes[1].frequency == pytest.approx(modes[0].frequency, rel=1e-9)
+    assert modes[1].damping_ratio == pytest.approx(modes[0].damping_ratio, rel=1e-6)
+
+
+def chain():
+    """Twelve masses on springs, the last one heavy, eight of them on rigid friction."""
+    n = 12
+    M, K = np.eye(n), 2.0 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    M[-1, -1], K[-1, -1] = 40.0, 1.0
+    contact = sj.Contact(np.eye(n)[:8], np.full(8, 0.3), np.inf)
+    return sj.System(M, 0.002 * K, K, contact, P=np.eye(n)[-1:], points=("end",))
+
+
+def test_springs_of_sticking_soften_the_stuck_mode_by_one_over_their_factor():
+    system = chain()
+    stuck = 2.0 * np.pi * sj.natural_modes(system, 1, joints="stuck").frequencies[0]
+    series, softer = Series(1, 16, True), []
+    for factor in (200.0, 2000.0, 20000.0):
+        balance = Balance.of(system, series, stuck, factor)
+        softer.append(1.0 - (balance.frequencies[0] / stuck) ** 2)
+    assert np.array(softer) == pytest.approx([5e-3, 5e-4, 5e-5], rel=0.1)
+
+
+def test_contact_that_opens_has_the_period_of_two_half_oscillators():
+    """A mass on a spring k that also pushes an elastic stop at rest: half a period with each."""
+    stop = 3.0
+    normal = sj.NormalPart(np.ones((1, 1)), np.zeros(1), np.zeros(1), np.array([stop]), np.ones(1))
+    contact = sj.Contact(np.zeros((1, 1)), [0.0], np.inf, normal=normal, gain=np.zeros((1, 1)))
+    system = sj.System(np.ones((1, 1)), None, np.ones((1, 1)), contact)
+    (mode,) = sj.nonlinear_modes(system, amplitudes=[1.0], confirm=False)
+    period = np.pi * (1.0 + 1.0 / np.sqrt(1.0 + stop))
+    assert mode.frequency[0] == pytest.approx(1.0 / period, rel=1e-4)
+
+
+def test_time_steps_agree_where_limits_follow_normal_forces():
+    """A mass that slides along x on an elastic stop in y, which opens, coupled by its springs."""
+    one = np.ones(1)
+    normal = sj.NormalPart(np.array([[0.0, 1.0]]), 0 * one, one, 5.0 * one, one)
+    B, gain = np.array([[1.0, 0.0]]), 0.5 * np.ones((1, 1))
+    contact = sj.Contact(B, [0.0], np.inf, stiffness=4.0 * one, normal=normal, gain=gain)
+    K = np.array([[2.0, 0.8], [0.8, 3.0]])
+    system = sj.System(np.eye(2), 0.01 * K, K, contact, P=B, points=("mass",))
+    (mode,) = sj.nonlinear_modes(system, amplitudes=[0.05, 0.5, 2.0])
+    assert mode.state == ("stick", "gross", "gross")
+    assert mode.opened.tolist() == [0.0, 0.0, 1.0]
+    assert np.abs(mode.marched.frequency).max() < 1e-3
+    assert np.abs(mode.marched.damping_ratio).max() < 1e-2
+
+
+def test_friction_of_a_slip_vector_does_not_depend_on_its_axes():
+    """Turned slip rows of points with two directions leave the mode."""
+    K = np.array([[2.0, 0.3], [0.3, 1.2]])
+    turn = np.array([[0.6, 0.8], [-0.8, 0.6]])
+    modes = []
+    for B in (np.eye(2), turn):
+        contact = sj.Contact(B, [0.7], np.inf, np.array([2]), stiffness=np.array([3.0]))
+        system = sj.System(np.eye(2), 0.01 * K, K, contact, P=np.eye(2)[:1], points=("x",))
+        modes += sj.nonlinear_modes(system, amplitudes=[0.5, 2.0], confirm=False)
+    assert modes[1].frequency == pytest.approx(modes[0].frequency, rel=1e-6)
+    assert modes[1].damping_ratio == pytest.approx(modes[0].damping_ratio, rel=1e-5)
+    assert modes[0].friction_damping.min() > 0.01
+
+
+def test_a_curve_that_ends_says_where_and_has_the_levels_below():
+    """A chain with frequencies as of a uniform bar: a harmonic meets a higher mode."""
+    system = chain()
+    uniform = replace(system, M=np.eye(12))
+    with pytest.raises(
+        ConvergenceError, match=r"not found at an amplitude of .* of 'end'"
+    ) as error:
+        sj.nonlinear_modes(uniform, amplitudes=[0.1, 0.5, 5.0], confirm=False)
+    assert error.value.run.state[0] == "stick"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"amplitudes": [2.0, 1.0]}, "must be positive and rise"),
+        ({"amplitudes": [1e-6], "at": "top"}, "at: found 'top', must be one of tip"),
+        ({"amplitudes": [1e-6], "modes": [9]}, "found mode 9, there are 4"),
+    ],
+)
+def test_wrong_arguments_are_refused(changes, message):
+    with pytest.raises(InputError, match=message):
+        sj.nonlinear_modes(friction_beam(), **changes)
+
+
+def test_large_systems_are_refused_with_what_to_give_instead():
+    n = 400
+    with pytest.raises(InputError, match=r"must be at most 1300.*reduced model"):
+        sj.nonlinear_modes(sj.System(np.eye(n), None, np.eye(n)), amplitudes=[1.0])
