@@ -68,56 +68,47 @@ def followed(system, frequency, level, start, steps, periods=PERIODS):
     return 0.5 * float(np.mean(reach)), float(np.mean(run.cycles.friction[-len(later) :]))
 
 
-def searched(system, frequencies, levels, sticking=STICKING):
-    """Settled points of each level, and what finds them: pairs of results and states."""
-    search = Search.of(system, np.asarray(frequencies), sticking, Tally(silent, 0))
-    found = {}
-    for level in levels:
-        items, why = search.branches(level)
-        most, found[level] = 0.0, []
-        for item in items:
-            if isinstance(item, sj.SteadyPoint):
-                found[level].append((item, None))
-                continue
-            settled = search.settled(item, level, most)
-            most = max(most, settled.point.friction_energy)
-            balance = search.forced[settled.rung].balance
-            state = state_of(balance, settled.place.q, settled.place.omega)
-            found[level].append((settled.point, state))
-        for reason in why:
-            print(f"level {level:g}: {reason}")
-    return search.system, found
+def settled(search, level, shares):
+    """Points of a level at shares of its largest amplitude: results, states, and what it took, s."""
+    begin = time.process_time()
+    places = [item for item in search.branches(level)[0] if not isinstance(item, sj.SteadyPoint)]
+    each, begin = (time.process_time() - begin) / len(places), time.process_time()
+    reach = np.array([np.linalg.norm(place.q) for place in places])
+    found = []
+    for share in shares:
+        one = search.settled(places[int(np.abs(reach - share * reach.max()).argmin())], level, 0.0)
+        balance = search.forced[one.rung].balance
+        state = state_of(balance, one.place.q, one.place.omega)
+        now = time.process_time()
+        found.append((one.point, state, each, now - begin))
+        begin = now
+    return found
 
 
 def print_plates(quick):
-    """Largest amplitude and two others of each level beside time steps."""
-    begin = time.process_time()
-    system, found = searched(
-        plates(), np.linspace(*BAND, 3 if quick else 7), LEVELS[: 4 - 3 * quick]
-    )
-    spent = time.process_time() - begin
-    count = sum(len(points) for points in found.values())
-    marched = sum(state is None for points in found.values() for _, state in points)
-    print(f"{count} points, {marched} of them marched to, {spent / count:.2f} s a point\n")
+    """Largest amplitude and half of it at each level beside time steps."""
+    system = plates()
+    search = Search.of(system, np.linspace(*BAND, 3 if quick else 7), STICKING, Tally(silent, 0))
     head(
-        *("load, N", "Hz", "amplitude, mm", "friction, mJ", "amplitude by 800 steps, off by %"),
-        *("friction, off by %", "error of 400 steps, %", "s by steps"),
+        *("load, N", "Hz", "amplitude, mm", "friction, mJ", "gross slip", "amplitude, off by %"),
+        *("friction, off by %", "400 steps, off by %", "s a point of the branch"),
+        *("s with all harmonics", "s by 800 steps"),
     )
-    for level, points in found.items():
-        known = [k for k, (_, state) in enumerate(points) if state is not None]
-        reach = np.array([points[k][0].amplitude[0] for k in known])
-        for share in (1.0, 0.5) if not quick else (1.0,):
-            point, state = points[known[int(np.abs(reach - share * reach.max()).argmin())]]
-            begin = time.process_time()
-            at = system, point.frequency, level, state
-            fine, coarse = (followed(*at, steps) for steps in ((40, 20) if quick else (800, 400)))
-            off = [100.0 * (a / b - 1.0) for a, b in zip(
-                (point.amplitude[0], point.friction_energy), fine, strict=True)]  # fmt: skip
+    for level in LEVELS[: 4 - 3 * quick]:
+        for point, state, *spent in settled(search, level, (1.0, 0.5)[: 2 - quick]):
+            at, begin = (search.system, point.frequency, level, state), time.process_time()
+            fine = followed(*at, 40 if quick else 800)
+            by_steps = time.process_time() - begin
+            coarse = followed(*at, 20 if quick else 400)
             row(
                 f"{level:g}", f"{point.frequency:.3f}", f"{1e3 * fine[0]:.4f}",
-                f"{1e3 * fine[1]:.4f}", f"{off[0]:+.3f}", f"{off[1]:+.2f}",
-                f"{100.0 * (coarse[1] / fine[1] - 1.0):+.2f}", f"{time.process_time() - begin:.0f}",
+                f"{1e3 * fine[1]:.4f}", point.gross,
+                f"{100.0 * (point.amplitude[0] / fine[0] - 1.0):+.3f}",
+                f"{100.0 * (point.friction_energy / fine[1] - 1.0):+.2f}",
+                f"{100.0 * (coarse[1] / fine[1] - 1.0):+.2f}",
+                *(f"{x:.2f}" for x in (*spent, by_steps)),
             )  # fmt: skip
+            sys.stdout.flush()
 
 
 def print_springs(quick):
@@ -125,11 +116,11 @@ def print_springs(quick):
     small = plates()
     head("friction", "harmonic balance, mJ", *(f"{n} steps" for n in (200, 400, 800)))
     state = None
-    for factor in (30.0,) if quick else (3.0, 30.0, 300.0):
-        system, found = searched(small, (84.0, 84.5), (40.0,), factor)
-        point, state = found[40.0][0]
+    for factor in (3000.0,) if quick else (300.0, 3000.0, 30000.0):
+        search = Search.of(small, np.array([84.0, 84.5]), factor, Tally(silent, 0))
+        ((point, state, *_),) = settled(search, 40.0, (0.0,))
         energies = [
-            followed(system, 84.0, 40.0, state, steps)[1]
+            followed(search.system, 84.0, 40.0, state, steps)[1]
             for steps in ((20,) if quick else (200, 400, 800))
         ]
         row(

@@ -170,7 +170,7 @@ class Search:
         omega, forced = float(self.targets[0]), self.forced[0].sized(level * self.linear)
         equations, at = ByLevel(forced, omega, level), self.level / level
         below = solved(equations, forced.scaled(self.start), at)
-        *_, (_, point) = followed(equations, below, at, 1.0)
+        *_, (_, point) = followed(equations, below, at, 1.0, least=1e-3)
         self.start, self.level = forced.motion(point.y), level
         return self._placed(self.start, level, omega)
 
