@@ -94,5 +94,7 @@ def state_of(balance: Balance, q: FloatArray, omega: float) -> tuple[FloatArray,
     limits = contact.limits(contact.normal.elastic_forces(start))
     over = contact.on_rows(limits)
     sigma = np.divide(friction, over, out=np.zeros_like(friction), where=over > 0.0)
-    state = start, omega * (series.basis[0] @ series.rate(u)), np.clip(sigma, -1.0, 1.0)
+    size = contact.on_rows(contact.slip_norm(sigma)) * (1.0 + 1e-12)  # round-off is refused
+    sigma /= np.maximum(size, 1.0)
+    state = start, omega * (series.basis[0] @ series.rate(u)), sigma
     return (*state, limits) if contact.opens else state

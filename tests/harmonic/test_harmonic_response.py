@@ -11,7 +11,9 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.harmonic.series import Series
 from skfem_joint.harmonic.stability import multipliers
-from skfem_joint.system.normal import NormalPart
+from skfem_joint.output.damping import response_figure
+from skfem_joint.scene.shipped import shipped_scene
+from skfem_joint.study.scene_response import scene_response
 
 #: Oscillator of unit mass and stiffness that meets a spring at a gap of 1.
 SPRING, DAMPING, FORCE = 3.0, 0.02, 0.1
@@ -19,7 +21,7 @@ SPRING, DAMPING, FORCE = 3.0, 0.02, 0.1
 
 def oscillator():
     one = np.ones(1)
-    normal = NormalPart(np.eye(1), one, 0.0 * one, SPRING * one, one)
+    normal = sj.NormalPart(np.eye(1), one, 0.0 * one, SPRING * one, one)
     contact = sj.Contact(np.eye(1), [0.0], np.inf, normal=normal, gain=np.zeros((1, 1)))
     load = sj.AppliedLoad(np.ones(1), sj.Harmonic(FORCE, 0.1), "mass")
     damping = 2.0 * DAMPING * np.eye(1)
@@ -185,3 +187,33 @@ def test_what_has_no_response_is_refused(changes, message):
     given = {"system": chain(), "frequencies": np.array([90.0, 100.0]), "levels": [1.0]} | changes
     with pytest.raises(InputError, match=message):
         sj.harmonic_response(**given)
+
+
+@pytest.fixture(scope="module")
+def of_scene():
+    scene = sj.load_scene(shipped_scene("structure_harmonic")).changed(
+        models={"run": ["reduced"]}, accuracy={"estimate": False},
+        response={"frequencies": {"from": 2100.0, "to": 2600.0, "points": 4}, "levels": [0.03],
+                  "method": "harmonic"},
+    )  # fmt: skip
+    return scene_response(scene)
+
+
+def test_a_scene_has_the_response_of_python(of_scene):
+    system = of_scene.scene.system()
+    model = sj.reduce(system, frequency=float(of_scene.frequencies[2]), level=0.03)
+    (other,) = sj.harmonic_response(model, of_scene.frequencies, [0.03])
+    (curve,) = of_scene.models[0].curves
+    for name in ("frequency", "amplitude", "friction_energy"):
+        np.testing.assert_allclose(curve.column(name), other.column(name), rtol=1e-6)
+
+
+def test_unstable_points_are_dashed(of_scene):
+    (model,) = of_scene.models
+    (curve,) = model.curves
+    points = [replace(p, stable=k not in (1, 2)) for k, p in enumerate(curve.points)]
+    part = replace(model, curves=[replace(curve, points=tuple(points))])
+    panel = response_figure(replace(of_scene, models=[part])).axes[0]
+    whole, dashed = (np.isfinite(line.get_ydata()) for line in panel.lines[-2:])
+    np.testing.assert_array_equal(np.flatnonzero(~whole), [1, 2])
+    np.testing.assert_array_equal(np.flatnonzero(dashed), [0, 1, 2, 3])
