@@ -320,11 +320,21 @@ CLAIMS = {
     "nonlinear-beam": Claim(
         f"{BENCHMARKS}/nonlinear_modes.py beam", 10, {"nonlinear-beam": printed}, timed=True
     ),
-    "nonlinear-modes": Claim(
-        f"{BENCHMARKS}/nonlinear_modes.py joints",
-        600,
-        {"nonlinear-modes": printed},
-        short=f"{BENCHMARKS}/nonlinear_modes.py bar",
+    "nonlinear-bar": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py bar", 60, {"nonlinear-bar": printed}, timed=True
+    ),
+    "nonlinear-lap": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py lap",
+        400,
+        {"nonlinear-lap": printed},
+        short=f"{BENCHMARKS}/nonlinear_modes.py beam",
+        timed=True,
+    ),
+    "nonlinear-brake-reuss": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py brake_reuss",
+        200,
+        {"nonlinear-brake-reuss": printed},
+        short=f"{BENCHMARKS}/nonlinear_modes.py beam",
         timed=True,
     ),
     "random": Claim(f"{BENCHMARKS}/noise.py", 600, {"random": printed}, timed=True),

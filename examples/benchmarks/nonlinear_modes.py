@@ -1,8 +1,8 @@
 """Nonlinear modes into gross slip, beside published figures, quasi-static curves and ring-downs.
 
     python examples/benchmarks/nonlinear_modes.py beam       the public benchmark, seconds
-    python examples/benchmarks/nonlinear_modes.py joints     three joints, some five minutes
-    python examples/benchmarks/nonlinear_modes.py bar        one of them: bar, lap or brake_reuss
+    python examples/benchmarks/nonlinear_modes.py bar        joints: bar, lap or brake_reuss, some
+                                                             minutes each
 
 The virtual friction-damped beam is a public benchmark: an Euler-Bernoulli beam of 0.71 m x 60 mm x
 50 mm, clamped and free, of 15 nodes, with a Jenkins element at node 6, reduced to 3 modes with that
@@ -147,9 +147,8 @@ def compared(joint):
     (title, cycles), (full, number) = JOINTS[joint], joint()
     (curve,) = sj.backbone(full, modes=[number], up_to=0.9)
     model = sj.reduce(full, curve=curve)
-    (slow,) = sj.backbone(model, modes=[number], levels=curve.level)
-    point = int(slow.displacement[-1].argmax())
-    reach = slow.displacement[:, point]
+    point = int(curve.displacement[-1].argmax())
+    reach = curve.displacement[:, point]
     amplitudes = np.concatenate(
         [np.geomspace(reach[2], reach[-1], 8), reach[-1] * np.geomspace(1.2, 5.0, 6)]
     )
@@ -159,15 +158,16 @@ def compared(joint):
     )
     seconds = time.process_time() - begin
     start = mode.motion(-1)[0]
-    down = sj.ring_down(model, slow, cycles, 400, start=(start, 0.0 * start))
+    released = replace(curve, shape=mode.shape, stuck_frequency=mode.stuck_frequency)
+    down = sj.ring_down(model, released, cycles, 400, start=(start, 0.0 * start))
     slope = PchipInterpolator(np.log(mode.amplitude), np.log(mode.frequency)).derivative()
     decrement = mode.damping_ratio / (1.0 + 2.0 * slope(np.log(mode.amplitude)))
     apart = {}
-    for name, released in (("frequency", mode.frequency), ("damping_ratio", decrement)):
+    for name, own in (("frequency", mode.frequency), ("damping_ratio", decrement)):
         value = getattr(mode, name)
         apart[name] = (
-            beside(amplitudes, reach, getattr(slow, name)) / value - 1.0,
-            beside(mode.amplitude, down.amplitude, getattr(down, name)) / released - 1.0,
+            beside(amplitudes, reach, getattr(curve, name)) / value - 1.0,
+            beside(mode.amplitude, down.amplitude, getattr(down, name)) / own - 1.0,
         )
     micro, peak = amplitudes <= 0.25 * reach[-1], int(mode.damping_ratio.argmax())
     near = np.abs(np.arange(amplitudes.size) - peak) <= 1
@@ -183,7 +183,7 @@ def compared(joint):
 def main(arguments):
     if not arguments or "beam" in arguments:
         published()
-    asked = [x for x in JOINTS if {"joints", x.__name__} & set(arguments)]
+    asked = [x for x in JOINTS if x.__name__ in arguments]
     if not asked:
         return
     head(

@@ -102,13 +102,13 @@ class ContactForces:
         """Row, column and point of each block of friction, as numbers of ``rows`` and points."""
         left, right, of = [], [], []
         slips = self.points.first_row[-1]
-        for i, nd in enumerate(self.directions.tolist()):
-            own = self.points.first_row[i] + np.arange(nd)
+        for i, directions in enumerate(self.directions.tolist()):
+            own = self.points.first_row[i] + np.arange(directions)
             gains = self.points.pressure[self.points.first_gain[i] : self.points.first_gain[i + 1]]
             columns = np.concatenate([own, slips + gains])
             left.append(np.repeat(own, columns.size))
-            right.append(np.tile(columns, nd))
-            of.append(np.full(nd * columns.size, i))
+            right.append(np.tile(columns, directions))
+            of.append(np.full(directions * columns.size, i))
         none = [np.zeros(0, np.intp)]
         first, second, third = (np.concatenate([*none, *x]) for x in (left, right, of))
         return first, second, third

@@ -4,10 +4,15 @@ A mode is the periodic motion that the force 2 zeta omega M du/dt keeps up (exte
 concept, M. Krack, Comput. Struct. 154, 2015), by harmonic balance with exact Coulomb friction. Its
 shape may change, joints may slip as a whole, contact may open.
 
-Levels follow each other from a linear mode on. Then harmonics and samples are raised at all levels
-until frequency and damping settle; what the last rise changed states their error. Rigid sticking
-has springs of two stiffnesses; both are extrapolated to rigid springs, and half of the distance is
-the error stated for it.
+Levels follow each other from a linear mode on, with soft springs where contact sticks rigidly, and
+are found again with stiffer ones. Then harmonics and samples are raised at the levels that have not
+settled; half of what the last rise changed is stated as their error. Values are extrapolated from
+the two stiffest springs to rigid ones, and what that adds is stated, too.
+
+Harmonics are doubled. Raised from 11 to 15 they changed the damping of a bar by 0.4 % where 2 %
+was missing, because a mode that lies near a multiple of the frequency does not show
+before that harmonic is there. On 16 random curves of the virtual beam the largest stated error of
+the damping was 0.5 to 3 times the true one on 13, that of the frequency, below 0.03 %, on 7.
 """
 
 from __future__ import annotations
