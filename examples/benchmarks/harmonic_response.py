@@ -69,7 +69,7 @@ def followed(system, frequency, level, start, steps, periods=PERIODS):
 
 
 def settled(search, level, shares):
-    """Points of a level at shares of its largest amplitude: results, states, and what it took, s."""
+    """Points of a level at shares of its largest amplitude: results, states, and seconds."""
     begin = time.process_time()
     places = [item for item in search.branches(level)[0] if not isinstance(item, sj.SteadyPoint)]
     each, begin = (time.process_time() - begin) / len(places), time.process_time()
