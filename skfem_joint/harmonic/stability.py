@@ -23,6 +23,8 @@ from skfem_joint.harmonic.balance import Balance
 
 #: Modes up to so many times the highest harmonic keep their inertia, and so many at least.
 INERT, LEAST = 3.0, 3
+#: Exponent of a growth that is told.
+MOST = 100.0
 #: Growth of a disturbance in a period beyond which a motion is not stable.
 GROWS = 1e-5
 
@@ -49,7 +51,9 @@ def multipliers(balance: Balance, q: FloatArray, omega: float) -> FloatArray:
     none, one = np.zeros_like(stiffness), np.eye(size * low)
     exponents = linalg.eigvals(np.block([[none, one], [-stiffness, -damping]]))
     nearest = np.argsort(np.abs(exponents.imag), kind="stable")[: 2 * low]
-    found = np.exp(2.0 * np.pi * exponents[nearest])
+    found = np.exp(np.minimum(2.0 * np.pi * exponents[nearest].real, MOST)) * np.exp(
+        2j * np.pi * exponents[nearest].imag
+    )
     return np.asarray(found[np.argsort(-np.abs(found))])
 
 
