@@ -26,6 +26,8 @@ from skfem_joint.ground.power_density import PowerDensity as PowerDensity
 from skfem_joint.ground.rows import Rows as Rows
 from skfem_joint.harmonic.curve import NonlinearMode as NonlinearMode
 from skfem_joint.harmonic.modes import nonlinear_modes as nonlinear_modes
+from skfem_joint.harmonic.response import BalancedCurve as BalancedCurve
+from skfem_joint.harmonic.response import harmonic_response as harmonic_response
 from skfem_joint.joint.clamps import Clamp as Clamp
 from skfem_joint.joint.contact import contact as contact
 from skfem_joint.joint.contact import point_contact as point_contact

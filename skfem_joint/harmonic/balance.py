@@ -38,7 +38,7 @@ MODES = 30
 #: well above round-off, and corrections of these springs, each by what the one before takes.
 SOFTENED, SCALINGS = 5e-3, 12
 #: Frequency, over that of reference, of soft springs on mean motions that nothing else holds.
-SOFT = 0.01
+SOFT = 0.1
 #: Squares of frequencies below this share of that of reference are those of free motions.
 FREE = 1e-6
 

@@ -330,6 +330,7 @@ def write_response(
     by_place = {(name, curve.level): loss.of_response(places, curve) for name, curve in every_curve}
     every = [p for model in response.models for curve in model.curves for p in curve.points]
     served = any(np.isfinite(p.model_error) for p in every)  # by a model for a range
+    judged = any(p.stable is not None for p in every)  # by harmonic balance
     harmonics = [f"{k}_{name}" for name in names for k in numbers]
     rows = [
         {
@@ -345,6 +346,7 @@ def write_response(
             **{column: values[k] for column, values in functions[model.name, curve.level].items()},
             "periods": p.periods, "residual": p.change, "step_error": p.step_error,
             **({"model_error": p.model_error} if served else {}),
+            **({"stable": p.stable} if judged else {}),
             **losses[model.name, curve.level].row(k),
             **loss.place_cells(by_place[model.name, curve.level], k),
             **_active_lengths(structure, p.slip),
@@ -499,7 +501,12 @@ def response_figure(response: SceneResponse) -> Figure:
         upper.semilogy(response.linear_frequencies, y, line, **look)
     for (curve, look), column in zip(drawn, columns, strict=True):
         f = curve.column("frequency")
-        upper.semilogy(f, column / scale, **look)
+        unstable = curve.column("stable") == np.False_
+        upper.semilogy(f, np.where(unstable, np.nan, column) / scale, **look)
+        if unstable.any():
+            beside = np.convolve(unstable, np.ones(3), "same") > 0.0
+            dashed = look | {"ls": (0, (2, 2)), "label": None}
+            upper.semilogy(f, np.where(beside, column, np.nan) / scale, **dashed)
         phase = np.degrees(np.unwrap(np.nan_to_num(curve.column("phase")[:, most])))
         lower.plot(f, phase, **look)
         lost.plot(f, curve.losses.loss_factor, **look)

@@ -603,6 +603,11 @@ class ResponseTable(SceneTable):
         "table { from, to, points }: fundamental frequencies of the loads, Hz"
     )
     levels: TomlList[Positive] = key("factors of the loads' amplitudes", (1.0,), min_length=1)
+    method: Literal["time", "harmonic"] = key(
+        "steady vibration by time steps, or by harmonic balance, which follows curves through "
+        "turning points, with Coulomb's law; of reduced models",
+        "time",
+    )
     functions: Annotated[
         TomlList[Literal["receptance", "mobility", "accelerance", "transmissibility"]],
         AfterValidator(has_no_repeats),

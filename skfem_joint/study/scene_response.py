@@ -15,6 +15,7 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, announced, silent
 from skfem_joint.ground.rows import Rows
+from skfem_joint.harmonic.response import harmonic_response
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.friction_points import NOWHERE
 from skfem_joint.reduction.models import notes_of, reduced_for_response
@@ -213,25 +214,33 @@ def scene_response(
         watch = Stopwatch()
         with announced(progress, f"making the {name} model"):
             model = system if scene.parts else _model(name, scene, resonance, rows)
-            coarse, notes = _coarse(model, scene, resonance)
+            coarse, notes = (
+                _coarse(model, scene, resonance) if table.method == "time" else (None, [])
+            )
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
-        curves = response(
-            model,
-            frequencies,
-            levels,
-            steps_per_cycle=scene.time.steps_per_cycle,
-            estimated=scene.accuracy.estimate,
-            executor=executor,
-            workers=workers,
-            coarse=coarse,
-            progress=partial(progress, f"{name} model"),
-            rows=rows,
-        )
+        report = partial(progress, f"{name} model")
+        curves: list[Curve]
+        if table.method == "harmonic":
+            curves = [*harmonic_response(model, frequencies, levels, progress=report)]
+        else:
+            curves = response(
+                model,
+                frequencies,
+                levels,
+                steps_per_cycle=scene.time.steps_per_cycle,
+                estimated=scene.accuracy.estimate,
+                executor=executor,
+                workers=workers,
+                coarse=coarse,
+                progress=report,
+                rows=rows,
+            )
         curves = [_with_all_slips(curve, model, system) for curve in curves]
         wall, compiled = watch.read()
         if name == "reduced":
-            notes += [*notes_of(model), *[CREPT] * scene.opens]
+            crept = scene.opens and table.method == "time"
+            notes += [*notes_of(model), *[CREPT] * crept]
         for curve in curves:
             level = f"Level {curve.level:g}"
             notes += [note.replace(level, f"{level}, {name} model", 1) for note in curve.notes]
@@ -323,7 +332,7 @@ def _with_all_slips(curve: Curve, model: System, full: System) -> Curve:
         slip = full.contact.slip_norm(point.course @ slips.T).max(axis=0)
         return replace(point, slip=slip, course=None)
 
-    return Curve(curve.level, tuple(map(changed, curve.points)))
+    return replace(curve, points=tuple(map(changed, curve.points)))
 
 
 def _estimates(

@@ -70,6 +70,8 @@ class SteadyPoint:
         Why no steady vibration was found.
     gross : bool
         Whether a joint slips as a whole: in the vibration, or in the search that was given up.
+    stable : bool or None
+        Whether disturbances vanish, where that was judged: by harmonic balance.
     """
 
     frequency: float
@@ -91,6 +93,7 @@ class SteadyPoint:
     friction_work: FloatArray | None = None
     failure: str | None = None
     gross: bool = False
+    stable: bool | None = None
 
 
 @dataclass(frozen=True)

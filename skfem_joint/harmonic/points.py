@@ -1,0 +1,100 @@
+"""Results of a periodic motion that harmonic balance has found, as steady vibration has them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from skfem_joint.ground.arrays import FloatArray, as_dense
+from skfem_joint.harmonic.balance import Balance
+from skfem_joint.results.loss import Losses
+from skfem_joint.vibration.response import HARMONICS
+from skfem_joint.vibration.response_curve import SteadyPoint
+
+#: Samples of a period in which peaks are looked for: they miss 1e-5 of a first harmonic.
+SAMPLES = 720
+
+
+def point_of(
+    balance: Balance, q: FloatArray, omega: float, force: FloatArray, stable: bool | None
+) -> SteadyPoint:
+    """Results of a motion with coefficients ``q`` (nh, n) under a ``force`` of the same shape."""
+    series, system, u = balance.series, balance.system, balance.outer(q)
+    contact, first = system.contact, series.first
+    work, slip, held = contact_of(balance, q)
+    angle = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)[:, np.newaxis] * series.orders
+    waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(SAMPLES, -1)
+    seen = u @ as_dense(system.P).T
+    course = waves @ seen[first:] + (0.0 if series.odd else seen[0])
+    high, low = course.max(axis=0), course.min(axis=0)
+    harmonics = np.zeros((len(system.points), HARMONICS), dtype=complex)
+    for place, order in enumerate(series.orders.tolist()):
+        if order <= HARMONICS:
+            a = first + 2 * place
+            harmonics[:, order - 1] = seen[a] - 1j * seen[a + 1]
+    pushed = force[first] - 1j * force[first + 1]
+    load = complex(pushed[np.abs(pushed).argmax()])
+    rate = series.rate(q)
+    viscous = float(omega * series.work(rate @ balance.C, q).sum())
+    motion, K = series.basis @ u, as_dense(system.K)
+    strain = 0.5 * np.einsum("ti,ij,tj->t", motion, K, motion) + held
+    strain += [contact.normal.potential(x) for x in motion]
+    moved = contact.slid(work)
+    period = 2.0 * np.pi / omega
+    return SteadyPoint(
+        frequency=1.0 / period,
+        amplitude=0.5 * (high - low),
+        offset=0.5 * (high + low),
+        harmonics=harmonics,
+        phase=np.angle(harmonics[:, 0] / load),
+        slip=slip,
+        friction_energy=float(work.sum()),
+        input_energy=float(series.work(force, q).sum()),
+        share=float(system.slipping_share(moved, period)),
+        gross=system.slips_as_a_whole(moved, period),
+        losses=Losses(
+            np.asarray(work.sum()),
+            np.asarray(viscous),
+            np.asarray(strain.max()),
+            np.asarray(contact.J @ work),
+        ),
+        friction_work=work,
+        state=(motion[0], omega * (series.basis[0] @ series.rate(u))),
+        course=np.vstack([motion, motion[:1]]) if not series.odd else None,
+        stable=stable,
+    )
+
+
+def contact_of(balance: Balance, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Friction energy (m,), J, slip (m,), m, and energy of springs (samples,), J, of a motion."""
+    series, contact = balance.series, balance.system.contact
+    sampled = balance.contact.sampled(series, q, False)
+    rows = contact.on_rows(contact.rubs)
+    springs = contact.on_rows(contact.spring_constants)[rows, np.newaxis]
+    moved = sampled.slip @ series.basis.T
+    friction = sampled.friction + springs * moved
+    by_row, reach = np.zeros((2, rows.size))
+    by_row[rows] = series.work((friction @ series.projection).T, sampled.slip.T)
+    if series.odd:
+        moved = np.hstack([moved, -moved])
+    reach[rows] = np.ptp(moved, axis=1)
+    held = 0.5 * (friction**2 / springs).sum(axis=0)
+    return contact.by_point(by_row), 0.5 * contact.slip_norm(reach), held
+
+
+def state_of(balance: Balance, q: FloatArray, omega: float) -> tuple[FloatArray, ...]:
+    """State at the start of the period, as `integrate` takes it, with friction and limits."""
+    series, contact = balance.series, balance.system.contact
+    sampled = balance.contact.sampled(series, q, False)
+    rows = contact.on_rows(contact.rubs)
+    springs = contact.on_rows(contact.spring_constants)[rows]
+    friction = np.zeros(rows.size)
+    friction[rows] = sampled.friction[:, 0] + springs * (sampled.slip @ series.basis[0])
+    u = balance.outer(q)
+    start = series.basis[0] @ u
+    limits = contact.limits(contact.normal.elastic_forces(start))
+    over = contact.on_rows(limits)
+    sigma = np.divide(friction, over, out=np.zeros_like(friction), where=over > 0.0)
+    size = contact.on_rows(contact.slip_norm(sigma)) * (1.0 + 1e-12)  # round-off is refused
+    sigma /= np.maximum(size, 1.0)
+    state = start, omega * (series.basis[0] @ series.rate(u)), sigma
+    return (*state, limits) if contact.opens else state

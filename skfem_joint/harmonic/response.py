@@ -1,0 +1,282 @@
+"""Steady vibration over frequency by harmonic balance, through turning points.
+
+A level begins at the first frequency, where the load is raised from the level below. Its branch is
+followed to the last frequency with few harmonics, then each of its points is found again with more
+of them until amplitude and friction energy settle, which states their error. What Newton's method
+does not find is marched to, as `skfem_joint.response` does.
+
+Friction is Coulomb's, rigid sticking has stiff springs. Where contact opens stability is judged by
+Hill's method (:mod:`skfem_joint.harmonic.stability`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.progress import Progress, Tally, silent
+from skfem_joint.ground.values import POSITIVE, check_each
+from skfem_joint.harmonic.forced import Place
+from skfem_joint.harmonic.points import state_of
+from skfem_joint.harmonic.search import OF_WORK, STEPS, Search, Settled, change
+from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.stability import stable
+from skfem_joint.reduction.ranges.points import loaded_at
+from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.stepping.recording import Save
+from skfem_joint.system.system import System
+from skfem_joint.vibration.response import steady_plan, suited_steps
+from skfem_joint.vibration.response_curve import Curve, SteadyPoint, nothing_found
+
+#: Springs of rigid sticking: they lower the square of the nearest stuck frequency by one over this.
+STICKING = 3000.0
+#: Results whose errors are stated.
+NAMES = "amplitude", "friction_energy"
+#: Relative errors of these beyond which a note says so.
+DOUBTFUL = 0.01, 0.05
+#: Force that keeps bodies in place, over the friction limits, from which on a note says so.
+HELD = 1e-3
+
+
+@dataclass(frozen=True)
+class BalancedCurve(Curve):
+    """Response at one level of load by harmonic balance.
+
+    Attributes
+    ----------
+    level : float
+    points : tuple of SteadyPoint
+        Along the branch: where it turns frequencies fall. ``point.stable`` says whether
+        disturbances vanish; points with ``point.periods`` above zero were marched to.
+    errors : dict of str to ndarray, shape (points,)
+        Relative changes of ``amplitude`` and ``friction_energy`` with the last rise of harmonics
+        and samples; nan where there was none, and at points that were marched to.
+    series : Series or None
+        Largest one that a point took; None where all points were marched to.
+    why : tuple of str
+        Why points were marched to.
+    sticking : tuple of float
+        Relative distances of both at the largest stable amplitude from rigid sticking; zero where
+        all points have springs.
+    confirmed : dict of int to tuple of float
+        Relative differences of both by time steps with the same springs, at points by number; nan
+        where steps found nothing steady. Empty where it was not asked for.
+    turns : tuple of float
+        Frequencies, Hz, at which the branch turns.
+    held : float
+        Largest mean force that keeps bodies in place which friction alone holds, over the friction
+        limits. It stands for none.
+    """
+
+    errors: Mapping[str, FloatArray] = field(default_factory=dict)
+    series: Series | None = None
+    why: tuple[str, ...] = ()
+    sticking: tuple[float, float] = (0.0, 0.0)
+    confirmed: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    turns: tuple[float, ...] = ()
+    held: float = 0.0
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to beware of, in whole sentences."""
+        own = [f"Level {self.level:g}: {note}" for note in self._own_notes()]
+        return (*super().notes, *own)
+
+    def _own_notes(self) -> Iterator[str]:
+        """Sentences about harmonics, sticking, stability, marching and what it confirms."""
+        marched = [f"{p.frequency:.6g}" for p in self.points if p.periods]
+        for reason in self.why:
+            yield f"{reason}."
+        if marched:
+            yield f"{', '.join(marched)} Hz were marched to, not found by harmonic balance."
+        if self.held > HELD:
+            yield (
+                f"a mean force of {100.0 * self.held:.2g} % of the friction limits keeps bodies in "
+                "place that nothing else holds."
+            )
+        if self.turns:
+            at = ", ".join(f"{f:.6g}" for f in self.turns)
+            yield f"the branch turns at about {at} Hz: there are several vibrations between."
+        if unstable := sum(p.stable is False for p in self.points):
+            yield f"{unstable} of {len(self.points)} points are unstable: no vibration stays there."
+        for number, name in enumerate(NAMES):
+            shown = name.replace("_", " ")
+            error = np.array([*self.errors[name], *self.sticking[number : number + 1]])
+            unknown = np.isnan(self.errors[name]) & (self.column("periods") == 0)
+            if count := np.count_nonzero(unknown):
+                yield f"the error of the {shown} is not known at {count} points."
+            if np.nanmax(error, initial=0.0) > DOUBTFUL[number]:
+                yield (
+                    f"harmonics and springs of sticking leave an error of the {shown} of up to "
+                    f"{100.0 * np.nanmax(error):.2g} %."
+                )
+            apart = [differences[number] for differences in self.confirmed.values()]
+            if np.isnan(apart).any():
+                yield "time steps did not become steady from a point that was to be confirmed."
+            if np.nanmax([0.0, *apart]) > DOUBTFUL[number]:
+                yield (
+                    f"time steps with the same springs differ by {100.0 * np.nanmax(apart):.2g} % "
+                    f"in the {shown}."
+                )
+
+
+def harmonic_response(
+    system: System,
+    frequencies: FloatArray,
+    levels: Sequence[float] = (1.0,),
+    *,
+    confirm: bool = True,
+    sticking: float = STICKING,
+    progress: Progress = silent,
+) -> list[BalancedCurve]:
+    """Steady vibration over frequency by harmonic balance, a curve for each level.
+
+    Parameters
+    ----------
+    system : System
+        Reduced by ``reduce(system, frequency=..., level=...)``, or small, with harmonic loads; its
+        friction acts as Coulomb's, and its contact that opens is elastic.
+    frequencies : ndarray, shape (k,)
+        First harmonics of the loads, Hz, rising. Each has a point on the branch, that turns between
+        them where it does; more points lie where it is steep.
+    levels : sequence of float
+        Factors of the loads' amplitudes.
+    confirm : bool
+        Whether three stable points of each curve are judged by time steps, with the same springs.
+    sticking : float
+        Springs of points that have none of their own, over the stiffness of the structure there.
+    progress : callable, optional
+        Called with (points found, points asked for).
+
+    Returns
+    -------
+    list of BalancedCurve
+        In the order of ``levels``.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to vibrate steadily, a frequency or level is not positive, the system is
+        too large, its contact that opens is rigid, or it is a reduced model made for something
+        else or for a range.
+    ConvergenceError
+        If no point is found.
+    """
+    frequencies, asked = _checked(system, frequencies, levels)
+    tally = Tally(progress, len(asked) * frequencies.size)
+    search = Search.of(system, frequencies, sticking, tally)
+    curves = dict[float, BalancedCurve]()
+    for level in sorted(set(asked)):
+        curves[level] = _curve(search, level, confirm)
+    if not any(curve.found for curve in curves.values()):
+        raise ConvergenceError("; ".join(nothing_found(curve) for curve in curves.values()))
+    return [curves[level] for level in asked]
+
+
+def _checked(
+    system: System, frequencies: FloatArray, levels: Sequence[float]
+) -> tuple[FloatArray, list[float]]:
+    """Frequencies and levels; InputError as `harmonic_response`."""
+    check_each("harmonic_response: frequencies", frequencies, POSITIVE)
+    check_each("harmonic_response: levels", levels, POSITIVE)
+    system.check_any_load("response", max(levels, default=0.0))
+    frequencies = np.asarray(frequencies, dtype=float)
+    if frequencies.size < 2 or np.any(np.diff(frequencies) <= 0.0):
+        raise InputError(
+            "harmonic_response: frequencies: must be two at least, and rise, in Hz: a branch is "
+            "followed from the first to the last"
+        )
+    if system.serves is not None:
+        raise InputError(
+            "harmonic_response: found a reduced model for a range, whose law depends on the "
+            "frequency; give sj.at(model, ...), or one that sj.reduce makes for a response"
+        )
+    if not system.points:
+        raise InputError("harmonic_response: nothing is observed; name a point")
+    if all(load.amplitude.peak_value == 0.0 for load in system.loads):
+        raise InputError("harmonic_response: no load acts; give one an amplitude above 0")
+    loaded_at(system, float(frequencies[0]), 1.0)  # refuses loads without a common period
+    return frequencies, np.asarray(levels, dtype=float).tolist()
+
+
+def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
+    """Curve of a level that is higher than those before."""
+    items, why = search.branches(level)
+    points, errors, settled = list[SteadyPoint](), [], dict[int, Settled]()
+    most = held = 0.0  # friction energy so far, J, and mean force
+    for item in items:
+        if isinstance(item, SteadyPoint):
+            points.append(item)
+            errors.append((np.nan, np.nan))
+            continue
+        found = search.settled(item, level, most)
+        balance = search.forced[found.rung].balance
+        holds = stable(balance, found.place.q, found.place.omega)
+        held = max(held, balance.held_softly(found.place.q))
+        settled[len(points)] = found
+        points.append(replace(found.point, stable=holds))
+        errors.append(found.errors)
+        most = max(most, found.point.friction_energy)
+    curve = BalancedCurve(level, tuple(points), dict(zip(NAMES, np.transpose(errors), strict=True)))
+    judged = _judged(curve, settled)
+    rungs = [found.rung for found in settled.values()]
+    return replace(
+        curve,
+        series=search.forced[max(rungs)].balance.series if rungs else None,
+        why=tuple(why),
+        turns=tuple(_turns([found.place for found in settled.values()])),
+        held=held,
+        sticking=search.sticking(settled[judged[-1]], level)
+        if judged and search.rigid
+        else (0.0, 0.0),
+        confirmed={k: _confirmed(search, settled[k], level) for k in judged if confirm},
+    )
+
+
+def _turns(places: Sequence[Place]) -> Iterator[float]:
+    """Frequencies, Hz, at which a branch turns: the vertex of omega over the arc between places."""
+    for here, there in pairwise(places):
+        before, after = float(here.along[-1]), float(there.along[-1])
+        if before * after < 0.0:
+            rise = 0.5 * there.arc * before**2 / (before - after)
+            yield (here.omega + rise) / (2.0 * np.pi)
+
+
+def _judged(curve: BalancedCurve, settled: Mapping[int, Settled]) -> list[int]:
+    """Numbers of three stable points: of about a quarter and half of the largest amplitude, and it.
+
+    Fewer where there are not so many.
+    """
+    known = [k for k in settled if curve.points[k].stable]
+    if not known:
+        return []
+    reach = np.array([curve.points[k].amplitude.max() for k in known])
+    shares = reach.max() * np.array([0.25, 0.5, 1.0])
+    return list(dict.fromkeys(known[int(np.abs(reach - share).argmin())] for share in shares))
+
+
+def _confirmed(search: Search, found: Settled, level: float) -> tuple[float, float]:
+    """Relative differences of amplitude and friction energy of a point by time steps.
+
+    nan where these do not become steady.
+    """
+    point, forced = found.point, search.forced[found.rung]
+    loaded = loaded_at(search.system, point.frequency, level)
+    plan = replace(steady_plan(loaded, suited_steps(loaded, STEPS)), save=Save())
+    start = state_of(forced.balance, found.place.q, found.place.omega)
+    try:
+        run = integrate_plan(loaded, plan, initial=start)
+    except ConvergenceError:
+        return np.nan, np.nan
+    amplitude = float(run.vibration.amplitude.max())
+    energy = float(run.friction_work.sum())
+    least = OF_WORK * point.input_energy
+    return (
+        change(amplitude, float(point.amplitude.max())),
+        change(energy, point.friction_energy, least),
+    )

@@ -1,0 +1,255 @@
+"""Search for the branches of a forced system at rising levels.
+
+A level begins at the first frequency, where the load is raised from the level below. Its branch is
+followed to the last frequency with few harmonics. Then each of its points is found again with more
+of them until amplitude and friction energy settle. Where the branch is lost the next frequency is
+marched to, and the branch is followed on from there, if Newton's method finds it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.progress import Tally
+from skfem_joint.harmonic.balance import MOST, Balance
+from skfem_joint.harmonic.forced import ByFrequency, ByLevel, Forced, Place, branch, corrected
+from skfem_joint.harmonic.newton import followed, solved
+from skfem_joint.harmonic.points import point_of
+from skfem_joint.harmonic.series import Series
+from skfem_joint.reduction.ranges.points import period_of
+from skfem_joint.steady.steady import odd_loads
+from skfem_joint.system.system import System
+from skfem_joint.vibration.response import steady_point
+from skfem_joint.vibration.response_curve import SteadyPoint
+
+#: Harmonics and samples, raised until amplitude and friction energy settle.
+LADDER = (5, 128), (9, 256), (15, 512), (19, 1024), (31, 2048)
+#: Relative changes of amplitude and friction energy by which they have settled.
+SETTLED = 1e-3, 1e-2
+#: Friction energies below these shares, of the largest so far and of the work of the loads, count
+#: as so large where their change is taken.
+LEAST, OF_WORK = 0.02, 1e-3
+#: Steps in a period of vibration that is marched to.
+STEPS = 200
+#: Springs of rigid sticking are this much softer where their error is judged.
+SOFTER = 10.0
+
+
+class Settled(NamedTuple):
+    """A point with as many harmonics as it takes.
+
+    Attributes
+    ----------
+    place : Place
+    rung : int
+        Number of the equations that it solves.
+    point : SteadyPoint
+    errors : tuple of float
+        Relative changes of amplitude and friction energy with the last rise of harmonics.
+    """
+
+    place: Place
+    rung: int
+    point: SteadyPoint
+    errors: tuple[float, float]
+
+
+def change(new: float, old: float, least: float = 0.0) -> float:
+    """Relative change of a value; of ``least`` if that is more."""
+    size = max(abs(new), least)
+    return abs(new - old) / size if size > 0.0 else 0.0
+
+
+@dataclass
+class Search:
+    """Search for branches at rising levels.
+
+    Attributes
+    ----------
+    system : System
+        With springs of sticking and Coulomb's law.
+    forced : list of Forced
+        With more and more harmonics.
+    softer : list of Forced
+        The same with softer springs of sticking.
+    frequencies : ndarray, shape (k,)
+        Asked for, Hz.
+    tally : Tally
+    rigid : bool
+        Whether any point of the given system sticks rigidly.
+    linear : ndarray, shape (nh, n)
+        Motion at the first frequency and a level of 1, if nothing slips.
+    start : ndarray, shape (nh, n)
+        Motion at the first frequency and ``level``.
+    level : float
+    """
+
+    system: System
+    forced: list[Forced]
+    softer: list[Forced]
+    frequencies: FloatArray
+    tally: Tally
+    rigid: bool
+    linear: FloatArray
+    start: FloatArray
+    level: float = 0.0
+
+    @classmethod
+    def of(cls, system: System, frequencies: FloatArray, sticking: float, tally: Tally) -> Search:
+        """At rest, with springs of ``sticking`` over the stiffness of the structure."""
+        odd, period = odd_loads(system), period_of(system)
+        parts = [part for load in system.loads for part in load.amplitude.harmonics]
+        loaded = max(round(part.frequency * period) for part in parts)
+        rungs = [Series(max(highest, loaded), samples, odd) for highest, samples in LADDER]
+        reference = 2.0 * np.pi * float(np.sqrt(frequencies[0] * frequencies[-1]))
+        used = [rungs[0], *(x for x in rungs[1:] if x.size * system.n <= MOST)]
+        balances = [
+            Balance.of(system, rungs[0], reference, factor)
+            for factor in (sticking, sticking / SOFTER)
+        ]
+        forced, softer = (
+            [Forced.of(balance.refined(series), system, period) for series in used]
+            for balance in balances
+        )
+        rest = np.zeros((rungs[0].size, system.n))
+        at_rest = ByLevel(forced[0], 2.0 * np.pi * float(frequencies[0]), 1.0)
+        linear = forced[0].motion(solved(at_rest, rest.ravel(), 0.0).tangent)
+        coulomb = balances[0].system.with_beta(np.inf)
+        rigid = bool(np.any(system.contact.rubs & ~system.contact.sprung))
+        return cls(coulomb, forced, softer, frequencies, tally, rigid, linear, rest)
+
+    @property
+    def targets(self) -> FloatArray:
+        """Angular frequencies asked for, rad/s."""
+        return 2.0 * np.pi * self.frequencies
+
+    @property
+    def grid(self) -> float:
+        """Mean distance of these, rad/s."""
+        return float(np.ptp(self.targets)) / (self.targets.size - 1)
+
+    def branches(self, level: float) -> tuple[list[Place | SteadyPoint], list[str]]:
+        """Points of a level above those before, some of them marched to, and why these are."""
+        found, why, after = list[Place | SteadyPoint](), list[str](), 0
+        state, place = None, None
+        try:
+            place = self._raised(level)
+        except ConvergenceError as error:
+            why.append(f"the load is not raised at {self.frequencies[0]:.6g} Hz ({error})")
+        while True:
+            if place is not None:
+                found.append(place)
+                try:
+                    ahead = branch(self.forced[0], level, place, self.targets, self.grid)
+                    for place in ahead:
+                        found.append(place)
+                        self.tally.add(int(place.asked))
+                    if place.omega < self.targets[-1] * (1.0 - 1e-9):
+                        why.append("the branch turns back below the first frequency")
+                except ConvergenceError as error:
+                    why.append(str(error))
+                reached = max(x.omega for x in found if isinstance(x, Place))
+                after = max(after, int(np.searchsorted(self.targets, reached * (1.0 + 1e-9))))
+            if after >= self.targets.size:
+                return found, why
+            frequency = float(self.frequencies[after])
+            marched = steady_point(self.system, frequency, level, STEPS, state)
+            self.tally.add()
+            after, state = after + 1, marched.state
+            place = self._taken_up(marched, level)
+            if place is None:
+                found.append(marched)
+
+    def _raised(self, level: float) -> Place:
+        """Place at the first frequency; ConvergenceError if it is not found."""
+        omega, forced = float(self.targets[0]), self.forced[0].sized(level * self.linear)
+        equations, at = ByLevel(forced, omega, level), self.level / level
+        below = solved(equations, forced.scaled(self.start), at)
+        *_, (_, point) = followed(equations, below, at, 1.0, least=1e-3)
+        self.start, self.level = forced.motion(point.y), level
+        return self._placed(self.start, level, omega)
+
+    def _placed(self, q: FloatArray, level: float, omega: float) -> Place:
+        """Place at an asked frequency near a motion; ConvergenceError if there is none."""
+        forced = self.forced[0].sized(q)
+        reference = forced.balance.reference
+        point = solved(ByFrequency(forced, level), forced.scaled(q), omega / reference)
+        along = np.append(forced.motion(point.tangent).ravel(), reference)
+        return Place(forced.motion(point.y), omega, along, True)
+
+    def _taken_up(self, marched: SteadyPoint, level: float) -> Place | None:
+        """Place at a vibration that was marched to; None if it is not found from there."""
+        if marched.course is None:
+            return None
+        balance = self.forced[0].balance
+        series, course = balance.series, marched.course[:-1]
+        waves = np.fft.rfft(course, axis=0) / len(course)
+        u = np.zeros((series.size, balance.system.n))
+        u[: series.first] = waves[0].real
+        u[series.first :: 2] = 2.0 * waves[series.orders].real
+        u[series.first + 1 :: 2] = -2.0 * waves[series.orders].imag
+        try:
+            return self._placed(balance.inner(u), level, 2.0 * np.pi * marched.frequency)
+        except ConvergenceError:
+            return None
+
+    def settled(self, place: Place, level: float, most: float) -> Settled:
+        """Point with as many harmonics as it takes; ``most`` is the largest energy so far, J.
+
+        Its errors are nan where none beyond the fewest harmonics are found.
+        """
+        found = Settled(place, 0, _point(self.forced[0], place, level), (np.nan, np.nan))
+        for rung, finer in enumerate(self.forced[1:], start=1):
+            try:
+                start = finer.refined(self.forced[rung - 1], found.place)
+                place = corrected(finer, level, start, self.grid)
+            except ConvergenceError:
+                break
+            point, before = _point(finer, place, level), found.point
+            errors = (
+                change(float(point.amplitude.max()), float(before.amplitude.max())),
+                change(
+                    point.friction_energy,
+                    before.friction_energy,
+                    max(LEAST * most, OF_WORK * point.input_energy),
+                ),
+            )
+            found = Settled(place, rung, point, errors)
+            if all(error <= bound for error, bound in zip(errors, SETTLED, strict=True)):
+                break
+        return found
+
+    def sticking(self, found: Settled, level: float) -> tuple[float, float]:
+        """Relative distances of amplitude and friction energy from rigid sticking.
+
+        By softer springs, as distances fall with the stiffness; nan where these have no solution.
+        """
+        stiff, soft, place = self.forced[found.rung], self.softer[found.rung], found.place
+        q, along = (
+            soft.balance.inner(stiff.balance.outer(x))
+            for x in (place.q, place.along[:-1].reshape(place.q.shape))
+        )
+        try:
+            place = corrected(
+                soft,
+                level,
+                Place(q, place.omega, np.append(along, place.along[-1]), True),
+                self.grid,
+            )
+        except ConvergenceError:
+            return np.nan, np.nan
+        point, other = found.point, _point(soft, place, level)
+        amplitudes = float(point.amplitude.max()), float(other.amplitude.max())
+        energies = point.friction_energy, other.friction_energy
+        least = OF_WORK * point.input_energy
+        return change(*amplitudes) / (SOFTER - 1.0), change(*energies, least) / (SOFTER - 1.0)
+
+
+def _point(forced: Forced, place: Place, level: float) -> SteadyPoint:
+    """Results of a place, without its stability."""
+    return point_of(forced.balance, place.q, place.omega, level * forced.force, None)

@@ -1,0 +1,67 @@
+"""Stability of periodic motions by Hill's method, from the derivative of the balance.
+
+A disturbance exp(lambda t) times a periodic motion obeys the linear equations
+
+    J + lambda (C + 2 omega D) + lambda^2,
+
+J being the derivative of the balance and D that of coefficients by the angle. Exponents whose
+imaginary parts lie within half of omega are the Floquet exponents; others are their copies, shifted
+by multiples of omega, which a finite number of harmonics distorts. The disturbance of friction is
+taken for one that repeats with the period: exact for lambda = 0, at turning points, and good for
+disturbances that change slowly.
+
+Modes far above the highest harmonic follow without inertia.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import linalg
+
+from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.harmonic.balance import Balance
+
+#: Modes up to so many times the highest harmonic keep their inertia, and so many at least.
+INERT, LEAST = 3.0, 3
+#: Exponent of a growth that is told.
+MOST = 100.0
+#: Growth of a disturbance in a period beyond which a motion is not stable.
+GROWS = 1e-5
+
+
+def multipliers(balance: Balance, q: FloatArray, omega: float) -> FloatArray:
+    """Floquet multipliers of a motion with coefficients ``q`` (nh, n), complex, largest first."""
+    series, n = balance.series, balance.frequencies.size
+    J = balance.residual(q, omega).derivative
+    assert J is not None
+    keeps = balance.frequencies <= INERT * series.highest * omega
+    keeps[: min(LEAST, n)] = True
+    size, low = series.size, int(np.count_nonzero(keeps))
+    own = np.tile(keeps, size)
+    J = J.reshape(size * n, size * n) / np.outer(*[np.tile(balance.scale, size)] * 2)
+    stiffness = J[np.ix_(own, own)]
+    if not own.all():
+        follows = linalg.solve(J[np.ix_(~own, ~own)], J[np.ix_(~own, own)])
+        stiffness = stiffness - J[np.ix_(own, ~own)] @ follows
+    by = np.tile(balance.scale[keeps], size) / omega  # of disturbances in periods
+    stiffness = stiffness * np.outer(by, by)
+    D = series.rate(np.eye(size))
+    damping = np.kron(np.eye(size), balance.C[np.ix_(keeps, keeps)] / omega)
+    damping = damping + np.kron(2.0 * D, np.eye(low))
+    none, one = np.zeros_like(stiffness), np.eye(size * low)
+    exponents = linalg.eigvals(np.block([[none, one], [-stiffness, -damping]]))
+    nearest = np.argsort(np.abs(exponents.imag), kind="stable")[: 2 * low]
+    found = np.exp(np.minimum(2.0 * np.pi * exponents[nearest].real, MOST)) * np.exp(
+        2j * np.pi * exponents[nearest].imag
+    )
+    return np.asarray(found[np.argsort(-np.abs(found))])
+
+
+def stable(balance: Balance, q: FloatArray, omega: float) -> bool:
+    """Whether no disturbance of a motion grows.
+
+    With constant contact none does: friction is monotone.
+    """
+    if not balance.system.contact.opens:
+        return True
+    return bool(np.abs(multipliers(balance, q, omega)[0]) <= 1.0 + GROWS)

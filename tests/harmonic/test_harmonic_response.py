@@ -1,0 +1,219 @@
+"""Responses by harmonic balance: folds, stability, and time steps beside them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import skfem_joint as sj
+from skfem_joint.ground.errors import InputError
+from skfem_joint.harmonic.balance import Balance
+from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.stability import multipliers
+from skfem_joint.output.damping import response_figure
+from skfem_joint.scene.shipped import shipped_scene
+from skfem_joint.study.scene_response import scene_response
+
+#: Oscillator of unit mass and stiffness that meets a spring at a gap of 1.
+SPRING, DAMPING, FORCE = 3.0, 0.02, 0.1
+
+
+def oscillator():
+    one = np.ones(1)
+    normal = sj.NormalPart(np.eye(1), one, 0.0 * one, SPRING * one, one)
+    contact = sj.Contact(np.eye(1), [0.0], np.inf, normal=normal, gain=np.zeros((1, 1)))
+    load = sj.AppliedLoad(np.ones(1), sj.Harmonic(FORCE, 0.1), "mass")
+    damping = 2.0 * DAMPING * np.eye(1)
+    return sj.System(np.eye(1), damping, np.eye(1), contact, (load,), np.eye(1), ("mass",))
+
+
+def path(f, state, periods, **ways):
+    """Motion over some periods of a force of ``f`` Hz, from a state."""
+    omega = 2.0 * np.pi * f
+
+    def rate(t, y):
+        force = FORCE * np.sin(omega * t) - 2.0 * DAMPING * y[1] - y[0]
+        return y[1], force - SPRING * max(y[0] - 1.0, 0.0)
+
+    return solve_ivp(rate, (0.0, periods / f), state, rtol=1e-9, atol=1e-11, **ways).y
+
+
+def followed(f, state, periods=100):
+    """Half of peak to peak in the last of some periods."""
+    times = np.linspace(periods - 1.0, periods, 400) / f
+    return 0.5 * np.ptp(path(f, state, periods, t_eval=times)[0])
+
+
+@pytest.fixture(scope="module")
+def curve():
+    frequencies = np.linspace(0.8, 1.5, 24) / (2.0 * np.pi)
+    (found,) = sj.harmonic_response(oscillator(), frequencies, confirm=False)
+    return found
+
+
+def test_a_branch_passes_both_turning_points(curve):
+    """It turns back at the higher frequency first, and is unstable up to the lower one."""
+    high, low = curve.turns
+    assert high > 1.08 * low
+    f, stable = curve.column("frequency"), curve.column("stable").astype(bool)
+    assert np.all(stable[: int(np.argmax(np.diff(f) < 0.0))])
+    unstable = f[~stable]
+    assert unstable.size > 5
+    assert np.all(np.diff(unstable) < 0.0)
+    assert unstable.max() < high + 1e-4
+    assert unstable.min() > low - 1e-4
+
+
+@pytest.mark.parametrize("share", [0.2, 0.8])
+def test_both_stable_branches_attract_and_the_middle_one_does_not(curve, share):
+    """Between the turning points time steps end on one of the outer ones."""
+    high, low = curve.turns
+    f, reach = curve.column("frequency"), curve.column("amplitude")[:, 0]
+    stable, number = curve.column("stable").astype(bool), np.arange(f.size)
+    first = int(np.argmin(stable))
+    k = int((np.abs(f - low - share * (high - low)) + stable).argmin())
+    middle = curve.points[k]
+    assert not middle.stable
+    found = []
+    for kick in (-0.3, 0.3):
+        u, v = (float(x[0]) for x in middle.state)
+        found.append(followed(f[k], (u * (1.0 + kick), v * (1.0 + kick))))
+    upper, lower = (
+        float(np.interp(f[k], f[part], reach[part]))
+        for part in (stable & (number < first), stable & (number > first))
+    )
+    assert lower < reach[k] < upper
+    np.testing.assert_allclose(sorted(found), [lower, upper], rtol=0.02)
+
+
+def test_the_peak_lies_on_the_free_vibration(curve):
+    """Lightly damped: the period of free vibration with this amplitude, by its two half waves."""
+    k = int(curve.column("amplitude")[:, 0].argmax())
+    reach, offset = curve.points[k].amplitude[0], curve.points[k].offset[0]
+    lowest = reach - offset  # on the side without the spring
+    stiff, speed = np.sqrt(1.0 + SPRING), np.sqrt(lowest**2 - 1.0)
+    beyond = 1.0 / (1.0 + SPRING)  # of the gap, from where the spring's forces are in balance
+    pressed = 2.0 / stiff * np.arctan2(-speed / stiff, beyond)
+    period = 2.0 * np.pi - 2.0 * np.arccos(1.0 / lowest) - pressed
+    assert curve.points[k].frequency == pytest.approx(1.0 / period, rel=5e-3)
+
+
+def balance_of(system, highest=5):
+    return Balance.of(system, Series(highest, 2048, odd=False), 1.0, 1000.0)
+
+
+def test_multipliers_of_a_linear_system_are_closed():
+    rng = np.random.default_rng(3)
+    frequency, ratio, omega = np.array([0.9, 2.3, 4.1]), np.array([0.01, 0.04, 0.02]), 1.3
+    shapes = np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    C, K = (shapes * x @ shapes.T for x in (2.0 * ratio * frequency, frequency**2))
+    balance = balance_of(sj.System(np.eye(3), C, K))
+    found = np.abs(multipliers(balance, np.zeros((balance.series.size, 3)), omega))
+    exact = np.exp(-2.0 * np.pi * ratio * frequency / omega)
+    np.testing.assert_allclose(found, np.sort(np.repeat(exact, 2))[::-1], rtol=1e-9)
+
+
+def test_multipliers_are_those_of_the_map_of_a_period(curve):
+    """By differences of time steps over a period, on each of the branches."""
+    system = oscillator()
+    for k in (11, 19):
+        point = curve.points[k]
+        u, v = (float(x[0]) for x in point.state)
+        step = 1e-5
+        ends = [
+            path(point.frequency, (u + a, v + b), 1)[:, -1]
+            for a, b in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
+        ]
+        J = np.column_stack([ends[0] - ends[1], ends[2] - ends[3]])
+        exact = np.linalg.eigvals(J / (2.0 * step))
+        harmonics = 15
+        balance = balance_of(system, harmonics)
+        course = np.fft.rfft(point.course[:-1, 0]) / (len(point.course) - 1)
+        q = np.zeros((balance.series.size, 1))
+        q[0] = course[0].real
+        q[1::2, 0], q[2::2, 0] = (
+            2.0 * course[1 : harmonics + 1].real,
+            -2.0 * course[1 : harmonics + 1].imag,
+        )
+        found = multipliers(balance, q, 2.0 * np.pi * point.frequency)
+        np.testing.assert_allclose(np.abs(found[0]), np.abs(exact).max(), rtol=2e-3)
+
+
+def chain():
+    """Two masses, a slider on a spring between the second one and the base."""
+    K = 1e6 * np.array([[2.0, -1.0], [-1.0, 1.0]])
+    return sj.System.from_matrices(
+        np.eye(2), K, contact=sj.point_friction([0.0, 1.0], 20.0, stiffness=3e5),
+        loads={"last": (1, sj.Harmonic(30.0, 100.0))}, points={"last": 1}, stiffness_damping=1e-5,
+    )  # fmt: skip
+
+
+def test_a_slider_responds_as_in_time_steps():
+    system, frequencies = chain(), np.linspace(95.0, 125.0, 7)
+    levels = (0.3, 1.0, 3.0)
+    ways = {"steps_per_cycle": 1600, "refined": False, "estimated": False}
+    marched = sj.response(system, frequencies, levels, **ways)
+    for curve, other in zip(
+        sj.harmonic_response(system, frequencies, levels), marched, strict=True
+    ):
+        f = curve.column("frequency")
+        rows = [int(np.abs(f - frequency).argmin()) for frequency in frequencies]
+        for name, near in (("amplitude", 2e-3), ("friction_energy", 1e-2)):
+            ours, theirs = curve.column(name)[rows], other.column(name)
+            np.testing.assert_allclose(ours, theirs, rtol=near, atol=1e-3 * theirs.max())
+        assert not curve.why
+        assert all(max(apart) < 1e-3 for apart in curve.confirmed.values())
+        assert curve.column("stable").all()
+
+
+def test_energies_of_a_period_are_in_balance():
+    (curve,) = sj.harmonic_response(chain(), np.linspace(95.0, 125.0, 4), (1.0,), confirm=False)
+    for point in curve.points:
+        assert point.input_energy == pytest.approx(float(point.losses.lost), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"frequencies": np.array([100.0])}, "must be two at least"),
+        ({"frequencies": np.array([100.0, 90.0])}, "must be two at least, and rise"),
+        ({"levels": [-1.0]}, "levels"),
+        ({"system": replace(chain(), loads=())}, "no load acts"),
+        ({"system": replace(chain(), P=None, points=())}, "nothing is observed"),
+    ],
+)
+def test_what_has_no_response_is_refused(changes, message):
+    given = {"system": chain(), "frequencies": np.array([90.0, 100.0]), "levels": [1.0]} | changes
+    with pytest.raises(InputError, match=message):
+        sj.harmonic_response(**given)
+
+
+@pytest.fixture(scope="module")
+def of_scene():
+    scene = sj.load_scene(shipped_scene("structure_harmonic")).changed(
+        models={"run": ["reduced"]}, accuracy={"estimate": False},
+        response={"frequencies": {"from": 2100.0, "to": 2600.0, "points": 4}, "levels": [0.03],
+                  "method": "harmonic"},
+    )  # fmt: skip
+    return scene_response(scene)
+
+
+def test_a_scene_has_the_response_of_python(of_scene):
+    system = of_scene.scene.system()
+    model = sj.reduce(system, frequency=float(of_scene.frequencies[2]), level=0.03)
+    (other,) = sj.harmonic_response(model, of_scene.frequencies, [0.03])
+    (curve,) = of_scene.models[0].curves
+    for name in ("frequency", "amplitude", "friction_energy"):
+        np.testing.assert_allclose(curve.column(name), other.column(name), rtol=1e-6)
+
+
+def test_unstable_points_are_dashed(of_scene):
+    (model,) = of_scene.models
+    (curve,) = model.curves
+    points = [replace(p, stable=k not in (1, 2)) for k, p in enumerate(curve.points)]
+    part = replace(model, curves=[replace(curve, points=tuple(points))])
+    panel = response_figure(replace(of_scene, models=[part])).axes[0]
+    whole, dashed = (np.isfinite(line.get_ydata()) for line in panel.lines[-2:])
+    np.testing.assert_array_equal(np.flatnonzero(~whole), [1, 2])
+    np.testing.assert_array_equal(np.flatnonzero(dashed), [0, 1, 2, 3])
