@@ -2,34 +2,36 @@
 
 The folders of the package; a module imports only from its own folder and those above it:
 
-===========  =====================================================================================
-ground       errors, arrays, files, loads (force over time), progress, compilation
-linalg       compressed rows, factors, Schur complements, shifts, compiled kernels
-system       `System`, the type of all models, its contact, modes and files:
-             ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
-mesh         named meshes of lines, triangles, quadrilaterals, tetrahedra and hexahedra: read,
-             checked, built, merged, refined, written
-body         elastic bodies: mass, stiffness, stress
-joint        joints, pressure, preload, and the contact manifold with its friction limits
-structure    `Structure`, which makes a `System` of bodies and joints; `MatrixModel` for matrices
-minimise     the step problem ``1/2 v H v - g v + sum w psi(|B v|)``: the law of friction, the
-             protocol, and three methods: front elimination on chains, truncated nonsmooth
-             Newton, primal-dual Newton
-stepping     time steps: the plan of a run, schemes, steppers, the compiled time loop, energies,
-             recording, checkpoints
-slow         quasi-static levels and their derivatives
-steady       steady vibration
-runs         `integrate` and `quasi_static`, and whether a step is short enough
-reduction    proper orthogonal modes, the static slip path, bases, fewer friction points,
-             condensation, active lengths; in ``scaled`` the paper's scaled modes
-scene        the text file that describes a run, checked as a whole, and the reference of its keys
-results      slips, stress and active regions of a run, natural modes
-accuracy     estimated errors
-vibration    damping over amplitude, ring-downs, response over frequency
-fitting      measured curves and fits to them
-study        scenes, run and compared; error against run time; sweeps of many scenes
-output       tables, histories, fields for ParaView, pictures
-===========  =====================================================================================
+============  ====================================================================================
+ground        errors, arrays, files, loads (force over time), progress, compilation
+matrix_files  matrices as Abaqus, CalculiX, Nastran and ANSYS write them
+linalg        compressed rows, factors, Schur complements, shifts, compiled kernels
+system        `System`, the type of all models, its contact, modes and files:
+              ``M a + C v + K u + B^T (w sigma(B v)) = f(t)``
+mesh          named meshes of lines, triangles, quadrilaterals, tetrahedra, hexahedra and prisms:
+              read, checked, built, merged, refined, written
+body          elastic bodies: mass, stiffness, stress
+joint         joints, pressure, preload, and the contact manifold with its friction limits
+structure     `Structure`, which makes a `System` of bodies and joints; `MatrixModel` for matrices
+minimise      the step problem ``1/2 v H v - g v + sum w psi(|B v|)``: the law of friction, the
+              protocol, and three methods: front elimination on chains, truncated nonsmooth
+              Newton, primal-dual Newton
+stepping      time steps: the plan of a run, schemes, steppers, the compiled time loop, energies,
+              recording, checkpoints
+slow          quasi-static levels and their derivatives
+steady        steady vibration
+runs          `integrate` and `quasi_static`, and whether a step is short enough
+reduction     proper orthogonal modes, the static slip path, bases, fewer friction points,
+              condensation, active lengths; in ``scaled`` the paper's scaled modes
+scene         the text file that describes a run, checked as a whole, and the reference of its keys
+results       slips, stress and active regions of a run, natural modes
+accuracy      estimated errors
+vibration     damping over amplitude, ring-downs, response over frequency, random vibration
+harmonic      harmonic balance: nonlinear modes into gross slip
+fitting       measured curves and fits to them
+study         scenes, run and compared; error against run time; sweeps of many scenes
+output        tables, histories, fields for ParaView, pictures
+============  ====================================================================================
 
 How a scene is computed: `scene.load_scene` reads it and `mesh.load_meshes` its mesh. `Structure`
 makes the `System`, `runs.integrate` the run, and `reduction` the smaller system, which is run in

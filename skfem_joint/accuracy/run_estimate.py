@@ -29,9 +29,10 @@ def estimate(
     """Estimate the errors of a run: of a full model, or one that `reduce` or `condense` made.
 
     A full model is judged by its time step, a reduced or condensed one by its basis, its law, its
-    friction points and its time step, without a run of the full model; a point of a range by the
-    larger model that it carries. Of a law with a finite beta the distance from Coulomb's law stands
-    apart, as ``parts["coulomb"]``.
+    friction points and its time step; a point of a range by the larger model that it carries. The
+    full model is run for a reduced one only on bars, whose steps cost next to nothing, and in
+    quasi-static runs with large contact. Of a law with a finite beta the distance from Coulomb's
+    law stands apart, as ``parts["coulomb"]``.
 
     Parameters
     ----------

@@ -39,9 +39,9 @@ is the first model with more modes, whose steps cost a tenth of the last one's, 
 only where the two differ by more than the step does. No more modes are added where what the last
 ones changed is small beside the error of the step. (Two lapped solids with 384 points: the step
 errs by 2.4 % in the friction energy on 47 vectors and on 143, by 14.0 and 14.9 % in the work of the
-loads.) Ladders of condensed and reduced
-models end with the cycle in which their run has become steady; if it does not they are whole runs.
-No step of the full model is taken, but in quasi-static runs with large contact.
+loads.) Ladders of condensed and reduced models end with the cycle in which their run has become
+steady; if it does not they are whole runs. For them no step of the full model is taken, except of
+chains, whose steps cost next to nothing, and in quasi-static runs with large contact.
 """
 
 from __future__ import annotations
@@ -371,8 +371,9 @@ def _with_added_modes(
 ) -> Estimate:
     """Errors of a reduced model by modes that it misses, where no condensed model is run.
 
-    All rungs but the first have a steeper law, if the full model has one: with the law of a poor
-    basis, points would still creep although the added modes let them stick.
+    The rungs of points and of the first modes keep the model's law. From the rung of the law on it
+    is steeper, if the full model's is: with the law of a poor basis points would still creep
+    although the added modes let them stick.
     """
     V, merge = basis.V, basis.merging(system, MANY, MERGED)
     residual = Residual(system, basis.stiffness)

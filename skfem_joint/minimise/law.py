@@ -47,21 +47,28 @@ the arctangent, and have to be revised too:
 - `graph` and `graph_parameters`: their comparison law z / (z + 1) must rise to 1 in a width of the
   same order;
 - `System.slipping`: a point creeps by period / beta in a period, the slip at half of its friction
-  limit, where z = 1; `skfem_joint.reduction.active_length.gross_slip`, the points of reduced models
-  for a range (`skfem_joint.reduction.ranges.points`) and the warnings of
-  `skfem_joint.study.summary` use the same creep;
+  limit, where z = 1; `skfem_joint.stepping.recording.Recorder`,
+  `skfem_joint.reduction.active_length.gross_slip`, the points of reduced models for a range
+  (`skfem_joint.reduction.ranges.points`) and the warnings of `skfem_joint.study.summary` use the
+  same creep, a note of `skfem_joint.vibration.backbone` the velocity 1 / beta;
 - `skfem_joint.reduction.models.reduced_on` and `static_path`: beta is limited to the inverse of
   the slip velocity that modes resolve, for the law is steep where z < 1;
 - `skfem_joint.accuracy.rungs`: the error of a less steep law is proportional to 1 / beta.
 
 To add a law beside the arctangent takes more, since a contact point carries no kind of law, only
 its beta, and the value ``inf`` stands for Coulomb's law. A kind, or a further parameter, has to
-pass through all that carries beta: the scene's `JointTable.law`; `Joint`, `contact` and
-`point_friction` (`skfem_joint.joint`); `SlipRows` (`skfem_joint.system.slips`); `System` with its
-projection and its file; the merging of points (`skfem_joint.reduction.friction_points`);
-`ContactPoints` (`skfem_joint.minimise.problem`); and the named tuples of the compiled loops,
-`Chain` and `DenseRows`, with the arguments of `contact_loops`. The scalar functions then choose by
-it.
+pass through all that carries beta: the scene's `JointTable.law`; `Joint`, `contact`,
+`point_friction` and `point_contact` (`skfem_joint.joint`), and joints of given matrices
+(`skfem_joint.structure.matrices`); `SlipRows` (`skfem_joint.system.slips`); `Contact`
+(`skfem_joint.system.contacts`) with `steepest`, `no_steeper` and `with_beta`, and `System` with its
+projection and its file; the merging of points (`skfem_joint.reduction.friction_points`), the points
+of reduced models in results (`skfem_joint.results.contact_history`) and missing modes
+(`skfem_joint.reduction.missing_modes`); `ContactPoints` (`skfem_joint.minimise.problem`);
+quasi-static levels (`skfem_joint.slow.quasi_static`), friction along a motion
+(`skfem_joint.runs.friction_along`) and warped time (`skfem_joint.stepping.warp`); and the named
+tuples of the compiled loops, `Chain` and `DenseRows`, with the arguments of `contact_loops`. The
+scalar functions then choose by it. Runs without inertia, damping curves and
+`skfem_joint.harmonic` take Coulomb's law in place of any finite beta.
 """
 
 # numba infers the types of compiled functions:

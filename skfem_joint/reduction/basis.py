@@ -227,8 +227,8 @@ class Basis:
         instead = "; or take reference = 'static'" if options.reference == "paper" else ""
         sentence = (
             f"The {self.V.shape[1]} vectors of the reduced model cannot follow "
-            f"{100 * min(missed, 1.0):.2g} % of the full model's displacement (norm of strain "
-            f"energy); use more modes{instead}."
+            f"{100 * min(missed, 1.0):.2g} % of the displacement in the run that they are judged "
+            f"by (norm of strain energy); use more modes{instead}."
         )
         if missed > 0.5 and not enriched:
             raise InputError(sentence)

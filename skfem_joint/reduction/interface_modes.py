@@ -52,8 +52,8 @@ MOST_DRIVEN = 20
 TOLERANCE = 1e-06
 #: Share in the response, relative to the static one, beyond what other modes follow.
 LEAST_BESIDE = 0.01
-#: With "auto" at most max(few_beside, joint modes // modes_for_one) modes stand beside the joint
-#: modes of the static path.
+#: With "auto" the max(FEW_BESIDE, joint modes // MODES_FOR_ONE) modes with the largest shares may
+#: stand beside the joint modes of the static path; `beside` drops some of them.
 FEW_BESIDE, MODES_FOR_ONE = 2, 6
 #: Lowest modes of which `participating` chooses.
 CANDIDATES = 40

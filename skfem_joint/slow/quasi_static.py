@@ -1,4 +1,4 @@
-"""Quasi-static response to slowly changing forces under Coulomb friction, without inertia.
+"""Quasi-static response to slowly changing forces with friction, without inertia.
 
 From the state before, each increment d of the displacement solves
 
@@ -6,9 +6,11 @@ From the state before, each increment d of the displacement solves
 
 the step problem with the stiffness for its matrix and the increment for its unknown
 (:mod:`skfem_joint.minimise.problem`). The rows N are those of contact that opens, whose forces at
-the end of the increment set the limits w; without them limits are constant. Points that stick do so
-exactly; reversals and histories of loads need no special treatment. Within an increment the
-direction of slip is constant: increments must be short enough to resolve how it turns.
+the end of the increment set the limits w; without them limits are constant. The law is Coulomb's,
+under which points that stick do so exactly. Only where `QuasiStatic.follow` is told when levels are
+reached, and limits are constant, it is the system's own, with beta over the time of an increment.
+Reversals and histories of loads need no special treatment. Within an increment the direction of
+slip is constant: increments must be short enough to resolve how it turns.
 
 Dense systems, which come from reduction, have more contact points than unknowns, so that not all
 points can stick: there Coulomb's law is approached by ever steeper laws. With contact that opens,
@@ -66,7 +68,8 @@ if TYPE_CHECKING:
 NOT_HELD = "friction and contact do not hold the loads: the structure slides or lifts off"
 
 
-# A level that does not converge at once is reached in parts, halved at most this often.
+# A level of `follow` with constant limits that does not converge at once is reached in parts,
+# halved at most this often.
 _HALVINGS = 6
 #: Where forces are not held by contact that opens, the way to them is halved so many times to find
 #: how far they are.
@@ -91,7 +94,8 @@ class QuasiStatic:
     Parameters
     ----------
     system : System
-        Its law does not count, and its masses only where friction and contact alone hold a body.
+        Its law counts only in `follow` with times and constant limits, its masses only where
+        friction and contact alone hold a body.
     tolerance : float
         Largest force residual relative to the largest force.
     tally : Tally, optional
@@ -385,7 +389,7 @@ class QuasiStatic:
         forces : ndarray, shape (levels, n)
         times : ndarray, shape (levels,), optional
             When each level is reached, s, from 0: the system's own law acts, which creeps.
-            Coulomb's, which time does not matter to, if not given.
+            Coulomb's, which time does not matter to, if not given, and with contact that opens.
         limit_share : float
             Where friction alone holds, forces that would make everything slip are scaled to this
             share of what friction can hold; ``inf`` leaves them as they are.
