@@ -104,6 +104,8 @@ class BalancedCurve(Curve):
             yield f"the branch turns at about {at} Hz: there are several vibrations between."
         if unstable := sum(p.stable is False for p in self.points):
             yield f"{unstable} of {len(self.points)} points are unstable: no vibration stays there."
+        if unjudged := sum(p.stable is None and not p.periods for p in self.points):
+            yield f"the stability of {unjudged} points is not known."
         for number, name in enumerate(NAMES):
             shown = name.replace("_", " ")
             error = np.array([*self.errors[name], *self.sticking[number : number + 1]])
