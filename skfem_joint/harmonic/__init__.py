@@ -6,6 +6,6 @@ equations of scaled unknowns, such as the `mode_equations` of a nonlinear mode. 
 of a mode: its `levels` climb, are found again with stiffer sticking and more harmonics, are judged
 by time steps (`marched`), and become a `curve`.
 
-`response` follows steady vibration of `forced` equations over frequency: `search` finds branches, raises
-harmonics and marches, `points` are results at a frequency, `stability` is Hill's.
+`response` follows steady vibration of `forced` equations over frequency: `search` finds branches,
+raises harmonics and marches, `points` are results at a frequency, `stability` is Hill's.
 """
