@@ -106,7 +106,7 @@ class Amplitudes:
         if self.point not in points:
             raise InputError(
                 f"amplitudes: point: found {self.point!r}, must be one of "
-                f"{', '.join(points) or 'none'}"
+                f"{', '.join(points) or 'none'}; a load names another place or direction"
             )
         return points.index(self.point)
 
