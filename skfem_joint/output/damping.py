@@ -135,7 +135,7 @@ def _by_mesh(backbone: SceneBackbone, mode: int, level: int) -> dict[str, float]
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
     """What is printed of damping against amplitude: the ends of each curve, and largest errors."""
-    lines = [*_shape_lines(backbone)]
+    lines = [*backbone.shapes]
     for model in backbone.models:
         for curve in model.curves:
             f, ratio, state = curve.frequency, 100.0 * curve.damping_ratio, curve.state
@@ -165,26 +165,6 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
         for mode, change in backbone.normal.items()
     ]
     return lines
-
-
-def _shape_lines(backbone: SceneBackbone) -> Iterator[str]:
-    """How each mode moves the structure with the joints stuck; none where nodes are not known."""
-    body, system = backbone.scene.structure().body, backbone.scene.system()
-    if body is None or backbone.scene.parts is not None:
-        return
-    curves = {curve.mode: curve for curve in backbone.models[0].curves}
-    if backbone.models[0].name != "full":
-        return
-    for curve in curves.values():
-        moved = body.unpacked(system.expand(curve.shape))
-        parts = (moved**2).sum(axis=0) / (moved**2).sum()
-        most = int(np.linalg.norm(moved, axis=1).argmax())
-        place = ", ".join(f"{x:.4g}" for x in body.positions[most])
-        yield (
-            f"Mode {curve.mode} with joints stuck: {curve.stuck_frequency:.6g} Hz, moves along "
-            f"{'xyz'[parts.argmax()]} ({100.0 * parts.max():.3g} % of its squared displacement), "
-            f"most at ({place}) m."
-        )
 
 
 def _asked_lines(

@@ -148,20 +148,19 @@ def level_lines(
     share = curve.level / curve.slips_at
     yield (
         f"{model} model, mode {curve.mode}: the levels {share[0]:.3g} to {share[-1]:.3g} of the "
-        f"curve have a {at.asked.text(values[0])} to {at.asked.text(values[-1])}; a joint slips as "
-        "a whole at level 1. Amplitudes asked for, below the first level too, are computed, "
-        "not extrapolated."
+        f"curve are a {at.asked.text(values[0], values[-1])}; at level 1 the first joint slips as "
+        "a whole. Amplitudes asked for are computed, below the first level too."
     )
     for name, shares in zip(slips.names, slips.slipping_share.T, strict=True):
+        if at.merged:
+            return
         if (whole := np.flatnonzero(shares >= WHOLE)).size:
-            k = whole[0]
-            between = f"{at.asked.text(values[k - 1])} and one of {values[k]:.4g}"
-            yield f"  {name} slips as a whole from between a {between} on."
-        elif at.merged == 0:
-            yield (
-                f"  {name} does not slip as a whole up to the last level, where "
-                f"{100.0 * shares[-1]:.2g} % of its friction limit slips."
-            )
+            k = int(whole[0])
+            begins = at.asked.text(values[k - 1] if k else 0.0, values[k])
+            yield f"  {name} begins to slip as a whole at a {begins}."
+        else:
+            share = f"{100.0 * shares[-1]:.2g} % of its friction limit"
+            yield f"  {name} does not slip as a whole at any of them; at the last {share} slips."
 
 
 def amplitude_lines(

@@ -86,7 +86,7 @@ class AtAmplitudes:
         "cycles", of their increments, and "model", the distance of a smaller model from the full
         one. They are for friction, pressure and damping as given.
     of_friction : dict of str to ndarray, shape (levels,)
-        The same of the energy that friction takes.
+        The same of the energy that friction takes, and of its part in the loss factor: the larger.
     merged : int
         Friction points of a smaller model that stand for the full one's; 0 if it has all of them.
     """
@@ -104,7 +104,7 @@ class AtAmplitudes:
 
     @property
     def total_of_friction(self) -> FloatArray:
-        """The same of the energy that friction takes."""
+        """The same of friction's part."""
         return self._sum(self.of_friction)
 
     def _sum(self, errors: dict[str, FloatArray]) -> FloatArray:
@@ -131,6 +131,9 @@ class SceneBackbone:
     mesh : dict of int to MeshOfCurve
         Errors of each mode's curves by the mesh, which are the same for all models; none where a
         finer mesh would cost much.
+    shapes : tuple of str
+        Sentence about each mode's direction and frequency with the joints stuck; none where nodes
+        are not known.
     """
 
     scene: Scene
@@ -139,6 +142,7 @@ class SceneBackbone:
     notes: tuple[str, ...]
     normal: dict[int, NormalChange]
     mesh: dict[int, MeshOfCurve] = field(default_factory=dict)
+    shapes: tuple[str, ...] = ()
 
 
 def scene_backbone(
@@ -216,8 +220,8 @@ def scene_backbone(
                 warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
                 warnings += _doubts(model, curve.mode)
         models.append(model)
-    largest = _largest(scene, system, full)
-    return SceneBackbone(scene, largest, models, tuple(warnings), normal, mesh)
+    largest, shapes = _shapes(scene, system, full)
+    return SceneBackbone(scene, largest, models, tuple(warnings), normal, mesh, shapes)
 
 
 def _amplitudes(scene: Scene) -> Amplitudes | None:
@@ -287,19 +291,20 @@ def _mesh_at(scene: Scene, at: AtAmplitudes, report: Progress) -> tuple[AtAmplit
 
 
 def _with(at: AtAmplitudes, source: str, errors: Sequence[FloatArray]) -> AtAmplitudes:
-    """With errors of the loss factor and of what friction takes by a source."""
+    """With errors of the loss factor and of friction's part by a source."""
     whole, friction = errors
     of_friction = at.of_friction | {source: friction}
     return replace(at, errors=at.errors | {source: whole}, of_friction=of_friction)
 
 
 def _apart(one: Backbone, other: Backbone) -> list[FloatArray]:
-    """Relative distances of loss factors and of what friction takes, (levels,) each."""
-    pairs = [
-        (one.losses.loss_factor, other.losses.loss_factor),
-        (one.losses.friction, other.losses.friction),
-    ]
-    return [np.where(a == b, 0.0, np.abs(over(a, b) - 1.0)) for a, b in pairs]
+    """Relative distances of loss factors and of friction's part in them, (levels,) each."""
+
+    def distance(name: str) -> FloatArray:
+        a, b = getattr(one.losses, name), getattr(other.losses, name)
+        return np.where(a == b, 0.0, np.abs(over(a, b) - 1.0))
+
+    return [distance("loss_factor"), np.maximum(distance("friction"), distance("by_friction"))]
 
 
 def _beside(small: AtAmplitudes, full: AtAmplitudes) -> AtAmplitudes:
@@ -472,13 +477,24 @@ def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:
     return distances
 
 
-def _largest(scene: Scene, system: System, curves: list[Backbone]) -> list[float]:
-    """Displacement of the node that each mode moves most, as `SceneBackbone` has it."""
-    body = scene.structure().body
+def _shapes(
+    scene: Scene, system: System, curves: list[Backbone]
+) -> tuple[list[float], tuple[str, ...]]:
+    """Displacement of the node that each mode moves most, and a sentence about its direction."""
+    body, largest, said = scene.structure().body, [], []
     if body is None:
-        return []
-    shapes = system.expand(np.stack([curve.shape for curve in curves]))
-    return [float(np.linalg.norm(body.unpacked(shape), axis=1).max()) for shape in shapes]
+        return [], ()
+    for curve in curves:
+        moved = body.unpacked(system.expand(curve.shape))
+        size, squares = np.linalg.norm(moved, axis=1), (moved**2).sum(axis=0)
+        place = ", ".join(f"{x:.4g}" for x in body.positions[size.argmax()])
+        largest.append(float(size.max()))
+        said.append(
+            f"Mode {curve.mode} with the joints stuck: {curve.stuck_frequency:.6g} Hz, moves along "
+            f"{'xyz'[squares.argmax()]} ({100.0 * squares.max() / squares.sum():.3g} % of its "
+            f"squared displacement), most at ({place}) m."
+        )
+    return largest, tuple(said)
 
 
 def _released(scene: Scene, system: System) -> State | None:
