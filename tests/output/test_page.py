@@ -109,7 +109,7 @@ def test_the_scene_of_a_page_is_what_was_computed(tmp_path):
 
 
 def test_assumptions_tell_what_joints_bolts_and_damping_are():
-    opening = joint("base", contact="unilateral", pressure=1e6)
+    opening = {"on": "base", "friction": 0.5, "pressure": 1e6, "contact": "unilateral"}
     block = sj.build_plate(
         [("block", 0.04, 2)], 0.04, 2, boundaries={"base": "bottom", "right": "right"}
     )
@@ -125,7 +125,8 @@ def test_assumptions_tell_what_joints_bolts_and_damping_are():
     assert "joint_bolt_1 presses with 20000 N at (0.05, 0) m, evenly over the cone" in " ".join(
         assumptions(bar_scene(bar="coarse", joint=[joint(pressure=bolts)]))
     )
-    opens = plate_scene(mesh=block, joint=[opening], support={"fixed_x": ["right"]})
+    across = harmonic("block", 1.0) | {"direction": [0.0, 1.0]}
+    opens = plate_scene(mesh=block, joint=[opening], support={"fixed_x": ["right"]}, load=[across])
     said = " ".join(assumptions(opens))
     assert "opens and closes" in said
     assert "Held along x, without any give: 'right' at x = 0.04, y = 0 to 0.04, z = 0 m." in said
