@@ -301,7 +301,7 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
                     panel.plot(
                         at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
                     )
-            _draw_losses(row[2], c, model.at[k : k + 1], scale, colour, LINES[model.name])
+            _draw_losses(row[2], c, model.at[k : k + 1], scale, colour, model.name)
         row[0].set(xlabel=label, ylabel="frequency, Hz")
         row[1].set(xlabel=label, ylabel="damping ratio, %")
         row[2].set(xlabel=label, ylabel="loss factor")
@@ -315,15 +315,15 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
 
 
 def _draw_losses(
-    panel: Any, c: Backbone, asked: Sequence[AtAmplitudes], scale: float, colour: str, line: str
+    panel: Any, c: Backbone, asked: Sequence[AtAmplitudes], scale: float, colour: str, model: str
 ) -> None:
     """Loss factor of a curve, and with its error at the amplitudes that were asked for."""
-    panel.semilogx(c.amplitude / scale, c.losses.loss_factor, line, color=colour)
+    panel.semilogx(c.amplitude / scale, c.losses.loss_factor, LINES[model], color=colour)
     for at in asked:
         eta = at.curve.losses.loss_factor
         error = np.nan_to_num(at.total) * eta
         look = {"color": colour, "capsize": 3, "markerfacecolor": "none"}
-        x, told = at.curve.amplitude / scale, "asked for, with its stated error"
+        x, told = at.curve.amplitude / scale, f"{model} model, asked for, ± stated error"
         panel.errorbar(x, eta, error, fmt="o", label=told, **look)
         panel.legend(fontsize="small")
 

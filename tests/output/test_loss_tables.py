@@ -132,6 +132,19 @@ def test_a_table_has_the_amplitudes_their_errors_and_all_places(answered):
         assert float(row["damping_ratio"]) < float(row["equivalent_viscous_ratio"])
 
 
+def test_a_model_of_merged_points_says_that_shares_of_bolts_are_rough():
+    at = {"point": "right", "force": [20.0]}
+    options = {"modes": 6, "friction_points": 12}
+    scene = bracket("reduced", backbone={"levels": 3, "at": at}, reduction=options)
+    lines = backbone_lines(scene_backbone(scene))
+    (said,) = [line for line in lines if "friction points stand for" in line]
+    count = scene.system().contact.w.size
+    assert said.startswith(f"  12 friction points stand for {count}, which does not resolve")
+    assert not any("begins to slip as a whole" in line for line in lines)
+    (first,) = [line for line in lines if "force of 20 N" in line]
+    assert " by load increments and the mesh and the smaller model, Q" in first
+
+
 def test_the_summary_has_what_a_report_needs(answered):
     folder, _ = answered
     summary = json.loads((folder / "summary.json").read_text())
