@@ -159,8 +159,8 @@ def level_lines(
             begins = at.asked.text(values[k - 1] if k else 0.0, values[k])
             yield f"  {name} begins to slip as a whole at a {begins}."
         else:
-            share = f"{100.0 * shares[-1]:.2g} % of its friction limit"
-            yield f"  {name} does not slip as a whole at any of them; at the last {share} slips."
+            part = f"{100.0 * shares[-1]:.2g} % of its friction limit"
+            yield f"  {name} does not slip as a whole at any of them; at the last {part} slips."
 
 
 def amplitude_lines(
@@ -185,30 +185,40 @@ def amplitude_lines(
         entries = [*by_place.entries(k)]
         bolts = {name: values for name, is_bolt, values in entries if is_bolt}
         if at.merged:
-            yield (
-                f"  {at.merged} friction points stand for {places.system.contact.w.size}, which "
-                "does not resolve what slips where: parts of bolts and joints are rough. Those of "
-                "the full model hold."
-            )
+            yield _rough(at.merged, places.system.contact.w.size)
         yield from _place_lines(bolts or {name: values for name, _, values in entries})
 
 
 def run_lines(content: Mapping[str, Any]) -> Iterator[str]:
     """Lines about the last cycle of each model of a summary of runs; none without cycles."""
-    for name, model in content["models"].items():
+    models = content["models"]
+    most = max((model["contact_points"] for model in models.values()), default=0)
+    for name, model in models.items():
         if model.get("loss_factor") is None:
             continue
         error = model["loss_factor_error_total"]
-        stated = "" if error is None else f" ± {100.0 * error:.2g} %"
-        if stated and model["estimated_total_without_mesh"]:
-            stated = f", numerical error without mesh{stated}"
+        own = model["estimated_error"]["friction_energy_per_cycle"]["total"]
+        lacks = " without mesh" * bool(model["estimated_total_without_mesh"])
+        stated = "" if error is None else f", numerical error{lacks} ± {100.0 * error:.2g} %"
+        if stated and own is not None:
+            stated += f" (of the friction energy ± {100.0 * own:.2g} %)"
         yield (
             f"{name} model, last cycle: {split(model)}{stated}. It loses "
             f"{model['lost_by_friction_J']:.3g} J by friction and "
             f"{model['lost_by_damping_J']:.3g} J by damping; its largest strain energy is "
             f"{model['largest_strain_energy_J']:.3g} J."
         )
+        if model["contact_points"] < most:
+            yield _rough(model["contact_points"], most)
         yield from _place_lines(model.get("bolts") or model["joints"], " over the run")
+
+
+def _rough(points: int, of: int) -> str:
+    """Line about what merged friction points do not resolve."""
+    return (
+        f"  {points} friction points stand for {of}, which does not resolve what slips where: "
+        "parts of bolts and joints are rough. Those of the full model hold."
+    )
 
 
 def loss_label(model: Model, on_mesh: bool) -> str:

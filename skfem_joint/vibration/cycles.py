@@ -295,8 +295,8 @@ class CyclePath:
                 half, moved, cycle[k] = self._half_cycle(ends[at], force, level[at], 2 * HALF_CYCLE)
                 q, fine = float(force @ states[at]), cycle[k].sum()
                 whole = fine + np.pi * damping * np.sqrt(q / level[at]) * level[at] * q
-                errs[at] = abs(coarse / fine - 1.0)
-                apart = max(apart, float(errs[at] * fine / whole))
+                errs[at] = abs(coarse / fine - 1.0) if coarse != fine else 0.0
+                apart = max(apart, float(abs(coarse - fine) / whole))
             ways[at].append(half)
             loops.append(moved)
         ratio = cycle.sum(axis=1) / work[followed]
