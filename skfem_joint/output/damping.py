@@ -30,7 +30,13 @@ from skfem_joint.scene import Scene
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.study.backbone_peaks import backbone_peaks
 from skfem_joint.study.description import made_of
-from skfem_joint.study.premises import OF_MODES, density_loads, premises, response_loads
+from skfem_joint.study.premises import (
+    OF_MODES,
+    damping_given,
+    density_loads,
+    premises,
+    response_loads,
+)
 from skfem_joint.study.scene_backbone import (
     AtAmplitudes,
     ModelBackbone,
@@ -69,7 +75,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
             for k, row in enumerate(_curve_rows(model.name, c, names)):
                 row |= c.losses.row(k) | loss.error_cells(at, k) | loss.place_cells(by_place, k)
                 row["slipping_share"] = by_place.slipping_share_of_all[k]
-                row["not_counted"] = loss.not_counted(at, backbone.normal.get(c.mode))
+                row["not_counted"] = loss.not_counted(at, k, backbone.normal.get(c.mode))
                 at_rows.append(loss.asked_cells(at, k) | row)
     tables = {"backbone.csv": by_columns(rows)}
     if at_rows:
@@ -129,14 +135,15 @@ def _by_mesh(backbone: SceneBackbone, mode: int, level: int) -> dict[str, float]
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
     """What is printed of damping against amplitude: the ends of each curve, and largest errors."""
-    lines = []
+    lines = [*backbone.shapes]
     for model in backbone.models:
         for curve in model.curves:
             f, ratio, state = curve.frequency, 100.0 * curve.damping_ratio, curve.state
             lines.append(
                 f"{model.name} model, mode {curve.mode}: {f[0]:.6g} to {f[-1]:.6g} Hz (stuck "
                 f"{curve.stuck_frequency:.6g} Hz), damping {ratio[0]:.3g} to {ratio[-1]:.3g} %, "
-                f"{state[0]} to {state[-1]} slip.{_opened(curve)}{_doubtful(curve)}"
+                f"{' to '.join(dict.fromkeys((state[0], state[-1])))} slip."
+                f"{_opened(curve)}{_doubtful(curve)}"
             )
         if model.name != "full" and model.errors[0]:
             worst = {k: 100.0 * max(e[k] for e in model.errors) for k in model.errors[0]}
@@ -145,7 +152,8 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"{worst['damping_ratio']:.2g} % in damping at most."
             )
     for model in backbone.models:
-        lines += [line for at in model.at for line in _asked_lines(backbone, model.name, at)]
+        both = zip(model.curves, model.at, strict=False)
+        lines += [line for c, at in both for line in _asked_lines(backbone, model.name, c, at)]
     lines += [
         f"Mode {mode}: the mesh errs by an estimated {_to(errors.frequency)} % in frequency and "
         f"{_to(errors.damping_ratio)} % in damping, from the lowest level to the highest."
@@ -159,10 +167,14 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
     return lines
 
 
-def _asked_lines(backbone: SceneBackbone, model: str, at: AtAmplitudes) -> Iterator[str]:
+def _asked_lines(
+    backbone: SceneBackbone, model: str, curve: Backbone, at: AtAmplitudes
+) -> Iterator[str]:
     """What is printed of the amplitudes that were asked for."""
-    places = places_of(backbone.scene.structure(), backbone.scene.system())
-    yield from loss.amplitude_lines(model, at, places, backbone.normal.get(at.curve.mode))
+    scene = backbone.scene
+    places, given = places_of(scene.structure(), scene.system()), damping_given(scene)
+    yield from loss.level_lines(model, curve, at, places)
+    yield from loss.amplitude_lines(model, at, places, backbone.normal.get(curve.mode), given)
 
 
 def _to(errors: FloatArray) -> str:
@@ -289,7 +301,7 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
                     panel.plot(
                         at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
                     )
-            _draw_losses(row[2], c, model.at[k : k + 1], scale, colour, LINES[model.name])
+            _draw_losses(row[2], c, model.at[k : k + 1], scale, colour, model.name)
         row[0].set(xlabel=label, ylabel="frequency, Hz")
         row[1].set(xlabel=label, ylabel="damping ratio, %")
         row[2].set(xlabel=label, ylabel="loss factor")
@@ -303,15 +315,17 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
 
 
 def _draw_losses(
-    panel: Any, c: Backbone, asked: Sequence[AtAmplitudes], scale: float, colour: str, line: str
+    panel: Any, c: Backbone, asked: Sequence[AtAmplitudes], scale: float, colour: str, model: str
 ) -> None:
     """Loss factor of a curve, and with its error at the amplitudes that were asked for."""
-    panel.semilogx(c.amplitude / scale, c.losses.loss_factor, line, color=colour)
+    panel.semilogx(c.amplitude / scale, c.losses.loss_factor, LINES[model], color=colour)
     for at in asked:
         eta = at.curve.losses.loss_factor
         error = np.nan_to_num(at.total) * eta
         look = {"color": colour, "capsize": 3, "markerfacecolor": "none"}
-        panel.errorbar(at.curve.amplitude / scale, eta, error, fmt="o", **look)
+        x, told = at.curve.amplitude / scale, f"{model} model, asked for, ± stated error"
+        panel.errorbar(x, eta, error, fmt="o", label=told, **look)
+        panel.legend(fontsize="small")
 
 
 def write_response(

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import safe_names
 from skfem_joint.output.plots import prefixed_unit
 from skfem_joint.results.loss import Losses, known, losses
@@ -16,6 +15,7 @@ from skfem_joint.results.places import JointPlaces, PlaceResults
 from skfem_joint.study.results import Model
 from skfem_joint.study.scene_backbone import AtAmplitudes
 from skfem_joint.vibration.amplitudes import UNITS
+from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.response_curve import Curve
 
 #: Share of the friction limit of a place whose points slip from which it slips as a whole.
@@ -58,12 +58,17 @@ def asked_cells(at: AtAmplitudes, k: int) -> dict[str, Any]:
 
 
 def error_cells(at: AtAmplitudes, k: int) -> dict[str, float]:
-    """Stated relative errors of the loss factor at an amplitude, by source and in all.
+    """Stated relative errors of the loss factor and of the friction loss at an amplitude.
 
-    nan where a source is not known, or does not apply.
+    By source and in all; nan where a source is not known, or does not apply.
     """
-    errors = {name: _known(at, name) for name in ("mesh", "cycles", "model")} | {"total": at.total}
-    return {f"loss_factor_error_{name}": float(error[k]) for name, error in errors.items()}
+    unknown = np.full(at.total.size, np.nan)
+    totals = (at.errors, at.total), (at.of_friction, at.total_of_friction)
+    return {
+        f"{of}_error_{source}": float((errors | {"total": total}).get(source, unknown)[k])
+        for of, (errors, total) in zip(("loss_factor", "friction_loss"), totals, strict=True)
+        for source in ("mesh", "cycles", "model", "total")
+    }
 
 
 def content(losses: Losses, by_place: PlaceResults, k: int) -> dict[str, Any]:
@@ -74,19 +79,21 @@ def content(losses: Losses, by_place: PlaceResults, k: int) -> dict[str, Any]:
     return {**known(losses.row(k)), "joints": joints, **({"bolts": bolts} if bolts else {})}
 
 
-def not_counted(at: AtAmplitudes, normal: NormalChange | None) -> str:
-    """What the stated error of a loss factor leaves out, and how much it may be, in words.
+def not_counted(at: AtAmplitudes, k: int, normal: NormalChange | None) -> str:
+    """What the stated error of the loss factor number ``k`` leaves out, and how much it may be.
 
     ``normal`` is the change of the normal force at the highest level, where contact is closed.
     """
     missing = [
         f"the error by {_SOURCES[source]}, which is not known"
         for source in ("mesh", "cycles")
-        if not np.isfinite(_known(at, source)).all()
+        if not _is_known(at, source)
     ]
-    if modes := at.curve.excites:
+    if at.curve.losses.viscous[k] > 0.0:
+        missing.append("that of the damping coefficient, which is given")
+    if modes := at.curve.at_levels(np.array([k])).excites:
         missing.append(
-            f"friction excites {', '.join(modes)} the frequency, by which the loss factor may be "
+            f"friction excites {', '.join(modes)} the frequency, by which the friction part may be "
             "twice as large or more"
         )
     if normal is not None and normal.doubts():
@@ -97,9 +104,9 @@ def not_counted(at: AtAmplitudes, normal: NormalChange | None) -> str:
     return "; ".join(missing)
 
 
-def _known(at: AtAmplitudes, source: str) -> FloatArray:
-    """Stated error by a source, (levels,); nan where it is not known."""
-    return at.errors.get(source, np.full(at.total.size, np.nan))
+def _is_known(at: AtAmplitudes, source: str) -> bool:
+    """Whether the error by a source is known at all amplitudes."""
+    return source in at.errors and bool(np.isfinite(at.errors[source]).all())
 
 
 def amplitude_content(
@@ -115,27 +122,61 @@ def amplitude_content(
             "damping_ratio": float(c.damping_ratio[k]),
             "state": c.state[k],
             **known(error_cells(at, k)),
-            "not_counted": not_counted(at, normal),
+            "not_counted": not_counted(at, k, normal),
             **content(c.losses, by_place, k),
         }
         for k in range(c.level.size)
     ]
 
 
-def amplitude_lines(
-    model: str, at: AtAmplitudes, places: JointPlaces, normal: NormalChange | None
+def split(losses: Mapping[str, float], given: str = "given") -> str:
+    """Loss factor and its parts in words, from a row of losses; ``given`` says by what damping."""
+    names = {"friction": "friction", "damping": f"damping ({given})", "impacts": "impacts"}
+    lost = {text: losses.get(f"lost_by_{name}_J") or 0.0 for name, text in names.items()}
+    whole, total = losses["loss_factor"], sum(lost.values())
+    parts = [f"{whole * x / total:.3g} by {name}" for name, x in lost.items() if x]
+    return " = ".join([f"loss factor {whole:.3g}", *([" + ".join(parts)] if parts else [])])
+
+
+def level_lines(
+    model: str, curve: Backbone, at: AtAmplitudes, places: JointPlaces
 ) -> Iterator[str]:
-    """Lines about a mode at the amplitudes that were asked for."""
+    """Line about which amplitudes a curve has, and from which on each bolt slips as a whole."""
+    point = places.system.points.index(at.asked.point)
+    lost, slips = curve.losses.lost, places.of_curve(curve.friction_work, curve.slip)
+    values = at.asked.along(curve.displacement[:, point], curve.frequency, lost)
+    share = curve.level / curve.slips_at
+    yield (
+        f"{model} model, mode {curve.mode}: the levels {share[0]:.3g} to {share[-1]:.3g} of the "
+        f"curve are a {at.asked.text(values[0], values[-1])}; at level 1 the first joint slips as "
+        "a whole. Amplitudes asked for are computed, below the first level too."
+    )
+    for name, shares in zip(slips.names, slips.slipping_share.T, strict=True):
+        if at.merged:
+            return
+        if (whole := np.flatnonzero(shares >= WHOLE)).size:
+            k = int(whole[0])
+            begins = at.asked.text(values[k - 1] if k else 0.0, values[k])
+            yield f"  {name} begins to slip as a whole at a {begins}."
+        else:
+            part = f"{100.0 * shares[-1]:.2g} % of its friction limit"
+            yield f"  {name} does not slip as a whole at any of them; at the last {part} slips."
+
+
+def amplitude_lines(
+    model: str, at: AtAmplitudes, places: JointPlaces, normal: NormalChange | None, given: str
+) -> Iterator[str]:
+    """Lines about a mode at the amplitudes that were asked for; ``given`` as for `split`."""
     c, asked = at.curve, at.asked
     by_place = places.of_curve(c.friction_work, c.slip)
     for k, value in enumerate(asked.values.tolist()):
         losses = c.losses.row(k)
         yield (
-            f"{model} model, mode {c.mode}, {asked.text(value)}: loss factor "
-            f"{losses['loss_factor']:.3g}{_error(at, k, normal)}, equivalent viscous ratio "
-            f"{100.0 * losses['equivalent_viscous_ratio']:.3g} %, Q "
-            f"{losses['quality_factor']:.3g}, {c.frequency[k]:.5g} Hz."
+            f"{model} model, mode {c.mode}, {asked.text(value)}: {split(losses, given)}"
+            f"{_error(at, k)}, Q {losses['quality_factor']:.3g}, {c.frequency[k]:.5g} Hz."
         )
+        if missing := not_counted(at, k, normal):
+            yield f"  Not counted: {missing}."
         yield (
             f"  A cycle loses {losses['lost_by_friction_J']:.3g} J by friction and "
             f"{losses['lost_by_damping_J']:.3g} J by damping; its largest strain energy is "
@@ -143,25 +184,41 @@ def amplitude_lines(
         )
         entries = [*by_place.entries(k)]
         bolts = {name: values for name, is_bolt, values in entries if is_bolt}
+        if at.merged:
+            yield _rough(at.merged, places.system.contact.w.size)
         yield from _place_lines(bolts or {name: values for name, _, values in entries})
 
 
 def run_lines(content: Mapping[str, Any]) -> Iterator[str]:
     """Lines about the last cycle of each model of a summary of runs; none without cycles."""
-    for name, model in content["models"].items():
+    models = content["models"]
+    most = max((model["contact_points"] for model in models.values()), default=0)
+    for name, model in models.items():
         if model.get("loss_factor") is None:
             continue
         error = model["loss_factor_error_total"]
-        stated = "" if error is None else f" ± {100.0 * error:.2g} %"
-        if stated and model["estimated_total_without_mesh"]:
-            stated += " (not counted: the error by the mesh, which is not known)"
+        own = model["estimated_error"]["friction_energy_per_cycle"]["total"]
+        lacks = " without mesh" * bool(model["estimated_total_without_mesh"])
+        stated = "" if error is None else f", numerical error{lacks} ± {100.0 * error:.2g} %"
+        if stated and own is not None:
+            stated += f" (of the friction energy ± {100.0 * own:.2g} %)"
         yield (
-            f"{name} model, last cycle: loss factor {model['loss_factor']:.4g}{stated}. It loses "
+            f"{name} model, last cycle: {split(model)}{stated}. It loses "
             f"{model['lost_by_friction_J']:.3g} J by friction and "
             f"{model['lost_by_damping_J']:.3g} J by damping; its largest strain energy is "
             f"{model['largest_strain_energy_J']:.3g} J."
         )
+        if model["contact_points"] < most:
+            yield _rough(model["contact_points"], most)
         yield from _place_lines(model.get("bolts") or model["joints"], " over the run")
+
+
+def _rough(points: int, of: int) -> str:
+    """Line about what merged friction points do not resolve."""
+    return (
+        f"  {points} friction points stand for {of}, which does not resolve what slips where: "
+        "parts of bolts and joints are rough. Those of the full model hold."
+    )
 
 
 def loss_label(model: Model, on_mesh: bool) -> str:
@@ -190,13 +247,17 @@ def joule(energy: float) -> str:
     return f"{energy / size:.3g} {unit}"
 
 
-def _error(at: AtAmplitudes, k: int, normal: NormalChange | None) -> str:
-    """What is known of the error of a loss factor, with its sources, and what is not counted."""
-    known = [source for source, error in at.errors.items() if np.isfinite(error[k])]
-    by = " and ".join(_SOURCES[source] for source in known)
-    stated = f" ± {100.0 * at.total[k]:.2g} % by {by}" if known else ""
-    missing = not_counted(at, normal)
-    return f"{stated}{f' (not counted: {missing})' if missing else ''}"
+def _error(at: AtAmplitudes, k: int) -> str:
+    """What is known of the error of a loss factor and of its part by friction, with its sources."""
+    known = [_SOURCES[source] for source in at.errors if _is_known(at, source)]
+    if not known:
+        return ""
+    lacks = "" if _is_known(at, "mesh") else " without mesh"
+    own = ""
+    if np.isfinite(at.total_of_friction[k]) and at.curve.losses.friction[k] > 0.0:
+        own = f" (of the friction part ± {100.0 * at.total_of_friction[k]:.2g} %)"
+    error = f"± {100.0 * at.total[k]:.2g} %{own} by {' and '.join(known)}"
+    return f", numerical error{lacks} {error}"
 
 
 def _place_lines(places: Mapping[str, Mapping[str, Any]], when: str = "") -> Iterator[str]:
@@ -215,5 +276,5 @@ def _place_lines(places: Mapping[str, Mapping[str, Any]], when: str = "") -> Ite
         normal = 100.0 * (values["normal_force_share"] or 0.0)
         yield (
             f"  {name}: {loses}{how}, slip up to {values['largest_slip_m']:.3g} m{when}, "
-            f"{normal:.3g} % of the normal force."
+            f"{normal:.3g} % of the normal force of all joints."
         )

@@ -29,9 +29,9 @@ _ROWS = 12
 #: Columns of tables that a page shows, of those whose name begins so, with their heading.
 _COLUMNS: dict[str, tuple[str, ...]] = {
     "amplitudes.csv": (
-        *("point", "quantity", "value", "unit", "model", "mode", "frequency_Hz", "loss_factor"),
-        *("quality_factor", "displacement_", "loss_share_", "slipping_share_", "largest_slip_"),
-        *("state", "doubt"),
+        *("point", "quantity", "value", "unit", "model", "mode", "level", "frequency_Hz"),
+        *("loss_factor", "quality_factor", "friction_loss_error_total", "displacement_"),
+        *("loss_share_", "slipping_share_", "largest_slip_", "state", "doubt"),
     ),
     "backbone.csv": (
         *("model", "mode", "level", "displacement_", "frequency_Hz", "damping_ratio"),
@@ -54,6 +54,27 @@ _TABLES = {
     "random.csv": "Motion of the named points",
     "random_joints.csv": "Work of the joints",
 }
+#: What columns of these tables mean whose names begin so.
+_WORDS = {
+    "level": "Inertia that loads the mode, over that at which the first joint slips as a whole.",
+    "loss_factor": "Energy lost in a cycle over 2π times the largest strain energy in it; half of "
+    "it is the equivalent viscous damping ratio. By friction and by damping are its parts.",
+    "quality_factor": "Q, one over the loss factor.",
+    "damping_ratio": "Energy lost in a cycle over 4π times half of α q, with the force α of the "
+    "mode's inertia and its displacement q, as in quasi-static modal analysis. Where joints slip "
+    "α q / 2 is more than the largest strain energy, so that the ratio is less than half of the "
+    "loss factor.",
+    "friction_loss_error": "Stated error of friction's part in the loss factor, and of the "
+    "energy that it takes in a cycle.",
+    "loss_share": "Part of a joint or bolt in what friction takes in a cycle.",
+    "slipping_share": "Share of the friction limit of a joint or bolt whose points slip; from 0.99 "
+    "on it slips as a whole.",
+    "state": "stick, partial (some points slip), or gross (a joint slips as a whole).",
+}
+#: Names without a unit of which a page says so.
+_PURE = ("loss_", "quality_", "friction_loss_", "damping_", "slipping_", "level", "mesh_error_")
+#: Units that end names of columns.
+_UNITS = {"m", "Hz", "J", "Pa", "s", "N"}
 #: Columns of a table beyond which its rows stand side by side, with a line for each column.
 _WIDE = 7
 _CAPTIONS = {
@@ -162,6 +183,7 @@ def _parts(folder: Path, content: Mapping[str, Any]) -> dict[str, Any]:
         "structure": premises["structure"],
         "assumptions": premises["assumptions"],
         "pictures": [*_pictures(folder, content["files"])],
+        "words": [*_words(folder, content)],
         "scene": premises["scene"],
     }
 
@@ -199,11 +221,32 @@ def _of_file(path: Path, columns: tuple[str, ...]) -> _Shown | None:
     step = -(-len(rows) // _ROWS)
     shown = [[_rounded(row[k]) for k in chosen] for row in _every(rows, step)]
     caption = _TABLES[path.name] + (f" (one of {step} rows)" if step > 1 else "")
-    names = [heading[k].replace("_", " ") for k in chosen]
+    names = [_with_unit(heading[k]) for k in chosen]
     if len(names) <= _WIDE:
         return _Shown(caption, names, shown)
     first, *others = [[name, *cells] for name, *cells in zip(names, *shown, strict=True)]
     return _Shown(caption, first, others)
+
+
+def _with_unit(name: str) -> str:
+    """Name of a column as a heading with its unit, "-" for a pure number."""
+    stem, _, end = name.rpartition("_")
+    if stem and end in _UNITS:
+        return f"{stem.replace('_', ' ')}, {end}"
+    return name.replace("_", " ") + (", -" if name.startswith(_PURE) else "")
+
+
+def _words(folder: Path, content: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Names on the page that may be taken for something else, and what they mean."""
+    shown = {"amplitudes.csv", "backbone.csv"}.intersection(content["files"])
+    names = [
+        name for file in shown for name in next(csv.reader(read_text(folder / file).splitlines()))
+    ]
+    if "told" not in content and [*run_lines(content)]:
+        names.append("loss_factor")
+    for word, meaning in _WORDS.items():
+        if any(name.startswith(word) for name in names):
+            yield word.replace("_", " "), meaning
 
 
 def _every(rows: Sequence[Sequence[str]], step: int) -> Iterable[Sequence[str]]:

@@ -274,9 +274,10 @@ def reduced_on(
         steeper = system.contact.beta[~system.contact.sprung] > beta
         if np.any(steeper) and not np.all(small.contact.sprung):
             note = (
-                f"The reduced model uses beta = {beta:.3g} s/m: its modes do not resolve slip "
-                f"velocities below {share:g} of the largest ({velocity:.3g} m/s), where a steeper "
-                "law would differ. Set reduction.beta to choose."
+                f"The reduced model uses beta = {beta:.3g} s/m, in a smooth law of friction, an "
+                "arctangent of beta times the slip velocity: its modes do not resolve velocities "
+                f"below {share:g} of the largest ({velocity:.3g} m/s), where a steeper law would "
+                "differ. Set reduction.beta to choose."
             )
             notes = (*notes, note)
     return replace(small.no_steeper(beta), notes=notes, origin=Origin(system, basis))

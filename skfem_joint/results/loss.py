@@ -29,6 +29,8 @@ COLUMNS = {
     "loss_factor": "loss_factor",
     "equivalent_viscous_ratio": "viscous_ratio",
     "quality_factor": "quality",
+    "loss_factor_by_friction": "by_friction",
+    "loss_factor_by_damping": "by_damping",
     "lost_by_friction_J": "friction",
     "lost_by_damping_J": "viscous",
     "lost_by_impacts_J": "impacts",
@@ -71,6 +73,16 @@ class Losses(Tabular):
     def loss_factor(self) -> FloatArray:
         """Energy lost over 2 pi times the largest strain energy; nan where there is none."""
         return over(self.lost, 2.0 * np.pi * self.strain)
+
+    @property
+    def by_friction(self) -> FloatArray:
+        """Part of friction in the loss factor."""
+        return over(self.friction, 2.0 * np.pi * self.strain)
+
+    @property
+    def by_damping(self) -> FloatArray:
+        """Part of the damping matrix in the loss factor."""
+        return over(self.viscous, 2.0 * np.pi * self.strain)
 
     @property
     def viscous_ratio(self) -> FloatArray:

@@ -629,7 +629,10 @@ class AmplitudesTable(SceneTable):
     One of the quantities is given, as a list that rises.
     """
 
-    point: str = key("named point, as results show it: a load's, or in a direction, as 'tip.x'")
+    point: str = key(
+        "named point, as results show it: a load's, or a point of the mesh in a direction, as "
+        "'tip.x'. A load, which does not act here, names other places and directions"
+    )
     displacement: Rising | None = key("displacements, m", None)
     velocity: Rising | None = key("velocities, m/s", None)
     acceleration: Rising | None = key("accelerations, m/s²", None)

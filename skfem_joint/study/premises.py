@@ -140,7 +140,22 @@ def _of_supports(scene: Scene) -> Iterator[str]:
         *((f"fixed_{axis}", f"along {axis}") for axis in "xyz"),
     ):
         if held := getattr(scene.support, name):
-            yield f"Held {how}: {', '.join(repr(part) for part in held)}, without any give."
+            parts = ", ".join(f"{part!r}{_where(scene, part)}" for part in held)
+            yield f"Held {how}, without any give: {parts}."
+
+
+def _where(scene: Scene, part: str) -> str:
+    """Ranges of the coordinates of a part of a scene's mesh, in words; empty without nodes."""
+    body = scene.structure().body
+    if body is None:
+        return ""
+    at = body.positions[body.nodes_of(part)]
+    both = zip("xyz", at.min(axis=0).tolist(), at.max(axis=0).tolist(), strict=False)
+    ranges = (
+        f"{axis} = {' to '.join(dict.fromkeys((f'{low:.4g}', f'{high:.4g}')))}"
+        for axis, low, high in both
+    )
+    return f" at {', '.join(ranges)} m"
 
 
 def _of_material(scene: Scene) -> Iterator[str]:
@@ -216,6 +231,14 @@ def _of_rings(joint: str, pressure: BoltPressureTable) -> Iterator[str]:
             f"{joint}_bolt_{number} presses with {bolt.force:g} N at ({at}) m, evenly over the "
             "cone below its head."
         )
+
+
+def damping_given(scene: Scene) -> str:
+    """Keys that give the viscous damping of a scene, in words."""
+    if scene.matrices is not None and scene.matrices.C:
+        return "given, [matrices] C"
+    keys = [key for key in ("ratio", "stiffness", "mass") if getattr(scene.damping, key)]
+    return f"given, [damping] {' and '.join(keys)}"
 
 
 def _of_damping(scene: Scene) -> Iterator[str]:

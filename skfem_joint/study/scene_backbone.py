@@ -15,6 +15,7 @@ from skfem_joint.ground.errors import InputError, JointError
 from skfem_joint.ground.progress import Progress, announced, silent
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.models import notes_of, reduced_for_mode
+from skfem_joint.results.loss import over
 from skfem_joint.results.normal_force import NormalChange, normal_change_of_mode
 from skfem_joint.results.places import of_all
 from skfem_joint.runs.integrate import integrate_plan
@@ -84,16 +85,30 @@ class AtAmplitudes:
         Stated relative errors of the loss factor by source, as far as they are known: "mesh",
         "cycles", of their increments, and "model", the distance of a smaller model from the full
         one. They are for friction, pressure and damping as given.
+    of_friction : dict of str to ndarray, shape (levels,)
+        The same of the energy that friction takes, and of its part in the loss factor: the larger.
+    merged : int
+        Friction points of a smaller model that stand for the full one's; 0 if it has all of them.
     """
 
     asked: Amplitudes
     curve: Backbone
     errors: dict[str, FloatArray]
+    of_friction: dict[str, FloatArray]
+    merged: int = 0
 
     @property
     def total(self) -> FloatArray:
-        """Sum of all known errors, (levels,); nan where none is."""
-        known = [error for error in self.errors.values() if np.isfinite(error).all()]
+        """Sum of all known errors of the loss factor, (levels,); nan where none is."""
+        return self._sum(self.errors)
+
+    @property
+    def total_of_friction(self) -> FloatArray:
+        """The same of friction's part."""
+        return self._sum(self.of_friction)
+
+    def _sum(self, errors: dict[str, FloatArray]) -> FloatArray:
+        known = [error for error in errors.values() if np.isfinite(error).all()]
         return np.sum(known, axis=0) if known else np.full(self.curve.level.size, np.nan)
 
 
@@ -116,6 +131,9 @@ class SceneBackbone:
     mesh : dict of int to MeshOfCurve
         Errors of each mode's curves by the mesh, which are the same for all models; none where a
         finer mesh would cost much.
+    shapes : tuple of str
+        Sentence about each mode's direction and frequency with the joints stuck; none where nodes
+        are not known.
     """
 
     scene: Scene
@@ -124,6 +142,7 @@ class SceneBackbone:
     notes: tuple[str, ...]
     normal: dict[int, NormalChange]
     mesh: dict[int, MeshOfCurve] = field(default_factory=dict)
+    shapes: tuple[str, ...] = ()
 
 
 def scene_backbone(
@@ -201,8 +220,8 @@ def scene_backbone(
                 warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
                 warnings += _doubts(model, curve.mode)
         models.append(model)
-    largest = _largest(scene, system, full)
-    return SceneBackbone(scene, largest, models, tuple(warnings), normal, mesh)
+    largest, shapes = _shapes(scene, system, full)
+    return SceneBackbone(scene, largest, models, tuple(warnings), normal, mesh, shapes)
 
 
 def _amplitudes(scene: Scene) -> Amplitudes | None:
@@ -229,8 +248,8 @@ def _full_at(
         report = partial(progress, "full model, amplitudes")
         at = _at(scene, system, curve, asked, report)
         if curve.mode in mesh:
-            errors, why = _mesh_at(scene, at, partial(progress, "error of the mesh, amplitudes"))
-            at, notes = replace(at, errors=at.errors | errors), notes + why
+            at, why = _mesh_at(scene, at, partial(progress, "error of the mesh, amplitudes"))
+            notes += why
         found[curve.mode] = at
     return found, notes
 
@@ -241,19 +260,22 @@ def _at(
     """Mode of a model at amplitudes, with slips and works of the full model's points."""
     up_to = scene.backbone.up_to
     (found,) = backbone(system, (curve.mode,), asked, up_to, curve.slips_at, report)
-    errors = {}
-    if "damping_ratio" in found.estimated:
-        source = "cycles" if system.serves is None else "model"
+    share = over(found.losses.friction, found.losses.lost)
+    errors, of_friction, source = {}, {}, "cycles" if system.serves is None else "model"
+    if found.work_error is not None and system.serves is None:
+        of_friction[source] = found.work_error
+        errors[source] = share * found.work_error
+    elif "damping_ratio" in found.estimated:  # all of it by friction
         errors[source] = np.full(found.level.size, found.estimated["damping_ratio"])
+        of_friction[source] = over(errors[source], share)
     if system is not scene.system():
         found = _of_all_points(scene.system(), system, found)
-    return AtAmplitudes(asked, found, errors)
+    merged = 0 if system.contact.shares is None else system.contact.w.size
+    return AtAmplitudes(asked, found, errors, of_friction, merged)
 
 
-def _mesh_at(
-    scene: Scene, at: AtAmplitudes, report: Progress
-) -> tuple[dict[str, FloatArray], list[str]]:
-    """Errors of the loss factor at amplitudes by the mesh, and why they are not known.
+def _mesh_at(scene: Scene, at: AtAmplitudes, report: Progress) -> tuple[AtAmplitudes, list[str]]:
+    """Mode at amplitudes with its errors by the mesh, and why they are not known.
 
     They are what halved elements change at the same amplitudes.
     """
@@ -262,17 +284,38 @@ def _mesh_at(
         finer = finer_mesh(scene).system()
         (other,) = backbone(finer, (mode,), at.asked, up_to, progress=report)
     except JointError as error:
-        return {}, [
+        return at, [
             f"Mode {mode}: the errors by the mesh at given amplitudes are not estimated: {error}"
         ]
-    change = other.losses.loss_factor / at.curve.losses.loss_factor - 1.0
-    return {"mesh": np.asarray(BEYOND * np.abs(change))}, []
+    return _with(at, "mesh", [BEYOND * apart for apart in _apart(other, at.curve)]), []
+
+
+def _with(at: AtAmplitudes, source: str, errors: Sequence[FloatArray]) -> AtAmplitudes:
+    """With errors of the loss factor and of friction's part by a source."""
+    whole, friction = errors
+    of_friction = at.of_friction | {source: friction}
+    return replace(at, errors=at.errors | {source: whole}, of_friction=of_friction)
+
+
+def _apart(one: Backbone, other: Backbone) -> list[FloatArray]:
+    """Relative distances of loss factors and of friction's part in them, (levels,) each."""
+
+    def distance(name: str) -> FloatArray:
+        a, b = getattr(one.losses, name), getattr(other.losses, name)
+        return np.where(a == b, 0.0, np.abs(over(a, b) - 1.0))
+
+    return [distance("loss_factor"), np.maximum(distance("friction"), distance("by_friction"))]
 
 
 def _beside(small: AtAmplitudes, full: AtAmplitudes) -> AtAmplitudes:
     """Smaller model's results with their distance from the full one's, and its other errors."""
-    distance = np.abs(small.curve.losses.loss_factor / full.curve.losses.loss_factor - 1.0)
-    return replace(small, errors=full.errors | {"model": distance})
+    own = replace(
+        small,
+        curve=replace(small.curve, higher=full.curve.higher),
+        errors=full.errors,
+        of_friction=full.of_friction,
+    )
+    return _with(own, "model", _apart(small.curve, full.curve))
 
 
 def _of_all_points(system: System, small: System, curve: Backbone) -> Backbone:
@@ -434,13 +477,24 @@ def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:
     return distances
 
 
-def _largest(scene: Scene, system: System, curves: list[Backbone]) -> list[float]:
-    """Displacement of the node that each mode moves most, as `SceneBackbone` has it."""
-    body = scene.structure().body
+def _shapes(
+    scene: Scene, system: System, curves: list[Backbone]
+) -> tuple[list[float], tuple[str, ...]]:
+    """Displacement of the node that each mode moves most, and a sentence about its direction."""
+    body, largest, said = scene.structure().body, [], []
     if body is None:
-        return []
-    shapes = system.expand(np.stack([curve.shape for curve in curves]))
-    return [float(np.linalg.norm(body.unpacked(shape), axis=1).max()) for shape in shapes]
+        return [], ()
+    for curve in curves:
+        moved = body.unpacked(system.expand(curve.shape))
+        size, squares = np.linalg.norm(moved, axis=1), (moved**2).sum(axis=0)
+        place = ", ".join(f"{x:.4g}" for x in body.positions[size.argmax()])
+        largest.append(float(size.max()))
+        said.append(
+            f"Mode {curve.mode} with the joints stuck: {curve.stuck_frequency:.6g} Hz, moves along "
+            f"{'xyz'[squares.argmax()]} ({100.0 * squares.max() / squares.sum():.3g} % of its "
+            f"squared displacement), most at ({place}) m."
+        )
+    return largest, tuple(said)
 
 
 def _released(scene: Scene, system: System) -> State | None:

@@ -96,17 +96,18 @@ class Amplitudes:
         given = getattr(self, self.quantity)
         return np.atleast_1d(as_real(given, f"amplitudes: {self.quantity}"))
 
-    def text(self, value: float) -> str:
-        """A value in words."""
+    def text(self, *values: float) -> str:
+        """A value in words, or a range from one to another."""
         unit, quantity = UNITS[self.quantity], self.quantity.removesuffix("_g")
-        return f"{quantity} of {value:.4g} {unit} at {self.point}"
+        shown = " to ".join(f"{value:.4g}" for value in values)
+        return f"{quantity} of {shown} {unit} at {self.point}"
 
     def number(self, points: tuple[str, ...]) -> int:
         """Number of the point among those of a system; InputError if it is none of them."""
         if self.point not in points:
             raise InputError(
                 f"amplitudes: point: found {self.point!r}, must be one of "
-                f"{', '.join(points) or 'none'}"
+                f"{', '.join(points) or 'none'}; a load names another place or direction"
             )
         return points.index(self.point)
 

@@ -63,6 +63,8 @@ FEWEST = 5
 MULTIPLES, EVEN_MULTIPLES, NEAR = (3, 5, 7), (2, 4, 6), 0.07
 #: Modes beyond the highest one asked for whose frequencies are compared with the multiples.
 HIGHER_MODES = 10
+#: Arrays of a curve that do not have a row for each level.
+_NOT_BY_LEVEL = {"shape", "loops", "higher"}
 
 
 @dataclass(frozen=True)
@@ -122,6 +124,8 @@ class Backbone(Tabular):
         Estimated largest relative errors of ``frequency`` and ``damping_ratio``: of a reduced model
         for a range, or of the increments and of what is left open of the cycles with contact that
         opens; at given amplitudes that of the increments of half cycles; empty for others.
+    work_error : ndarray, shape (levels,), optional
+        At given amplitudes: relative error of the work of friction at each by these increments.
     friction : ndarray, shape (levels, rows of B), optional
         Friction over its limit, where it has springs in series; with contact that opens that of the
         turning point at the level, ``middle + states``.
@@ -137,9 +141,8 @@ class Backbone(Tabular):
     differs : ndarray of bool, shape (levels,), optional
         Levels at which a ring-down differs by more than both stated errors, from
         `skfem_joint.vibration.ring_down.RingDown.beside`; None if there is none beside the curve.
-    excites : tuple of str
-        Higher modes near multiples of its frequency, which friction excites, such as "mode 2 at 3
-        times". What that takes is in no level: the true damping may be twice as large or more.
+    higher : ndarray, shape (modes,)
+        Frequencies of the next higher modes, Hz, with the contact stuck; see ``excites``.
     path : ModePath, optional
         What the curve was followed along, if it is kept.
     """
@@ -170,8 +173,24 @@ class Backbone(Tabular):
     opened: FloatArray | None = None
     limits: FloatArray | None = None
     differs: BoolArray | None = None
-    excites: tuple[str, ...] = ()
+    work_error: FloatArray | None = None
+    higher: FloatArray = field(default_factory=lambda: np.zeros(0))
     path: ModePath | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def excites(self) -> tuple[str, ...]:
+        """Higher modes near multiples of its frequencies, such as "mode 2 at 3 to 3.1 times".
+
+        Friction excites them, which has odd multiples; contact that opens has even ones too. What
+        that takes is in no level: the true damping by friction may be twice as large or more.
+        """
+        multiples = MULTIPLES + (() if self.opened is None else EVEN_MULTIPLES)
+        low, high = self.frequency.min(), self.frequency.max()
+        return tuple(
+            f"mode {k} at {' to '.join(dict.fromkeys((f'{f / high:.3g}', f'{f / low:.3g}')))} times"
+            for k, f in enumerate(self.higher.tolist(), self.mode + 1)
+            if any(m * low * (1.0 - NEAR) < f < m * high * (1.0 + NEAR) for m in multiples)
+        )
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -210,7 +229,7 @@ class Backbone(Tabular):
 
         def some(name: str) -> Any:
             value = getattr(self, name)
-            by_level = isinstance(value, np.ndarray) and name not in ("shape", "loops")
+            by_level = isinstance(value, np.ndarray) and name not in _NOT_BY_LEVEL
             return value[rows] if by_level else value
 
         arrays = {f.name: some(f.name) for f in fields(self)}
@@ -452,15 +471,13 @@ def _curve(
     slid = found.sliding if path.opens else stays.contact.slid(found.by_point)
     slipping = stays.slipping(slid)
     state = _stick_or_slip(path.stays, mode, asked, found, slipping)
-    excites = _excited_modes(mode, frequency, path.opens)
     notes = [
         *found.notes,
         *_notes_of_levels(asked, state, slipping),
         *_notes_of_law(system, found),
-        *_notes_of_excited(excites, path.opens),
     ]
     middle = found.middle
-    return Backbone(
+    curve = Backbone(
         mode=mode.number,
         shape=to.outer(shape),
         stuck_frequency=mode.frequency,
@@ -484,16 +501,19 @@ def _curve(
         ),
         friction_work=found.by_point,
         masing_error=found.masing_error,
-        notes=tuple(f"Mode {mode.number}: {note}" for note in notes),
+        notes=(),
         estimated=found.errors,
         friction=found.friction if springs else None,
         limits=found.limits if springs else None,
         middle=None if middle is None else to.outer(middle),
         offset=None if middle is None else middle @ force,
         opened=found.opened,
-        excites=excites,
+        work_error=found.work_error,
+        higher=mode.frequencies[mode.number :],
         path=ModePath(path.system, path.closed, mode, shape, path, found),
     )
+    notes += _notes_of_excited(curve.excites, path.opens)
+    return replace(curve, notes=tuple(f"Mode {mode.number}: {note}" for note in notes))
 
 
 def _at_amplitudes(
@@ -511,7 +531,8 @@ def _at_amplitudes(
     if curve.displacement[-1, point] <= STILL * largest:
         raise InputError(
             f"backbone: amplitudes: mode {mode.number} does not move {amplitudes.point!r}, which "
-            "has a direction of its own; choose another point or mode"
+            f"has a direction of its own; {_that_move(path, mode, point)}choose another point or "
+            "mode, or name another direction by a load, which does not act here"
         )
     level, known, asked = curve.level, values(curve), amplitudes.values
     most = float(known.max())
@@ -543,6 +564,15 @@ def _at_amplitudes(
         f"not found to {REACHED:g}; after {ROUNDS} rounds it is off by {apart[worst]:.2g}: the "
         "quantity jumps or does not rise with the level there; ask for the levels themselves"
     )
+
+
+def _that_move(path: CyclePath, mode: StuckMode, point: int) -> str:
+    """Which of the modes that are known move a point, in words; empty if none does."""
+    system = path.closed.system
+    moved = np.abs(np.asarray(system.P @ mode.shapes)[point])
+    largest = np.abs(system.expand(mode.shapes.T)).max(axis=1)
+    moving = ", ".join(map(str, np.flatnonzero(moved > STILL * largest) + 1))
+    return f"of the first {moved.size} modes {moving} move it; " if moving else ""
 
 
 def _check_levels(path: QuasiStatic, mode: StuckMode, asked: _Levels) -> float:
@@ -644,27 +674,12 @@ def _notes_of_law(system: System, found: RisingCycles) -> Iterator[str]:
         )
 
 
-def _excited_modes(mode: StuckMode, frequency: FloatArray, opens: bool) -> tuple[str, ...]:
-    """Higher modes near multiples of the frequencies (levels,), Hz, of a mode.
-
-    Friction has odd harmonics; contact that ``opens`` has even ones too.
-    """
-    low = frequency.min() * (1.0 - NEAR)
-    high = mode.frequency * (1.0 + NEAR)
-    multiples = MULTIPLES + (EVEN_MULTIPLES if opens else ())
-    return tuple(
-        f"mode {k} at {other / mode.frequency:.3g} times"
-        for k, other in enumerate(mode.frequencies[mode.number :], mode.number + 1)
-        if any(m * low < other < m * high for m in multiples)
-    )
-
-
 def _notes_of_excited(near: tuple[str, ...], opens: bool) -> Iterator[str]:
     """Note of higher modes that friction or contact that ``opens`` excites."""
     if near:
         kind, what = ("", "contact excites") if opens else ("odd ", "friction excites")
         yield (
-            f"higher frequencies lie near {kind}multiples of its own "
-            f"({', '.join(near)}), so that {what} them: the true damping may be "
+            f"higher frequencies come within {100.0 * NEAR:g} % of {kind}multiples of its own "
+            f"({', '.join(near)}), so that {what} them: the true damping by friction may be "
             f"twice as large or more. {'' if opens else 'See its ring-down, or response.'}"
         ).rstrip()

@@ -89,6 +89,9 @@ class RisingCycles:
         Friction limits at the level, N; None where they are constant.
     errors : mapping of str to float
         Estimated relative errors of "frequency" and "damping_ratio", if they are known.
+    work_error : ndarray, shape (levels,), or None
+        Estimated relative error of the work by the increments of half cycles, 0 where it is not
+        checked; None where no level was given to check.
     notes : tuple of str
         What to beware of.
     """
@@ -107,6 +110,7 @@ class RisingCycles:
     opened: FloatArray | None = None
     limits: FloatArray | None = None
     errors: Mapping[str, float] = field(default_factory=dict)
+    work_error: FloatArray | None = None
     notes: tuple[str, ...] = ()
 
     @property
@@ -282,7 +286,7 @@ class CyclePath:
         twice = [] if checked is None else checked.tolist()
         self.tally.total += HALF_CYCLE * (followed.size - min(CHECKED, level.size))
         self.tally.total += 2 * HALF_CYCLE * len(twice)
-        loops, apart = [states[:0]], 0.0
+        loops, apart, errs = [states[:0]], 0.0, np.zeros(level.size)
         cycle = np.zeros((followed.size, contact.w.size))
         for k, at in enumerate(followed.tolist()):
             half, moved, cycle[k] = self._half_cycle(ends[at], force, level[at], HALF_CYCLE)
@@ -291,6 +295,7 @@ class CyclePath:
                 half, moved, cycle[k] = self._half_cycle(ends[at], force, level[at], 2 * HALF_CYCLE)
                 q, fine = float(force @ states[at]), cycle[k].sum()
                 whole = fine + np.pi * damping * np.sqrt(q / level[at]) * level[at] * q
+                errs[at] = abs(coarse / fine - 1.0) if coarse != fine else 0.0
                 apart = max(apart, float(abs(coarse - fine) / whole))
             ways[at].append(half)
             loops.append(moved)
@@ -309,6 +314,7 @@ class CyclePath:
             ways=ways,
             masing_error=float(np.abs(ratio - 1.0).max(initial=0.0)) if masing else None,
             errors={} if checked is None else {"damping_ratio": apart},
+            work_error=None if checked is None else errs,
         )
 
     def _half_cycle(

@@ -62,7 +62,9 @@ def test_what_not_to_rely_on_is_said_in_table_print_and_picture(tmp_path):
     assert [row["doubt"] for row in rows] == list(curve.doubts)
     assert rows[-1]["doubt"].startswith("whole slip")
     assert curve.differs.any()
-    line, *_ = backbone_lines(found)
+    shape, line, *_ = backbone_lines(found)
+    assert shape.startswith("Mode 1 with the joints stuck: ")
+    assert " Hz, moves along y (" in shape
     assert "Not to be relied on: 1 of 5 levels: whole slip;" in line
     assert any("slips as a whole" in text for text in found.notes)
     assert any("the ring-down differs" in text for text in found.notes)

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -55,15 +56,34 @@ def answered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]
 
 
 def test_one_command_says_loss_factor_error_and_bolt(answered):
-    _, lines = answered
+    folder, lines = answered
     (first,) = [line for line in lines if line.startswith("full model, mode 1, force of 20 N")]
-    assert "at right: loss factor 0." in first
-    assert " % by load increments and the mesh (not counted: friction excites mode 2 at " in first
-    assert "loss factor may be twice as large or more), equivalent viscous ratio " in first
+    parts = re.search(
+        r"loss factor (\S+) = (\S+) by friction \+ (\S+) by damping \(given, (.*?)\)", first
+    )
+    whole, friction, damping = (float(x) for x in parts.groups()[:3])
+    assert whole == pytest.approx(friction + damping, rel=0.01)
+    assert parts[4] == "[damping] ratio"
+    assert ", numerical error ± " in first
+    assert re.search(r"\(of the friction part ± \S+ %\) by load increments and the mesh, Q", first)
+    missing = lines[lines.index(first) + 1]
+    assert missing.startswith("  Not counted: that of the damping coefficient, which is given; ")
+    assert missing.endswith("by which the friction part may be twice as large or more.")
+    (begins,) = [line for line in lines if line.startswith("  joint_bolt_2 begins to slip")]
+    low, high = (float(x) for x in re.search(r"force of (\S+) to (\S+) N", begins).groups())
+    shares = [row for row in rows_of(folder / "backbone.csv") if row["model"] == "full"]
+    forces = [
+        (float(row["lost_by_friction_J"]) + float(row["lost_by_damping_J"]))
+        / (np.pi * float(row["displacement_right_m"]))
+        for row in shares
+    ]
+    whole = [float(row["slipping_share_joint_bolt_2"]) >= 0.99 for row in shares].index(True)
+    assert (low, high) == pytest.approx((forces[whole - 1], forces[whole]), rel=1e-3)
     bolts = [line for line in lines if line.startswith("  joint_bolt_2: ")]
     assert len(bolts) == 4
     assert all(
-        "% of the friction loss" in line and "of the normal force." in line for line in bolts
+        "% of the friction loss" in line and "of the normal force of all joints." in line
+        for line in bolts
     )
 
 
@@ -83,18 +103,46 @@ def test_a_table_has_the_amplitudes_their_errors_and_all_places(answered):
         assert force == pytest.approx(float(row["value"]), rel=1e-4)
         shares = [float(row[f"loss_share_{name}"]) for name in PLACES]
         assert shares[0] == pytest.approx(shares[1] + shares[2]) == pytest.approx(1.0)
+        by_friction, by_damping = (
+            float(row[f"loss_factor_by_{x}"]) for x in ("friction", "damping")
+        )
+        assert eta == pytest.approx(by_friction + by_damping)
         known = [float(row[f"loss_factor_error_{name}"]) for name in ("mesh", "cycles")]
         model = row["loss_factor_error_model"]
         assert bool(model) == (row["model"] == "condensed")
         total = float(row["loss_factor_error_total"])
         assert total == pytest.approx(sum(known) + float(model or 0.0))
-        assert "mode 2 at" in row["not_counted"]
         assert "not known" not in row["not_counted"]
+        excited = [float(x) for x in re.findall(r"mode \d+ at (\S+) times", row["not_counted"])]
+        assert all(min(abs(x / m - 1.0) for m in (3, 5, 7)) < 0.075 for x in excited)
+        assert bool(excited) == (row["value"] == "20")
+        own = [float(row[f"friction_loss_error_{name}"] or 0.0) for name in ("mesh", "cycles")]
+        apart = float(row["friction_loss_error_model"] or 0.0)
+        assert float(row["friction_loss_error_total"]) == pytest.approx(sum(own) + apart)
+    for exact, row in zip(rows[:2], rows[2:], strict=True):  # the distance is covered
+        for name in ("lost_by_friction_J", "loss_factor_by_friction"):
+            apart = abs(float(row[name]) / float(exact[name]) - 1.0)
+            assert apart <= float(row["friction_loss_error_model"]) * (1.0 + 1e-9)
+    cycles = [float(row["friction_loss_error_cycles"]) for row in rows[:2]]
+    assert cycles[0] != cycles[1]  # each of its own amplitude
     levels = rows_of(folder / "backbone.csv")
     assert {row["slipping_share"] == row["slipping_share_joint"] for row in levels} == {True}
     assert set(COLUMNS) - {"lost_by_impacts_J"} <= levels[0].keys()
     for row in levels:
         assert float(row["damping_ratio"]) < float(row["equivalent_viscous_ratio"])
+
+
+def test_a_model_of_merged_points_says_that_shares_of_bolts_are_rough():
+    at = {"point": "right", "force": [20.0]}
+    options = {"modes": 6, "friction_points": 12}
+    scene = bracket("reduced", backbone={"levels": 3, "at": at}, reduction=options)
+    lines = backbone_lines(scene_backbone(scene))
+    (said,) = [line for line in lines if "friction points stand for" in line]
+    count = scene.system().contact.w.size
+    assert said.startswith(f"  12 friction points stand for {count}, which does not resolve")
+    assert not any("begins to slip as a whole" in line for line in lines)
+    (first,) = [line for line in lines if "force of 20 N" in line]
+    assert " by load increments and the mesh and the smaller model, Q" in first
 
 
 def test_the_summary_has_what_a_report_needs(answered):

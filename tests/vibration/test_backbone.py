@@ -153,7 +153,11 @@ def test_what_friction_alone_holds_has_the_curve_of_what_is_fixed_where_it_stick
 
 def test_higher_modes_near_odd_multiples_are_reported():
     (found,) = backbone(bar(), levels=2)
-    assert any("mode 2 at 3 times" in sentence for sentence in found.notes)
+    ratios = found.higher[0] / found.frequency
+    text = f"mode 2 at {ratios[0]:.3g} to {ratios[1]:.3g} times"
+    assert text in found.excites[0]
+    assert any(text in sentence for sentence in found.notes)
+    assert found.at_levels(np.array([0])).excites[0] == f"mode 2 at {ratios[0]:.3g} times"
 
 
 def scene(name: str) -> Scene:
