@@ -184,28 +184,27 @@ def _beside(model: ModelBackbone, c: NonlinearMode) -> dict[str, dict[str, Float
 def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
     """Frequency and damping ratio of each mode over its amplitude.
 
-    Slow curves and ring-downs stand where the mode has their modal amplitude.
+    Slow curves and ring-downs stand where the mode has their modal amplitude; beyond its levels
+    the point's share in it is that of the nearest one.
     """
     figure, points = new_figure(8.5, 3.3 * len(modes.curves)), modes.scene.system().points
     panels = figure.subplots(len(modes.curves), 2, squeeze=False)
-    look = {"quasi_static": "--", "ring_down": "."}
+    look = {"quasi_static": "--", "ring_down": "x"}
     for row, c in zip(panels, modes.curves.values(), strict=True):
         x = _amplitude(c, points)
         unit, size = prefixed_unit("m", [x]) if c.point else ("m·√kg", 1.0)
         for panel, name, factor in zip(row, _VALUES, (1.0, 100.0), strict=True):
             y = factor * getattr(c, name)
-            panel.semilogx(x / size, y, "-", color=COLOURS[0], label=f"{modes.model.name} model")
+            panel.semilogx(x / size, y, ".-", color=COLOURS[0], label=f"{modes.model.name} model")
             if c.marched is not None:
                 k, ring = c.marched.levels, {"markerfacecolor": "none", "markersize": 8}
                 label = "judged by time steps"
                 panel.plot(x[k] / size, y[k], "o", color=COLOURS[0], label=label, **ring)
-            for colour, (what, curve) in zip(
-                COLOURS[1:], _curves(modes.model, c.mode).items(), strict=False
-            ):
-                amplitude, values = curve
-                here = np.interp(np.log(amplitude), np.log(c.amplitude), np.log(x), np.nan, np.nan)
+            others = _curves(modes.model, c.mode).items()
+            for (what, (amplitude, values)), colour in zip(others, COLOURS[1:], strict=False):
+                ratio = np.interp(np.log(amplitude), np.log(c.amplitude), x / c.amplitude)
+                shown = ratio * amplitude / size, factor * values[name]
                 label = what.replace("_", "-")
-                shown = np.exp(here) / size, factor * values[name]
                 panel.plot(*shown, look[what], color=colour, label=label)
             plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
