@@ -150,7 +150,9 @@ def parser() -> argparse.ArgumentParser:
     fitted = add("fit", _fit, "fit values of a scene to measured frequency and damping", scene, out)
     _add_fit_options(fitted)
     page = add(
-        "report", _report, "one page of HTML about the results of run, backbone, response or random"
+        "report",
+        _report,
+        "one page of HTML about results of run, backbone, nonlinear-modes, response or random",
     )
     page.add_argument("results", type=Path, metavar="DIR", help="folder of the results")
     timed = add("error-time", _error_time, "error against run time of many models", scene, out)

@@ -195,7 +195,8 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
         unit, size = prefixed_unit("m", [x]) if c.point else ("m·√kg", 1.0)
         for panel, name, factor in zip(row, _VALUES, (1.0, 100.0), strict=True):
             y = factor * getattr(c, name)
-            panel.semilogx(x / size, y, ".-", color=COLOURS[0], label=f"{modes.model.name} model")
+            label = f"nonlinear mode, {modes.model.name} model"
+            panel.semilogx(x / size, y, ".-", color=COLOURS[0], label=label)
             if c.marched is not None:
                 k, ring = c.marched.levels, {"markerfacecolor": "none", "markersize": 8}
                 label = "judged by time steps"
@@ -204,8 +205,8 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
             for (what, (amplitude, values)), colour in zip(others, COLOURS[1:], strict=False):
                 ratio = np.interp(np.log(amplitude), np.log(c.amplitude), x / c.amplitude)
                 shown = ratio * amplitude / size, factor * values[name]
-                label = what.replace("_", "-")
-                panel.plot(*shown, look[what], color=colour, label=label)
+                known = {"label": what.replace("_", "-")} if amplitude.size else {}
+                panel.plot(*shown, look[what], color=colour, **known)
             plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
             panel.set_xlabel(

@@ -99,7 +99,7 @@ class _Picture(NamedTuple):
 
 
 def write_report(folder: Path | str) -> Path:
-    """Write ``report.html`` about results of `run`, `backbone`, `response` or `random`.
+    """Write ``report.html`` about results of `run`, a curve of modes, `response` or `random`.
 
     The page has the results with their stated errors, what to beware of, the structure, what is
     assumed, the pictures, and the scene. Pictures are part of the file, which needs no network.
@@ -138,8 +138,8 @@ def _content(folder: Path) -> dict[str, Any]:
     path = folder / SUMMARY
     if not path.is_file():
         raise InputError(
-            f"{folder}: has no {SUMMARY}, must be the folder --out of run, backbone, response "
-            "or random"
+            f"{folder}: has no {SUMMARY}, must be the folder --out of run, backbone, "
+            "nonlinear-modes, response or random"
         )
     try:
         content = json.loads(read_text(path))
@@ -148,7 +148,7 @@ def _content(folder: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or "premises" not in content:
         raise InputError(
             f"{path}: is of another command or an older version, must be of run, backbone, "
-            "response or random; run it again"
+            "nonlinear-modes, response or random; run it again"
         )
     return content
 
