@@ -107,9 +107,10 @@ def _lines(model: ModelBackbone, c: NonlinearMode, points: tuple[str, ...]) -> I
         f"{_percent(c.estimated)} at most, with {c.series.highest} harmonics and "
         f"{c.series.samples} samples a period."
     )
-    if c.marched is not None:
-        apart = _apart(c, {name: _judged(c, name) for name in _VALUES}, True)
-        yield f"Time steps at {c.marched.levels.size} levels differ by {_percent(apart)} at most."
+    judged = {name: _judged(c, name) for name in _VALUES}
+    if apart := _apart(c, judged, True):
+        count = np.count_nonzero(np.isfinite(judged["frequency"]))
+        yield f"Time steps at {count} levels differ by {_percent(apart)} at most."
     for what, values in _beside(model, c).items():
         count = np.count_nonzero(np.isfinite(values["frequency"]))
         known = f", off by {_percent(_apart(c, values))} at most" if count else ""
