@@ -108,8 +108,8 @@ class Balance:
         contact = system.contact
         if contact.normal.rigid.any():
             raise InputError(
-                "harmonic balance: found rigid contact that opens, must be elastic: give a model of "
-                "sj.reduce, in which it is"
+                "harmonic balance: found rigid contact that opens, must be elastic: give a model "
+                "of sj.reduce, in which it is"
             )
         M, C, K = (as_dense(A) for A in (system.M, system.C, system.K))
         springs = springs_of_sticking(system, reference, factor)

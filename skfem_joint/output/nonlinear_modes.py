@@ -30,6 +30,11 @@ _ACTS = (
 )
 #: Values of all curves, with the end of their columns.
 _VALUES = {"frequency": "frequency_Hz", "damping_ratio": "damping_ratio"}
+_SAID = {
+    "quasi_static": "The quasi-static curve reaches",
+    "ring_down": "The ring-down reaches",
+    "time_steps": "Time steps judge",
+}
 
 
 def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path]:
@@ -45,7 +50,6 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
             "modal_amplitude": c.amplitude,
             **{column: getattr(c, name) for name, column in _VALUES.items()},
             **{f"{name}_error": c.error(name) for name in _VALUES},
-            **{f"time_steps_{name}": _judged(c, name) for name in _VALUES},
             **{
                 f"{what}_{column}": values[name]
                 for what, values in _beside(model, c).items()
@@ -64,10 +68,6 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
             | loss.place_cells(by_place, k)
             for k in range(c.frequency.size)
         ]
-        sources = {
-            source: {name: float(values.max()) for name, values in errors.items()}
-            for source, errors in c.errors.items()
-        }
         content.append(
             {
                 "mode": c.mode,
@@ -76,14 +76,12 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
                 "point": c.point,
                 "harmonics": c.series.highest,
                 "samples": c.series.samples,
-                "largest_damping_ratio": float(c.damping_ratio.max()),
-                "lowest_frequency_Hz": float(c.frequency.min()),
-                "estimated_error": c.estimated,
-                "estimated_error_by_source": sources,
-                "time_steps_apart": _apart(c, {name: _judged(c, name) for name in _VALUES}, True),
+                "estimated_error": {
+                    source: {name: float(values.max()) for name, values in errors.items()}
+                    for source, errors in c.errors.items()
+                },
                 "highest_level": loss.content(c.losses, by_place, -1),
             }
-            | {f"{what}_apart": _apart(c, values) for what, values in _beside(model, c).items()}
         )
     told = nonlinear_lines(modes)
     summary = content_of(scene, {model.name: {"modes": content}}, told, modes.notes, _ACTS)
@@ -107,14 +105,16 @@ def _lines(model: ModelBackbone, c: NonlinearMode, points: tuple[str, ...]) -> I
         f"{_percent(c.estimated)} at most, with {c.series.highest} harmonics and "
         f"{c.series.samples} samples a period."
     )
-    judged = {name: _judged(c, name) for name in _VALUES}
-    if apart := _apart(c, judged, True):
-        count = np.count_nonzero(np.isfinite(judged["frequency"]))
-        yield f"Time steps at {count} levels differ by {_percent(apart)} at most."
     for what, values in _beside(model, c).items():
-        count = np.count_nonzero(np.isfinite(values["frequency"]))
-        known = f", off by {_percent(_apart(c, values))} at most" if count else ""
-        yield f"The {what.replace('_', '-')} curve reaches {count} of {f.size} levels{known}."
+        known = np.isfinite(values["frequency"])
+        if what == "time_steps" and not known.any():
+            continue
+        apart = {
+            name: float(np.abs(of[known] / getattr(c, name)[known] - 1.0).max(initial=0.0))
+            for name, of in values.items()
+        }
+        off = f", off by {_percent(apart)} at most" if known.any() else ""
+        yield f"{_SAID[what]} {np.count_nonzero(known)} of {f.size} levels{off}."
 
 
 def _percent(errors: Mapping[str, float]) -> str:
@@ -125,29 +125,6 @@ def _percent(errors: Mapping[str, float]) -> str:
 def _amplitude(c: NonlinearMode, points: tuple[str, ...]) -> FloatArray:
     """Amplitudes that were asked for, (levels,), m; without a point modal ones."""
     return c.displacement[:, points.index(c.point)] if c.point else c.amplitude
-
-
-def _judged(c: NonlinearMode, name: str) -> FloatArray:
-    """Relative difference of time steps in a value, (levels,); nan where there are none."""
-    found = np.full(c.frequency.size, np.nan)
-    if c.marched is not None:
-        found[c.marched.levels] = getattr(c.marched, name)
-    return found
-
-
-def _apart(
-    c: NonlinearMode, values: Mapping[str, FloatArray], relative: bool = False
-) -> dict[str, float]:
-    """Largest relative distance of values from those of a mode, by name; none if none is known.
-
-    ``relative`` if the values are distances already.
-    """
-    apart = {}
-    for name, other in values.items():
-        known = np.isfinite(other)
-        distance = other[known] if relative else other[known] / getattr(c, name)[known] - 1.0
-        apart[name] = float(np.abs(distance).max(initial=0.0))
-    return apart if known.any() else {}
 
 
 def _curves(model: ModelBackbone, mode: int) -> dict[str, tuple[FloatArray, dict[str, FloatArray]]]:
@@ -168,17 +145,22 @@ def _curves(model: ModelBackbone, mode: int) -> dict[str, tuple[FloatArray, dict
 
 
 def _beside(model: ModelBackbone, c: NonlinearMode) -> dict[str, dict[str, FloatArray]]:
-    """Values of the slow curve and the ring-down at the modal amplitudes of a mode, or nan."""
+    """Values of other curves at the modal amplitudes of a mode, and by time steps, or nan."""
     from scipy.interpolate import PchipInterpolator  # slow to load
 
-    at, found = np.log(c.amplitude), {}
+    nowhere = np.full(c.amplitude.size, np.nan)
+    found = {}
     for what, (amplitude, values) in _curves(model, c.mode).items():
-        found[what] = {
-            name: PchipInterpolator(np.log(amplitude), ours, extrapolate=False)(at)
-            if amplitude.size > 1
-            else np.full(at.size, np.nan)
-            for name, ours in values.items()
-        }
+        found[what] = dict.fromkeys(values, nowhere)
+        if amplitude.size > 1:
+            curves = PchipInterpolator(np.log(amplitude), [*zip(*values.values(), strict=True)])
+            at = curves(np.log(c.amplitude), extrapolate=False)
+            found[what] = dict(zip(values, at.T, strict=True))
+    judged = found["time_steps"] = {name: nowhere.copy() for name in _VALUES}
+    if c.marched is not None:
+        k = c.marched.levels
+        for name, marched in judged.items():
+            marched[k] = getattr(c, name)[k] * (1.0 + getattr(c.marched, name))
     return found
 
 

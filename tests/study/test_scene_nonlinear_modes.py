@@ -76,10 +76,10 @@ def test_table_picture_and_page_have_the_curves_beside(tmp_path):
     curve = found.curves[1]
     for name in ("damping_ratio", "quasi_static_damping_ratio"):  # the same where all stick
         assert float(rows[0][name]) == pytest.approx(curve.viscous_damping[0], rel=1e-6)
-    judged = [k for k, row in enumerate(rows) if row["time_steps_frequency"]]
+    judged = [k for k, row in enumerate(rows) if row["time_steps_frequency_Hz"]]
     assert judged == curve.marched.levels.tolist()
     (told,) = json.loads((tmp_path / "summary.json").read_text())["models"]["reduced"]["modes"]
-    assert told["estimated_error"] == curve.estimated
+    assert told["estimated_error"]["harmonics"]["frequency"] == curve.estimated["frequency"]
     assert told["harmonics"] == curve.series.highest
     page = sj.write_report(tmp_path).read_text(encoding="utf-8")
     assert "Modes over the amplitude of their first harmonic" in page
@@ -88,7 +88,7 @@ def test_table_picture_and_page_have_the_curves_beside(tmp_path):
 
 def test_a_mode_that_ends_early_is_written_with_the_reason_and_status_3(tmp_path, capsys):
     """A uniform bar: a harmonic meets a higher mode."""
-    scene, file = bar(UNIFORM, amplitudes=[1e-4, 1e-2]), tmp_path / "bar.toml"
+    scene, file = bar(UNIFORM, amplitudes=[1e-4, 1e-2], confirm=True), tmp_path / "bar.toml"
     write_mesh(scene.named_mesh, tmp_path / "bar.msh")
     file.write_text(scene_text(scene), encoding="utf-8")
     out = tmp_path / "out"
