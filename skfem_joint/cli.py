@@ -141,12 +141,18 @@ def parser() -> argparse.ArgumentParser:
         help="table such as load or joint.pressure (default: all)",
     )  # fmt: skip
     add("backbone", _backbone, "frequency and damping of modes over amplitude", scene, out)
+    add(
+        "nonlinear-modes", _nonlinear_modes,
+        "frequency and damping of modes over amplitude, into gross slip", scene, out,
+    )  # fmt: skip
     add("response", _response, "steady vibration over frequency", scene, out, workers)
     add("random", _random, "response to a load by its power spectral density", scene, out)
     fitted = add("fit", _fit, "fit values of a scene to measured frequency and damping", scene, out)
     _add_fit_options(fitted)
     page = add(
-        "report", _report, "one page of HTML about the results of run, backbone, response or random"
+        "report",
+        _report,
+        "one page of HTML about results of run, backbone, nonlinear-modes, response or random",
     )
     page.add_argument("results", type=Path, metavar="DIR", help="folder of the results")
     timed = add("error-time", _error_time, "error against run time of many models", scene, out)
@@ -433,6 +439,26 @@ def _backbone(options: argparse.Namespace) -> int:
         files = damping.write_backbone(options.out, backbone)
     print("\n".join(damping.backbone_lines(backbone)))
     return _print_notes(backbone.notes, options.out, files)
+
+
+def _nonlinear_modes(options: argparse.Namespace) -> int:
+    """Compute modes into gross slip, write and print them."""
+    from skfem_joint.output import nonlinear_modes as output
+    from skfem_joint.study.scene_backbone import nonlinear_table, scene_nonlinear_modes
+
+    def ready(scene: Scene) -> None:
+        scene.check_vibrates(options.name)
+        nonlinear_table(scene)
+
+    scene = _loaded(options, ready)
+    with _kept(options) as notes:
+        with _progress(options) as progress:
+            modes = scene_nonlinear_modes(scene, progress)
+        modes = replace(modes, notes=(*modes.notes, *notes))
+        files = output.write_nonlinear_modes(options.out, modes)
+    print("\n".join(output.nonlinear_lines(modes)))
+    _print_notes(modes.notes, options.out, files)
+    return ConvergenceError.exit_status if modes.failures else 0
 
 
 def _response(options: argparse.Namespace) -> int:

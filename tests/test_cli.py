@@ -90,7 +90,7 @@ def test_as_much_is_said_as_is_asked_for(scene, tmp_path, capsys):
 def test_a_shell_completes_every_command():
     shown = pytest.importorskip("shtab").complete(cli.parser(), "bash")
     names = "run check example keys backbone response random fit report error-time sweep"
-    for name in names.split():
+    for name in ["nonlinear-modes", *names.split()]:
         assert name in shown
     assert "--checkpoint-every" in shown
 

@@ -108,8 +108,8 @@ class Balance:
         contact = system.contact
         if contact.normal.rigid.any():
             raise InputError(
-                "nonlinear_modes: found rigid contact that opens, must be elastic: give a model of "
-                "sj.reduce, in which it is"
+                "harmonic balance: found rigid contact that opens, must be elastic: give a model "
+                "of sj.reduce, in which it is"
             )
         M, C, K = (as_dense(A) for A in (system.M, system.C, system.K))
         springs = springs_of_sticking(system, reference, factor)
@@ -211,7 +211,7 @@ def check_size(system: System, series: Series) -> None:
     size = series.size * system.n
     if size > MOST:
         raise InputError(
-            f"nonlinear_modes: found {system.n} unknowns, with {series.size} coefficients of each "
+            f"harmonic balance: found {system.n} unknowns, with {series.size} coefficients of each "
             f"{size} in all, must be at most {MOST}: their derivative is a dense matrix. Give a "
             "reduced model, such as sj.reduce(system, curve=...), or fewer harmonics"
         )

@@ -219,7 +219,9 @@ def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Ite
 
 
 def notes_of_errors(curve: NonlinearMode, settled: Mapping[str, float]) -> Iterator[str]:
-    """Notes of values that have not settled, and of time steps that differ."""
+    """Notes of values that have not settled, and of time steps that differ or do not converge."""
+    if curve.marched is not None:
+        yield from curve.marched.notes
     for name, bound in settled.items():
         what = name.replace("_", " ")
         if (worst := float(curve.errors["harmonics"][name].max())) > bound:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
+from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.loads import Harmonic
 from skfem_joint.harmonic.levels import Levels
 from skfem_joint.runs.integrate import TOLERANCE
@@ -39,18 +40,29 @@ class Marched:
     ----------
     levels : ndarray of int, shape (k,)
     frequency, damping_ratio : ndarray, shape (k,)
-        Relative differences of the marched values from those of the mode.
+        Relative differences of the marched values from those of the mode; nan where time steps do
+        not converge.
+    notes : tuple of str
+        Why they do not.
     """
 
     levels: IntArray
     frequency: FloatArray
     damping_ratio: FloatArray
+    notes: tuple[str, ...] = ()
 
 
 def march(levels: Levels, rows: IntArray) -> Marched:
     """Some levels, by number, judged by time steps."""
-    both = np.array([_differences(levels, k) for k in rows.tolist()])
-    return Marched(rows, both[:, 0], both[:, 1])
+    both, notes = np.full((rows.size, 2), np.nan), []
+    for k, row in enumerate(rows.tolist()):
+        try:
+            both[k] = _differences(levels, row)
+        except ConvergenceError as error:
+            notes.append(
+                f"time steps, which judge the level number {row + 1}, do not converge: {error}"
+            )
+    return Marched(rows, both[:, 0], both[:, 1], tuple(notes))
 
 
 def _differences(levels: Levels, k: int) -> tuple[float, float]:

@@ -4,7 +4,7 @@
 program wrote. `report` (summary, printed tables), `page` (a page of HTML of them) and `tables`
 (CSV, JSON); `fields` and `series` (VTK), `universal` (files of modal test); `plots` (curves) and
 the folder `drawing` (bodies); `damping` (backbones and responses) with `loss` and
-`backbone_peaks`, `fits` and `sweeps`.
+`backbone_peaks`, `nonlinear_modes`, `fits` and `sweeps`.
 """
 
 from skfem_joint.output.folder import prepare, write

@@ -100,8 +100,8 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     scene, notes, first = backbone.scene, [*backbone.notes], backbone.models[0]
     if scene.output.uff and first.name != "full":
         notes.append("backbone.uff has stuck modes alone: shapes at levels are of the full model.")
-    content = _content(scene, models, backbone_lines(backbone), notes, OF_MODES)
-    files = _written(folder, figures, content, tables)
+    content = content_of(scene, models, backbone_lines(backbone), notes, OF_MODES)
+    files = written(folder, figures, content, tables)
     if scene.output.uff:
         curves = first.curves if first.name == "full" else []
         with adding(folder):
@@ -412,8 +412,8 @@ def write_response(
             "response.uff has geometry and modes alone: responses are taken over one force, which "
             "must be the only load."
         )
-    content = _content(response.scene, models, told, notes, acting)
-    files = _written(
+    content = content_of(response.scene, models, told, notes, acting)
+    files = written(
         folder,
         figures,
         content,
@@ -574,7 +574,7 @@ def write_random(
         }
         for mode in found.modes
     ]
-    content = _content(
+    content = content_of(
         scene,
         {"full": {"modes": modes}},
         random_lines(found),
@@ -587,7 +587,7 @@ def write_random(
         "viscous_work_J_per_hour": found.viscous_work,
         "estimated_error": dict(found.estimated),
     }
-    return _written(folder, {"random.png": random_figure(found)}, content, tables)
+    return written(folder, {"random.png": random_figure(found)}, content, tables)
 
 
 def _random_loads(scene: Scene, found: RandomResponse) -> Iterator[str]:
@@ -673,7 +673,7 @@ def random_figure(found: RandomResponse) -> Figure:
     return figure
 
 
-def _content(
+def content_of(
     scene: Scene,
     models: Mapping[str, Any],
     told: Sequence[str],
@@ -690,7 +690,7 @@ def _content(
     }
 
 
-def _written(
+def written(
     folder: Path,
     figures: Mapping[str, Figure],
     content: dict[str, Any],

@@ -37,6 +37,10 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
         *("model", "mode", "level", "displacement_", "frequency_Hz", "damping_ratio"),
         *("loss_factor", "slipping_share_", "state", "doubt", "mesh_error_"),
     ),
+    "nonlinear_modes.csv": (
+        *("mode", "amplitude_m", "frequency_Hz", "damping_ratio", "frequency_error"),
+        *("time_steps_", "quasi_static_", "ring_down_", "loss_factor", "state"),
+    ),
     "peaks.csv": (),
     "stress.csv": (
         *("model", "region", "largest", "x_m", "y_m", "z_m", "preload_", "vibration_", "total_"),
@@ -49,6 +53,7 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
 _TABLES = {
     "amplitudes.csv": "At the amplitudes asked for",
     "backbone.csv": "Over the level, which is 1 where the first joint slips as a whole",
+    "nonlinear_modes.csv": "Modes over the amplitude of their first harmonic",
     "stress.csv": "Where stresses of elements are largest, in the last cycle or in a run without",
     "peaks.csv": "Peaks beside the damping curves",
     "random.csv": "Motion of the named points",
@@ -90,6 +95,7 @@ _CAPTIONS = {
     "fastest: where the load turns, all stick",
     "backbone_response": "Response beside the damping curves",
     "backbone": "Frequency and damping over amplitude",
+    "nonlinear_modes": "Frequency and damping of modes into gross slip, over amplitude",
     "response": "Amplitude over frequency",
     "random": "Spectral density of displacement and acceleration",
 }
@@ -114,7 +120,7 @@ class _Picture(NamedTuple):
 
 
 def write_report(folder: Path | str) -> Path:
-    """Write ``report.html`` about results of `run`, `backbone`, `response` or `random`.
+    """Write ``report.html`` about results of `run`, a curve of modes, `response` or `random`.
 
     The page has the results with their stated errors, what to beware of, the structure, what is
     assumed, the pictures, and the scene. Pictures are part of the file, which needs no network.
@@ -153,8 +159,8 @@ def _content(folder: Path) -> dict[str, Any]:
     path = folder / SUMMARY
     if not path.is_file():
         raise InputError(
-            f"{folder}: has no {SUMMARY}, must be the folder --out of run, backbone, response "
-            "or random"
+            f"{folder}: has no {SUMMARY}, must be the folder --out of run, backbone, "
+            "nonlinear-modes, response or random"
         )
     try:
         content = json.loads(read_text(path))
@@ -163,7 +169,7 @@ def _content(folder: Path) -> dict[str, Any]:
     if not isinstance(content, dict) or "premises" not in content:
         raise InputError(
             f"{path}: is of another command or an older version, must be of run, backbone, "
-            "response or random; run it again"
+            "nonlinear-modes, response or random; run it again"
         )
     return content
 

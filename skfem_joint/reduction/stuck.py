@@ -49,7 +49,7 @@ class Stuck:
         self.F, self.path = motions_without_slip(system, carrying=True), path
         if self.F.shape[1] == 0:
             raise InputError(
-                "backbone: every unknown is in contact, so that no mode is left when it sticks; "
+                "stuck modes: every unknown is in contact, so that no mode is left when it sticks; "
                 "leave a part of the structure out of the joints, keep interface_modes in a "
                 "reduced model, or look at response"
             )

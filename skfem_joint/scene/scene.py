@@ -82,6 +82,9 @@ class Scene(SceneTable):
     backbone: tables.BackboneTable = key(
         "modes whose frequency and damping are computed against amplitude", tables.BackboneTable()
     )
+    nonlinear_modes: tables.NonlinearModesTable | None = key(
+        "modes whose frequency and damping are computed into gross slip", None
+    )
     random: tables.RandomTable | None = key("load by its power spectral density", None)
     sweep: SweepTable | None = key("keys of the scene and the values they take in turn", None)
 

@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal, Self, TypeAlias
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -23,6 +24,7 @@ from pydantic import (
 )
 
 from skfem_joint.ground import loads
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.power_density import PowerDensity
 from skfem_joint.ground.text_tables import head_of, read_table
@@ -651,14 +653,15 @@ class AmplitudesTable(SceneTable):
         return self
 
 
+#: Numbers of modes.
+Modes: TypeAlias = Annotated[TomlList[Count], AfterValidator(has_no_repeats)]
+_WHICH_MODES = "numbers of the modes of the structure with sticking contact, from 1 on"
+
+
 class BackboneTable(SceneTable):
     """``[backbone]``: frequency and damping against amplitude, for the command ``backbone``."""
 
-    modes: Annotated[TomlList[Count], AfterValidator(has_no_repeats)] = key(
-        "numbers of the modes of the structure with sticking contact, from 1 on",
-        (1,),
-        min_length=1,
-    )
+    modes: Modes = key(_WHICH_MODES, (1,), min_length=1)
     levels: Count = key("number of points of each curve", 20)
     up_to: Positive = key(
         "the highest load level, as a share of that at which the first joint slips as a whole", 0.7
@@ -684,3 +687,41 @@ class BackboneTable(SceneTable):
         if self.released == "loads" and not self.ring_down:
             raise mistake("found 'loads', but ring_down asks for no cycles", "released")
         return self
+
+
+class AmplitudeRangeTable(FrequenciesTable):
+    """``amplitudes = { from, to, points }``: amplitudes at equal ratios."""
+
+    from_: Positive = key("lowest amplitude, m", alias="from")
+    to: Positive = key("highest amplitude, m")
+    points: Count = key("number of amplitudes", 12)
+
+
+class NonlinearModesTable(SceneTable):
+    """``[nonlinear_modes]``: modes into gross slip, for the command ``nonlinear-modes``."""
+
+    modes: Modes = key(_WHICH_MODES, (1,), min_length=1)
+    amplitudes: Annotated[
+        Annotated[Rising, Tag(Form.LIST)] | Annotated[AmplitudeRangeTable, Tag(Form.TABLE)],
+        by_form(Form.TABLE, otherwise=Form.LIST),
+    ] = key(
+        "amplitudes of the first harmonic of the point, m, as a list that rises, or a table "
+        "{ from, to, points }"
+    )
+    at: str | None = key(
+        "named point whose amplitudes they are, as results show it; the one that the mode moves "
+        "most if not given",
+        None,
+    )
+    model: Literal["full", "condensed", "reduced"] = key(
+        "model whose modes they are; full and condensed ones must be small", "reduced"
+    )
+    confirm: bool = key("whether time steps judge three amplitudes of each mode", True)
+
+    @property
+    def levels(self) -> FloatArray:
+        """The amplitudes, (levels,), m."""
+        table = self.amplitudes
+        if isinstance(table, AmplitudeRangeTable):
+            return np.geomspace(table.from_, table.to, table.points)
+        return np.array(table)

@@ -1,4 +1,4 @@
-"""Backbone curves of a scene's models, and random vibration by them."""
+"""Backbone curves of a scene's models, nonlinear modes beside them, and random vibration."""
 
 from __future__ import annotations
 
@@ -11,8 +11,10 @@ import numpy as np
 
 from skfem_joint.accuracy.halved_mesh import BEYOND, affords
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import InputError, JointError
+from skfem_joint.ground.errors import ConvergenceError, InputError, JointError
 from skfem_joint.ground.progress import Progress, announced, silent
+from skfem_joint.harmonic.curve import NonlinearMode
+from skfem_joint.harmonic.modes import nonlinear_modes
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.models import notes_of, reduced_for_mode
 from skfem_joint.results.loss import over
@@ -20,7 +22,7 @@ from skfem_joint.results.normal_force import NormalChange, normal_change_of_mode
 from skfem_joint.results.places import of_all
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
-from skfem_joint.scene.tables import RandomTable
+from skfem_joint.scene.tables import NonlinearModesTable, RandomTable
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.study.models import (
@@ -63,6 +65,8 @@ class ModelBackbone:
         in parts none are known.
     at : list of AtAmplitudes
         The same mode at the amplitudes that are asked for; empty if none are.
+    systems : list of System
+        Of each mode.
     """
 
     name: str
@@ -70,6 +74,7 @@ class ModelBackbone:
     ring_downs: list[RingDown]
     errors: list[dict[str, float]]
     at: list[AtAmplitudes] = field(default_factory=list)
+    systems: list[System] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -207,6 +212,7 @@ def scene_backbone(
                     at = _beside(_at(scene, small, own, asked, report), at)
                 model.at.append(at)
             model.curves.append(own)
+            model.systems.append(small)
             model.errors.append(_distances(own, curve) if scene.parts is None else {})
             if scene.backbone.ring_down:
                 start = released if small is system else _released(scene, small)
@@ -345,6 +351,82 @@ def _by_mesh(
         return {curve.mode: mesh_of_curve(curve, finer, report) for curve in curves}, []
     except JointError as error:
         return {}, [f"The errors by the mesh are not estimated: {error}"]
+
+
+@dataclass(frozen=True)
+class SceneNonlinearModes:
+    """Nonlinear modes that a scene asks for.
+
+    Attributes
+    ----------
+    scene : Scene
+    model : ModelBackbone
+        Slow curves and ring-downs of the same model.
+    curves : dict of int to NonlinearMode
+        By number of the mode, with slips and works of the full model's points.
+    failures : tuple of ConvergenceError
+        Of modes that end before their last amplitude, or have no curve.
+    notes : tuple of str
+    """
+
+    scene: Scene
+    model: ModelBackbone
+    curves: dict[int, NonlinearMode]
+    failures: tuple[ConvergenceError, ...]
+    notes: tuple[str, ...]
+
+
+def nonlinear_table(scene: Scene) -> NonlinearModesTable:
+    """Table ``[nonlinear_modes]`` of a scene; InputError if there is none."""
+    if scene.nonlinear_modes is None:
+        raise InputError(
+            f"{scene.path}: nonlinear_modes: missing; say amplitudes = {{ from, to, points }} in a "
+            "table [nonlinear_modes]"
+        )
+    return scene.nonlinear_modes
+
+
+def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNonlinearModes:
+    """Modes into gross slip as a scene's table ``[nonlinear_modes]`` asks for.
+
+    Their models are those of :func:`scene_backbone`, of the levels of the table ``[backbone]``,
+    whose curves and ring-downs stand beside them.
+
+    InputError and ConvergenceError as :func:`backbone` and :func:`nonlinear_modes`; modes that end
+    early are among the results, if there are any.
+    """
+    table, points = nonlinear_table(scene), scene.system().points
+    if table.at is not None and table.at not in points:
+        raise InputError(
+            f"nonlinear_modes.at: found {table.at!r}, must be one of {', '.join(points)}"
+        )
+    beside = {"modes": list(table.modes), "at": None}
+    one = {"run": [table.model]}
+    slow = scene_backbone(
+        scene.changed(backbone=beside, models=one, reduction={"range": None}), progress
+    )
+    (model,) = slow.models
+    curves, failures, notes = {}, list[ConvergenceError](), [*slow.notes]
+    for number, system in zip(table.modes, model.systems, strict=True):
+        report = partial(progress, f"{model.name} model, nonlinear mode {number}")
+        asked, judged = table.levels, table.confirm
+        try:
+            (curve,) = nonlinear_modes(
+                system, (number,), amplitudes=asked, at=table.at, confirm=judged, progress=report
+            )
+        except ConvergenceError as error:
+            failures.append(error)
+            curve = error.run
+            if curve is None:
+                continue
+        work, shares = of_all(system, curve.friction_work), system.contact.shares
+        slip = curve.slip if shares is None else curve.slip @ (shares > 0.0)
+        curves[number] = replace(curve, slip=slip, friction_work=work)
+        notes += curve.notes
+    if not curves:
+        raise failures[0]
+    notes += [str(error) for error in failures]
+    return SceneNonlinearModes(scene, model, curves, tuple(failures), tuple(notes))
 
 
 def random_table(scene: Scene) -> RandomTable:

@@ -9,7 +9,11 @@ from scipy.integrate import quad
 
 import skfem_joint as sj
 from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.progress import Tally, silent
 from skfem_joint.harmonic.balance import Balance
+from skfem_joint.harmonic.levels import climbed
+from skfem_joint.harmonic.marched import march
+from skfem_joint.harmonic.mode_equations import ModeEquations
 from skfem_joint.harmonic.series import Series
 
 
@@ -61,6 +65,20 @@ def test_loss_of_a_jenkins_oscillator_has_its_closed_form():
     lost = np.maximum(4.0 * 0.7 * (reach - 0.7 / 3.0), 0.0)
     assert mode.losses.friction == pytest.approx(lost, rel=2e-3, abs=1e-12)
     assert mode.frequency[0] == pytest.approx(2.0 / (2.0 * np.pi), rel=1e-9)  # stuck: k + spring
+
+
+def test_time_steps_that_do_not_converge_are_told_and_cost_no_level():
+    balance = Balance.of(jenkins(), Series(15, 512, True), 2.0, 1.0)
+    equations = ModeEquations(balance, 1, np.ones(1), np.ones(1), 1.0)
+    levels, failure = climbed(equations, np.log([0.1, 0.5]), Tally(silent))
+    assert failure is None
+    broken = levels.u.copy()
+    broken[1] = np.nan
+    marched = march(replace(levels, u=broken), np.arange(2))
+    assert abs(marched.frequency[0]) < 1e-4
+    assert np.isnan(marched.frequency[1])
+    (note,) = marched.notes
+    assert "level number 2, do not converge" in note
 
 
 def test_one_harmonic_has_the_describing_function():
