@@ -63,7 +63,8 @@ class NonlinearMode:
         Energy lost by friction in a cycle at each contact point, J.
     errors : dict of str to dict of str to ndarray, shape (levels,)
         Estimated relative errors of ``frequency`` and ``damping_ratio`` by source: "harmonics", of
-        harmonics and samples, and "sticking", of the springs that stand for rigid sticking.
+        harmonics and samples, and "sticking", of the springs that stand for rigid sticking; nan
+        where it is not known.
     marched : Marched or None
         Some levels judged by time steps.
     notes : tuple of str
@@ -198,8 +199,8 @@ def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Ite
     beta = contact.beta[contact.rubs & np.isfinite(contact.beta)]
     if beta.size:
         yield (
-            "the curve is of Coulomb's law. The joints' own, with beta = "
-            f"{beta.min():.3g} s/m, lets them creep where they would stick. A ring-down and "
+            "the curve is of Coulomb's law. The arctangent law of this model, with beta = "
+            f"{beta.min():.3g} s/m, lets points creep where they would stick. A ring-down and "
             "response have it."
         )
     if soft > SOFT_FORCE:
@@ -224,14 +225,20 @@ def notes_of_errors(curve: NonlinearMode, settled: Mapping[str, float]) -> Itera
         yield from curve.marched.notes
     for name, bound in settled.items():
         what = name.replace("_", " ")
-        if (worst := float(curve.errors["harmonics"][name].max())) > bound:
+        worst = float(curve.errors["harmonics"][name].max())
+        if np.isnan(worst):
+            yield (
+                f"by how much its {what} would change with more than {curve.series.highest} "
+                "harmonics is not known at all levels. Give a smaller model, or fewer levels."
+            )
+        elif worst > bound:
             yield (
                 f"its {what} has not settled with {curve.series.highest} harmonics: up to "
                 f"{100.0 * worst:.2g} % of it may be missing. See the errors of its levels."
             )
         if curve.marched is not None:
             apart = np.abs(getattr(curve.marched, name))
-            stated = curve.errors["harmonics"][name][curve.marched.levels] + bound
+            stated = np.nan_to_num(curve.errors["harmonics"][name][curve.marched.levels]) + bound
             if (far := apart > stated).any():
                 k = int(curve.marched.levels[np.argmax(far)])
                 yield (

@@ -187,14 +187,15 @@ def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray
     """Levels with as many harmonics as it takes, and the relative errors left.
 
     A level that is not found with more harmonics keeps its own, and the largest error of all.
+    Errors are nan where more harmonics were never found, or would make too large a derivative.
     """
-    errors = {name: np.ones(levels.omega.size) for name in SETTLED}
+    errors = {name: np.full(levels.omega.size, np.nan) for name in SETTLED}
     for highest, samples in LADDER[1:]:
         balance = levels.equations.balance
         series = Series(highest, samples, balance.series.odd)
         if series.size * balance.frequencies.size > MOST:
             break
-        open_ = np.any([errors[name] > bound for name, bound in SETTLED.items()], axis=0)
+        open_ = ~np.all([errors[name] <= bound for name, bound in SETTLED.items()], axis=0)
         equations = replace(levels.equations, balance=balance.refined(series))
         finer, found = resolved(levels, equations, tally, open_)
         for name, change in changes(finer, levels).items():

@@ -16,6 +16,7 @@ from skfem_joint.output.backbone_peaks import COLOURS
 from skfem_joint.output.damping import content_of, written
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit
 from skfem_joint.output.tables import by_columns
+from skfem_joint.results.loss import known
 from skfem_joint.results.places import places_of
 from skfem_joint.study.scene_backbone import ModelBackbone, SceneNonlinearModes
 from skfem_joint.vibration.backbone import Backbone
@@ -77,7 +78,7 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
                 "harmonics": c.series.highest,
                 "samples": c.series.samples,
                 "estimated_error": {
-                    source: {name: float(values.max()) for name, values in errors.items()}
+                    source: known({name: float(values.max()) for name, values in errors.items()})
                     for source, errors in c.errors.items()
                 },
                 "highest_level": loss.content(c.losses, by_place, -1),
@@ -118,7 +119,12 @@ def _lines(model: ModelBackbone, c: NonlinearMode, points: tuple[str, ...]) -> I
 
 
 def _percent(errors: Mapping[str, float]) -> str:
-    shown = (f"{100.0 * e:.2g} % in {name.split('_')[0]}" for name, e in errors.items())
+    shown = (
+        f"{100.0 * e:.2g} % in {name.split('_')[0]}"
+        if np.isfinite(e)
+        else f"an unknown share in {name.split('_')[0]}"
+        for name, e in errors.items()
+    )
     return " and ".join(shown)
 
 
