@@ -618,9 +618,10 @@ class ResponseTable(SceneTable):
         "over the first load's force, or absolute motion over that of the moving base",
         (),
     )
-    sweep_rates: TomlList[Positive] = key(
+    sweep_rates: Annotated[TomlList[Positive], AfterValidator(has_no_repeats)] = key(
         "rates of swept sines, octaves/min; through the frequencies up and down, their largest "
-        "amplitudes in each cycle stand beside the curves; for harmonic loads in phase",
+        "amplitudes in each cycle stand beside the curves; for harmonic loads of one frequency, in "
+        "phase",
         (),
     )
 
