@@ -225,23 +225,26 @@ class Mistakes(list[str]):
         refuse([*self[:MOST_LISTED], *rest])
 
 
-#: Units of the two columns of a load over time, by the names that the columns may have.
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 _NEWTONS = {"N": 1.0, "kN": 1e3, "MN": 1e6}
-_PASCALS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6}
+_PASCALS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "N/m2": 1.0, "N/mm2": 1e6}
+#: Units of a load's columns, by the names that they may have, and of what it may be.
 _TIMES = {"time": _SECONDS, "t": _SECONDS}
-_FORCES = {
-    "force": _NEWTONS,
-    "f": _NEWTONS,
-    "pressure": _PASCALS,
-    "traction": _PASCALS,
-    "acceleration": {"m/s2": 1.0},
+_AMPLITUDES: Mapping[str, Mapping[str, Mapping[str, float]]] = {
+    "force": {"force": _NEWTONS, "f": _NEWTONS},
+    "traction": {"traction": _PASCALS},
+    "pressure": {"pressure": _PASCALS},
+    "acceleration": {"acceleration": {"m/s2": 1.0}},
 }
 
 
-def read_table(path: str | Path) -> Table:
-    """Table from a UTF-8 text file with two columns: time (s) and force (N), see `read_pairs`."""
-    times, forces, _ = read_pairs(path, _TIMES, _FORCES)
+def read_table(path: str | Path, quantity: str = "force") -> Table:
+    """Table from a UTF-8 text file: time (s) and force (N), or another quantity, in its unit.
+
+    The quantity is ``"force"``, ``"traction"``, ``"pressure"`` or ``"acceleration"``. See
+    `read_pairs`.
+    """
+    times, forces, _ = read_pairs(path, _TIMES, _AMPLITUDES[quantity])
     return Table(times, forces)
 
 

@@ -313,7 +313,8 @@ class TableLoad(_Load):
     def _read(self, info: ValidationInfo) -> Self:
         folder: Path = (info.context or {}).get("folder", Path())
         try:
-            self._table = read_table(folder / self.file)
+            quantity = self.quantity if self.base is None else "acceleration"
+            self._table = read_table(folder / self.file, quantity)
         except InputError as error:
             raise mistake("\n".join(error.problems), "file") from error
         return self

@@ -306,6 +306,12 @@ def test_units_in_the_header_of_a_table_count(tmp_path):
         load = read_table(path)
         np.testing.assert_allclose(load.times, [0.0, 2e-3])
         np.testing.assert_allclose(load.forces, [0.0, 5e3])
+    path.write_text("time (s),pressure (MPa)\n0,0\n1,2\n", encoding="utf-8")
+    assert read_table(path, "pressure").forces.tolist() == [0.0, 2e6]
+    with pytest.raises(
+        sj.InputError, match=r"column 'pressure \(MPa\)': must be one of time, t, f"
+    ):
+        read_table(path)
 
 
 @pytest.mark.parametrize(
