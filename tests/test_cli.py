@@ -390,7 +390,7 @@ def test_random_vibration_leaves_tables_a_picture_and_a_summary(scene, tmp_path,
     assert last == "These loads act without correlation."
     (tmp_path / "psd.csv").write_text("Hz,g2/Hz\n500,1e3\n5000,1e3\n", encoding="utf-8")
     assert cli.main(["random", str(scene(FULL_ONLY, more=more)), "--out", str(out)]) == 2
-    assert "the head of psd.csv says 'Hz,g2/Hz'" in capsys.readouterr().err
+    assert "psd.csv: the header states g2/Hz, but the unit is 'SI'" in capsys.readouterr().err
     assert cli.main(["random", str(scene(FULL_ONLY)), "--out", str(out)]) == 2
     assert "random: missing" in capsys.readouterr().err
 

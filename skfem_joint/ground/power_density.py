@@ -15,6 +15,12 @@ from skfem_joint.ground.values import check_columns
 
 #: Standard acceleration of gravity, m/s².
 GRAVITY = 9.80665
+#: Units of the columns of a file, by the names that the columns may have. Densities are in units of
+#: the loads, see `PowerDensity.of`.
+_HERTZ = {"Hz": 1.0, "kHz": 1e3}
+_OVER_HERTZ = {"N2/Hz": 1.0, "Pa2/Hz": 1.0, "(m/s2)2/Hz": 1.0, "m2/s4/Hz": 1.0, "g2/Hz": 1.0}
+_FREQUENCIES = {"frequency": _HERTZ, "f": _HERTZ}
+_DENSITIES = {"density": _OVER_HERTZ, "psd": _OVER_HERTZ, "asd": _OVER_HERTZ}
 #: Points of Gauss's rule in each interval, and the largest ratio of the ends of an interval. With
 #: a pole of the response half an interval away from it the rule errs by 1e-7.
 GAUSS, LARGEST_RATIO = 10, 1.25
@@ -43,12 +49,19 @@ class PowerDensity:
         check_columns("psd: ", "frequencies", "values", self.frequencies, self.values, 0.0)
 
     @classmethod
-    def of(cls, psd: PowerDensity | ArrayLike | str | Path) -> PowerDensity:
-        """From a file or an array with two columns; InputError if it has others."""
+    def of(cls, psd: PowerDensity | ArrayLike | str | Path, unit: str = "SI") -> PowerDensity:
+        """From a file or an array with two columns; InputError if it has others.
+
+        The unit is ``"SI"`` or ``"g2/Hz"``: what a file states must agree, values stay in it.
+        """
         if isinstance(psd, PowerDensity):
             return psd
         if isinstance(psd, str | Path):
-            columns = read_pairs(psd, ("frequency", "Hz"), ("density", "units of it over Hz"))
+            *columns, stated = read_pairs(psd, _FREQUENCIES, _DENSITIES)
+            if stated is not None and (stated == "g2/Hz") != (unit == "g2/Hz"):
+                raise InputError(
+                    f"{psd}: the header states {stated}, but the unit is {unit!r}; make them agree"
+                )
             try:
                 return cls(*columns)
             except InputError as error:

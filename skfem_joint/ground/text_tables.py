@@ -119,7 +119,7 @@ def column_units(
     units: dict[str, str | None] = {}
     problems = []
     for text in texts:
-        parts = re.fullmatch(r"(.*?)\s*(?:[(\[]([^()\[\]]*)[)\]])?", text.strip())
+        parts = re.fullmatch(r"(.*?)\s*(?:[(\[](.*)[)\]])?", text.strip())
         name, unit = (parts[1].casefold(), plain_unit(parts[2] or "")) if parts else (text, "")
         if name not in allowed:
             problems.append(
@@ -225,63 +225,107 @@ class Mistakes(list[str]):
         refuse([*self[:MOST_LISTED], *rest])
 
 
-def read_table(path: str | Path) -> Table:
-    """Table from a UTF-8 text file with two columns: time (s) and force (N), see `read_pairs`."""
-    return Table(*read_pairs(path, ("time", "s"), ("force", "N")))
+_SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+_NEWTONS = {"N": 1.0, "kN": 1e3, "MN": 1e6}
+_PASCALS = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "N/m2": 1.0, "N/mm2": 1e6}
+#: Units of a load's columns, by the names that they may have, and of what it may be.
+_TIMES = {"time": _SECONDS, "t": _SECONDS}
+_AMPLITUDES: Mapping[str, Mapping[str, Mapping[str, float]]] = {
+    "force": {"force": _NEWTONS, "f": _NEWTONS},
+    "traction": {"traction": _PASCALS},
+    "pressure": {"pressure": _PASCALS},
+    "acceleration": {"acceleration": {"m/s2": 1.0}},
+}
 
 
-def head_of(path: str | Path) -> str:
-    """Names of the columns of a table of text; empty if it begins with numbers."""
-    lines = (line.partition("#")[0].strip() for line in read_text(Path(path)).splitlines())
-    first = next(filter(None, lines), "")
-    return first if number_in(re.split(r"[,;\t]", first)[0]) is None else ""
+def read_table(path: str | Path, quantity: str = "force") -> Table:
+    """Table from a UTF-8 text file: time (s) and force (N), or another quantity, in its unit.
+
+    The quantity is ``"force"``, ``"traction"``, ``"pressure"`` or ``"acceleration"``. See
+    `read_pairs`.
+    """
+    times, forces, _ = read_pairs(path, _TIMES, _AMPLITUDES[quantity])
+    return Table(times, forces)
+
+
+def _head(
+    cells: Sequence[str], columns: Sequence[Mapping[str, Mapping[str, float]]], where: str
+) -> dict[str, str | None]:
+    """Units of two columns by their names in a header; InputError for others, or swapped ones."""
+    named = [
+        f"{next(iter(names))} ({cell})"
+        if any(plain_unit(cell) in units for units in names.values())
+        else cell  # not a unit alone
+        for cell, names in zip(cells, columns, strict=True)
+    ]
+    units = column_units(named, {**columns[0], **columns[1]}, where)
+    for found, names in zip(units, columns, strict=True):
+        if found not in names:
+            raise InputError(f"{where}: found column {found!r}, must be {' or '.join(names)} here")
+    return units
 
 
 def read_pairs(
-    path: str | Path, first: tuple[str, str], second: tuple[str, str]
-) -> tuple[FloatArray, FloatArray]:
+    path: str | Path,
+    first: Mapping[str, Mapping[str, float]],
+    second: Mapping[str, Mapping[str, float]],
+) -> tuple[FloatArray, FloatArray, str | None]:
     """Two columns of a UTF-8 text file, of which the first one rises.
 
     They are separated by a comma, a semicolon or a tab. Lines of two words before the first number
-    are a header. Empty lines and comments after ``#`` are left out. Numbers are at most 1e20 in
-    size, so that slopes and energies do not overflow.
+    are a header: names, with units or without, or units alone. Empty lines and comments after ``#``
+    are left out. Numbers are at most 1e20 in size, so that slopes and energies do not overflow.
 
     Parameters
     ----------
     path : str or Path
-    first, second : tuple of str
-        Name and unit of each column, for messages.
+    first, second : mapping
+        Factors of units of each column by its names. The first name stands in messages, its first
+        unit is that of columns without a unit.
+
+    Returns
+    -------
+    columns : ndarray, shape (k,), twice
+        Times the factors of their units.
+    unit : str or None
+        What the header states for the second one.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or if lines are not two finite numbers, or the first ones do not
-        rise. The message names the file and the lines.
+        If the file cannot be read, the header has other names, another order or other units, lines
+        are not two finite numbers, or the first ones do not rise. The message names the file and
+        the lines.
     """
-    path = Path(path)
-    number, largest = 1, 1e20
+    path, largest, number = Path(path), 1e20, 1
+    factors, unit = np.ones(2), None
+    (x_name, x_units), (y_name, y_units) = (next(iter(names.items())) for names in (first, second))
     rows: list[list[float]] = []
     mistakes = Mistakes(path)
     for number, text, cells in read_rows(path)[1]:
         values = [number_in(cell) for cell in cells]
         if values == [None, None] and not rows and not mistakes:  # a header
+            head = _head(cells, (first, second), f"{path}: line {number}")
+            for k, (name, stated) in enumerate(head.items()):
+                if stated is not None:
+                    factors[k], unit = (first, second)[k][name][stated], stated if k else unit
             continue
         match values:
             case [float(x), float(y)] if abs(x) <= largest and abs(y) <= largest:
                 if rows and not x - rows[-1][0] >= 1.0 / largest:
                     mistakes.append(
-                        f"{path}: line {number}: found {first[0]} {x:g}, "
-                        f"must be > {rows[-1][0]:g}, the {first[0]} before it"
+                        f"{path}: line {number}: found {x_name} {x:g}, "
+                        f"must be > {rows[-1][0]:g}, the {x_name} before it"
                     )
                 rows.append([x, y])
             case _:
                 mistakes.append(
                     f"{path}: line {number}: found {text[:60]!r}, must be two finite "
-                    f"numbers separated by a comma: {first[0]} in {first[1]}, {second[0]} in "
-                    f"{second[1]}; none larger than {largest:g}"
+                    f"numbers separated by a comma: {x_name} in {next(iter(x_units))}, {y_name} in "
+                    f"{next(iter(y_units))}; none larger than {largest:g}"
                 )
     if not mistakes and len(rows) < 2:
         mistakes.append(f"{path}: line {number}: found {len(rows)} points, must be >= 2")
     mistakes.refuse()
-    x_column, y_column = np.array(rows).T
-    return x_column, y_column
+    x_column, y_column = factors[:, np.newaxis] * np.array(rows).T
+    return x_column, y_column, unit

@@ -116,6 +116,13 @@ def check_each(where: str, values: Any, kind: Kind) -> None:
         check(f"{where}[{number}]", value, kind)
 
 
+def check_numbers(where: str, values: Any) -> None:
+    """Raise InputError unless values are whole numbers from 1, each there once."""
+    check_each(where, values, COUNT)
+    if len(set(values)) < len(values):
+        raise InputError(f"{where}: found {[*map(int, values)]}, each must be there once")
+
+
 def check_columns(
     where: str, first: str, second: str, x: Any, y: Any, least: float = -np.inf
 ) -> None:

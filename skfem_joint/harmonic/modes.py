@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
-from skfem_joint.ground.values import COUNT, check_each
+from skfem_joint.ground.values import check_numbers
 from skfem_joint.harmonic.balance import MODES, MOST, Balance, check_size, stuck_modes
 from skfem_joint.harmonic.curve import NonlinearMode, curve_of, notes_of_errors
 from skfem_joint.harmonic.levels import Levels, changes, climbed, relative, resolved
@@ -96,7 +96,7 @@ def nonlinear_modes(
             f"nonlinear_modes: found a reduced model for a range ({system.serves}), must be one of "
             "a curve, sj.reduce(system, curve=...), or a small full or condensed system"
         )
-    check_each("nonlinear_modes: modes", modes, COUNT)
+    check_numbers("nonlinear_modes: modes", modes)
     asked = np.asarray(as_real(amplitudes, "nonlinear_modes: amplitudes"))
     rises = asked.ndim == 1 and asked.size and asked[0] > 0.0 and np.all(np.diff(asked) > 0.0)
     if not rises or not np.isfinite(asked).all():

@@ -78,7 +78,8 @@ def swept_response(
     Parameters
     ----------
     system : System
-        Full, condensed, or reduced for a response; its loads are `Harmonic` and in phase.
+        Full, condensed, or reduced for a response; its loads are `Harmonic`, of one frequency and
+        in phase.
     frequencies : tuple of float
         First and last frequency, Hz. It falls where the last one is lower. The vibration that the
         start sets off takes some 1 / (damping ratio) cycles to decay.
@@ -99,8 +100,9 @@ def swept_response(
     Raises
     ------
     InputError
-        If a number is out of range, a load is not harmonic or not in phase with the others, nothing
-        is observed, or the system is a reduced model made for something else or for a range.
+        If a number is out of range, a load is not harmonic, or not of the frequency and phase of
+        the others, nothing is observed, or the system is a reduced model made for something else or
+        for a range.
     ConvergenceError
         If a step does not converge.
     """
@@ -143,7 +145,7 @@ def swept_loads(
     system: System, first: float, last: float, rate: float, level: float = 1.0
 ) -> tuple[AppliedLoad, ...]:
     """Harmonic loads of a system as swept sines; InputError as of `swept_response`."""
-    swept, phases = [], set()
+    swept, phases, frequencies = [], set(), set()
     for load in system.loads:
         amplitude: Any = load.amplitude
         scaled = isinstance(amplitude, Scaled)
@@ -155,6 +157,13 @@ def swept_loads(
         sweep = SweptSine(level * factor * of.amplitude, first, last, rate)
         swept.append(replace(load, amplitude=sweep))
         phases.add(of.phase)
+        frequencies.add(of.frequency)
     if len(phases) != 1:
         raise InputError("swept sine: needs loads, all of the same phase")
+    if len(frequencies) > 1:
+        found = ", ".join(f"{frequency:g}" for frequency in sorted(frequencies))
+        raise InputError(
+            f"swept sine: found loads of {found} Hz, must be of one frequency, which is swept; "
+            "sweep those of each frequency by themselves"
+        )
     return tuple(swept)

@@ -11,7 +11,6 @@ from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
-from skfem_joint.body.checks import wrong_name
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import read_text
 from skfem_joint.ground.progress import Progress, silent
@@ -143,8 +142,7 @@ def scene_from(
     lines = [*problems, *mistakes, *problems_between_tables(scene, valid)]
     if mesh is not None and valid >= TABLES_OF_SYSTEM and scene.matrices is None:
         lines += load_problems(mesh, scene.loads(), scene.output.points)
-        for name in scene.output.stress:
-            lines += wrong_name(mesh, name, ("region",), "output.stress")
+        lines += scene.stress_problems(mesh)
     lines = [f"{path}: {line}" for line in lines]
     if ready is not None and not lines:
         ready(scene)

@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic_core import PydanticKnownError
 
 from skfem_joint.body.body import Material
+from skfem_joint.body.checks import wrong_name
 from skfem_joint.ground.errors import InputError, listed, refuse
 from skfem_joint.ground.key_paths import key_parts, key_path
 from skfem_joint.ground.loads import common_period
@@ -234,6 +235,8 @@ class Scene(SceneTable):
         if self._system is None:
             structure = self.structure()
             with self._naming_file():
+                if self.matrices is None:
+                    refuse(self.stress_problems(self.named_mesh))
                 given = self.loads(), self.output.points or None
                 self._system = structure.system(*given, quasi_static=self._is_slow)
             _log.info(
@@ -241,6 +244,11 @@ class Scene(SceneTable):
                 *(self._path, structure.n_dofs, self._system.n, self._system.contact.count),
             )
         return self._system
+
+    def stress_problems(self, mesh: NamedMesh) -> list[str]:
+        """Sentences about names in ``output.stress`` that are no regions of a mesh."""
+        problems = (wrong_name(mesh, at, ("region",), "output.stress") for at in self.output.stress)
+        return [problem for each in problems for problem in each]
 
     @contextmanager
     def _naming_file(self) -> Iterator[None]:

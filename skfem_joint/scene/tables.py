@@ -27,7 +27,7 @@ from skfem_joint.ground import loads
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.power_density import PowerDensity
-from skfem_joint.ground.text_tables import head_of, read_table
+from skfem_joint.ground.text_tables import read_table
 from skfem_joint.runs.resolution import PER_PERIOD
 from skfem_joint.scene.messages import Form, mistake
 from skfem_joint.scene.range_table import ServedRangeTable
@@ -303,14 +303,18 @@ class TableLoad(_Load):
     """``kind = "table"``: forces at given times, linear between them, zero before and after."""
 
     kind: Literal["table"] = key("shape of the force in time")
-    file: FileName = key("name of a CSV file, relative to the scene: time in s, force in N")
+    file: FileName = key(
+        "name of a CSV file, relative to the scene: time in s, force in N, or in the units of its "
+        "header, as in time (ms), force (kN)"
+    )
     _table: loads.Table = PrivateAttr()
 
     @model_validator(mode="after")
     def _read(self, info: ValidationInfo) -> Self:
         folder: Path = (info.context or {}).get("folder", Path())
         try:
-            self._table = read_table(folder / self.file)
+            quantity = self.quantity if self.base is None else "acceleration"
+            self._table = read_table(folder / self.file, quantity)
         except InputError as error:
             raise mistake("\n".join(error.problems), "file") from error
         return self
@@ -529,7 +533,10 @@ class RandomTable(SceneTable):
         "density for each",
         None,
     )
-    duration: Positive = key("time for which the largest values are expected, s", 3600.0)
+    duration: Positive = key(
+        "time for which the largest values are expected, at least five cycles of each mode, s",
+        3600.0,
+    )
     _densities: list[PowerDensity] = PrivateAttr()
 
     @model_validator(mode="after")
@@ -538,17 +545,9 @@ class RandomTable(SceneTable):
         self._densities = []
         for name in (self.psd,) if isinstance(self.psd, str) else self.psd:
             try:
-                self._densities.append(PowerDensity.of(folder / name))
+                self._densities.append(PowerDensity.of(folder / name, self.unit))
             except InputError as error:
                 raise mistake("\n".join(error.problems), "psd") from error
-            said = head_of(folder / name)
-            gravity = any(word in said.lower() for word in ("g2/hz", "g²/hz", "g^2/hz"))
-            other = gravity != (self.unit == "g2/Hz")
-            if other and (gravity or "/hz" in said.lower()):
-                raise mistake(
-                    f"found {self.unit!r}, but the head of {name} says {said!r}; make them agree",
-                    "unit",
-                )
         return self
 
     @property
@@ -618,9 +617,10 @@ class ResponseTable(SceneTable):
         "over the first load's force, or absolute motion over that of the moving base",
         (),
     )
-    sweep_rates: TomlList[Positive] = key(
+    sweep_rates: Annotated[TomlList[Positive], AfterValidator(has_no_repeats)] = key(
         "rates of swept sines, octaves/min; through the frequencies up and down, their largest "
-        "amplitudes in each cycle stand beside the curves; for harmonic loads in phase",
+        "amplitudes in each cycle stand beside the curves; for harmonic loads of one frequency, in "
+        "phase",
         (),
     )
 

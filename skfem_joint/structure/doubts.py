@@ -22,15 +22,14 @@ _TOO_STIFF = 0.03
 _MANY = 20_000
 
 
-def stiff(body: Body, error: MeshError | None) -> Iterator[str]:
-    """Sentence about elements of first order that are too stiff, or that are too many to know."""
+def stiff(body: Body, error: MeshError | None, *, in_parts: bool) -> Iterator[str]:
+    """Sentence about elements of first order that are too stiff, or why that is not known."""
     if body.dim == 1 or body.mesh.order > 1:
         return
     if error is None:
-        yield (
-            "How much too stiff the elements are is not known: they are so many that its matrices "
-            f"would take a large part of this machine's memory. {_cure(body)}"
-        )
+        many = "they are so many that its matrices would take a large part of this machine's memory"
+        why = "it is not computed of a structure in parts" if in_parts else many
+        yield f"How much too stiff the elements are is not known: {why}. {_cure(body)}"
     elif not error.is_known:
         yield (
             "How much too stiff the elements are is not known: they bend better than those that "

@@ -322,7 +322,7 @@ class Structure:
             *self._order_notes,
             *doubts.unusual_values(self.body),
             *doubts.doubtful_gaps(self.joints, self.spaces),
-            *stiff(self.body, self.mesh_error),
+            *stiff(self.body, self.mesh_error, in_parts=self.parts is not None),
         ]
 
     @cached_property

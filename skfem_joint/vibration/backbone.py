@@ -35,7 +35,7 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
 from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.progress import Progress, Tally, silent
-from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_some
+from skfem_joint.ground.values import COUNT, POSITIVE, check, check_numbers, check_some
 from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.results.gross_slip import (
     gross_slip_level,
@@ -332,7 +332,7 @@ def backbone(
         if system.contact.opens:
             why = "levels are shares of the load at which a joint slips as a whole"
         raise InputError(f"backbone: needs friction, no contact point carries any: {why}")
-    check_each("backbone: modes", modes, COUNT)
+    check_numbers("backbone: modes", modes)
     numbers, tally = np.asarray(modes, dtype=int), Tally(progress)
     to = arranged(system.closed())
     path = CyclePath(system, to, (factors or Factors()).path_of(to, tally), keep_path)

@@ -37,6 +37,8 @@ UNITS = {"SI": 1.0, "g2/Hz": GRAVITY**2}
 DOUBTFUL, MOST_BEYOND = 0.01, 0.5
 #: Seconds in an hour.
 HOUR = 3600.0
+#: Cycles of the slowest mode that a duration has at least: shorter ones depend on how they start.
+FEWEST_CYCLES = 5
 #: Modes beyond those given among which ones inside the density's frequencies are looked for.
 LOOKED_FOR = 10
 
@@ -164,7 +166,7 @@ def random_response(
     unit : {"SI", "g2/Hz"}
         Of the densities; g²/Hz with g = 9.80665 m/s² for the acceleration of a base.
     duration : float
-        For which peaks are expected, s.
+        For which peaks are expected, s; at least five cycles of the slowest mode.
 
     Returns
     -------
@@ -173,8 +175,8 @@ def random_response(
     Raises
     ------
     InputError
-        If a density, the load or a curve is not as above, no mode is moved, or more than half of
-        the mean square of a mode is above its curve's highest level.
+        If a density, the load, the duration or a curve is not as above, no mode is moved, or more
+        than half of the mean square of a mode is above its curve's highest level.
     ConvergenceError
         If the amplitudes of a mode are not found, or modes do not settle beside each other.
     """
@@ -204,6 +206,12 @@ def random_response(
     found = joined_modes(modes, forces, overlap)
     coarse = joined_modes([mode.every_second() for mode in modes], forces, overlap)
     _check_beyond(found)
+    shortest = FEWEST_CYCLES / min(mode.frequency for mode in found)
+    if duration < shortest:
+        raise InputError(
+            f"random_response: duration: found {duration:g} s, must be at least {shortest:.4g} s, "
+            f"{FEWEST_CYCLES} cycles of the slowest mode: expected peaks count its cycles"
+        )
     highest = max(curve.mode for curve in curves) + LOOKED_FOR
     stuck = StuckUnder(system, [each.vector for each in loads], highest)
     spectra = Spectra(system, curves, found, loads, stuck)
@@ -290,13 +298,13 @@ def _random_load(load: AppliedLoad, psd: Any, unit: str) -> RandomLoad:
     vector = load.vector
     if isinstance(load.amplitude, Scaled):
         vector = load.amplitude.factor * vector
-    density = PowerDensity.of(psd).scaled(_factor(load, unit))
-    return RandomLoad(vector, density, load.carried)
+    factor = _factor(load, unit)
+    return RandomLoad(vector, PowerDensity.of(psd, unit).scaled(factor), load.carried)
 
 
 def _factor(load: AppliedLoad, unit: str) -> float:
     """Factor from a density's unit to SI; InputError for one that does not suit the load."""
-    if unit not in UNITS:
+    if unit not in [*UNITS]:
         raise InputError(f"random_response: unit: found {unit!r}, must be one of {[*UNITS]}")
     if unit != "SI" and load.carried is None:
         raise InputError(

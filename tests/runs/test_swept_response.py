@@ -56,6 +56,8 @@ def test_a_scene_has_swept_sines_beside_its_response(tmp_path):
     assert level["sweeps"][0]["peak_amplitude_m"] == sweep.peak[1]
     assert "swept at +60 octaves a minute: largest" in content["told"][1]
     assert "from rest, at 60 octaves a minute." in content["premises"]["assumptions"][-1]
+    with pytest.raises(sj.InputError, match=r"sweep_rates: found 60.* more than once"):
+        scene.changed(response={"sweep_rates": [60.0, 60.0]})
     one = {"frequencies": {"from": 2200.0, "to": 2200.0, "points": 1}}
     with pytest.raises(sj.InputError, match="last_frequency: found 2200, must differ"):
         response_table(scene.changed(response=one))
@@ -133,6 +135,11 @@ def test_wrong_arguments_are_refused():
         (
             "all of the same phase",
             replace(system, loads=(load, replace(load, amplitude=sj.Harmonic(1.0, 9.0, 1.0)))),
+            ((25.0, 45.0), 1.0),
+        ),
+        (
+            "loads of 10, 20 Hz, must be of one frequency",
+            replace(system, loads=(load, replace(load, amplitude=sj.Harmonic(1.0, 20.0)))),
             ((25.0, 45.0), 1.0),
         ),
     ):

@@ -299,9 +299,27 @@ def test_table_is_read_with_header_comments_and_empty_lines(tmp_path):
     assert load.forces.tolist() == [0, 5.5, -2]
 
 
+def test_units_in_the_header_of_a_table_count(tmp_path):
+    path = tmp_path / "force.csv"
+    for head in ("time (ms),force (kN)", "Time [ms];Force [kN]", "ms,kN", "time,force\nms,kN"):
+        path.write_text(f"{head}\n" + "0,0\n2,5\n".replace(",", ";" if ";" in head else ","))
+        load = read_table(path)
+        np.testing.assert_allclose(load.times, [0.0, 2e-3])
+        np.testing.assert_allclose(load.forces, [0.0, 5e3])
+    path.write_text("time (s),pressure (MPa)\n0,0\n1,2\n", encoding="utf-8")
+    assert read_table(path, "pressure").forces.tolist() == [0.0, 2e6]
+    with pytest.raises(
+        sj.InputError, match=r"column 'pressure \(MPa\)': must be one of time, t, f"
+    ):
+        read_table(path)
+
+
 @pytest.mark.parametrize(
     ("content", "wrong"),
     [
+        (b"force (N),time (s)\n0,0\n1,2\n", ["line 1: found column 'force', must be time or t"]),
+        (b"time (h),force (N)\n0,0\n1,2\n", ["line 1: column 'time (h)': found unit 'h'"]),
+        (b"time,mass\n0,0\n1,2\n", ["line 1: column 'mass': must be one of time"]),
         (b"0,0\n1,2,3\n2,1\n", ["line 2"]),
         (b"0,0\n1;2\n3,4\n", ["line 2"]),
         (b"t,f\n0,0\nx,y\n", ["line 3"]),

@@ -259,6 +259,13 @@ def test_a_joint_without_friction_does_not_slip_as_a_whole():
 LOOSE_BOLTS = {"bolts": [{"at": [0.1, 0.025], "force": 0.0, "head_radius": 0.01}]}
 
 
+@pytest.mark.parametrize("name", ["nope", "upper_right"])
+def test_stress_of_what_is_no_region_is_refused_before_the_run(name):
+    scene = two_plates("full").changed(output={"stress": [name]})
+    with pytest.raises(sj.InputError, match=f"output.stress: found '{name}'.* a region is needed"):
+        scene.system()
+
+
 @pytest.mark.parametrize("pressure", [0.0, LOOSE_BOLTS])
 def test_without_pressure_the_full_model_alone_is_computed(pressure):
     free = {"on": "joint", "friction": MU, "pressure": pressure}

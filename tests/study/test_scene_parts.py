@@ -43,6 +43,8 @@ def test_what_takes_a_factor_of_the_whole_is_left_out_with_a_note(parts):
     study = run_scene(parts)
     assert study.models["condensed"].estimate is None
     assert any("not estimated" in note and "by parts" in note for note in study.notes)
+    (stiff,) = (note for note in study.notes if "How much too stiff" in note)
+    assert "it is not computed of a structure in parts." in stiff
     # Few modes of the condensed model make its frequencies a little higher.
     own, whole = (description_of(each).values for each in (parts, scene()))
     for joints in ("stuck", "loose"):

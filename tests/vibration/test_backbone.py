@@ -199,6 +199,7 @@ def all_in_contact() -> sj.System:
         (bar(40).project(np.eye(140)[:, :40]), {}, "keep interface_modes"),
         (bar(), {"modes": (0,)}, r"modes\[0\]: found 0, must be >= 1"),
         (bar(), {"modes": (500,)}, "there are"),
+        (bar(), {"modes": [1, 2, 1]}, r"modes: found \[1, 2, 1\], each must be there once"),
         (bar(), {"levels": 0}, "levels: found 0, must be >= 1"),
         (bar().with_contact(given=np.zeros(100)), {}, "needs friction"),
         (all_in_contact(), {}, "every unknown is in contact"),
