@@ -7,7 +7,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.results.loss import Losses
-from skfem_joint.vibration.response import HARMONICS
+from skfem_joint.vibration.response import HARMONICS, phases_of
 from skfem_joint.vibration.response_curve import SteadyPoint
 
 #: Samples of a period in which peaks are looked for: they miss 1e-5 of a first harmonic.
@@ -31,8 +31,6 @@ def point_of(
         if order <= HARMONICS:
             a = first + 2 * place
             harmonics[:, order - 1] = seen[a] - 1j * seen[a + 1]
-    pushed = force[first] - 1j * force[first + 1]
-    load = complex(pushed[np.abs(pushed).argmax()])
     rate = series.rate(q)
     viscous = float(omega * series.work(rate @ balance.C, q).sum())
     motion, K = series.basis @ u, as_dense(system.K)
@@ -45,7 +43,7 @@ def point_of(
         amplitude=0.5 * (high - low),
         offset=0.5 * (high + low),
         harmonics=harmonics,
-        phase=np.angle(harmonics[:, 0] / load),
+        phase=phases_of(harmonics, system),
         slip=slip,
         friction_energy=float(work.sum()),
         input_energy=float(series.work(force, q).sum()),
