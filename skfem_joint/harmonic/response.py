@@ -224,6 +224,12 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         points.append(replace(found.point, stable=holds))
         errors.append(found.errors)
         most = max(most, found.point.friction_energy)
+    distances = [np.abs([p.frequency for p in points] - f).min() for f in search.frequencies]
+    if lacking := search.frequencies[np.array(distances) > 1e-9 * search.frequencies].tolist():
+        at = ", ".join(f"{f:.6g}" for f in lacking)
+        why.append(
+            f"there is no point at {at} Hz, where the branch with more harmonics turns before"
+        )
     curve = BalancedCurve(level, tuple(points), dict(zip(NAMES, np.transpose(errors), strict=True)))
     judged = _judged(curve, settled)
     rungs = [found.rung for found in settled.values()]
@@ -231,7 +237,9 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         curve,
         series=search.forced[max(rungs)].balance.series if rungs else None,
         why=tuple(why),
-        turns=tuple(_turns([found.place for found in settled.values()])),
+        turns=tuple(_turns([found.place for found in settled.values()]))
+        if search.system.contact.opens
+        else (),
         held=held,
         sticking=search.sticking(settled[judged[-1]], level)
         if judged and search.rigid

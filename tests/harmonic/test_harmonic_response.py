@@ -137,7 +137,7 @@ def test_multipliers_are_those_of_the_map_of_a_period(curve):
             -2.0 * course[1 : harmonics + 1].imag,
         )
         found = multipliers(balance, q, 2.0 * np.pi * point.frequency)
-        np.testing.assert_allclose(np.abs(found[0]), np.abs(exact).max(), rtol=2e-3)
+        np.testing.assert_allclose(np.abs(found[0]), np.abs(exact).max(), rtol=3e-3)
 
 
 def chain():
@@ -217,3 +217,46 @@ def test_unstable_points_are_dashed(of_scene):
     whole, dashed = (np.isfinite(line.get_ydata()) for line in panel.lines[-2:])
     np.testing.assert_array_equal(np.flatnonzero(~whole), [1, 2])
     np.testing.assert_array_equal(np.flatnonzero(dashed), [0, 1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    "loads",
+    [
+        {"last": ([0.0, -1.0], sj.Harmonic(30.0, 100.0))},
+        {"last": (1, sj.Harmonic(30.0, 100.0, 1.0)), "first": (0, sj.Harmonic(50.0, 100.0, 2.5))},
+        {"last": (1, sj.Harmonic(30.0, 200.0)), "first": (0, sj.Harmonic(20.0, 300.0, 0.4))},
+    ],
+    ids=["a load with the other sign", "loads with two phases", "no first harmonic"],
+)
+def test_phases_are_those_of_a_response(loads):
+    system, frequencies = replace(chain(), loads=()), np.array([30.0, 40.0])
+    system = sj.System.from_matrices(
+        np.eye(2), system.K, system.C, loads=loads, points={"last": 1},
+        contact=sj.point_friction([0.0, 1.0], 20.0, stiffness=3e5),
+    )  # fmt: skip
+    (curve,) = sj.harmonic_response(system, frequencies, confirm=False)
+    ways = {"steps_per_cycle": 1000, "refined": False, "estimated": False}
+    (other,) = sj.response(system, frequencies, **ways)
+    ours, theirs = (
+        [p.phase[0] for p in found.points if np.abs(frequencies - p.frequency).min() < 1e-9]
+        for found in (curve, other)
+    )
+    np.testing.assert_allclose(ours, theirs, atol=5e-3)
+
+
+@pytest.mark.parametrize("stiffness", [np.inf, 5e3])
+@pytest.mark.parametrize("last", [15.0, 17.0])
+def test_each_frequency_asked_for_has_a_point_and_the_last_ends_the_curve(stiffness, last):
+    """Below its resonance amplitudes fall so steeply that steps pass a frequency."""
+    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.2]])
+    system = sj.System.from_matrices(
+        np.eye(2), K, 0.5 * np.eye(2), contact=sj.point_friction([1.0, 0.0], 2.0,
+        stiffness=stiffness), loads={"last": (1, sj.Harmonic(5.0, 10.0))},
+    )  # fmt: skip
+    asked = np.array([12.0, 13.0, last])
+    (curve,) = sj.harmonic_response(system, asked, confirm=False)
+    f = curve.column("frequency")
+    assert all(np.isclose(f, frequency, rtol=1e-9).sum() == 1 for frequency in asked)
+    assert f[-1] == pytest.approx(last, rel=1e-9)
+    assert np.all(np.diff(f) > 0.0)
+    assert not curve.turns
