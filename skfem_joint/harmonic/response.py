@@ -61,8 +61,9 @@ class BalancedCurve(Curve):
     why : tuple of str
         Why points were marched to.
     sticking : tuple of float
-        Relative distances of both at the largest stable amplitude from rigid sticking; zero where
-        all points have springs.
+        Largest relative distances of both from rigid sticking at the points that are judged, of
+        about a quarter, half and all of the largest amplitude, and the smallest one that slips;
+        zero where all points have springs, nan where it is not known.
     confirmed : dict of int to tuple of float
         Relative differences of both by time steps with the same springs, at points by number; nan
         where steps found nothing steady. Empty where it was not asked for.
@@ -108,14 +109,17 @@ class BalancedCurve(Curve):
             yield f"the stability of {unjudged} points is not known."
         for number, name in enumerate(NAMES):
             shown = name.replace("_", " ")
-            error = np.array([*self.errors[name], *self.sticking[number : number + 1]])
+            by_sticking = self.sticking[number]
+            error = float(np.nanmax([0.0, *self.errors[name]]) + np.nan_to_num(by_sticking))
             unknown = np.isnan(self.errors[name]) & (self.column("periods") == 0)
             if count := np.count_nonzero(unknown):
                 yield f"the error of the {shown} is not known at {count} points."
-            if np.nanmax(error, initial=0.0) > DOUBTFUL[number]:
+            if np.isnan(by_sticking):
+                yield f"the error of the {shown} by springs of sticking is not known."
+            if error > DOUBTFUL[number]:
                 yield (
                     f"harmonics and springs of sticking leave an error of the {shown} of up to "
-                    f"{100.0 * np.nanmax(error):.2g} %."
+                    f"{100.0 * error:.2g} %."
                 )
             apart = [differences[number] for differences in self.confirmed.values()]
             if np.isnan(apart).any():
@@ -241,11 +245,14 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         if search.system.contact.opens
         else (),
         held=held,
-        sticking=search.sticking(settled[judged[-1]], level)
-        if judged and search.rigid
-        else (0.0, 0.0),
+        sticking=_sticking(search, settled, judged, level),
         confirmed={k: _confirmed(search, settled[k], level) for k in judged if confirm},
     )
+
+
+def _slips(point: SteadyPoint) -> bool:
+    """Whether friction takes energy beyond round-off."""
+    return point.friction_energy > 1e-9 * point.input_energy
 
 
 def _turns(places: Sequence[Place]) -> Iterator[float]:
@@ -268,6 +275,19 @@ def _judged(curve: BalancedCurve, settled: Mapping[int, Settled]) -> list[int]:
     reach = np.array([curve.points[k].amplitude.max() for k in known])
     shares = reach.max() * np.array([0.25, 0.5, 1.0])
     return list(dict.fromkeys(known[int(np.abs(reach - share).argmin())] for share in shares))
+
+
+def _sticking(
+    search: Search, settled: Mapping[int, Settled], judged: Sequence[int], level: float
+) -> tuple[float, float]:
+    """Largest relative distances of amplitude and friction energy from rigid sticking."""
+    if not search.rigid:
+        return 0.0, 0.0
+    slips = [k for k, found in settled.items() if _slips(found.point)]
+    least = sorted(slips, key=lambda k: float(settled[k].point.amplitude.max()))[:1]
+    at = [settled[k] for k in {*judged, *least}]
+    apart = np.array([search.sticking(found, level) for found in at] or [(np.nan, np.nan)])
+    return float(apart[:, 0].max()), float(apart[:, 1].max())
 
 
 def _confirmed(search: Search, found: Settled, level: float) -> tuple[float, float]:
