@@ -52,7 +52,8 @@ class BalancedCurve(Curve):
     level : float
     points : tuple of SteadyPoint
         Along the branch: where it turns frequencies fall. ``point.stable`` says whether
-        disturbances vanish; points with ``point.periods`` above zero were marched to.
+        disturbances vanish, None where that is not known; points with ``point.periods`` above zero
+        were marched to.
     errors : dict of str to ndarray, shape (points,)
         Relative changes of ``amplitude`` and ``friction_energy`` with the last rise of harmonics
         and samples; nan where there was none, and at points that were marched to.
@@ -107,6 +108,8 @@ class BalancedCurve(Curve):
             yield f"{unstable} of {len(self.points)} points are unstable: no vibration stays there."
         if unjudged := sum(p.stable is None and not p.periods for p in self.points):
             yield f"the stability of {unjudged} points is not known."
+        if any(np.isnan(apart).any() for apart in self.confirmed.values()):
+            yield "time steps did not become steady from a point that was to be confirmed."
         for number, name in enumerate(NAMES):
             shown = name.replace("_", " ")
             by_sticking = self.sticking[number]
@@ -122,8 +125,6 @@ class BalancedCurve(Curve):
                     f"{100.0 * error:.2g} %."
                 )
             apart = [differences[number] for differences in self.confirmed.values()]
-            if np.isnan(apart).any():
-                yield "time steps did not become steady from a point that was to be confirmed."
             if np.nanmax([0.0, *apart]) > DOUBTFUL[number]:
                 yield (
                     f"time steps with the same springs differ by {100.0 * np.nanmax(apart):.2g} % "
@@ -153,7 +154,8 @@ def harmonic_response(
     levels : sequence of float
         Factors of the loads' amplitudes.
     confirm : bool
-        Whether three stable points of each curve are judged by time steps, with the same springs.
+        Whether three points of each curve that are not unstable are judged by time steps, with the
+        same springs. Where these find nothing steady stability is not known.
     sticking : float
         Springs of points that have none of their own, over the stiffness of the structure there.
     progress : callable, optional
@@ -222,7 +224,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
             continue
         found = search.settled(item, level, most)
         balance = search.forced[found.rung].balance
-        holds = stable(balance, found.place.q, found.place.omega)
+        holds = stable(balance, found.place.q, found.place.omega, _slips(found.point))
         held = max(held, balance.held_softly(found.place.q))
         settled[len(points)] = found
         points.append(replace(found.point, stable=holds))
@@ -236,9 +238,14 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         )
     curve = BalancedCurve(level, tuple(points), dict(zip(NAMES, np.transpose(errors), strict=True)))
     judged = _judged(curve, settled)
+    confirmed = {k: _confirmed(search, settled[k], level) for k in judged if confirm}
+    for k, apart in confirmed.items():
+        if np.isnan(apart).any():
+            points[k] = replace(points[k], stable=None)
     rungs = [found.rung for found in settled.values()]
     return replace(
         curve,
+        points=tuple(points),
         series=search.forced[max(rungs)].balance.series if rungs else None,
         why=tuple(why),
         turns=tuple(_turns([found.place for found in settled.values()]))
@@ -246,7 +253,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         else (),
         held=held,
         sticking=_sticking(search, settled, judged, level),
-        confirmed={k: _confirmed(search, settled[k], level) for k in judged if confirm},
+        confirmed=confirmed,
     )
 
 
@@ -265,11 +272,11 @@ def _turns(places: Sequence[Place]) -> Iterator[float]:
 
 
 def _judged(curve: BalancedCurve, settled: Mapping[int, Settled]) -> list[int]:
-    """Numbers of three stable points: of about a quarter and half of the largest amplitude, and it.
+    """Numbers of three points: of about a quarter and half of the largest amplitude, and it.
 
-    Fewer where there are not so many.
+    They are not unstable. Fewer where there are not so many.
     """
-    known = [k for k in settled if curve.points[k].stable]
+    known = [k for k in settled if curve.points[k].stable is not False]
     if not known:
         return []
     reach = np.array([curve.points[k].amplitude.max() for k in known])

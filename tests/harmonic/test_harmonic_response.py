@@ -275,3 +275,18 @@ def test_the_stated_errors_are_the_distance_to_rigid_sticking():
     stated = curve.errors["amplitude"].max() + curve.sticking[0]
     assert 0.7 * exact < stated < 1.5 * exact
     assert any("springs of sticking leave an error of the amp" in note for note in curve.notes)
+
+
+def test_a_motion_that_doubles_its_period_is_not_called_stable():
+    """Time steps of this bouncing slider leave it by 28 % of its amplitude within 160 periods."""
+    K = np.array([[1e4, 2e3], [2e3, 2e4]])
+    contact = sj.point_contact(
+        [1.0, 0.0], [0.0, 1.0], friction=0.4, force=5.0, normal_stiffness=2e4, stiffness=8e3
+    )
+    system = sj.System.from_matrices(
+        np.eye(2), K, 4.0 * np.eye(2), contact=contact, points={"x": 0, "y": 1},
+        loads={"a": (0, sj.Harmonic(12.0, 1.0)), "b": (1, sj.Harmonic(8.4, 1.0, 0.5))},
+    )  # fmt: skip
+    (curve,) = sj.harmonic_response(system, np.array([17.5, 18.0]), confirm=False)
+    assert not any(point.stable for point in curve.points)
+    assert sum("stability of" in note for note in curve.notes) == 1
