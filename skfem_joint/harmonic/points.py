@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.results.loss import Losses
+from skfem_joint.system.contacts import Contact
 from skfem_joint.vibration.response import HARMONICS, phases_of
 from skfem_joint.vibration.response_curve import SteadyPoint
 
@@ -60,6 +63,17 @@ def point_of(
         course=np.vstack([motion, motion[:1]]) if not series.odd else None,
         stable=stable,
     )
+
+
+def notes_of_law(contact: Contact) -> Iterator[str]:
+    """Note of an arctangent law, in the place of which Coulomb's acts."""
+    beta = contact.beta[contact.rubs & np.isfinite(contact.beta)]
+    if beta.size:
+        yield (
+            "the curve is of Coulomb's law. The arctangent law of this model, with beta = "
+            f"{beta.min():.3g} s/m, lets points creep where they would stick. A ring-down and "
+            "response have it."
+        )
 
 
 def contact_of(balance: Balance, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

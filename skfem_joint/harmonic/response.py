@@ -22,7 +22,7 @@ from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import POSITIVE, check_each
 from skfem_joint.harmonic.forced import Place
-from skfem_joint.harmonic.points import state_of
+from skfem_joint.harmonic.points import notes_of_law, state_of
 from skfem_joint.harmonic.search import OF_WORK, STEPS, Search, Settled, change
 from skfem_joint.harmonic.series import Series
 from skfem_joint.harmonic.stability import stable
@@ -68,6 +68,8 @@ class BalancedCurve(Curve):
     confirmed : dict of int to tuple of float
         Relative differences of both by time steps with the same springs, at points by number; nan
         where steps found nothing steady. Empty where it was not asked for.
+    law : tuple of str
+        What to know of friction whose own law is another one.
     turns : tuple of float
         Frequencies, Hz, at which the branch turns.
     held : float
@@ -80,6 +82,7 @@ class BalancedCurve(Curve):
     why: tuple[str, ...] = ()
     sticking: tuple[float, float] = (0.0, 0.0)
     confirmed: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    law: tuple[str, ...] = ()
     turns: tuple[float, ...] = ()
     held: float = 0.0
 
@@ -92,6 +95,7 @@ class BalancedCurve(Curve):
     def _own_notes(self) -> Iterator[str]:
         """Sentences about harmonics, sticking, stability, marching and what it confirms."""
         marched = [f"{p.frequency:.6g}" for p in self.points if p.periods]
+        yield from self.law
         for reason in self.why:
             yield f"{reason}."
         if marched:
@@ -248,6 +252,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         points=tuple(points),
         series=search.forced[max(rungs)].balance.series if rungs else None,
         why=tuple(why),
+        law=tuple(notes_of_law(search.forced[0].balance.system.contact)),
         turns=tuple(_turns([found.place for found in settled.values()]))
         if search.system.contact.opens
         else (),

@@ -290,3 +290,10 @@ def test_a_motion_that_doubles_its_period_is_not_called_stable():
     (curve,) = sj.harmonic_response(system, np.array([17.5, 18.0]), confirm=False)
     assert not any(point.stable for point in curve.points)
     assert sum("stability of" in note for note in curve.notes) == 1
+
+
+@pytest.mark.parametrize("beta", [3.0, np.inf])
+def test_the_arctangent_law_is_noted(beta):
+    system = chain().with_beta(beta)
+    (curve,) = sj.harmonic_response(system, np.array([95.0, 96.0]), confirm=False)
+    assert any("beta = 3 s/m" in note for note in curve.notes) == np.isfinite(beta)
