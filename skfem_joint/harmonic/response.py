@@ -20,13 +20,14 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
-from skfem_joint.ground.values import POSITIVE, check_each
+from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
+from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.forced import Place
 from skfem_joint.harmonic.points import notes_of_law, state_of
 from skfem_joint.harmonic.search import OF_WORK, STEPS, Search, Settled, change
 from skfem_joint.harmonic.series import Series
 from skfem_joint.harmonic.stability import stable
-from skfem_joint.reduction.ranges.points import loaded_at
+from skfem_joint.reduction.ranges.points import loaded_at, period_of
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.recording import Save
 from skfem_joint.system.system import System
@@ -35,6 +36,8 @@ from skfem_joint.vibration.response_curve import Curve, SteadyPoint, nothing_fou
 
 #: Springs of rigid sticking: they lower the square of the nearest stuck frequency by one over this.
 STICKING = 3000.0
+#: What they may be.
+STIFF = Kind(">= 1 and finite", lambda x: 1.0 <= x < np.inf)
 #: Results whose errors are stated.
 NAMES = "amplitude", "friction_energy"
 #: Relative errors of these beyond which a note says so.
@@ -173,13 +176,13 @@ def harmonic_response(
     Raises
     ------
     InputError
-        If there is nothing to vibrate steadily, a frequency or level is not positive, the system is
-        too large, its contact that opens is rigid, or it is a reduced model made for something
-        else or for a range.
+        If there is nothing to vibrate steadily, a frequency or level is not positive, ``sticking``
+        is below 1, the system is too large, its loads have too high harmonics, its contact that
+        opens is rigid, or it is a reduced model made for something else or for a range.
     ConvergenceError
         If no point is found.
     """
-    frequencies, asked = _checked(system, frequencies, levels)
+    frequencies, asked = _checked(system, frequencies, levels, sticking)
     tally = Tally(progress, len(asked) * frequencies.size)
     search = Search.of(system, frequencies, sticking, tally)
     curves = dict[float, BalancedCurve]()
@@ -191,11 +194,12 @@ def harmonic_response(
 
 
 def _checked(
-    system: System, frequencies: FloatArray, levels: Sequence[float]
+    system: System, frequencies: FloatArray, levels: Sequence[float], sticking: float
 ) -> tuple[FloatArray, list[float]]:
     """Frequencies and levels; InputError as `harmonic_response`."""
     check_each("harmonic_response: frequencies", frequencies, POSITIVE)
     check_each("harmonic_response: levels", levels, POSITIVE)
+    check("harmonic_response: sticking", sticking, STIFF)
     system.check_any_load("response", max(levels, default=0.0))
     frequencies = np.asarray(frequencies, dtype=float)
     if frequencies.size < 2 or np.any(np.diff(frequencies) <= 0.0):
@@ -213,6 +217,15 @@ def _checked(
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("harmonic_response: no load acts; give one an amplitude above 0")
     loaded_at(system, float(frequencies[0]), 1.0)  # refuses loads without a common period
+    parts = {part.frequency for load in system.loads for part in load.amplitude.harmonics}
+    highest = round(max(parts) * period_of(system))
+    if 2 * highest * system.n > MOST:
+        found = ", ".join(f"{f:.9g}" for f in sorted(parts))
+        raise InputError(
+            f"harmonic_response: loads: found {found} Hz, the highest of which is harmonic "
+            f"{highest} of their common period, too many for a balance; give frequencies whose "
+            "ratios are simple, such as 1 and 2"
+        )
     return frequencies, np.asarray(levels, dtype=float).tolist()
 
 

@@ -149,6 +149,12 @@ def chain():
     )  # fmt: skip
 
 
+def beating():
+    """The chain with a second load of nearly the same frequency."""
+    (load,) = chain().loads
+    return replace(chain(), loads=(load, replace(load, amplitude=sj.Harmonic(1.0, 100.01))))
+
+
 def test_a_slider_responds_as_in_time_steps():
     system, frequencies = chain(), np.linspace(95.0, 125.0, 7)
     levels = (0.3, 1.0, 3.0)
@@ -179,6 +185,12 @@ def test_energies_of_a_period_are_in_balance():
         ({"frequencies": np.array([100.0])}, "must be two at least"),
         ({"frequencies": np.array([100.0, 90.0])}, "must be two at least, and rise"),
         ({"levels": [-1.0]}, "levels"),
+        ({"sticking": 0.5}, "sticking: found 0.5, must be >= 1"),
+        ({"sticking": np.inf}, "sticking: found inf, must be >= 1 and finite"),
+        (
+            {"system": beating()},
+            "loads: found 100, 100.01 Hz, the highest of which is harmonic 10001",
+        ),
         ({"system": replace(chain(), loads=())}, "no load acts"),
         ({"system": replace(chain(), P=None, points=())}, "nothing is observed"),
     ],
