@@ -10,6 +10,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.harmonic.levels import Levels
 from skfem_joint.harmonic.marched import Marched
+from skfem_joint.harmonic.points import notes_of_law
 from skfem_joint.harmonic.series import Series
 from skfem_joint.results.loss import Losses
 
@@ -196,13 +197,7 @@ def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Ite
     """Notes of the law, of soft springs with their largest force, and of a model's range."""
     system = levels.equations.balance.system
     contact, origin = system.contact, system.origin
-    beta = contact.beta[contact.rubs & np.isfinite(contact.beta)]
-    if beta.size:
-        yield (
-            "the curve is of Coulomb's law. The arctangent law of this model, with beta = "
-            f"{beta.min():.3g} s/m, lets points creep where they would stick. A ring-down and "
-            "response have it."
-        )
+    yield from notes_of_law(contact)
     if soft > SOFT_FORCE:
         yield (
             "nothing but friction holds the structure's mean position, which soft springs hold "

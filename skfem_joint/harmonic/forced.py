@@ -227,7 +227,9 @@ def load_of(system: System, series: Series, period: float) -> FloatArray:
 def branch(
     forced: Forced, level: float, place: Place, targets: FloatArray, grid: float
 ) -> Iterator[Place]:
-    """Points of a branch from one on to the last of ``targets``, or back out of them.
+    """Points of a branch from one on to the last of ``targets``, or back to the first.
+
+    With constant contact, where there is one vibration at each frequency, it never turns.
 
     Parameters
     ----------
@@ -243,7 +245,7 @@ def branch(
     ConvergenceError
         If steps become too short, or too many.
     """
-    step, low, high = 1.0, float(targets.min()), float(targets.max())
+    step, unique = 1.0, not forced.balance.system.contact.opens
     for _ in range(MOST_STEPS * targets.size):
         here = forced.sized(place.q)
         reference = here.balance.reference
@@ -264,16 +266,28 @@ def branch(
             try:
                 if lands:
                     length = float((target - start[-1]) / along[-1])
-                    guess = start + length * along
-                    point = solved(ByFrequency(here, level), guess[:-1], target)
-                    y, turned = np.append(point.y, target), np.append(point.tangent, 1.0)
-                    turned *= np.sign(along[-1])
+                    point = solved(ByFrequency(here, level), (start + length * along)[:-1], target)
+                    y, turned = _landed(point, target, along)
                 else:
                     arc = ByArc(here, level, start, metric.weights * along)
                     point = solved(arc, start + length * along, length)
                     y, turned = point.y, point.tangent
                 if metric.norm(y - start - length * along) > ASTRAY * length:
                     raise ConvergenceError("astray")
+                if unique and not turned[-1] * along[-1] > 0.0:
+                    raise ConvergenceError("turned where nothing turns")
+                lowest, highest = sorted((start[-1], y[-1]))
+                passed = targets[(targets > lowest * reference) & (targets < highest * reference)]
+                passed = passed[np.abs(passed - place.omega) > 1e-9 * grid]
+                if passed.size:
+                    at = float(passed[np.abs(passed - place.omega).argmin()]) / reference
+                    share = (at - start[-1]) / (y[-1] - start[-1])
+                    point = solved(ByFrequency(here, level), (start + share * (y - start))[:-1], at)
+                    end = y
+                    y, turned = _landed(point, at, y - start)
+                    if metric.norm(y - start - share * (end - start)) > ASTRAY * length:
+                        raise ConvergenceError("astray")
+                    lands = True
             except ConvergenceError:
                 step = 0.5 * min(step, length)
                 continue
@@ -288,9 +302,13 @@ def branch(
         )
         step = min(LONGEST, step * (1.5 if point.iterations <= 6 else 0.7))
         yield place
-        if not low <= place.omega <= high:
-            return
     raise ConvergenceError(f"the branch has not ended after {MOST_STEPS * targets.size} steps")
+
+
+def _landed(point: Point, omega: float, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Unknowns and tangent, to the side of ``along``, of a point at a frequency."""
+    ahead = np.append(point.tangent, 1.0) * np.sign(along[-1])
+    return np.append(point.y, omega), ahead
 
 
 def eased(equations: Equations, y: FloatArray, parameter: float) -> Point:
@@ -324,19 +342,21 @@ class _Easing:
 
 
 def corrected(forced: Forced, level: float, place: Place, grid: float) -> Place:
-    """Point of other equations near a place: at its frequency, if that was asked for.
+    """Point of other equations near a place, of its frequency if asked for or if nothing turns.
 
     ConvergenceError if there is none.
     """
     here = forced.sized(place.q)
     reference = here.balance.reference
     y = here.scaled(place.q)
-    if place.asked:
+    turns = here.balance.system.contact.opens
+    if place.asked or not turns:
         try:
             point = eased(ByFrequency(here, level), y, place.omega / reference)
             return place._replace(q=here.motion(point.y))
         except ConvergenceError:  # beyond the turning point of a coarser series
-            pass
+            if not turns:
+                raise
     metric = Metric.of(here, grid)
     start = np.append(y, place.omega / reference)
     along = np.append(here.scaled(place.along[:-1]), place.along[-1] / reference)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.results.loss import Losses
-from skfem_joint.vibration.response import HARMONICS
+from skfem_joint.system.contacts import Contact
+from skfem_joint.vibration.response import HARMONICS, phases_of
 from skfem_joint.vibration.response_curve import SteadyPoint
 
 #: Samples of a period in which peaks are looked for: they miss 1e-5 of a first harmonic.
@@ -31,8 +34,6 @@ def point_of(
         if order <= HARMONICS:
             a = first + 2 * place
             harmonics[:, order - 1] = seen[a] - 1j * seen[a + 1]
-    pushed = force[first] - 1j * force[first + 1]
-    load = complex(pushed[np.abs(pushed).argmax()])
     rate = series.rate(q)
     viscous = float(omega * series.work(rate @ balance.C, q).sum())
     motion, K = series.basis @ u, as_dense(system.K)
@@ -45,7 +46,7 @@ def point_of(
         amplitude=0.5 * (high - low),
         offset=0.5 * (high + low),
         harmonics=harmonics,
-        phase=np.angle(harmonics[:, 0] / load),
+        phase=phases_of(harmonics, system),
         slip=slip,
         friction_energy=float(work.sum()),
         input_energy=float(series.work(force, q).sum()),
@@ -62,6 +63,17 @@ def point_of(
         course=np.vstack([motion, motion[:1]]) if not series.odd else None,
         stable=stable,
     )
+
+
+def notes_of_law(contact: Contact) -> Iterator[str]:
+    """Note of an arctangent law, in the place of which Coulomb's acts."""
+    beta = contact.beta[contact.rubs & np.isfinite(contact.beta)]
+    if beta.size:
+        yield (
+            "the curve is of Coulomb's law. The arctangent law of this model, with beta = "
+            f"{beta.min():.3g} s/m, lets points creep where they would stick. A ring-down and "
+            "response have it."
+        )
 
 
 def contact_of(balance: Balance, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -20,13 +20,14 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
-from skfem_joint.ground.values import POSITIVE, check_each
+from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
+from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.forced import Place
-from skfem_joint.harmonic.points import state_of
+from skfem_joint.harmonic.points import notes_of_law, state_of
 from skfem_joint.harmonic.search import OF_WORK, STEPS, Search, Settled, change
 from skfem_joint.harmonic.series import Series
 from skfem_joint.harmonic.stability import stable
-from skfem_joint.reduction.ranges.points import loaded_at
+from skfem_joint.reduction.ranges.points import loaded_at, period_of
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.recording import Save
 from skfem_joint.system.system import System
@@ -35,6 +36,8 @@ from skfem_joint.vibration.response_curve import Curve, SteadyPoint, nothing_fou
 
 #: Springs of rigid sticking: they lower the square of the nearest stuck frequency by one over this.
 STICKING = 3000.0
+#: What they may be.
+STIFF = Kind(">= 1 and finite", lambda x: 1.0 <= x < np.inf)
 #: Results whose errors are stated.
 NAMES = "amplitude", "friction_energy"
 #: Relative errors of these beyond which a note says so.
@@ -52,7 +55,8 @@ class BalancedCurve(Curve):
     level : float
     points : tuple of SteadyPoint
         Along the branch: where it turns frequencies fall. ``point.stable`` says whether
-        disturbances vanish; points with ``point.periods`` above zero were marched to.
+        disturbances vanish, None where that is not known; points with ``point.periods`` above zero
+        were marched to.
     errors : dict of str to ndarray, shape (points,)
         Relative changes of ``amplitude`` and ``friction_energy`` with the last rise of harmonics
         and samples; nan where there was none, and at points that were marched to.
@@ -61,11 +65,14 @@ class BalancedCurve(Curve):
     why : tuple of str
         Why points were marched to.
     sticking : tuple of float
-        Relative distances of both at the largest stable amplitude from rigid sticking; zero where
-        all points have springs.
+        Largest relative distances of both from rigid sticking at the points that are judged, of
+        about a quarter, half and all of the largest amplitude, and the smallest one that slips;
+        zero where all points have springs, nan where it is not known.
     confirmed : dict of int to tuple of float
         Relative differences of both by time steps with the same springs, at points by number; nan
         where steps found nothing steady. Empty where it was not asked for.
+    law : tuple of str
+        What to know of friction whose own law is another one.
     turns : tuple of float
         Frequencies, Hz, at which the branch turns.
     held : float
@@ -78,6 +85,7 @@ class BalancedCurve(Curve):
     why: tuple[str, ...] = ()
     sticking: tuple[float, float] = (0.0, 0.0)
     confirmed: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    law: tuple[str, ...] = ()
     turns: tuple[float, ...] = ()
     held: float = 0.0
 
@@ -90,6 +98,7 @@ class BalancedCurve(Curve):
     def _own_notes(self) -> Iterator[str]:
         """Sentences about harmonics, sticking, stability, marching and what it confirms."""
         marched = [f"{p.frequency:.6g}" for p in self.points if p.periods]
+        yield from self.law
         for reason in self.why:
             yield f"{reason}."
         if marched:
@@ -106,20 +115,23 @@ class BalancedCurve(Curve):
             yield f"{unstable} of {len(self.points)} points are unstable: no vibration stays there."
         if unjudged := sum(p.stable is None and not p.periods for p in self.points):
             yield f"the stability of {unjudged} points is not known."
+        if any(np.isnan(apart).any() for apart in self.confirmed.values()):
+            yield "time steps did not become steady from a point that was to be confirmed."
         for number, name in enumerate(NAMES):
             shown = name.replace("_", " ")
-            error = np.array([*self.errors[name], *self.sticking[number : number + 1]])
+            by_sticking = self.sticking[number]
+            error = float(np.nanmax([0.0, *self.errors[name]]) + np.nan_to_num(by_sticking))
             unknown = np.isnan(self.errors[name]) & (self.column("periods") == 0)
             if count := np.count_nonzero(unknown):
                 yield f"the error of the {shown} is not known at {count} points."
-            if np.nanmax(error, initial=0.0) > DOUBTFUL[number]:
+            if np.isnan(by_sticking):
+                yield f"the error of the {shown} by springs of sticking is not known."
+            if error > DOUBTFUL[number]:
                 yield (
                     f"harmonics and springs of sticking leave an error of the {shown} of up to "
-                    f"{100.0 * np.nanmax(error):.2g} %."
+                    f"{100.0 * error:.2g} %."
                 )
             apart = [differences[number] for differences in self.confirmed.values()]
-            if np.isnan(apart).any():
-                yield "time steps did not become steady from a point that was to be confirmed."
             if np.nanmax([0.0, *apart]) > DOUBTFUL[number]:
                 yield (
                     f"time steps with the same springs differ by {100.0 * np.nanmax(apart):.2g} % "
@@ -149,7 +161,8 @@ def harmonic_response(
     levels : sequence of float
         Factors of the loads' amplitudes.
     confirm : bool
-        Whether three stable points of each curve are judged by time steps, with the same springs.
+        Whether three points of each curve that are not unstable are judged by time steps, with the
+        same springs. Where these find nothing steady stability is not known.
     sticking : float
         Springs of points that have none of their own, over the stiffness of the structure there.
     progress : callable, optional
@@ -163,13 +176,13 @@ def harmonic_response(
     Raises
     ------
     InputError
-        If there is nothing to vibrate steadily, a frequency or level is not positive, the system is
-        too large, its contact that opens is rigid, or it is a reduced model made for something
-        else or for a range.
+        If there is nothing to vibrate steadily, a frequency or level is not positive, ``sticking``
+        is below 1, the system is too large, its loads have too high harmonics, its contact that
+        opens is rigid, or it is a reduced model made for something else or for a range.
     ConvergenceError
         If no point is found.
     """
-    frequencies, asked = _checked(system, frequencies, levels)
+    frequencies, asked = _checked(system, frequencies, levels, sticking)
     tally = Tally(progress, len(asked) * frequencies.size)
     search = Search.of(system, frequencies, sticking, tally)
     curves = dict[float, BalancedCurve]()
@@ -181,11 +194,12 @@ def harmonic_response(
 
 
 def _checked(
-    system: System, frequencies: FloatArray, levels: Sequence[float]
+    system: System, frequencies: FloatArray, levels: Sequence[float], sticking: float
 ) -> tuple[FloatArray, list[float]]:
     """Frequencies and levels; InputError as `harmonic_response`."""
     check_each("harmonic_response: frequencies", frequencies, POSITIVE)
     check_each("harmonic_response: levels", levels, POSITIVE)
+    check("harmonic_response: sticking", sticking, STIFF)
     system.check_any_load("response", max(levels, default=0.0))
     frequencies = np.asarray(frequencies, dtype=float)
     if frequencies.size < 2 or np.any(np.diff(frequencies) <= 0.0):
@@ -203,6 +217,15 @@ def _checked(
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
         raise InputError("harmonic_response: no load acts; give one an amplitude above 0")
     loaded_at(system, float(frequencies[0]), 1.0)  # refuses loads without a common period
+    parts = {part.frequency for load in system.loads for part in load.amplitude.harmonics}
+    highest = round(max(parts) * period_of(system))
+    if 2 * highest * system.n > MOST:
+        found = ", ".join(f"{f:.9g}" for f in sorted(parts))
+        raise InputError(
+            f"harmonic_response: loads: found {found} Hz, the highest of which is harmonic "
+            f"{highest} of their common period, too many for a balance; give frequencies whose "
+            "ratios are simple, such as 1 and 2"
+        )
     return frequencies, np.asarray(levels, dtype=float).tolist()
 
 
@@ -218,26 +241,43 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
             continue
         found = search.settled(item, level, most)
         balance = search.forced[found.rung].balance
-        holds = stable(balance, found.place.q, found.place.omega)
+        holds = stable(balance, found.place.q, found.place.omega, _slips(found.point))
         held = max(held, balance.held_softly(found.place.q))
         settled[len(points)] = found
         points.append(replace(found.point, stable=holds))
         errors.append(found.errors)
         most = max(most, found.point.friction_energy)
+    distances = [np.abs([p.frequency for p in points] - f).min() for f in search.frequencies]
+    if lacking := search.frequencies[np.array(distances) > 1e-9 * search.frequencies].tolist():
+        at = ", ".join(f"{f:.6g}" for f in lacking)
+        why.append(
+            f"there is no point at {at} Hz, where the branch with more harmonics turns before"
+        )
     curve = BalancedCurve(level, tuple(points), dict(zip(NAMES, np.transpose(errors), strict=True)))
     judged = _judged(curve, settled)
+    confirmed = {k: _confirmed(search, settled[k], level) for k in judged if confirm}
+    for k, apart in confirmed.items():
+        if np.isnan(apart).any():
+            points[k] = replace(points[k], stable=None)
     rungs = [found.rung for found in settled.values()]
     return replace(
         curve,
+        points=tuple(points),
         series=search.forced[max(rungs)].balance.series if rungs else None,
         why=tuple(why),
-        turns=tuple(_turns([found.place for found in settled.values()])),
+        law=tuple(notes_of_law(search.forced[0].balance.system.contact)),
+        turns=tuple(_turns([found.place for found in settled.values()]))
+        if search.system.contact.opens
+        else (),
         held=held,
-        sticking=search.sticking(settled[judged[-1]], level)
-        if judged and search.rigid
-        else (0.0, 0.0),
-        confirmed={k: _confirmed(search, settled[k], level) for k in judged if confirm},
+        sticking=_sticking(search, settled, judged, level),
+        confirmed=confirmed,
     )
+
+
+def _slips(point: SteadyPoint) -> bool:
+    """Whether friction takes energy beyond round-off."""
+    return point.friction_energy > 1e-9 * point.input_energy
 
 
 def _turns(places: Sequence[Place]) -> Iterator[float]:
@@ -250,16 +290,29 @@ def _turns(places: Sequence[Place]) -> Iterator[float]:
 
 
 def _judged(curve: BalancedCurve, settled: Mapping[int, Settled]) -> list[int]:
-    """Numbers of three stable points: of about a quarter and half of the largest amplitude, and it.
+    """Numbers of three points: of about a quarter and half of the largest amplitude, and it.
 
-    Fewer where there are not so many.
+    They are not unstable. Fewer where there are not so many.
     """
-    known = [k for k in settled if curve.points[k].stable]
+    known = [k for k in settled if curve.points[k].stable is not False]
     if not known:
         return []
     reach = np.array([curve.points[k].amplitude.max() for k in known])
     shares = reach.max() * np.array([0.25, 0.5, 1.0])
     return list(dict.fromkeys(known[int(np.abs(reach - share).argmin())] for share in shares))
+
+
+def _sticking(
+    search: Search, settled: Mapping[int, Settled], judged: Sequence[int], level: float
+) -> tuple[float, float]:
+    """Largest relative distances of amplitude and friction energy from rigid sticking."""
+    if not search.rigid:
+        return 0.0, 0.0
+    slips = [k for k, found in settled.items() if _slips(found.point)]
+    least = sorted(slips, key=lambda k: float(settled[k].point.amplitude.max()))[:1]
+    at = [settled[k] for k in {*judged, *least}]
+    apart = np.array([search.sticking(found, level) for found in at] or [(np.nan, np.nan)])
+    return float(apart[:, 0].max()), float(apart[:, 1].max())
 
 
 def _confirmed(search: Search, found: Settled, level: float) -> tuple[float, float]:

@@ -227,7 +227,8 @@ class Search:
     def sticking(self, found: Settled, level: float) -> tuple[float, float]:
         """Relative distances of amplitude and friction energy from rigid sticking.
 
-        By softer springs, as distances fall with the stiffness; nan where these have no solution.
+        By softer springs: distances fall with the root of the stiffness, as marches with springs
+        up to 1e9 N/m show. nan where these have no solution.
         """
         stiff, soft, place = self.forced[found.rung], self.softer[found.rung], found.place
         q, along = (
@@ -247,7 +248,8 @@ class Search:
         amplitudes = float(point.amplitude.max()), float(other.amplitude.max())
         energies = point.friction_energy, other.friction_energy
         least = OF_WORK * point.input_energy
-        return change(*amplitudes) / (SOFTER - 1.0), change(*energies, least) / (SOFTER - 1.0)
+        by = np.sqrt(SOFTER) - 1.0
+        return change(*amplitudes) / by, change(*energies, least) / by
 
 
 def _point(forced: Forced, place: Place, level: float) -> SteadyPoint:

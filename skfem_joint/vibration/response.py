@@ -25,7 +25,7 @@ from skfem_joint.ground.loads import common_period
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.rows import Rows
 from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each
-from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at
+from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at, period_of
 from skfem_joint.results.history import relative
 from skfem_joint.results.loss import losses
 from skfem_joint.runs.integrate import integrate_plan
@@ -483,13 +483,12 @@ def _steady(
         return _without_vibration(system, frequency, error)
     slip = system.contact.slid(run.friction_work)
     vibration, harmonics = run.vibration, harmonics_of(run.point_u[:-1])
-    load = harmonics_of(system.load_amplitudes(run.times[:-1])[:1].T)[0, 0]
     return SteadyPoint(
         frequency=frequency,
         amplitude=vibration.amplitude,
         offset=vibration.offset,
         harmonics=harmonics,
-        phase=np.angle(harmonics[:, 0] / load) if load else np.angle(harmonics[:, 0]),
+        phase=phases_of(harmonics, system),
         friction_energy=float(run.friction_work.sum()),
         input_energy=float(run.input_work.sum()),
         slip=run.slip_peak,
@@ -518,6 +517,18 @@ def _without_vibration(system: System, frequency: float, why: ConvergenceError) 
         failure=str(why),
         gross=isinstance(why, GrossSlipError),
     )
+
+
+def phases_of(harmonics: FloatArray, system: System) -> FloatArray:
+    """Phases of the first of ``harmonics`` (points, k) to that of the first load, rad.
+
+    Where that load has none they are those to a cosine. Its vector does not count.
+    """
+    period, load = period_of(system), 0j
+    for part in system.loads[0].amplitude.harmonics:
+        if round(part.frequency * period) == 1:
+            load += part.amplitude * np.exp(1j * (part.phase - 0.5 * np.pi))
+    return np.asarray(np.angle(harmonics[:, 0] / (load or 1.0)))
 
 
 def harmonics_of(rows: FloatArray) -> FloatArray:
