@@ -205,8 +205,9 @@ def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Ite
         )
     if soft > SOFT_FORCE:
         yield (
-            "nothing but friction holds the structure's mean position, which soft springs hold "
-            f"here with up to {100.0 * soft:.2g} % of the friction limits; support it, or see a "
+            "neither springs nor contact pressed at rest hold the structure's mean position, which "
+            f"soft springs hold here with up to {100.0 * soft:.2g} % of the friction limits, or "
+            "where there are none of the normal forces or the inertia; support it, or see a "
             "ring-down."
         )
     highest = getattr(origin, "highest", np.inf) if system.made_for else np.inf

@@ -150,6 +150,34 @@ def test_contact_that_opens_has_the_period_of_two_half_oscillators():
     assert mode.frequency[0] == pytest.approx(1.0 / period, rel=1e-4)
 
 
+def test_a_mass_that_bounces_under_its_weight_flies_between_half_waves():
+    """On an elastic stop alone: its weight holds its mean place, whatever its amplitude."""
+    one, weight, stop, mass = np.ones(1), 10.0, 1e4, np.ones((1, 1))
+    normal = sj.NormalPart(mass, 0 * one, weight * one, stop * one, one)
+    contact = sj.Contact(0 * mass, [0.0], np.inf, normal=normal, gain=0 * mass)
+    system = sj.System(mass, None, 0 * mass, contact)
+    (mode,) = sj.nonlinear_modes(system, amplitudes=[3e-3, 1e-2])
+    # nothing damps it, and round-off of nothing is no error
+    assert not any("damping" in note for note in mode.notes)
+    omega = np.sqrt(stop)
+    for level in range(2):
+        top = mode.motion(level, 4000).max()
+        leaves = omega * np.sqrt(top**2 - (weight / stop) ** 2)
+        period = 2.0 * np.arccos(-weight / stop / top) / omega + 2.0 * leaves / weight
+        assert mode.frequency[level] == pytest.approx(1.0 / period, rel=3e-4)
+
+
+def test_a_body_that_only_a_gap_holds_says_that_soft_springs_do():
+    """Two masses on a spring, free as a whole; one of them meets a stop."""
+    one, N = np.ones(1), np.array([[1.0, 0.0]])
+    normal = sj.NormalPart(N, one, 0 * one, one, one)
+    contact = sj.Contact(0 * N, [0.0], np.inf, normal=normal, gain=np.zeros((1, 1)))
+    K = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    system = sj.System(np.eye(2), 0.01 * K, K, contact)
+    (mode,) = sj.nonlinear_modes(system, (2,), amplitudes=[2.0], confirm=False)
+    assert any("soft springs hold" in note for note in mode.notes)
+
+
 def test_time_steps_agree_where_limits_follow_normal_forces():
     """A mass that slides along x on an elastic stop in y, which opens, coupled by its springs."""
     one = np.ones(1)
