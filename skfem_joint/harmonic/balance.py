@@ -118,8 +118,8 @@ class Balance:
         closed = K + as_dense(contact.normal.springs)
         stuck = closed + (B.T * k) @ B
         squares, Phi = linalg.eigh(0.5 * (stuck + stuck.T), M)
-        # What nothing holds once all slips. Contact pressed at rest holds mean places where it opens,
-        # too: the mean of its normal force is that at rest, and a soft spring would take part of it.
+        # What nothing holds once all slips. Contact pressed at rest holds its mean place where it
+        # opens, too, by its mean normal force, of which a soft spring would take a part.
         _, shapes = linalg.eigh(closed, M, subset_by_value=(-np.inf, FREE * reference**2))
         momenta = Phi.T @ (M @ shapes)
         return cls(

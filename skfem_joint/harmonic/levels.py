@@ -112,8 +112,9 @@ def resolved(
 ) -> tuple[Levels, BoolArray]:
     """Same levels by other equations, of ``rows`` (levels,) alone if given; and which are found.
 
-    A level that is not found from its own former state is followed from the level before. One that
-    is not found so either keeps its former state.
+    A level that is not found from its own former state is followed from the level before, or found
+    from the linear mode: springs of sticking that are several times as stiff may slip where the
+    former ones stuck. One that is not found so either keeps its former state.
     """
     points, found = list[Point](), list[bool]()
     balance, parameters = equations.balance, levels.parameters.tolist()
@@ -127,6 +128,9 @@ def resolved(
             point = _solved_near(equations, y, at)
             if point is None and k > 0 and found[-1]:
                 point = _followed_from(equations, points[-1].y, parameters[k - 1], at)
+            if point is None:
+                point = _solved_near(equations, equations.linear(at), at)
+                point = point if point and equations.near(point.y, y) else None
             tally.add()
         found.append(point is not None)
         points.append(point or Point(y, np.zeros_like(y), 0))
@@ -154,7 +158,7 @@ def _followed_from(
 
 
 def relative(change: FloatArray, values: FloatArray) -> FloatArray:
-    """Changes over the values, `LEAST` of the largest of them or `NEGLIGIBLE`, the most of these."""
+    """Changes over the values, `LEAST` of the largest or `NEGLIGIBLE`, the most of these."""
     size = np.maximum(np.abs(values), max(LEAST * np.abs(values).max(), NEGLIGIBLE))
     return np.asarray(np.abs(change) / size)
 

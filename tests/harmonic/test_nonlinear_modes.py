@@ -139,6 +139,20 @@ def test_springs_of_sticking_soften_the_stuck_mode_by_one_over_their_factor():
     assert np.array(softer) == pytest.approx([5e-3, 5e-4, 5e-5], rel=0.1)
 
 
+def pair():
+    """Two masses on springs, the first on rigid friction: stuck, the second is an oscillator."""
+    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.2]])
+    contact = sj.Contact(np.eye(2)[:1], [2.0], np.inf)
+    return sj.System(np.eye(2), 0.5 * np.eye(2), K, contact, P=np.eye(2)[1:], points=("q",))
+
+
+def test_a_first_level_just_below_slip_is_found():
+    """The friction limit is 2 N, the force of the spring between the masses 1 and 1.9 N."""
+    (mode,) = sj.nonlinear_modes(pair(), amplitudes=[1e-4, 1.9e-4], confirm=False)
+    assert mode.state == ("stick", "stick")
+    assert 2.0 * np.pi * mode.frequency == pytest.approx(np.sqrt(1.2e4), rel=1e-6)
+
+
 def test_contact_that_opens_has_the_period_of_two_half_oscillators():
     """A mass on a spring k that also pushes an elastic stop at rest: half a period with each."""
     stop = 3.0
