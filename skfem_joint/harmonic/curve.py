@@ -237,6 +237,11 @@ def notes_of_errors(curve: NonlinearMode, settled: Mapping[str, float]) -> Itera
                 f"its {what} has not settled with {curve.series.highest} harmonics: up to "
                 f"{100.0 * worst:.2g} % of it may be missing. See the errors of its levels."
             )
+        if np.isnan(curve.errors.get("sticking", curve.errors["harmonics"])[name]).any():
+            yield (
+                f"by how much springs that stand for rigid sticking change its {what} is not known "
+                "at all levels. See the errors of its levels."
+            )
         if curve.marched is not None:
             apart = np.abs(getattr(curve.marched, name))
             stated = np.nan_to_num(curve.errors["harmonics"][name][curve.marched.levels]) + bound

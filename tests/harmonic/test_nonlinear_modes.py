@@ -153,6 +153,26 @@ def test_a_first_level_just_below_slip_is_found():
     assert 2.0 * np.pi * mode.frequency == pytest.approx(np.sqrt(1.2e4), rel=1e-6)
 
 
+def test_an_error_of_sticking_is_not_known_where_softer_springs_find_no_level():
+    """A light mass that sticks again as it turns: levels in gross slip are found with some springs.
+
+    Where the error is known it covers the distance from springs of 1e8 N/m, 1e4 times the others.
+    """
+    light = replace(pair(), M=np.diag([0.1, 5.0]), C=np.diag([0.05, 2.5]))
+    stiff = replace(light, contact=replace(light.contact, stiffness=np.array([1e8])))
+    rigid, sprung = (
+        sj.nonlinear_modes(system, amplitudes=[1e-4, 5e-4, 1e-2], confirm=False)[0]
+        for system in (light, stiff)
+    )
+    known = np.isfinite(rigid.errors["sticking"]["frequency"])
+    assert known[0]
+    assert not known.all()
+    assert any("rigid sticking" in note for note in rigid.notes)
+    apart = np.abs(rigid.frequency / sprung.frequency - 1.0)
+    stated = rigid.error("frequency") + sprung.error("frequency") + 5e-4  # of the springs
+    assert (apart <= stated)[known].all()
+
+
 def test_contact_that_opens_has_the_period_of_two_half_oscillators():
     """A mass on a spring k that also pushes an elastic stop at rest: half a period with each."""
     stop = 3.0
