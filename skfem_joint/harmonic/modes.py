@@ -48,6 +48,8 @@ ORDERS = 0.5, 1.0
 SHARE_LEFT = 0.5
 #: Relative error of the damping by which it has settled, and of the frequency.
 SETTLED = {"frequency": 3e-4, "damping_ratio": 5e-3}
+#: Least and largest amplitude, whose squares and products with frequencies are numbers.
+AMPLITUDES = 1e-30, 1e30
 #: Displacement of a point, over the largest, below which a mode does not move it.
 STILL = 1e-6
 
@@ -102,10 +104,12 @@ def nonlinear_modes(
         )
     check_each("nonlinear_modes: modes", modes, COUNT)
     asked = np.asarray(as_real(amplitudes, "nonlinear_modes: amplitudes"))
-    rises = asked.ndim == 1 and asked.size and asked[0] > 0.0 and np.all(np.diff(asked) > 0.0)
-    if not rises or not np.isfinite(asked).all():
+    low, high = AMPLITUDES
+    rises = asked.ndim == 1 and asked.size and np.all(np.diff(asked) > 0.0)
+    if not rises or not np.all((asked >= low) & (asked <= high)):
         raise InputError(
-            f"nonlinear_modes: amplitudes: found {asked.tolist()}, must be positive and rise"
+            f"nonlinear_modes: amplitudes: found {asked.tolist()}, must be positive and rise, from "
+            f"{low:g} to {high:g}"
         )
     if at is not None and at not in system.points:
         raise InputError(

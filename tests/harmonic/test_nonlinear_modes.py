@@ -256,6 +256,7 @@ def test_a_curve_that_ends_says_where_and_has_the_levels_below():
     ("changes", "message"),
     [
         ({"amplitudes": [2.0, 1.0]}, "must be positive and rise"),
+        ({"amplitudes": [1e-3, 1e300]}, "from 1e-30 to 1e"),
         ({"amplitudes": [1e-6], "at": "top"}, "at: found 'top', must be one of tip"),
         ({"amplitudes": [1e-6], "modes": [9]}, "found mode 9, there are 4"),
     ],
