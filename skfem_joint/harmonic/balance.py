@@ -37,7 +37,7 @@ MODES = 30
 #: Share of the square of a stuck frequency that springs of sticking are found to take off first,
 #: well above round-off, and corrections of these springs, each by what the one before takes.
 SOFTENED, SCALINGS = 5e-3, 12
-#: Frequency, over that of reference, of soft springs on mean motions that nothing else holds.
+#: Frequency, over that of reference, of soft springs on mean motions that only friction holds.
 SOFT = 0.1
 #: Squares of frequencies below this share of that of reference are those of free motions.
 FREE = 1e-6
@@ -115,10 +115,12 @@ class Balance:
         springs = springs_of_sticking(system, reference, factor)
         B = as_dense(contact.B)
         k = contact.on_rows(np.where(contact.w > 0.0, springs, 0.0))
-        stuck = K + (B.T * k) @ B + as_dense(contact.normal.springs)
+        closed = K + as_dense(contact.normal.springs)
+        stuck = closed + (B.T * k) @ B
         squares, Phi = linalg.eigh(0.5 * (stuck + stuck.T), M)
-        # what nothing holds once all slips and opens
-        _, shapes = linalg.eigh(K, M, subset_by_value=(-np.inf, FREE * reference**2))
+        # What nothing holds once all slips. Contact pressed at rest holds its mean place where it
+        # opens, too, by its mean normal force, of which a soft spring would take a part.
+        _, shapes = linalg.eigh(closed, M, subset_by_value=(-np.inf, FREE * reference**2))
         momenta = Phi.T @ (M @ shapes)
         return cls(
             system=replace(system, contact=replace(contact, stiffness=springs)),
@@ -198,12 +200,17 @@ class Balance:
         return Residual(values, derivative, by_omega, -2.0 * omega**2 * rate, sampled)
 
     def held_softly(self, q: FloatArray) -> float:
-        """Largest force of the soft springs over the sum of friction limits at rest."""
+        """Force of the soft springs over the sum of friction limits at rest.
+
+        Where there are none it is over the normal forces at rest, or else over the inertia.
+        """
         if self.series.odd or not self.soft.any():
             return 0.0
-        force = as_dense(self.system.M) @ self.Phi @ self.soft @ q[0]
-        whole = float(self.system.contact.w.sum())
-        return float(np.abs(force).sum() / whole) if whole > 0.0 else 0.0
+        by_mass = as_dense(self.system.M) @ self.Phi
+        force, inertia = by_mass @ self.soft @ q[0], self.reference**2 * by_mass @ q[1]
+        contact = self.system.contact
+        wholes = contact.w.sum(), contact.normal.force.sum(), np.abs(inertia).sum()
+        return float(np.abs(force).sum() / next((x for x in wholes if x > 0.0), np.inf))
 
 
 def check_size(system: System, series: Series) -> None:

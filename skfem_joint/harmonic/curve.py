@@ -200,8 +200,9 @@ def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Ite
     yield from notes_of_law(contact)
     if soft > SOFT_FORCE:
         yield (
-            "nothing but friction holds the structure's mean position, which soft springs hold "
-            f"here with up to {100.0 * soft:.2g} % of the friction limits; support it, or see a "
+            "neither springs nor contact pressed at rest hold the structure's mean position, which "
+            f"soft springs hold here with up to {100.0 * soft:.2g} % of the friction limits, or "
+            "where there are none of the normal forces or the inertia; support it, or see a "
             "ring-down."
         )
     highest = getattr(origin, "highest", np.inf) if system.made_for else np.inf
@@ -230,6 +231,11 @@ def notes_of_errors(curve: NonlinearMode, settled: Mapping[str, float]) -> Itera
             yield (
                 f"its {what} has not settled with {curve.series.highest} harmonics: up to "
                 f"{100.0 * worst:.2g} % of it may be missing. See the errors of its levels."
+            )
+        if np.isnan(curve.errors.get("sticking", curve.errors["harmonics"])[name]).any():
+            yield (
+                f"by how much springs that stand for rigid sticking change its {what} is not known "
+                "at all levels. See the errors of its levels."
             )
         if curve.marched is not None:
             apart = np.abs(getattr(curve.marched, name))

@@ -10,7 +10,7 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Tally
 from skfem_joint.harmonic.mode_equations import ModeEquations
-from skfem_joint.harmonic.newton import Point, followed, solved
+from skfem_joint.harmonic.newton import TOLERANCE, Point, followed, solved
 from skfem_joint.harmonic.series import Series
 
 #: Amplitude, over the first one, from which levels start if the first one is not found at once.
@@ -19,6 +19,8 @@ BELOW = 1e-3
 LEAST_STEP, FEW = 0.01, 4
 #: Damping below this share of the largest counts as so large, where its relative change is taken.
 LEAST = 0.02
+#: Damping ratio below which there is none: Newton's iteration finds no smaller one for sure.
+NEGLIGIBLE = TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -110,8 +112,9 @@ def resolved(
 ) -> tuple[Levels, BoolArray]:
     """Same levels by other equations, of ``rows`` (levels,) alone if given; and which are found.
 
-    A level that is not found from its own former state is followed from the level before. One that
-    is not found so either keeps its former state.
+    A level that is not found from its own former state is followed from the level before, or found
+    from the linear mode: springs of sticking that are several times as stiff may slip where the
+    former ones stuck. One that is not found so either keeps its former state.
     """
     points, found = list[Point](), list[bool]()
     balance, parameters = equations.balance, levels.parameters.tolist()
@@ -125,6 +128,9 @@ def resolved(
             point = _solved_near(equations, y, at)
             if point is None and k > 0 and found[-1]:
                 point = _followed_from(equations, points[-1].y, parameters[k - 1], at)
+            if point is None:
+                point = _solved_near(equations, equations.linear(at), at)
+                point = point if point and equations.near(point.y, y) else None
             tally.add()
         found.append(point is not None)
         points.append(point or Point(y, np.zeros_like(y), 0))
@@ -152,9 +158,9 @@ def _followed_from(
 
 
 def relative(change: FloatArray, values: FloatArray) -> FloatArray:
-    """Changes over the values, or over `LEAST` of the largest of them where that is more."""
-    size = np.maximum(np.abs(values), LEAST * np.abs(values).max())
-    return np.asarray(np.abs(change) / np.where(size > 0.0, size, 1.0))
+    """Changes over the values, `LEAST` of the largest or `NEGLIGIBLE`, the most of these."""
+    size = np.maximum(np.abs(values), max(LEAST * np.abs(values).max(), NEGLIGIBLE))
+    return np.asarray(np.abs(change) / size)
 
 
 def changes(after: Levels, before: Levels) -> dict[str, FloatArray]:

@@ -18,7 +18,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.loads import Harmonic
-from skfem_joint.harmonic.levels import Levels
+from skfem_joint.harmonic.levels import NEGLIGIBLE, Levels
 from skfem_joint.runs.integrate import TOLERANCE
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.plan import Plan
@@ -41,7 +41,7 @@ class Marched:
     levels : ndarray of int, shape (k,)
     frequency, damping_ratio : ndarray, shape (k,)
         Relative differences of the marched values from those of the mode; nan where time steps do
-        not converge.
+        not converge, zero of a damping that is negligible.
     notes : tuple of str
         Why they do not.
     """
@@ -110,4 +110,4 @@ def _differences(levels: Levels, k: int) -> tuple[float, float]:
     seen = run.point("seen")
     first, last = (complex(wave @ seen[j * STEPS : (j + 1) * STEPS]) for j in (0, PERIODS - 1))
     drift = np.log(last / first) / (2.0 * np.pi * (PERIODS - 1))
-    return float(drift.imag), float(-drift.real / zeta) if zeta > 0.0 else 0.0
+    return float(drift.imag), float(-drift.real / zeta) if zeta > NEGLIGIBLE else 0.0

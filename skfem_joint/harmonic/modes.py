@@ -7,7 +7,8 @@ shape may change, joints may slip as a whole, contact may open.
 Levels follow each other from a linear mode on, with soft springs where contact sticks rigidly, and
 are found again with stiffer ones. Then harmonics and samples are raised at the levels that have not
 settled; half of what the last rise changed is stated as their error. Values are extrapolated from
-the two stiffest springs to rigid ones, and what that adds is stated, too.
+the two stiffest springs to rigid ones, by the order that all three show, and what that adds is
+stated, too.
 
 Harmonics are doubled. Raised from 11 to 15 they changed the damping of a bar by 0.4 % where 2 %
 was missing, because a mode that lies near a multiple of the frequency does not show
@@ -40,10 +41,15 @@ LADDER = (3, 128), (7, 256), (15, 512), (31, 1024), (63, 2048)
 #: Springs of rigid sticking, by one over what they take off the square of the stuck frequency:
 #: levels are climbed with the first, and extrapolated from the last two.
 FACTORS = 200.0, 1400.0, 10000.0
+#: Least and highest order in one over the factor by which values come up to those of rigid
+#: sticking: points that stick again as they turn may come up by its square root.
+ORDERS = 0.5, 1.0
 #: Share of what the last rise of harmonics changed that is left as an error.
 SHARE_LEFT = 0.5
 #: Relative error of the damping by which it has settled, and of the frequency.
 SETTLED = {"frequency": 3e-4, "damping_ratio": 5e-3}
+#: Least and largest amplitude, whose squares and products with frequencies are numbers.
+AMPLITUDES = 1e-30, 1e30
 #: Displacement of a point, over the largest, below which a mode does not move it.
 STILL = 1e-6
 
@@ -98,10 +104,12 @@ def nonlinear_modes(
         )
     check_numbers("nonlinear_modes: modes", modes)
     asked = np.asarray(as_real(amplitudes, "nonlinear_modes: amplitudes"))
-    rises = asked.ndim == 1 and asked.size and asked[0] > 0.0 and np.all(np.diff(asked) > 0.0)
-    if not rises or not np.isfinite(asked).all():
+    low, high = AMPLITUDES
+    rises = asked.ndim == 1 and asked.size and np.all(np.diff(asked) > 0.0)
+    if not rises or not np.all((asked >= low) & (asked <= high)):
         raise InputError(
-            f"nonlinear_modes: amplitudes: found {asked.tolist()}, must be positive and rise"
+            f"nonlinear_modes: amplitudes: found {asked.tolist()}, must be positive and rise, from "
+            f"{low:g} to {high:g}"
         )
     if at is not None and at not in system.points:
         raise InputError(
@@ -123,13 +131,14 @@ def _mode(
     rigid = bool(np.any(system.contact.rubs & ~system.contact.sprung))
     tally = Tally(progress, amplitudes.size)
     levels, failure = climbed(_equations(system, number, at, FACTORS[0]), np.log(amplitudes), tally)
-    softer = None
+    stages = [levels]
     for factor in FACTORS[1:] if rigid else ():
-        softer = levels
         levels, found = resolved(levels, _equations(system, number, at, factor), tally)
         if not found.all():
             failure = failure or ConvergenceError("with stiffer springs of sticking")
             levels = levels.up_to(int(np.argmin(found)))
+        stages.append(levels)
+    stages = [stage.up_to(levels.omega.size) for stage in stages] if rigid else []
     if not levels.omega.size:
         raise ConvergenceError(
             f"nonlinear_modes: mode {number} is not found at the first amplitude; ask for lower "
@@ -137,8 +146,8 @@ def _mode(
         )
     levels, errors = _settled(levels, tally)
     if failure is None:
-        return _finished(levels, errors, softer, confirm, tally)
-    curve = _finished(levels, errors, softer, False, tally)
+        return _finished(levels, errors, stages, confirm, tally)
+    curve = _finished(levels, errors, stages, False, tally)
     where = f"{amplitudes[levels.omega.size]:.4g} m" + (f" of {curve.point!r}" * bool(curve.point))
     raise ConvergenceError(
         f"nonlinear_modes: mode {number} is not found at an amplitude of {where} ({failure}); the "
@@ -210,26 +219,41 @@ def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray
 def _finished(
     levels: Levels,
     errors: dict[str, FloatArray],
-    softer: Levels | None,
+    stages: list[Levels],
     confirm: bool,
     tally: Tally,
 ) -> NonlinearMode:
-    """Curve of levels, extrapolated from those with ``softer`` springs where there are such."""
+    """Curve of levels, extrapolated by ``stages``, those of all `FACTORS`, where there are such.
+
+    Its errors of sticking are nan where a level is not found with the softer springs.
+    """
     by_source, values = {"harmonics": errors}, levels.values
-    if softer is not None:
-        balance = softer.equations.balance.refined(levels.series)
-        other, found = resolved(levels, replace(softer.equations, balance=balance), tally)
-        beyond = found / (FACTORS[-1] / FACTORS[-2] - 1.0)
-        shift = {name: beyond * (new - other.values[name]) for name, new in values.items()}
-        sticking = {name: relative(shift[name], values[name]) for name in shift}
-        by_source["sticking"] = {
-            name: np.where(found, error, error.max()) for name, error in sticking.items()
-        }
+    if stages:
+        equations, last = stages[1].equations, FACTORS[-1] / FACTORS[-2]
+        equations = replace(equations, balance=equations.balance.refined(levels.series))
+        other, found = resolved(levels, equations, tally)
+        shift, by_source["sticking"] = {}, {}
+        for name, new in values.items():
+            beyond = 1.0 / (last ** _order(*(stage.values[name] for stage in stages)) - 1.0)
+            shift[name] = np.where(found, beyond * (new - other.values[name]), 0.0)
+            error = relative(shift[name], new)
+            by_source["sticking"][name] = np.where(found, error, np.nan)
         values = {name: new + shift[name] for name, new in values.items()}
     marched = march(levels, _judged(levels)) if confirm else None
     curve = curve_of(levels, values, by_source, marched)
     notes = (f"Mode {curve.mode}: {note}" for note in notes_of_errors(curve, SETTLED))
     return replace(curve, notes=(*curve.notes, *notes))
+
+
+def _order(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
+    """Order in one over `FACTORS` by which values with these come up to those of rigid sticking.
+
+    It is the least of `ORDERS` where the changes do not fall, or have two signs.
+    """
+    ratio = np.abs(second - first) / np.maximum(np.abs(third - second), 1e-300)
+    falls = (second - first) * (third - second) >= 0.0
+    order = np.log(np.maximum(ratio, 1.0)) / np.log(FACTORS[1] / FACTORS[0])
+    return np.where(falls, np.clip(order, *ORDERS), ORDERS[0])
 
 
 def _judged(levels: Levels) -> IntArray:

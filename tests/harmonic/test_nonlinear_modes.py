@@ -139,6 +139,40 @@ def test_springs_of_sticking_soften_the_stuck_mode_by_one_over_their_factor():
     assert np.array(softer) == pytest.approx([5e-3, 5e-4, 5e-5], rel=0.1)
 
 
+def pair():
+    """Two masses on springs, the first on rigid friction: stuck, the second is an oscillator."""
+    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.2]])
+    contact = sj.Contact(np.eye(2)[:1], [2.0], np.inf)
+    return sj.System(np.eye(2), 0.5 * np.eye(2), K, contact, P=np.eye(2)[1:], points=("q",))
+
+
+def test_a_first_level_just_below_slip_is_found():
+    """The friction limit is 2 N, the force of the spring between the masses 1 and 1.9 N."""
+    (mode,) = sj.nonlinear_modes(pair(), amplitudes=[1e-4, 1.9e-4], confirm=False)
+    assert mode.state == ("stick", "stick")
+    assert 2.0 * np.pi * mode.frequency == pytest.approx(np.sqrt(1.2e4), rel=1e-6)
+
+
+def test_an_error_of_sticking_is_not_known_where_softer_springs_find_no_level():
+    """A light mass that sticks again as it turns: levels in gross slip are found with some springs.
+
+    Where the error is known it covers the distance from springs of 1e8 N/m, 1e4 times the others.
+    """
+    light = replace(pair(), M=np.diag([0.1, 5.0]), C=np.diag([0.05, 2.5]))
+    stiff = replace(light, contact=replace(light.contact, stiffness=np.array([1e8])))
+    rigid, sprung = (
+        sj.nonlinear_modes(system, amplitudes=[1e-4, 5e-4, 1e-2], confirm=False)[0]
+        for system in (light, stiff)
+    )
+    known = np.isfinite(rigid.errors["sticking"]["frequency"])
+    assert known[0]
+    assert not known.all()
+    assert any("rigid sticking" in note for note in rigid.notes)
+    apart = np.abs(rigid.frequency / sprung.frequency - 1.0)
+    stated = rigid.error("frequency") + sprung.error("frequency") + 5e-4  # of the springs
+    assert (apart <= stated)[known].all()
+
+
 def test_contact_that_opens_has_the_period_of_two_half_oscillators():
     """A mass on a spring k that also pushes an elastic stop at rest: half a period with each."""
     stop = 3.0
@@ -148,6 +182,34 @@ def test_contact_that_opens_has_the_period_of_two_half_oscillators():
     (mode,) = sj.nonlinear_modes(system, amplitudes=[1.0], confirm=False)
     period = np.pi * (1.0 + 1.0 / np.sqrt(1.0 + stop))
     assert mode.frequency[0] == pytest.approx(1.0 / period, rel=1e-4)
+
+
+def test_a_mass_that_bounces_under_its_weight_flies_between_half_waves():
+    """On an elastic stop alone: its weight holds its mean place, whatever its amplitude."""
+    one, weight, stop, mass = np.ones(1), 10.0, 1e4, np.ones((1, 1))
+    normal = sj.NormalPart(mass, 0 * one, weight * one, stop * one, one)
+    contact = sj.Contact(0 * mass, [0.0], np.inf, normal=normal, gain=0 * mass)
+    system = sj.System(mass, None, 0 * mass, contact)
+    (mode,) = sj.nonlinear_modes(system, amplitudes=[3e-3, 1e-2], confirm=False)
+    # nothing damps it, and round-off of nothing is no error
+    assert not any("damping" in note for note in mode.notes)
+    omega = np.sqrt(stop)
+    for level in range(2):
+        top = mode.motion(level, 4000).max()
+        leaves = omega * np.sqrt(top**2 - (weight / stop) ** 2)
+        period = 2.0 * np.arccos(-weight / stop / top) / omega + 2.0 * leaves / weight
+        assert mode.frequency[level] == pytest.approx(1.0 / period, rel=3e-4)
+
+
+def test_a_body_that_only_a_gap_holds_says_that_soft_springs_do():
+    """Two masses on a spring, free as a whole; one of them meets a stop."""
+    one, N = np.ones(1), np.array([[1.0, 0.0]])
+    normal = sj.NormalPart(N, one, 0 * one, one, one)
+    contact = sj.Contact(0 * N, [0.0], np.inf, normal=normal, gain=np.zeros((1, 1)))
+    K = np.array([[1.0, -1.0], [-1.0, 1.0]])
+    system = sj.System(np.eye(2), 0.01 * K, K, contact)
+    (mode,) = sj.nonlinear_modes(system, (2,), amplitudes=[2.0], confirm=False)
+    assert any("soft springs hold" in note for note in mode.notes)
 
 
 def test_time_steps_agree_where_limits_follow_normal_forces():
@@ -194,6 +256,7 @@ def test_a_curve_that_ends_says_where_and_has_the_levels_below():
     ("changes", "message"),
     [
         ({"amplitudes": [2.0, 1.0]}, "must be positive and rise"),
+        ({"amplitudes": [1e-3, 1e300]}, "from 1e-30 to 1e"),
         ({"amplitudes": [1e-6], "at": "top"}, "at: found 'top', must be one of tip"),
         ({"amplitudes": [1e-6], "modes": [9]}, "found mode 9, there are 4"),
     ],
