@@ -29,6 +29,11 @@ ROUND_OFF = 0.02
 SOFT = 1e-6
 #: Pivots of a stiffness below this share of the largest are zero.
 ZERO = 1e-11
+#: Work of motions, over the bound of its round-off, above which it is real. That of trusses, chains
+#: and beams that float is below 0.6, and below 6.5 where entries have 15 digits.
+CLEAR = 7.0
+#: Share of other motions in one that strains nothing, by round-off of solvers.
+MIXED = 1e-10
 
 
 def eigenmodes(
@@ -145,7 +150,44 @@ def lowest_modes(
     """
     shift = shifts.LEAST * mean_square_frequency(K, M)
     frequency, modes = eigenmodes(K + shift * M, M, count, tolerance=tolerance)
-    return unshifted(frequency, shift), modes
+    if tolerance:  # modes that are not exact strain where rigid ones do not
+        return unshifted(frequency, shift), modes
+    return without_shift(frequency, modes, K, M, shift)
+
+
+def without_shift(
+    frequency: FloatArray, modes: FloatArray, K: Matrix, M: Matrix, shift: float
+) -> tuple[FloatArray, FloatArray]:
+    """Natural frequencies, Hz, and modes of K from those of K + shift M; zero of rigid motions.
+
+    Frequencies below that of the shift are computed again, by the Rayleigh-Ritz method in their
+    modes: what is subtracted has more round-off than the stiffness itself, which may be that of
+    weak springs.
+    """
+    low = (2.0 * np.pi * frequency) ** 2 < 2.0 * shift
+    frequency = unshifted(frequency, shift)
+    if low.any():
+        X = modes[:, low]
+        squares, turn = eigh(X.T @ (K @ X), X.T @ (M @ X))
+        X = X @ turn
+        rigid = squares <= np.minimum(ROUND_OFF * shift, least_work(K, X))
+        frequency[low] = np.sqrt(np.where(rigid, 0.0, squares)) / (2.0 * np.pi)
+        modes = modes.copy()
+        modes[:, low] = X
+    return frequency, modes
+
+
+def least_work(K: Matrix, X: FloatArray) -> FloatArray:
+    """Work x^T K x of each column of X that is more than round-off of the entries of K, (r,).
+
+    It is infinite, for not known, where K is filled, as after condensation: its entries have the
+    round-off of larger ones.
+    """
+    if K.shape[0] ** 2 < 4 * sparse.csr_array(K).nnz:
+        return np.full(X.shape[1], np.inf)
+    size = np.abs(X)
+    own = CLEAR * np.finfo(float).eps * np.einsum("ij,ij->j", size, abs(K) @ size)
+    return np.maximum(own, K.diagonal().max() * (MIXED * size.max(axis=0)) ** 2)
 
 
 def unshifted(frequency: FloatArray, shift: float) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import eigh, orth
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.system.modes import ZERO, is_singular
+from skfem_joint.system.modes import ZERO, is_singular, least_work
 from skfem_joint.system.system import System
 
 
@@ -26,7 +26,9 @@ def rigid_of(system: System) -> FloatArray | None:
     R = R @ eigh(0.5 * (stiffness + stiffness.T))[1]
     work = np.einsum("ij,ij->j", R, K @ R)
     # A pivot is the least work of a motion that moves its unknown by one.
-    R = R[:, work <= ZERO * K.diagonal().max() * np.abs(R).max(axis=0) ** 2]
+    low = work <= ZERO * K.diagonal().max() * np.abs(R).max(axis=0) ** 2
+    R, work = R[:, low], work[low]
+    R = R[:, work <= least_work(K, R)]  # or it is that of weak springs
     mass, turn = eigh(R.T @ (system.M @ R)) if R.size else (np.zeros(0), np.zeros((0, 0)))
     return np.asarray(R @ (turn / np.sqrt(mass)))
 
