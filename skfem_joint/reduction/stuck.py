@@ -15,7 +15,7 @@ from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.slow.quasi_static import QuasiStatic
-from skfem_joint.system.modes import eigenmodes, unshifted
+from skfem_joint.system.modes import eigenmodes, without_shift
 from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import congruent
 
@@ -76,7 +76,8 @@ class Stuck:
         solve, shift = self.solver
         A = self.K + shift * self.M
         frequency, shapes = eigenmodes(A, self.M, min(count, self.F.shape[1]), solve)
-        return unshifted(frequency, shift), np.asarray(self.F @ shapes)
+        frequency, shapes = without_shift(frequency, shapes, self.K, self.M, shift)
+        return frequency, np.asarray(self.F @ shapes)
 
     def _beside(
         self, solve: Callable[[FloatArray], FloatArray], rigid: FloatArray, count: int

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.linalg import eigh
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Amplitude
 from skfem_joint.ground.values import Kind, problems
@@ -29,6 +29,14 @@ ROUND_OFF = 0.02
 SOFT = 1e-6
 #: Pivots of a stiffness below this share of the largest are zero.
 ZERO = 1e-11
+#: Work of motions, over the bound of its round-off, above which it is real. That of trusses, chains
+#: and beams that float is below 0.6, and below 6.5 where entries have 15 digits.
+CLEAR = 7.0
+#: Strain energy over that of a motion that nearly is rigid: twenty times the frequency. Slender
+#: beams have less between their modes.
+APART = 400.0
+#: Share of other motions in one that strains nothing, by round-off of solvers.
+MIXED = 1e-10
 
 
 def eigenmodes(
@@ -95,8 +103,10 @@ def rigid_motions(K: Matrix, M: Matrix, most: int) -> FloatArray:
 
 def hardly_straining(
     K: Matrix, solve: Callable[[FloatArray], FloatArray], size: FloatArray
-) -> FloatArray | None:
+) -> tuple[FloatArray, int] | None:
     """Motions (n, r) of which all that strain nothing are combinations; None where that is unsure.
+
+    Beside them the number of the first that strain far less than all others, with rigid ones.
 
     They are found by inverse iteration with a factor that exists already, and of most structures
     by one vector, which tells that there are none.
@@ -117,8 +127,46 @@ def hardly_straining(
             X = np.linalg.qr(solve(X))[0]
         strain, turn = eigh(X.T @ (K @ X))
         if strain[-1] > SOFT:
-            return np.asarray(size[:, np.newaxis] * (X @ turn[:, strain <= SOFT]))
+            soft = np.flatnonzero(strain <= SOFT)
+            apart = soft[strain[soft + 1] > APART * strain[soft]]
+            few = int(apart[-1]) + 1 if apart.size else 0
+            return np.asarray(size[:, np.newaxis] * (X @ turn[:, soft])), few
     return None
+
+
+def strain_nothing(K: Matrix, R: FloatArray) -> BoolArray:
+    """Whether motions, the columns of R, strain nothing but round-off: (r,)."""
+    work = np.einsum("ij,ij->j", R, K @ R)
+    # A pivot is the least work of a motion that moves its unknown by one.
+    pivot = ZERO * K.diagonal().max() * np.abs(R).max(axis=0) ** 2
+    return np.asarray(work <= np.minimum(pivot, least_work(K, R)))  # or it is that of weak springs
+
+
+def notes_of_weak_springs(K: Matrix, M: Matrix, R: FloatArray) -> Iterator[str]:
+    """Notes of motions, the columns of R, of which it is not sure whether they are rigid.
+
+    They strain far less than all others, and more than round-off.
+    """
+    if not R.size:
+        return
+    squares, turn = eigh(R.T @ (K @ R), R.T @ (M @ R))
+    frequencies = np.sqrt(np.maximum(squares, 0.0)) / (2.0 * np.pi)
+    R = R @ turn
+    rigid = strain_nothing(K, R)
+    if (held := frequencies[~rigid]).size:
+        yield (
+            f"With joints loose the structure nearly floats: {held.size} of its natural "
+            f"frequencies, of {held.min():.4g} to {held.max():.4g} Hz, are far below all others. "
+            "Do weak springs hold it, or has its stiffness too few digits in a file? Then it "
+            "floats, and displacements at rest mean nothing."
+        )
+    real = squares > np.maximum(round_off(K, R), mixing(K, R))
+    if (taken := frequencies[rigid & real]).size:
+        yield (
+            f"With joints loose {taken.size} motions of up to {taken.max():.4g} Hz are taken for "
+            "rigid, as their work is about the round-off of the stiffness: springs that are so "
+            "weak do not count."
+        )
 
 
 def is_singular(K: Matrix) -> bool:
@@ -145,7 +193,53 @@ def lowest_modes(
     """
     shift = shifts.LEAST * mean_square_frequency(K, M)
     frequency, modes = eigenmodes(K + shift * M, M, count, tolerance=tolerance)
-    return unshifted(frequency, shift), modes
+    if tolerance:  # modes that are not exact strain where rigid ones do not
+        return unshifted(frequency, shift), modes
+    return without_shift(frequency, modes, K, M, shift)
+
+
+def without_shift(
+    frequency: FloatArray, modes: FloatArray, K: Matrix, M: Matrix, shift: float
+) -> tuple[FloatArray, FloatArray]:
+    """Natural frequencies, Hz, and modes of K from those of K + shift M; zero of rigid motions.
+
+    Frequencies below that of the shift are computed again, by the Rayleigh-Ritz method in their
+    modes: what is subtracted has more round-off than the stiffness itself, which may be that of
+    weak springs.
+    """
+    low = (2.0 * np.pi * frequency) ** 2 < 2.0 * shift
+    frequency = unshifted(frequency, shift)
+    if low.any():
+        X = modes[:, low]
+        squares, turn = eigh(X.T @ (K @ X), X.T @ (M @ X))
+        X = X @ turn
+        rigid = squares <= np.minimum(ROUND_OFF * shift, least_work(K, X))
+        frequency[low] = np.sqrt(np.where(rigid, 0.0, squares)) / (2.0 * np.pi)
+        modes = modes.copy()
+        modes[:, low] = X
+    return frequency, modes
+
+
+def least_work(K: Matrix, X: FloatArray) -> FloatArray:
+    """Work x^T K x of each column of X that is more than round-off of the entries of K, (r,).
+
+    It is infinite, for not known, where K is filled, as after condensation: its entries have the
+    round-off of larger ones.
+    """
+    if K.shape[0] ** 2 < 4 * sparse.csr_array(K).nnz:
+        return np.full(X.shape[1], np.inf)
+    return np.maximum(CLEAR * round_off(K, X), mixing(K, X))
+
+
+def mixing(K: Matrix, X: FloatArray) -> FloatArray:
+    """Work of other motions that solvers leave in each column of X, (r,)."""
+    return np.asarray(K.diagonal().max() * (MIXED * np.abs(X).max(axis=0)) ** 2)
+
+
+def round_off(K: Matrix, X: FloatArray) -> FloatArray:
+    """Bound of the round-off of the work x^T K x of each column of X, by entries of K: (r,)."""
+    size = np.abs(X)
+    return np.asarray(np.finfo(float).eps * np.einsum("ij,ij->j", size, abs(K) @ size))
 
 
 def unshifted(frequency: FloatArray, shift: float) -> FloatArray:

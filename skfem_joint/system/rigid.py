@@ -6,7 +6,7 @@ import numpy as np
 from scipy.linalg import eigh, orth
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.system.modes import ZERO, is_singular
+from skfem_joint.system.modes import is_singular, strain_nothing
 from skfem_joint.system.system import System
 
 
@@ -24,9 +24,7 @@ def rigid_of(system: System) -> FloatArray | None:
         R = orth(R / np.abs(R).max(axis=0), rcond=1e-9)
     stiffness = R.T @ (K @ R)
     R = R @ eigh(0.5 * (stiffness + stiffness.T))[1]
-    work = np.einsum("ij,ij->j", R, K @ R)
-    # A pivot is the least work of a motion that moves its unknown by one.
-    R = R[:, work <= ZERO * K.diagonal().max() * np.abs(R).max(axis=0) ** 2]
+    R = R[:, strain_nothing(K, R)]
     mass, turn = eigh(R.T @ (system.M @ R)) if R.size else (np.zeros(0), np.zeros((0, 0)))
     return np.asarray(R @ (turn / np.sqrt(mass)))
 

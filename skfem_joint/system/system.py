@@ -38,6 +38,7 @@ from skfem_joint.system.contacts import Contact
 from skfem_joint.system.modes import (
     RayleighFit,
     hardly_straining,
+    notes_of_weak_springs,
     ratio_problems,
     rayleigh_fit,
 )
@@ -691,7 +692,7 @@ _Solver = Callable[[FloatArray], FloatArray]
 #: What is wrong with matrices that are not definite, or semidefinite.
 _WRONG = {
     "M": "is not positive definite: does every unknown have mass?",
-    "K": "is indefinite: is a sign wrong, or a prestress large?",
+    "K": "is indefinite: is a sign wrong, a prestress large, or has its file too few digits?",
     "C": "is negative somewhere, so that it would create energy: v^T C v must not be below 0 for "
     "any velocity v; is a sign wrong? Negative damping, such as that of flow, cannot be computed",
 }
@@ -725,8 +726,12 @@ def _definite(system: System, damped: bool) -> System:
         "C": damped and _semidefinite(system.C) is None,
     }
     refuse(f"{name}: {_WRONG[name]}" for name, is_wrong in wrong.items() if is_wrong)
-    loose = None if stiffness is None else hardly_straining(*stiffness)
-    return system if loose is None else replace(system, loose=sparse.csr_array(loose))
+    found = None if stiffness is None else hardly_straining(*stiffness)
+    if found is None:
+        return system
+    loose, few = found
+    notes = *system.notes, *notes_of_weak_springs(system.K, system.M, loose[:, :few])
+    return replace(system, loose=sparse.csr_array(loose), notes=notes)
 
 
 def _semidefinite(A: Matrix) -> tuple[Matrix, _Solver, FloatArray] | None:

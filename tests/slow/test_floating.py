@@ -4,6 +4,7 @@ import logging
 
 import numpy as np
 import pytest
+from scipy import sparse
 from scipy.linalg import eigh
 
 import skfem_joint as sj
@@ -172,3 +173,79 @@ def test_a_curve_factorises_the_stiffness_once_and_its_interior_once(system, cap
     with caplog.at_level(logging.DEBUG, "skfem_joint.linalg.factors"):
         sj.backbone(system, modes=[7], levels=3)
     assert 1 <= len(caplog.records) <= 2
+
+
+def beam(elements, spring=0.0, bending=1e4):
+    """Stiffness and mass of a beam of 1 m and 1 kg, of EI ``bending``, on springs at its ends."""
+    h = 1.0 / elements
+    k = bending / h**3 * np.array(
+        [[12, 6 * h, -12, 6 * h], [6 * h, 4 * h**2, -6 * h, 2 * h**2],
+         [-12, -6 * h, 12, -6 * h], [6 * h, 2 * h**2, -6 * h, 4 * h**2]]
+    )  # fmt: skip
+    m = h / 420 * np.array(
+        [[156, 22 * h, 54, -13 * h], [22 * h, 4 * h**2, 13 * h, -3 * h**2],
+         [54, 13 * h, 156, -22 * h], [-13 * h, -3 * h**2, -22 * h, 4 * h**2]]
+    )  # fmt: skip
+    at = 2 * np.arange(elements)[:, np.newaxis] + np.arange(4)
+    index = np.repeat(at, 4, axis=1).ravel(), np.tile(at, 4).ravel()
+    K, M = (sparse.csr_array((np.tile(A.ravel(), elements), index)) for A in (k, m))
+    ends = np.zeros(K.shape[0])
+    ends[[0, -2]] = spring
+    return sparse.csr_array(K + sparse.diags_array(ends)), M
+
+
+@pytest.mark.parametrize(("elements", "spring"), [(100, 10.0), (400, 10.0), (400, 100.0)])
+def test_weak_springs_of_a_fine_beam_hold_it(elements, spring):
+    """Bounce and pitch have squares of 2 g / m and 6 g / m; the static deflection is f / (2 g)."""
+    K, M = beam(elements, spring)
+    row, force = np.zeros((2, K.shape[0]))
+    row[[elements + 1, elements + 5]] = 1.0, -1.0
+    force[[0, -2]] = 0.5
+    system = sj.System.from_matrices(
+        M, K, contact=sj.point_friction(row, 1.0, stiffness=1e4),
+        loads={"ends": (force, sj.Harmonic(1.0, 0.05))}, stiffness_damping=1e-6,
+    )  # fmt: skip
+    assert rigid_of(system).shape[1] == 0
+    expected = np.sqrt(np.array([2.0, 6.0]) * spring) / (2.0 * np.pi)
+    for found in (
+        sj.natural_modes(system, 3, joints="stuck").frequencies,
+        Stuck(system).modes(3)[0],
+    ):
+        np.testing.assert_allclose(found[:2], expected, rtol=1e-3)
+    run = sj.quasi_static(system, cycles=1, steps_per_cycle=40)
+    assert run.peak[0] == pytest.approx(0.5 / spring, rel=1e-3)
+
+
+@pytest.mark.parametrize("elements", [30, 400])
+def test_a_fine_beam_without_springs_has_two_rigid_motions(elements):
+    system = sj.System.from_matrices(*beam(elements)[::-1])
+    assert rigid_of(system).shape[1] == 2
+    assert sj.natural_modes(system, 3).rigid_motions == 2
+
+
+@pytest.mark.parametrize("digits", [8, 10, 12])
+def test_a_note_says_that_a_beam_of_few_digits_may_float(digits):
+    """What entries of few digits lack acts as springs to the ground."""
+    K, M = beam(10, bending=9876.54321 / 1.23457**3)
+    K.data = np.array([float(f"{x:.{digits - 1}e}") for x in K.data])
+    system = sj.System.from_matrices(M, K)
+    (note,) = system.notes
+    assert "nearly floats: 2 " in note
+    assert "too few digits" in note
+
+
+@pytest.mark.parametrize("held", [{}, {0: 1e4}, {0: 1e9, 1: 1e9}, {0: 1e9, -2: 1e9}])
+@pytest.mark.parametrize("elements", [3, 30, 400])
+def test_no_note_is_made_of_slender_beams_that_are_held_or_float(elements, held):
+    K, M = beam(elements)
+    ends = np.zeros(K.shape[0])
+    ends[list(held)] = list(held.values())
+    assert not sj.System.from_matrices(M, K + sparse.diags_array(ends)).notes
+
+
+def test_a_note_says_which_springs_are_too_weak_to_count():
+    K, M = beam(400, 1.0)
+    system = sj.System.from_matrices(M, K)
+    assert rigid_of(system).shape[1] == 2
+    (note,) = system.notes
+    assert "are taken for rigid" in note
