@@ -169,6 +169,23 @@ def notes_of_weak_springs(K: Matrix, M: Matrix, R: FloatArray) -> Iterator[str]:
         )
 
 
+def notes_of_shift(K: Matrix, M: Matrix, R: FloatArray) -> Iterator[str]:
+    """Note where the shift of a structure that floats shows in others of the motions R, (n, r)."""
+    if not R.size:
+        return
+    squares, turn = eigh(R.T @ (K @ R), R.T @ (M @ R))
+    rigid = strain_nothing(K, R @ turn)
+    shift = shifts.LEAST * mean_square_frequency(K, M)
+    if rigid.any() and (shown := squares[~rigid & (squares < shift)]).size:
+        least = float(np.sqrt(shown.min())) / (2.0 * np.pi)
+        yield (
+            f"A part of the structure floats beside a soft one, of {least:.4g} Hz with joints "
+            "loose, less than what quasi-static runs add to the stiffness gives the one that "
+            "floats: displacements of the soft part may be much too small. Compute the parts by "
+            "themselves, or support the one that floats."
+        )
+
+
 def is_singular(K: Matrix) -> bool:
     """Whether a positive semidefinite matrix is singular, by its smallest pivot.
 

@@ -38,6 +38,7 @@ from skfem_joint.system.contacts import Contact
 from skfem_joint.system.modes import (
     RayleighFit,
     hardly_straining,
+    notes_of_shift,
     notes_of_weak_springs,
     ratio_problems,
     rayleigh_fit,
@@ -730,7 +731,9 @@ def _definite(system: System, damped: bool) -> System:
     if found is None:
         return system
     loose, few = found
-    notes = *system.notes, *notes_of_weak_springs(system.K, system.M, loose[:, :few])
+    K, M = system.K, system.M
+    more = [*notes_of_weak_springs(K, M, loose[:, :few]), *notes_of_shift(K, M, loose)]
+    notes = *system.notes, *more
     return replace(system, loose=sparse.csr_array(loose), notes=notes)
 
 

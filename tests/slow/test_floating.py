@@ -249,3 +249,16 @@ def test_a_note_says_which_springs_are_too_weak_to_count():
     assert rigid_of(system).shape[1] == 2
     (note,) = system.notes
     assert "are taken for rigid" in note
+
+
+def test_a_note_says_that_the_shift_of_a_part_that_floats_shows_in_a_soft_one():
+    """The beam of 1e-7 of the bending stiffness is clamped by springs of as much."""
+    stiff, soft = beam(100), beam(100, bending=1e-3)
+    ends = np.zeros(soft[0].shape[0])
+    ends[:2] = 1e-3
+    held = soft[0] + sparse.diags_array(ends)
+    masses = sparse.block_diag([stiff[1], soft[1]])
+    together = sj.System.from_matrices(masses, sparse.block_diag([stiff[0], held]))
+    assert any("beside a soft one" in note for note in together.notes)
+    alone = sj.System.from_matrices(soft[1], held)
+    assert not any("beside a soft one" in note for note in alone.notes)
