@@ -90,9 +90,9 @@ def nonlinear_modes(
     Raises
     ------
     InputError
-        If amplitudes do not rise from above zero, there is no such mode or point, the mode is a
+        If amplitudes do not rise from 1e-30 to 1e30, there is no such mode or point, the mode is a
         motion as a rigid body, the system is too large, its contact that opens is rigid, or it is a
-        reduced model made for something else.
+        reduced model made for something else, or all of it is in rigid contact.
     ConvergenceError
         If an amplitude is not found. The error's ``run`` is the curve up to there, if there is one.
     """

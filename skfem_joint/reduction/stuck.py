@@ -50,8 +50,8 @@ class Stuck:
         if self.F.shape[1] == 0:
             raise InputError(
                 "stuck modes: every unknown is in contact, so that no mode is left when it sticks; "
-                "leave a part of the structure out of the joints, keep interface_modes in a "
-                "reduced model, or look at response"
+                "give the contact a stiffness, leave a part of the structure out of the joints, "
+                "keep interface_modes in a reduced model, or look at response"
             )
         K, M = (congruent(A, self.F) for A in (system.stuck_stiffness, system.M))
         self.K, self.M = sparse.csr_array(K), sparse.csr_array(M)

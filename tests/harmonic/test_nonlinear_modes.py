@@ -266,6 +266,11 @@ def test_wrong_arguments_are_refused(changes, message):
         sj.nonlinear_modes(friction_beam(), **changes)
 
 
+def test_a_mass_on_rigid_friction_alone_is_refused_with_what_to_give():
+    with pytest.raises(InputError, match=r"^stuck modes: .* give the contact a stiffness"):
+        sj.nonlinear_modes(jenkins(spring=np.inf), amplitudes=[1.0])
+
+
 def test_large_systems_are_refused_with_what_to_give_instead():
     n = 400
     with pytest.raises(InputError, match=r"must be at most 1300.*reduced model"):
