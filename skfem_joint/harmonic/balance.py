@@ -25,7 +25,7 @@ from scipy import linalg
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import InputError
 from skfem_joint.harmonic.contact_forces import ContactForces, Sampled
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.reduction.stuck import Stuck
 from skfem_joint.system.system import System
 
@@ -43,7 +43,7 @@ SOFT = 0.1
 FREE = 1e-6
 
 
-class Residual(NamedTuple):
+class MotionResidual(NamedTuple):
     """Residual of a motion, in the unknowns q.
 
     Attributes
@@ -70,7 +70,7 @@ class Balance:
     ----------
     system : System
         Its own contact with the springs of ``factor``.
-    series : Series
+    series : FourierSeries
     Phi : ndarray, shape (n, n)
         Modes with stuck and closed contact, of unit mass.
     frequencies : ndarray, shape (n,)
@@ -85,7 +85,7 @@ class Balance:
     """
 
     system: System
-    series: Series
+    series: FourierSeries
     Phi: FloatArray
     frequencies: FloatArray
     C: FloatArray
@@ -94,7 +94,7 @@ class Balance:
     reference: float
 
     @classmethod
-    def of(cls, system: System, series: Series, reference: float, factor: float) -> Balance:
+    def of(cls, system: System, series: FourierSeries, reference: float, factor: float) -> Balance:
         """Balance of a system near an angular frequency of ``reference``, rad/s.
 
         ``factor`` is that of the springs of rigid sticking, see `springs_of_sticking`.
@@ -133,7 +133,7 @@ class Balance:
             reference=reference,
         )
 
-    def refined(self, series: Series) -> Balance:
+    def refined(self, series: FourierSeries) -> Balance:
         """Same balance of another series."""
         check_size(self.system, series)
         return replace(self, series=series)
@@ -158,7 +158,7 @@ class Balance:
         zeta: float = 0.0,
         force: FloatArray | None = None,
         tangents: bool = True,
-    ) -> Residual:
+    ) -> MotionResidual:
         """Residual of a motion.
 
         Parameters
@@ -197,7 +197,7 @@ class Balance:
             if not series.odd:
                 derivative[0, :, 0] += self.soft
         by_omega = -2.0 * omega * order**2 * q + damped - 4.0 * zeta * omega * rate
-        return Residual(values, derivative, by_omega, -2.0 * omega**2 * rate, sampled)
+        return MotionResidual(values, derivative, by_omega, -2.0 * omega**2 * rate, sampled)
 
     def held_softly(self, q: FloatArray) -> float:
         """Force of the soft springs over the sum of friction limits at rest.
@@ -213,7 +213,7 @@ class Balance:
         return float(np.abs(force).sum() / next((x for x in wholes if x > 0.0), np.inf))
 
 
-def check_size(system: System, series: Series) -> None:
+def check_size(system: System, series: FourierSeries) -> None:
     """Refuse a balance that is too large."""
     size = series.size * system.n
     if size > MOST:

@@ -15,7 +15,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_dense
 from skfem_joint.harmonic.contact_loop import FrictionPoints, friction
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.system.contacts import Contact
 
 
@@ -113,7 +113,7 @@ class ContactForces:
         first, second, third = (np.concatenate([*none, *x]) for x in (left, right, of))
         return first, second, third
 
-    def sampled(self, series: Series, q: FloatArray, tangents: bool) -> Sampled:
+    def sampled(self, series: FourierSeries, q: FloatArray, tangents: bool) -> Sampled:
         """Forces of a motion with coefficients ``q``, (nh, n)."""
         coefficients = self.rows @ q.T
         values = coefficients @ series.basis.T

@@ -92,7 +92,7 @@ def friction(
     slopes : ndarray, shape (q, samples)
         Slope of each normal force over its approach, N/m.
     basis, projection : ndarray, shape (samples, nh)
-        Of `Series`.
+        Of `FourierSeries`.
     passes : int
         Times that the loop goes over the samples.
     sign : float

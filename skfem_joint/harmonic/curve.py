@@ -11,7 +11,7 @@ from skfem_joint.ground.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.harmonic.levels import Levels
 from skfem_joint.harmonic.marched import Marched
 from skfem_joint.harmonic.points import notes_of_law
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.results.loss import Losses
 
 #: Share of its limit by which the friction of a point that slides may be below, for round-off.
@@ -50,7 +50,7 @@ class NonlinearMode:
         First harmonic of the named points, m.
     harmonics : ndarray, shape (levels, nh, n)
         Coefficients of the displacement, m, in the order of ``series``.
-    series : Series
+    series : FourierSeries
         Harmonics and samples that were chosen.
     slip : ndarray, shape (levels, m)
         Of each contact point, m, half of peak to peak; that of springs in series included.
@@ -81,7 +81,7 @@ class NonlinearMode:
     viscous_damping: FloatArray
     displacement: FloatArray
     harmonics: FloatArray
-    series: Series
+    series: FourierSeries
     slip: FloatArray
     state: tuple[str, ...]
     opened: FloatArray
@@ -108,7 +108,9 @@ class NonlinearMode:
 
     def motion(self, level: int, samples: int = 100) -> FloatArray:
         """Displacement over a period at a level, (samples, n), m."""
-        fine = Series(self.series.highest, 2 * samples if self.series.odd else samples, False)
+        fine = FourierSeries(
+            self.series.highest, 2 * samples if self.series.odd else samples, False
+        )
         return np.asarray(fine.basis[:samples] @ fine.of(self.harmonics[level], self.series))
 
 

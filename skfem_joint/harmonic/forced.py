@@ -21,8 +21,8 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.harmonic.balance import Balance
-from skfem_joint.harmonic.newton import Equations, Point, solved
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.newton import Equations, Solution, solved
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.system.system import System
 
 #: Change of the motion, relative, that counts as much as one step of the frequencies asked for.
@@ -35,7 +35,7 @@ EASED = 0.25, 0.5, 0.75, 1.0
 ASTRAY = 1.0
 
 
-class Place(NamedTuple):
+class BranchPoint(NamedTuple):
     """A point of a branch.
 
     Attributes
@@ -80,7 +80,7 @@ class Forced:
         """From harmonic loads with a common ``period``, s."""
         return cls(balance, load_of(system, balance.series, period) @ balance.Phi)
 
-    def refined(self, other: Forced, place: Place) -> Place:
+    def refined(self, other: Forced, place: BranchPoint) -> BranchPoint:
         """Place of other equations that differ in their series, with the coefficients of this."""
         own, before = self.balance.series, other.balance.series
         along = own.of(place.along[:-1].reshape(place.q.shape), before)
@@ -211,7 +211,7 @@ class Metric:
         return float(np.sqrt(y @ (self.weights * y)))
 
 
-def load_of(system: System, series: Series, period: float) -> FloatArray:
+def load_of(system: System, series: FourierSeries, period: float) -> FloatArray:
     """Coefficients (nh, n) of the loads of a system, N."""
     force = np.zeros((series.size, system.n))
     for load in system.loads:
@@ -225,15 +225,15 @@ def load_of(system: System, series: Series, period: float) -> FloatArray:
 
 
 def branch(
-    forced: Forced, level: float, place: Place, targets: FloatArray, grid: float
-) -> Iterator[Place]:
+    forced: Forced, level: float, place: BranchPoint, targets: FloatArray, grid: float
+) -> Iterator[BranchPoint]:
     """Points of a branch from one on to the last of ``targets``, or back to the first.
 
     With constant contact, where there is one vibration at each frequency, it never turns.
 
     Parameters
     ----------
-    place : Place
+    place : BranchPoint
         At the first frequency; ``along`` points to the others.
     targets : ndarray
         Angular frequencies asked for, rad/s, with the first one: points lie on each of them.
@@ -293,7 +293,7 @@ def branch(
                 continue
             break
         turned /= metric.norm(turned)
-        place = Place(
+        place = BranchPoint(
             here.motion(y[:-1]),
             float(y[-1]) * reference,
             np.append(here.motion(turned[:-1]).ravel(), turned[-1] * reference),
@@ -305,13 +305,13 @@ def branch(
     raise ConvergenceError(f"the branch has not ended after {MOST_STEPS * targets.size} steps")
 
 
-def _landed(point: Point, omega: float, along: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _landed(point: Solution, omega: float, along: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Unknowns and tangent, to the side of ``along``, of a point at a frequency."""
     ahead = np.append(point.tangent, 1.0) * np.sign(along[-1])
     return np.append(point.y, omega), ahead
 
 
-def eased(equations: Equations, y: FloatArray, parameter: float) -> Point:
+def eased(equations: Equations, y: FloatArray, parameter: float) -> Solution:
     """Solution near ``y``, in steps in which the residual there vanishes, if need be.
 
     ConvergenceError if it is not found.
@@ -341,7 +341,7 @@ class _Easing:
         return values - (1.0 - parameter) * self.residual, derivative, self.residual
 
 
-def corrected(forced: Forced, level: float, place: Place, grid: float) -> Place:
+def corrected(forced: Forced, level: float, place: BranchPoint, grid: float) -> BranchPoint:
     """Point of other equations near a place, of its frequency if asked for or if nothing turns.
 
     ConvergenceError if there is none.

@@ -10,8 +10,8 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Tally
 from skfem_joint.harmonic.mode_equations import ModeEquations
-from skfem_joint.harmonic.newton import TOLERANCE, Point, followed, solved
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.newton import TOLERANCE, Solution, followed, solved
+from skfem_joint.harmonic.series import FourierSeries
 
 #: Amplitude, over the first one, from which levels start if the first one is not found at once.
 BELOW = 1e-3
@@ -51,7 +51,7 @@ class Levels:
         return Levels(self.equations, *(x[:count] for x in values))
 
     @property
-    def series(self) -> Series:
+    def series(self) -> FourierSeries:
         """Harmonics and samples."""
         return self.equations.balance.series
 
@@ -61,7 +61,7 @@ class Levels:
         return {"frequency": self.omega, "damping_ratio": self.zeta}
 
 
-def _levels(equations: ModeEquations, parameters: FloatArray, points: list[Point]) -> Levels:
+def _levels(equations: ModeEquations, parameters: FloatArray, points: list[Solution]) -> Levels:
     """From solutions at parameters."""
     motions = [
         equations.motion(point.y, at) for point, at in zip(points, parameters.tolist(), strict=True)
@@ -72,8 +72,8 @@ def _levels(equations: ModeEquations, parameters: FloatArray, points: list[Point
 
 
 def _arrived(
-    equations: ModeEquations, point: Point, start: float, end: float, least: float = LEAST_STEP
-) -> Point:
+    equations: ModeEquations, point: Solution, start: float, end: float, least: float = LEAST_STEP
+) -> Solution:
     """Solution at the parameter ``end``, followed from that at ``start`` in steps of ``least``."""
     *_, (_, last) = followed(equations, point, start, end, least, equations.near)
     return last
@@ -116,14 +116,14 @@ def resolved(
     from the linear mode: springs of sticking that are several times as stiff may slip where the
     former ones stuck. One that is not found so either keeps its former state.
     """
-    points, found = list[Point](), list[bool]()
+    points, found = list[Solution](), list[bool]()
     balance, parameters = equations.balance, levels.parameters.tolist()
     asked = np.ones(len(parameters), np.bool_) if rows is None else rows
     tally.total += int(asked.sum())
     for k, (at, wanted) in enumerate(zip(parameters, asked.tolist(), strict=True)):
         q = balance.inner(balance.series.of(levels.u[k], levels.series))
         y = equations.scaled(q, float(levels.omega[k]), float(levels.zeta[k]), at)
-        point: Point | None = Point(y, np.zeros_like(y), 0)
+        point: Solution | None = Solution(y, np.zeros_like(y), 0)
         if wanted:
             point = _solved_near(equations, y, at)
             if point is None and k > 0 and found[-1]:
@@ -133,11 +133,11 @@ def resolved(
                 point = point if point and equations.near(point.y, y) else None
             tally.add()
         found.append(point is not None)
-        points.append(point or Point(y, np.zeros_like(y), 0))
+        points.append(point or Solution(y, np.zeros_like(y), 0))
     return _levels(equations, levels.parameters, points), np.array(found)
 
 
-def _solved_near(equations: ModeEquations, y: FloatArray, at: float) -> Point | None:
+def _solved_near(equations: ModeEquations, y: FloatArray, at: float) -> Solution | None:
     """Solution of the mode of ``y``, if it is found."""
     try:
         point = solved(equations, y, at)
@@ -148,7 +148,7 @@ def _solved_near(equations: ModeEquations, y: FloatArray, at: float) -> Point | 
 
 def _followed_from(
     equations: ModeEquations, y: FloatArray, start: float, end: float
-) -> Point | None:
+) -> Solution | None:
     """Solution that is followed from ``y`` at another parameter, if it is found in few steps."""
     point = _solved_near(equations, y, start)
     try:

@@ -33,7 +33,7 @@ from skfem_joint.harmonic.curve import NonlinearMode, curve_of, notes_of_errors
 from skfem_joint.harmonic.levels import Levels, changes, climbed, relative, resolved
 from skfem_joint.harmonic.marched import march
 from skfem_joint.harmonic.mode_equations import ModeEquations
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.system.system import System
 
 #: Harmonics and samples, raised until values settle.
@@ -163,7 +163,7 @@ def _equations(system: System, number: int, at: str | None, factor: float) -> Mo
     InputError if there is no such mode, it is a rigid motion, or does not move the point.
     """
     highest, samples = LADDER[0]
-    series = Series(highest, samples, not system.contact.opens)
+    series = FourierSeries(highest, samples, not system.contact.opens)
     check_size(system, series)
     frequencies, shapes = stuck_modes(system, max(MODES, number))
     if number > frequencies.size:
@@ -201,7 +201,7 @@ def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray
     errors = {name: np.full(levels.omega.size, np.nan) for name in SETTLED}
     for highest, samples in LADDER[1:]:
         balance = levels.equations.balance
-        series = Series(highest, samples, balance.series.odd)
+        series = FourierSeries(highest, samples, balance.series.odd)
         if series.size * balance.frequencies.size > MOST:
             break
         open_ = ~np.all([errors[name] <= bound for name, bound in SETTLED.items()], axis=0)

@@ -21,7 +21,7 @@ ENOUGH = 1e-5
 ITERATIONS, HALVINGS = 40, 8
 
 
-class Point(NamedTuple):
+class Solution(NamedTuple):
     """Solution of a problem at a parameter.
 
     Attributes
@@ -43,7 +43,7 @@ class Point(NamedTuple):
 Equations = Callable[[FloatArray, float, bool], tuple[FloatArray, FloatArray, FloatArray]]
 
 
-def solved(equations: Equations, y: FloatArray, parameter: float) -> Point:
+def solved(equations: Equations, y: FloatArray, parameter: float) -> Solution:
     """Solution near ``y``, by Newton's iteration with steps that are halved until residuals fall.
 
     Raises
@@ -59,7 +59,7 @@ def solved(equations: Equations, y: FloatArray, parameter: float) -> Point:
             break
         factor = linalg.lu_factor(derivative, overwrite_a=True, check_finite=False)
         if size <= TOLERANCE or (size <= ENOUGH and iteration == ITERATIONS - 1):
-            return Point(y, -linalg.lu_solve(factor, by_parameter), iteration)
+            return Solution(y, -linalg.lu_solve(factor, by_parameter), iteration)
         step, share = -linalg.lu_solve(factor, residual), min(1.0, 2.0 * share)
         for _ in range(HALVINGS):
             tried = float(np.linalg.norm(equations(y + share * step, parameter, False)[0]))
@@ -72,12 +72,12 @@ def solved(equations: Equations, y: FloatArray, parameter: float) -> Point:
 
 def followed(
     equations: Equations,
-    point: Point,
+    point: Solution,
     start: float,
     end: float,
     least: float,
     near: Callable[[FloatArray, FloatArray], bool] = lambda *_: True,
-) -> Iterator[tuple[float, Point]]:
+) -> Iterator[tuple[float, Solution]]:
     """Solutions on the way of the parameter from ``start``, where ``point`` is, to ``end``.
 
     The way is one step if that is found, else steps that are halved, down to ``least``, and doubled

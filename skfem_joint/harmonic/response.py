@@ -22,10 +22,10 @@ from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
 from skfem_joint.harmonic.balance import MOST
-from skfem_joint.harmonic.forced import Place
+from skfem_joint.harmonic.forced import BranchPoint
 from skfem_joint.harmonic.points import notes_of_law, state_of
 from skfem_joint.harmonic.search import OF_WORK, STEPS, Search, Settled, change
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import stable
 from skfem_joint.reduction.ranges.points import loaded_at, period_of
 from skfem_joint.runs.integrate import integrate_plan
@@ -60,7 +60,7 @@ class BalancedCurve(Curve):
     errors : dict of str to ndarray, shape (points,)
         Relative changes of ``amplitude`` and ``friction_energy`` with the last rise of harmonics
         and samples; nan where there was none, and at points that were marched to.
-    series : Series or None
+    series : FourierSeries or None
         Largest one that a point took; None where all points were marched to.
     why : tuple of str
         Why points were marched to.
@@ -81,7 +81,7 @@ class BalancedCurve(Curve):
     """
 
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
-    series: Series | None = None
+    series: FourierSeries | None = None
     why: tuple[str, ...] = ()
     sticking: tuple[float, float] = (0.0, 0.0)
     confirmed: Mapping[int, tuple[float, float]] = field(default_factory=dict)
@@ -280,7 +280,7 @@ def _slips(point: SteadyPoint) -> bool:
     return point.friction_energy > 1e-9 * point.input_energy
 
 
-def _turns(places: Sequence[Place]) -> Iterator[float]:
+def _turns(places: Sequence[BranchPoint]) -> Iterator[float]:
     """Frequencies, Hz, at which a branch turns: the vertex of omega over the arc between places."""
     for here, there in pairwise(places):
         before, after = float(here.along[-1]), float(there.along[-1])

@@ -17,10 +17,10 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Tally
 from skfem_joint.harmonic.balance import MOST, Balance
-from skfem_joint.harmonic.forced import ByFrequency, ByLevel, Forced, Place, branch, corrected
+from skfem_joint.harmonic.forced import BranchPoint, ByFrequency, ByLevel, Forced, branch, corrected
 from skfem_joint.harmonic.newton import followed, solved
 from skfem_joint.harmonic.points import point_of
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.reduction.ranges.points import period_of
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.system.system import System
@@ -45,7 +45,7 @@ class Settled(NamedTuple):
 
     Attributes
     ----------
-    place : Place
+    place : BranchPoint
     rung : int
         Number of the equations that it solves.
     point : SteadyPoint
@@ -53,7 +53,7 @@ class Settled(NamedTuple):
         Relative changes of amplitude and friction energy with the last rise of harmonics.
     """
 
-    place: Place
+    place: BranchPoint
     rung: int
     point: SteadyPoint
     errors: tuple[float, float]
@@ -105,7 +105,7 @@ class Search:
         odd, period = odd_loads(system), period_of(system)
         parts = [part for load in system.loads for part in load.amplitude.harmonics]
         loaded = max(round(part.frequency * period) for part in parts)
-        rungs = [Series(max(highest, loaded), samples, odd) for highest, samples in LADDER]
+        rungs = [FourierSeries(max(highest, loaded), samples, odd) for highest, samples in LADDER]
         reference = 2.0 * np.pi * float(np.sqrt(frequencies[0] * frequencies[-1]))
         used = [rungs[0], *(x for x in rungs[1:] if x.size * system.n <= MOST)]
         balances = [
@@ -133,9 +133,9 @@ class Search:
         """Mean distance of these, rad/s."""
         return float(np.ptp(self.targets)) / (self.targets.size - 1)
 
-    def branches(self, level: float) -> tuple[list[Place | SteadyPoint], list[str]]:
+    def branches(self, level: float) -> tuple[list[BranchPoint | SteadyPoint], list[str]]:
         """Points of a level above those before, some of them marched to, and why these are."""
-        found, why, after = list[Place | SteadyPoint](), list[str](), 0
+        found, why, after = list[BranchPoint | SteadyPoint](), list[str](), 0
         state, place = None, None
         try:
             place = self._raised(level)
@@ -153,7 +153,7 @@ class Search:
                         why.append("the branch turns back below the first frequency")
                 except ConvergenceError as error:
                     why.append(str(error))
-                reached = max(x.omega for x in found if isinstance(x, Place))
+                reached = max(x.omega for x in found if isinstance(x, BranchPoint))
                 after = max(after, int(np.searchsorted(self.targets, reached * (1.0 + 1e-9))))
             if after >= self.targets.size:
                 return found, why
@@ -165,7 +165,7 @@ class Search:
             if place is None:
                 found.append(marched)
 
-    def _raised(self, level: float) -> Place:
+    def _raised(self, level: float) -> BranchPoint:
         """Place at the first frequency; ConvergenceError if it is not found."""
         omega, forced = float(self.targets[0]), self.forced[0].sized(level * self.linear)
         equations, at = ByLevel(forced, omega, level), self.level / level
@@ -174,15 +174,15 @@ class Search:
         self.start, self.level = forced.motion(point.y), level
         return self._placed(self.start, level, omega)
 
-    def _placed(self, q: FloatArray, level: float, omega: float) -> Place:
+    def _placed(self, q: FloatArray, level: float, omega: float) -> BranchPoint:
         """Place at an asked frequency near a motion; ConvergenceError if there is none."""
         forced = self.forced[0].sized(q)
         reference = forced.balance.reference
         point = solved(ByFrequency(forced, level), forced.scaled(q), omega / reference)
         along = np.append(forced.motion(point.tangent).ravel(), reference)
-        return Place(forced.motion(point.y), omega, along, True)
+        return BranchPoint(forced.motion(point.y), omega, along, True)
 
-    def _taken_up(self, marched: SteadyPoint, level: float) -> Place | None:
+    def _taken_up(self, marched: SteadyPoint, level: float) -> BranchPoint | None:
         """Place at a vibration that was marched to; None if it is not found from there."""
         if marched.course is None:
             return None
@@ -198,7 +198,7 @@ class Search:
         except ConvergenceError:
             return None
 
-    def settled(self, place: Place, level: float, most: float) -> Settled:
+    def settled(self, place: BranchPoint, level: float, most: float) -> Settled:
         """Point with as many harmonics as it takes; ``most`` is the largest energy so far, J.
 
         Its errors are nan where none beyond the fewest harmonics are found.
@@ -239,7 +239,7 @@ class Search:
             place = corrected(
                 soft,
                 level,
-                Place(q, place.omega, np.append(along, place.along[-1]), True),
+                BranchPoint(q, place.omega, np.append(along, place.along[-1]), True),
                 self.grid,
             )
         except ConvergenceError:
@@ -252,6 +252,6 @@ class Search:
         return change(*amplitudes) / by, change(*energies, least) / by
 
 
-def _point(forced: Forced, place: Place, level: float) -> SteadyPoint:
+def _point(forced: Forced, place: BranchPoint, level: float) -> SteadyPoint:
     """Results of a place, without its stability."""
     return point_of(forced.balance, place.q, place.omega, level * forced.force, None)

@@ -11,7 +11,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class Series:
+class FourierSeries:
     """Harmonics of a periodic motion: a mean, then a cosine and a sine of each.
 
     Where all harmonics are odd the second half of a period is the first one with the other sign:
@@ -71,7 +71,7 @@ class Series:
         pairs = self.projection[:, :, np.newaxis] * self.basis[:, np.newaxis]
         return pairs.reshape(self.basis.shape[0], -1)
 
-    def of(self, coefficients: FloatArray, other: Series) -> FloatArray:
+    def of(self, coefficients: FloatArray, other: FourierSeries) -> FloatArray:
         """Coefficients (nh, ...) of this series from those of another one; zeros are added."""
         own = np.zeros((self.size, *coefficients.shape[1:]))
         shared = [k for k in other.orders.tolist() if k in set(self.orders.tolist())]

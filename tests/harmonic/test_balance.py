@@ -6,7 +6,7 @@ from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.harmonic.balance import Balance
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.series import FourierSeries
 
 
 def random_system(directions, q, seed):
@@ -44,7 +44,7 @@ def random_system(directions, q, seed):
 )
 def test_derivatives_are_those_of_the_residual(directions, q, odd, harmonics):
     system = random_system(directions, q, 3)
-    series = Series(harmonics, 64, odd)
+    series = FourierSeries(harmonics, 64, odd)
     balance = Balance.of(system, series, 1.5, 3.0)
     motion = 0.6 * np.random.default_rng(1).normal(size=(series.size, 6))
     there = balance.residual(motion, 1.3, 0.05)
@@ -66,7 +66,7 @@ def test_derivatives_are_those_of_the_residual(directions, q, odd, harmonics):
 def test_odd_series_and_whole_ones_have_the_same_residual():
     """Of a motion of odd harmonics under constant limits; the whole one has no even harmonics."""
     system = random_system((1, 2), 0, 5)
-    odd, whole = Series(5, 256, True), Series(5, 256, False)
+    odd, whole = FourierSeries(5, 256, True), FourierSeries(5, 256, False)
     motion = np.random.default_rng(2).normal(size=(odd.size, 6))
     one = Balance.of(system, odd, 1.5, 3.0).residual(motion, 1.1, 0.02)
     other = Balance.of(system, whole, 1.5, 3.0).residual(whole.of(motion, odd), 1.1, 0.02)

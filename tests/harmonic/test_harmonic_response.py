@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 import skfem_joint as sj
 from skfem_joint.ground.errors import InputError
 from skfem_joint.harmonic.balance import Balance
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import multipliers
 from skfem_joint.output.damping import response_figure
 from skfem_joint.scene.shipped import shipped_scene
@@ -100,7 +100,7 @@ def test_the_peak_lies_on_the_free_vibration(curve):
 
 
 def balance_of(system, highest=5):
-    return Balance.of(system, Series(highest, 2048, odd=False), 1.0, 1000.0)
+    return Balance.of(system, FourierSeries(highest, 2048, odd=False), 1.0, 1000.0)
 
 
 def test_multipliers_of_a_linear_system_are_closed():

@@ -14,7 +14,7 @@ from skfem_joint.harmonic.balance import Balance
 from skfem_joint.harmonic.levels import climbed
 from skfem_joint.harmonic.marched import march
 from skfem_joint.harmonic.mode_equations import ModeEquations
-from skfem_joint.harmonic.series import Series
+from skfem_joint.harmonic.series import FourierSeries
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +68,7 @@ def test_loss_of_a_jenkins_oscillator_has_its_closed_form():
 
 
 def test_time_steps_that_do_not_converge_are_told_and_cost_no_level():
-    balance = Balance.of(jenkins(), Series(15, 512, True), 2.0, 1.0)
+    balance = Balance.of(jenkins(), FourierSeries(15, 512, True), 2.0, 1.0)
     equations = ModeEquations(balance, 1, np.ones(1), np.ones(1), 1.0)
     levels, failure = climbed(equations, np.log([0.1, 0.5]), Tally(silent))
     assert failure is None
@@ -84,7 +84,7 @@ def test_time_steps_that_do_not_converge_are_told_and_cost_no_level():
 def test_one_harmonic_has_the_describing_function():
     """Iwan's averages of the Jenkins element for a slip a cos, by quadrature."""
     spring, limit, a = 3.0, 0.7, 1.3
-    balance = Balance.of(jenkins(), Series(1, 4096, True), 2.0, 1.0)
+    balance = Balance.of(jenkins(), FourierSeries(1, 4096, True), 2.0, 1.0)
     residual = balance.residual(np.array([[a], [0.0]]), 1.0)
     turn = np.arccos(1.0 - 2.0 * limit / spring / a)
 
@@ -132,7 +132,7 @@ def chain():
 def test_springs_of_sticking_soften_the_stuck_mode_by_one_over_their_factor():
     system = chain()
     stuck = 2.0 * np.pi * sj.natural_modes(system, 1, joints="stuck").frequencies[0]
-    series, softer = Series(1, 16, True), []
+    series, softer = FourierSeries(1, 16, True), []
     for factor in (200.0, 2000.0, 20000.0):
         balance = Balance.of(system, series, stuck, factor)
         softer.append(1.0 - (balance.frequencies[0] / stuck) ** 2)
