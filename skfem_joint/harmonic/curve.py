@@ -10,7 +10,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.harmonic.levels import Levels
 from skfem_joint.harmonic.marched import Marched
-from skfem_joint.harmonic.points import notes_of_law
+from skfem_joint.harmonic.points import contact_of, notes_of_law
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.results.loss import Losses
 
@@ -134,26 +134,19 @@ def curve_of(
     equations, series = levels.equations, levels.series
     balance = equations.balance
     system, contact = balance.system, balance.system.contact
-    rubs, rows = contact.rubs, contact.on_rows(contact.rubs)
-    M, C, K = (as_dense(A) for A in (system.M, system.C, system.K))
+    rubs, M, C = contact.rubs, as_dense(system.M), as_dense(system.C)
     count, m = levels.omega.size, rubs.size
     P, points = as_dense(system.P), contact.joint_points
     work, slip = np.zeros((count, m)), np.zeros((count, m))
     viscous, strain, soft, opened = np.zeros((4, count))
     state = []
     pressed = max(int(np.count_nonzero(contact.normal.force > 0.0)), 1)
-    springs = contact.on_rows(contact.spring_constants)[rows]
     for k, (u, omega) in enumerate(zip(levels.u, levels.omega.tolist(), strict=True)):
         q = balance.inner(u)
         sampled = balance.contact.sampled(series, q, False)
-        moved, friction = sampled.moved, sampled.friction
-        by_row, reach = np.zeros(rows.size), np.zeros(rows.size)
-        by_row[rows] = series.work((friction @ series.projection).T, sampled.slip.T)
-        both = -moved.min(axis=1) if series.odd else moved.max(axis=1)
-        reach[rows] = np.ptp(np.hstack([moved, both[:, np.newaxis]]), axis=1)
-        work[k], slip[k] = contact.by_point(by_row), 0.5 * contact.slip_norm(reach)
-        slides, holds = np.zeros((2, m, moved.shape[1]), np.bool_)
-        size = slip_norms(friction.T, contact.directions[rubs]).T
+        work[k], slip[k], strain[k] = contact_of(balance, q, sampled)
+        slides, holds = np.zeros((2, m, len(series.basis)), np.bool_)
+        size = slip_norms(sampled.friction.T, contact.directions[rubs]).T
         slides[rubs] = (size >= sampled.limits * (1.0 - SLIDES)) & (sampled.limits > 0.0)
         holds[rubs] = ~slides[rubs] & (sampled.limits > 0.0)
         gross = any((slides[j].any(axis=0) & ~holds[j].any(axis=0)).any() for j in points)
@@ -161,11 +154,6 @@ def curve_of(
         opened[k] = np.count_nonzero(sampled.opened) / pressed
         rate = series.rate(u)
         viscous[k] = omega * series.work(rate @ C, u).sum()
-        held = 0.5 * (friction**2 / springs[:, np.newaxis]).sum(axis=0)
-        strain[k] = max(
-            0.5 * x @ (K @ x) + contact.normal.potential(x) + float(h)
-            for x, h in zip(series.basis @ u, held, strict=True)
-        )
         soft[k] = balance.held_softly(q)
     first = levels.u[:, series.first : series.first + 2]
     lost = work.sum(axis=1) + viscous

@@ -19,6 +19,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.loads import Harmonic
 from skfem_joint.harmonic.levels import NEGLIGIBLE, Levels
+from skfem_joint.harmonic.points import state_of
 from skfem_joint.runs.integrate import TOLERANCE
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.plan import Plan
@@ -83,16 +84,6 @@ def _differences(levels: Levels, k: int) -> tuple[float, float]:
     system = replace(
         system, loads=tuple(loads), P=looked, points=("seen",), made_for="", serves=None
     )
-    contact = system.contact
-    sampled = balance.contact.sampled(series, balance.inner(u), False)
-    rows = contact.on_rows(contact.rubs)
-    now = np.zeros(rows.size)
-    now[rows] = sampled.friction[:, 0]
-    start = series.basis[0] @ u
-    limits = contact.limits(contact.normal.elastic_forces(start))
-    over = contact.on_rows(limits)
-    sigma = np.divide(now, over, out=np.zeros_like(now), where=over > 0.0)
-    sigma /= contact.on_rows(np.maximum(contact.slip_norm(sigma), 1.0))  # round-off
     plan = Plan(
         step=2.0 * np.pi / omega / STEPS,
         n_steps=PERIODS * STEPS,
@@ -100,9 +91,8 @@ def _differences(levels: Levels, k: int) -> tuple[float, float]:
         save=Save(),
         cycle_steps=STEPS,
     )
-    state = start, omega * (series.basis[0] @ rate), sigma, limits
     # not by `integrate`, which refuses loads that begin with a jump: the motion is under way
-    driver = Driver(system, plan, state[: 4 if contact.opens else 3], TOLERANCE)
+    driver = Driver(system, plan, state_of(balance, balance.inner(u), omega), TOLERANCE)
     driver.run(None, None, "")
     run = driver.finish(0.0).finished()
     angle = 2.0 * np.pi * np.arange(STEPS) / STEPS

@@ -8,6 +8,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.harmonic.balance import Balance
+from skfem_joint.harmonic.contact_forces import Sampled
 from skfem_joint.results.loss import Losses
 from skfem_joint.system.contacts import Contact
 from skfem_joint.vibration.response import HARMONICS, phases_of
@@ -23,7 +24,7 @@ def point_of(
     """Results of a motion with coefficients ``q`` (nh, n) under a ``force`` of the same shape."""
     series, system, u = balance.series, balance.system, balance.outer(q)
     contact, first = system.contact, series.first
-    work, slip, held = contact_of(balance, q)
+    work, slip, strain = contact_of(balance, q, balance.contact.sampled(series, q, False))
     angle = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)[:, np.newaxis] * series.orders
     waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(SAMPLES, -1)
     seen = u @ as_dense(system.P).T
@@ -36,10 +37,7 @@ def point_of(
             harmonics[:, order - 1] = seen[a] - 1j * seen[a + 1]
     rate = series.rate(q)
     viscous = float(omega * series.work(rate @ balance.C, q).sum())
-    motion, K = series.basis @ u, as_dense(system.K)
-    strain = 0.5 * np.einsum("ti,ij,tj->t", motion, K, motion) + held
-    strain += [contact.normal.potential(x) for x in motion]
-    moved = contact.slid(work)
+    motion, moved = series.basis @ u, contact.slid(work)
     period = 2.0 * np.pi / omega
     return SteadyPoint(
         frequency=1.0 / period,
@@ -55,7 +53,7 @@ def point_of(
         losses=Losses(
             np.asarray(work.sum()),
             np.asarray(viscous),
-            np.asarray(strain.max()),
+            np.asarray(strain),
             np.asarray(contact.J @ work),
         ),
         friction_work=work,
@@ -76,21 +74,26 @@ def notes_of_law(contact: Contact) -> Iterator[str]:
         )
 
 
-def contact_of(balance: Balance, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Friction energy (m,), J, slip (m,), m, and energy of springs (samples,), J, of a motion."""
-    series, contact = balance.series, balance.system.contact
-    sampled = balance.contact.sampled(series, q, False)
+def contact_of(
+    balance: Balance, q: FloatArray, sampled: Sampled
+) -> tuple[FloatArray, FloatArray, float]:
+    """Friction energy (m,), J, slip (m,), m, and largest strain energy, J, of a motion."""
+    series, system = balance.series, balance.system
+    contact, K = system.contact, as_dense(system.K)
     rows = contact.on_rows(contact.rubs)
     springs = contact.on_rows(contact.spring_constants)[rows, np.newaxis]
-    moved = sampled.slip @ series.basis.T
-    friction = sampled.friction + springs * moved
+    moved, friction = sampled.moved, sampled.friction
     by_row, reach = np.zeros((2, rows.size))
     by_row[rows] = series.work((friction @ series.projection).T, sampled.slip.T)
     if series.odd:
         moved = np.hstack([moved, -moved])
     reach[rows] = np.ptp(moved, axis=1)
     held = 0.5 * (friction**2 / springs).sum(axis=0)
-    return contact.by_point(by_row), 0.5 * contact.slip_norm(reach), held
+    strain = max(
+        0.5 * x @ (K @ x) + contact.normal.potential(x) + float(h)
+        for x, h in zip(series.basis @ balance.outer(q), held, strict=True)
+    )
+    return contact.by_point(by_row), 0.5 * contact.slip_norm(reach), float(strain)
 
 
 def state_of(balance: Balance, q: FloatArray, omega: float) -> tuple[FloatArray, ...]:
@@ -98,9 +101,8 @@ def state_of(balance: Balance, q: FloatArray, omega: float) -> tuple[FloatArray,
     series, contact = balance.series, balance.system.contact
     sampled = balance.contact.sampled(series, q, False)
     rows = contact.on_rows(contact.rubs)
-    springs = contact.on_rows(contact.spring_constants)[rows]
     friction = np.zeros(rows.size)
-    friction[rows] = sampled.friction[:, 0] + springs * (sampled.slip @ series.basis[0])
+    friction[rows] = sampled.friction[:, 0]
     u = balance.outer(q)
     start = series.basis[0] @ u
     limits = contact.limits(contact.normal.elastic_forces(start))

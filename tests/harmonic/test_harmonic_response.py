@@ -168,6 +168,8 @@ def test_a_slider_responds_as_in_time_steps():
         for name, near in (("amplitude", 2e-3), ("friction_energy", 1e-2)):
             ours, theirs = curve.column(name)[rows], other.column(name)
             np.testing.assert_allclose(ours, theirs, rtol=near, atol=1e-3 * theirs.max())
+        strain, other_strain = curve.losses.strain[rows], other.losses.strain
+        np.testing.assert_allclose(strain, other_strain, rtol=5e-3)
         assert not curve.why
         assert all(max(apart) < 1e-3 for apart in curve.confirmed.values())
         assert curve.column("stable").all()
