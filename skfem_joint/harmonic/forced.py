@@ -249,10 +249,7 @@ def branch(
     for _ in range(MOST_STEPS * targets.size):
         here = forced.sized(place.q)
         reference = here.balance.reference
-        metric = Metric.of(here, grid)
-        start = np.append(here.scaled(place.q), place.omega / reference)
-        along = np.append(here.scaled(place.along[:-1]), place.along[-1] / reference)
-        along /= metric.norm(along)
+        metric, start, along = _frame(here, place, grid)
         ahead = targets[(targets - place.omega) * along[-1] > 1e-9 * grid * abs(along[-1])]
         if not ahead.size:
             return
@@ -303,6 +300,14 @@ def branch(
         step = min(LONGEST, step * (1.5 if point.iterations <= 6 else 0.7))
         yield place
     raise ConvergenceError(f"the branch has not ended after {MOST_STEPS * targets.size} steps")
+
+
+def _frame(here: Forced, place: BranchPoint, grid: float) -> tuple[Metric, FloatArray, FloatArray]:
+    """Metric at a place, its scaled unknowns, and their change along the branch, of length 1."""
+    metric, reference = Metric.of(here, grid), here.balance.reference
+    start = np.append(here.scaled(place.q), place.omega / reference)
+    along = np.append(here.scaled(place.along[:-1]), place.along[-1] / reference)
+    return metric, start, along / metric.norm(along)
 
 
 def _landed(point: Solution, omega: float, along: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -357,10 +362,7 @@ def corrected(forced: Forced, level: float, place: BranchPoint, grid: float) -> 
         except ConvergenceError:  # beyond the turning point of a coarser series
             if not turns:
                 raise
-    metric = Metric.of(here, grid)
-    start = np.append(y, place.omega / reference)
-    along = np.append(here.scaled(place.along[:-1]), place.along[-1] / reference)
-    along /= metric.norm(along)
+    metric, start, along = _frame(here, place, grid)
     point = eased(ByArc(here, level, start, metric.weights * along), start, 0.0)
     return place._replace(
         q=here.motion(point.y[:-1]), omega=float(point.y[-1]) * reference, asked=False

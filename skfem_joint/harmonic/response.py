@@ -105,8 +105,8 @@ class BalancedCurve(Curve):
             yield f"{', '.join(marched)} Hz were marched to, not found by harmonic balance."
         if self.held > HELD:
             yield (
-                f"a mean force of {100.0 * self.held:.2g} % of the friction limits keeps bodies in "
-                "place that nothing else holds."
+                f"a mean force of {100.0 * self.held:.2g} % of the friction limits, or without "
+                "these of the normal forces at rest, keeps bodies in place that nothing else holds."
             )
         if self.turns:
             at = ", ".join(f"{f:.6g}" for f in self.turns)
