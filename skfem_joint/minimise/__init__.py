@@ -4,8 +4,8 @@
 and potential psi are used by all; `limits` says how friction limits follow normal forces where
 contact opens. The methods, of which `stepping.arrangement` chooses one: `front_elimination` with
 `minty_newton` (chains), `contact_newton` with `condensed_newton` and `contact_loops` (systems whose
-slips and approaches are unknowns; `touching` says which points touch, `moving` works on the `parts`
-that move, less the points that are apart), `primal_dual_newton` with `dense_loop` and
+slips and approaches are unknowns; `touching` says which points touch, `mean_approaches` makes means
+of unknowns the approaches), `primal_dual_newton` with `dense_loop` and
 `dense_pressures` (few unknowns). `line_search` is in common. `linearisation` gives the change of a
 solution with forces, offsets, limits and bounds.
 """

@@ -2,9 +2,9 @@
 
 A pressure point that is apart carries no force, and a friction point whose pressure points are all
 apart carries none either. The unknowns of such points obey linear equations, and are eliminated
-(:mod:`skfem_joint.minimise.moving`). Where a solution would let a point that was eliminated pass
-its bound, the point is kept from then on and the problem solved again, so that the solution does
-not depend on what is eliminated, but for round-off.
+(:mod:`skfem_joint.minimise.condensed_newton`). Where a solution would let a point that was
+eliminated pass its bound, the point is kept from then on and the problem solved again, so that the
+solution does not depend on what is eliminated, but for round-off.
 
 Another set of points costs something. Therefore points are also kept that would close within some
 of the steps to come, and points are dropped only after they have been apart for some steps, and

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-from skfem_joint.minimise import moving as module
+from skfem_joint.minimise import condensed_newton as module
+from skfem_joint.minimise.condensed_newton import MovingNewton
 from skfem_joint.minimise.contact_newton import ContactNewton
-from skfem_joint.minimise.moving import MovingNewton
 from skfem_joint.minimise.problem import ContactPoints, Pressed, PressurePoints
 
 pytestmark = pytest.mark.usefixtures("few_may_move")

@@ -10,7 +10,7 @@ from scipy import sparse
 from stepping_systems import reference_plate
 
 import skfem_joint as sj
-from skfem_joint.minimise import moving
+from skfem_joint.minimise import condensed_newton
 from skfem_joint.minimise.condensed_newton import CondensedNewton
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.problem import ContactPoints
@@ -58,9 +58,9 @@ def test_points_that_rest_are_left_out_and_nothing_changes(opens, monkeypatch, r
     whole = run(system)
     request.getfixturevalue("few_may_move")
     solved = []
-    part = moving._Moving.advanced
+    part = condensed_newton._Moving.advanced
     monkeypatch.setattr(
-        moving._Moving,
+        condensed_newton._Moving,
         "advanced",
         lambda own, *given: solved.append(own.unknowns.size) or part(own, *given),
     )
