@@ -36,7 +36,7 @@ from benchmarks.solids import plates
 from skfem_joint.linalg import schur
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.stepping.arrangement import arranged
-from skfem_joint.stepping.steppers import PythonStepper
+from skfem_joint.stepping.driver import PythonStepper
 from skfem_joint.study.description import description_of
 
 #: Elements along the overlap and along the rest of each plate, across, and through its thickness.

@@ -32,7 +32,7 @@ from skfem_joint.steady.transition import Transition, moving_unknowns, transitio
 from skfem_joint.stepping.driver import CHUNK_S, Driver
 from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
 from skfem_joint.stepping.schemes import State
-from skfem_joint.stepping.steppers import ConstantForces
+from skfem_joint.stepping.stepper import ConstantForces
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Implicit time steps of any system, full, condensed or reduced.
 
 `driver` follows a `plan`. `arrangement` finds the unknowns in which a system is stepped, the kind
-of its matrices and the method for it; `steppers` advances it by step problems
+of its matrices and the method for it; a `stepper` advances it by step problems
 (`skfem_joint.minimise`), in Python or in the compiled loop of `time_loop`. What a step has beside
 where contact opens is in `normal_forces`, and in `loop_contact` for that loop. `schemes` defines a
 step, `energy` its works and peaks, `recording` what a run keeps, `loops` hysteresis loops,

@@ -222,7 +222,7 @@ def step_problem(H: Any, points: ContactPoints, kind: str, condense: bool = True
     - "linear" (no friction at all): `LinearProblem`.
 
     Chains and dense problems are minimised in the compiled loop over steps, others by
-    `skfem_joint.stepping.steppers.PythonStepper`, one minimisation at a time.
+    `skfem_joint.stepping.driver.PythonStepper`, one minimisation at a time.
 
     Parameters
     ----------

@@ -11,17 +11,21 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.minimise.problem import StepProblem
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Arrays, Checkpoint
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Ending, Final, Recorder, Run
-from skfem_joint.stepping.steppers import choose
+from skfem_joint.stepping.schemes import Coefficients, State
+from skfem_joint.stepping.stepper import FailedStep, Saved, Stepper
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.stepping.warp import warped
 from skfem_joint.system.system import System
@@ -85,9 +89,13 @@ class Driver:
         by_cycle = plan.cycle_steps is not None and plan.until != "steady"
         self.recorder = Recorder(self.system, plan.save, self.n_steps, self.h, by_cycle=by_cycle)
         u, v = self.to.inner(start[0]), self.to.inner(start[1]) / self.warp
-        self.stepper = choose(
-            self.to.kind, self.system, plan.scheme, u, v, tolerance, self.recorder
-        )
+        kind: type[Stepper] = PythonStepper
+        if self.to.kind in ("chain", "dense"):
+            from skfem_joint.stepping.time_loop import CompiledStepper  # loads the compiler
+
+            kind = CompiledStepper
+        others = self.system, plan.scheme, u, v, tolerance, self.recorder
+        self.stepper = kind(self.to.kind, *others)
         # Steps in the next call of the stepper.
         self.at_once = min(self.stepper.first_call, self.stepper.most_at_once)
         if len(start) > 2:
@@ -282,3 +290,96 @@ class Driver:
         middle = 0.5 * (a + b)
         self._part(index, a, middle, False, depth)
         self._part(index, middle, b, last, depth)
+
+
+class PythonStepper(Stepper):
+    """Steps done one by one in Python: of systems whose slips are unknowns, and of linear ones."""
+
+    COUNTS: ClassVar[tuple[str, ...]] = (
+        *("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves"),
+        "renewed_limits",
+    )
+
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
+        self.v_before = self.now.v
+
+    def new_problem(self, c: Coefficients) -> StepProblem:
+        """See `Stepper`."""
+        s = self.system
+        return self.made(c.c_M * s.M + s.C + c.c_K * s.K, self.of_step(c))
+
+    def prepare(self, h: float) -> None:
+        """See `Stepper`."""
+        if self.forces.limits is None:
+            super().prepare(h)
+        self.problem(self.coefficients(h)).compile()
+
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on from the velocity now: earlier ones are forgotten."""
+        super().started(acceleration, sigma)
+        self.v_before = self.now.v
+
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
+        """Do the steps."""
+        s, c, recorder = self.system, self.coefficients(h), self.recorder
+        problem, forces, done = self.problem(c), self.forces, 0
+        for ends in pairwise(amplitudes.T):
+            before = u, v, a, d, sigma = self.now
+            predictor = u + c.u_v * v + c.u_a * a
+            right = recorder.vectors @ ends[1] - s.K @ predictor
+            right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
+            of_contact, pressed = forces.before(c, u, predictor)
+            right += of_contact
+            offset, start = None, self._extrapolated()
+            if s.contact.has_springs:
+                limits = s.contact.w if forces.limits is None else forces.limits
+                known, force = c.u_v * v + c.u_a * a, s.contact.on_rows(limits) * sigma
+                offset = s.contact.spring_offset(known, force, c.c_K)
+            minimum = problem.minimise(right, start, self.tolerance, offset=offset, pressed=pressed)
+            self._count(minimum.counts)
+            if not minimum.converged:
+                self.failure = FailedStep(minimum.residual, minimum.where)
+                break
+            forces.after(c, minimum)
+            v_new, self.v_before = minimum.v, v
+            a = c.a_v * (v_new - v) + c.a_a * a
+            d = c.d_a * a + c.d_a0 * before.a + c.d_d0 * d
+            self.now = State(predictor + c.c_K * v_new, v_new, a, d, minimum.sigma)
+            works = forces.works(recorder, before, self.now)
+            recorder.add_step(h, ends, before, self.now, c.trapezoidal, **works)
+            done += 1
+            self.frequency = 0.0
+            if store:
+                recorder.store(first_step + done, self.now, forces.limits)
+                forces.store(recorder, first_step + done)
+        return done
+
+    def _extrapolated(self) -> FloatArray | None:
+        """Start of a step: extrapolated velocity, in which points at rest stay at rest."""
+        if self.kind == "linear":
+            return None
+        v, unknowns = 2.0 * self.now.v - self.v_before, self.points.unknowns
+        v[unknowns[self.points.on_rows(self.points.at_rest(self.now.v[unknowns]))]] = 0.0
+        return v
+
+    def _count(self, counts: Mapping[str, int]) -> None:
+        for name, count in counts.items():
+            self.counts[name] += count
+        iterations = counts.get("newton_iterations", 0)
+        self.counts["largest_iterations"] = max(self.counts["largest_iterations"], iterations)
+
+    def go_on(self, now: State, beside: FloatArray) -> None:
+        """See `Stepper`."""
+        super().go_on(now, beside)
+        if beside.size:
+            self.v_before = now.v
+
+    def _own(self) -> dict[str, NDArray[Any]]:
+        """State, and the velocity before it."""
+        return super()._own() | {"before": np.array(self.v_before)}
+
+    def restore(self, saved: Saved) -> None:
+        """Take up a saved state."""
+        super().restore(saved)
+        self.v_before = np.array(saved["before"])

@@ -146,7 +146,7 @@ class FrictionState(NamedTuple):
 class NormalForces:
     """Normal forces from step to step, and friction that follows them, see the module.
 
-    It is what `skfem_joint.stepping.steppers.ConstantForces` is where contact does not open.
+    It is what `skfem_joint.stepping.stepper.ConstantForces` is where contact does not open.
 
     Attributes
     ----------

@@ -1,9 +1,11 @@
-"""The compiled loop over steps: predictor, step problem, bookkeeping and stored rows.
+"""The compiled loop over steps, and the stepper that calls it, of chains and dense systems.
+
+The loop has the predictor, the step problem, bookkeeping and stored rows.
 
 The law of friction is evaluated in `minimise_step`: for chains by `front_elimination` and its
 `minty_newton` (`law.graph`), for dense systems by `dense_loop` and `dense_pressures`
 (`law.forces`). What differs where contact opens is in `loop_contact`. Other systems have no part in
-this loop: `steppers.PythonStepper` steps them with `contact_newton` or `condensed_newton`, whose
+this loop: `driver.PythonStepper` steps them with `contact_newton` or `condensed_newton`, whose
 `contact_loops` take forces, tangents and relaxation of single points from `law`.
 `stepping.arrangement.step_problem` chooses the method.
 
@@ -17,11 +19,15 @@ share, or one in Python for few steps, would save some 2.6 s of a first run, onc
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, cast
 
-from skfem_joint.ground.arrays import FloatArray, IntArray
+import numpy as np
+
+from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.compiling import compiled, compiled_inside
-from skfem_joint.linalg.kernels import aligned
+from skfem_joint.ground.errors import InputError
+from skfem_joint.linalg.compressed import compressed_rows
+from skfem_joint.linalg.kernels import Full, aligned, bands
 from skfem_joint.linalg.vectors import (
     dot,
     point_norms,
@@ -32,6 +38,17 @@ from skfem_joint.linalg.vectors import (
 )
 from skfem_joint.minimise.problem import minimise_step, slips
 from skfem_joint.stepping import energy, loop_contact
+from skfem_joint.stepping.arrangement import step_problem
+from skfem_joint.stepping.schemes import Coefficients, State
+from skfem_joint.stepping.stepper import ConstantForces, FailedStep, Stepper
+from skfem_joint.system.system import System
+
+if TYPE_CHECKING:
+    from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
+    from skfem_joint.minimise.problem import CompiledStepProblem
+
+#: Stride of rows that are never stored.
+NEVER = 2**62
 
 _add_dissipation = compiled_inside(energy.add_dissipation)
 _add_input_work = compiled_inside(energy.add_input_work)
@@ -39,58 +56,144 @@ _add_friction_work = compiled_inside(energy.add_friction_work)
 _joint_slips = compiled_inside(energy.joint_slips)
 
 
-class LoopWorkspace(NamedTuple):
-    """Arrays that the loop works in: by unknown, slip row, contact point, load, and named point."""
+class CompiledStepper(Stepper):
+    """Steps of a chain or of a dense system: `time_loop` does many at a time, in place.
 
-    right: FloatArray
-    image: FloatArray
-    y: FloatArray
-    change: FloatArray
-    v_mean: FloatArray
-    v_change: FloatArray
-    slip_change: FloatArray
-    slip_now: FloatArray
-    work: FloatArray
-    slip_size: FloatArray
-    force_size: FloatArray
-    slip_peak: FloatArray
-    moved: FloatArray
-    seen: FloatArray
-
-
-def loop_workspace(n: int, rows: int, m: int, loads: int, points: int) -> LoopWorkspace:
-    """Make the arrays for ``n`` unknowns, slip rows, ``m`` contact points, loads, named points."""
-    return LoopWorkspace(*aligned(*6 * [n], *2 * [rows], *4 * [m], loads, points))
-
-
-class LoopSystem(NamedTuple):
-    """System as the loop takes it.
-
-    Attributes
-    ----------
-    M, C, K : Bands or Full
-        Mass, damping and stiffness.
-    loads, observed : CompressedRows
-        Load vectors and named points.
-    joints : tuple of ndarray
-        As in `Recorder`, with the points of the step problem.
-    row_place, point_place : ndarray of int
-        Places of the system's slip rows and contact points among those of the step problem.
-    stretch : ndarray
-        Slip that the spring in series of each row of the step problem takes under the friction
-        limit, m, or, where limits follow normal forces, under a unit force; 0 for none; empty if
-        there are no springs.
+    Raises
+    ------
+    InputError
+        For set-valued Coulomb friction in a dense system.
     """
 
-    M: Any
-    C: Any
-    K: Any
-    loads: Any
-    observed: Any
-    joints: Any
-    row_place: IntArray
-    point_place: IntArray
-    stretch: FloatArray
+    COUNTS = (
+        *("newton_iterations", "nested_solves", "descents", "line_searches"),
+        *("friction_evaluations", "largest_iterations", "renewed_limits"),
+    )
+    most_at_once = 20_000
+
+    def __init__(self, kind: str, system: System, *others: Any) -> None:
+        super().__init__(kind, system, *others)
+        s = self.system
+        if kind == "dense" and np.any(np.isinf(s.contact.beta[s.contact.rubs & ~s.contact.sprung])):
+            raise InputError(
+                "set-valued Coulomb friction (beta = inf) without springs needs one unknown for "
+                "each contact point, which a reduced or dense system has not; use System.with_beta "
+                "with a finite beta"
+            )
+        form = bands if kind == "chain" else lambda A: Full(as_dense(A))
+        M, C, K = (form(A) for A in (s.M, s.C, s.K))
+        loads, observed = compressed_rows(self.recorder.vectors.T), compressed_rows(s.P)
+        # The problem of the mass, from which those of all steps are made.
+        own = cast("CompiledStepProblem", step_problem(M, self.points, kind))
+        self.own = own
+        rows, m = own.limits.size, s.n if kind == "chain" else s.contact.w.size
+        self.now = self.now._replace(sigma=self.placed(self.now.sigma))
+        sizes = *6 * [s.n], *2 * [rows], *4 * [m], len(s.loads), len(s.points)
+        self.workspace = tuple(aligned(*sizes))
+        self.first_call = own.steps_per_second
+        start, point, value, share, sliding, creep = self.recorder.joints
+        joints = start, own.places.point[point], value, share, sliding, creep
+        places = own.places.row, own.places.point
+        stretch = np.zeros(0)
+        if s.contact.has_springs:
+            changing = s.contact.opens
+            taken = s.contact.spring_flexibility if changing else s.contact.spring_stretch
+            stretch = self.placed(taken)
+        self.loop_system = M, C, K, loads, observed, joints, *places, stretch
+        self.loop_contact: Any = loop_contact.Constant(own.limits, *3 * [np.zeros(0)])
+        if not isinstance(self.forces, ConstantForces):
+            self.loop_contact = self.forces.in_loop(own.places, share.size)
+
+    def new_problem(self, c: Coefficients) -> CompiledStepProblem:
+        """See `Stepper`."""
+        M, C, K = self.loop_system[:3]
+        H = type(M)(*(c.c_M * m + d + c.c_K * k for m, d, k in zip(M, C, K, strict=True)))
+        contact = self.system.contact
+        changes = contact.has_springs or contact.opens
+        return self.own.with_matrix(H, self.of_step(c) if changes else None)
+
+    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
+        """Go on with friction in the order of the problem."""
+        by_place = self.placed(sigma)
+        super().started(acceleration, by_place)
+        self.own.restart(self.now.v, by_place)
+
+    def placed(self, sigma: FloatArray) -> FloatArray:
+        """See `Stepper`."""
+        by_place = np.zeros(self.own.limits.size)
+        by_place[self.own.places.row] = sigma
+        return by_place
+
+    def state(self) -> State:
+        """State now, with friction by slip row of the system."""
+        return self.now._replace(sigma=self.by_row(self.now.sigma))
+
+    def by_row(self, sigma: FloatArray) -> FloatArray:
+        """See `Stepper`."""
+        return np.asarray(sigma[self.own.places.row])
+
+    def go_on(self, now: State, beside: FloatArray) -> None:
+        """See `Stepper`; where contact opens earlier steps are forgotten."""
+        super().go_on(now, beside)
+        if beside.size:
+            self.own.restart(now.v, now.sigma)
+
+    def prepare(self, h: float) -> None:
+        """See `Stepper`; the loop is compiled by doing no step."""
+        super().prepare(h)
+        self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
+
+    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
+        """Do the steps in the compiled loop, and those that it leaves as far as Python can."""
+        done, of_steps = 0, np.ascontiguousarray(amplitudes.T)
+        while True:
+            done += self._loop(h, of_steps[done:], first_step + done, store)
+            if done == len(of_steps) - 1 or not self._rescued(h):
+                return done
+
+    def _rescued(self, h: float) -> bool:
+        """Whether the step problem that the loop left is solved: the loop then starts from that."""
+        problem = cast("CompiledStepProblem", self.problem(self.coefficients(h)))
+        counts = problem.rescue(self.workspace[0], self.now.v, self.tolerance)
+        for name in self.counts.keys() & counts.keys():
+            self.counts[name] += counts[name]
+        return bool(counts)
+
+    def _loop(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
+        """Do steps in the compiled loop; ``amplitudes`` are by step."""
+        c, r = self.coefficients(h), self.recorder
+        problem = cast("CompiledStepProblem", self.problem(c))
+        problem.resume(self.now.v, self.now.sigma)
+        contact = self.loop_contact
+        if not isinstance(self.forces, ConstantForces):
+            contact = self.forces.enter_loop(contact, cast("PrimalDualNewton", problem), r)
+        counted = np.array([self.counts[name] for name in self.COUNTS])
+        steps, rows, field_rows, residual, unknown = time_loop(
+            len(amplitudes) - 1,
+            first_step,
+            r.save.strides if store else (NEVER, NEVER),
+            c,
+            self.loop_system,
+            problem.kernel,
+            problem.workspace,
+            contact,
+            self.tolerance,
+            amplitudes,
+            tuple(self.now),
+            self.workspace,
+            r.sums(),
+            tuple(r.free_rows()),
+            counted,
+        )
+        r.rows += rows
+        r.field_rows += field_rows
+        if not isinstance(self.forces, ConstantForces):
+            self.forces.leave_loop(contact, self.own.places, r)
+        self.counts |= dict(zip(self.COUNTS, counted.tolist(), strict=True))
+        self.failure = FailedStep(residual, unknown)
+        if steps > 0:
+            self.frequency = 0.0
+        return int(steps)
 
 
 @compiled
@@ -108,7 +211,12 @@ def time_loop(
         Of stored points and fields, in steps.
     c : Coefficients
         Of the scheme and step.
-    system : LoopSystem
+    system : tuple
+        M, C and K (Bands or Full); load vectors and named points (CompressedRows); the joints, as
+        in `Recorder`, with the points of the step problem; the places of the system's slip rows and
+        contact points among those of the step problem; and the slip that the spring in series of
+        each row of the step problem takes under the friction limit, m, or, where limits follow
+        normal forces, under a unit force: 0 for none, empty if there are no springs.
     problem, workspace : named tuple
         Arguments of `minimise_step`.
     contact : named tuple
@@ -117,7 +225,7 @@ def time_loop(
     amplitude : ndarray, shape (n_steps + 1, loads)
         Load amplitudes at the steps' ends, N.
     state, loop, sums, stored : tuple of ndarray
-        `State`, `LoopWorkspace`, `Recorder.sums` and `Recorder.free_rows`.
+        `State`, arrays to work in, `Recorder.sums` and `Recorder.free_rows`.
     counts : ndarray of int
         By the names of `CompiledStepper.COUNTS`.
 

@@ -1,11 +1,11 @@
-"""Steppers: each advances one system by equal implicit steps.
+"""What a stepper is: it advances one system by equal implicit steps.
 
-`Stepper` is what the driver needs. There are two. `CompiledStepper` does many steps in one call of
-the compiled loop (`time_loop`), for chains and small dense systems. `PythonStepper` does them one
-by one in Python, for all others: systems without friction, whose steps are one linear solution
-each, and large systems, whose step problems take much longer than the lines of Python around them.
-What contact has from step to step beside the state is in `Stepper.forces`: `ConstantForces`, or
-`NormalForces` where it opens.
+`Stepper` is what the driver needs, and what both kinds do alike. `time_loop.CompiledStepper` does
+many steps in one call of the compiled loop, for chains and small dense systems.
+`driver.PythonStepper` does them one by one in Python, for all others: systems without friction,
+whose steps are one linear solution each, and large systems, whose step problems take much longer
+than the lines of Python around them. What contact has from step to step beside the state is in
+`Stepper.forces`: `ConstantForces`, or `NormalForces` where it opens.
 """
 
 from __future__ import annotations
@@ -13,15 +13,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import TYPE_CHECKING, Any, ClassVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from skfem_joint.ground.arrays import FloatArray, as_dense, check_like
-from skfem_joint.ground.errors import InputError
-from skfem_joint.linalg.compressed import as_compressed, compressed_rows
+from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.minimise.problem import ContactPoints, Minimum, StepProblem
 from skfem_joint.stepping.arrangement import step_problem
@@ -30,14 +28,9 @@ from skfem_joint.stepping.schemes import FOLLOWED, Coefficients, Scheme, State, 
 from skfem_joint.system.system import System
 
 if TYPE_CHECKING:
-    from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
-    from skfem_joint.minimise.problem import CompiledStepProblem
     from skfem_joint.stepping.normal_forces import NormalForces
 
 Saved = Mapping[str, NDArray[Any]]
-
-#: Stride of rows that are never stored.
-NEVER = 2**62
 
 
 @dataclass
@@ -291,151 +284,6 @@ def _of_problem(saved: Saved, k: int) -> dict[str, NDArray[Any]]:
     return {name.removesuffix(end): x for name, x in saved.items() if name.endswith(end)}
 
 
-class CompiledStepper(Stepper):
-    """Steps of a chain or of a dense system: the compiled loop does many at a time, in place.
-
-    Raises
-    ------
-    InputError
-        For set-valued Coulomb friction in a dense system.
-    """
-
-    COUNTS = (
-        *("newton_iterations", "nested_solves", "descents", "line_searches"),
-        *("friction_evaluations", "largest_iterations", "renewed_limits"),
-    )
-    most_at_once = 20_000
-
-    def __init__(self, kind: str, system: System, *others: Any) -> None:
-        super().__init__(kind, system, *others)
-        s = self.system
-        if kind == "dense" and np.any(np.isinf(s.contact.beta[s.contact.rubs & ~s.contact.sprung])):
-            raise InputError(
-                "set-valued Coulomb friction (beta = inf) without springs needs one unknown for "
-                "each contact point, which a reduced or dense system has not; use System.with_beta "
-                "with a finite beta"
-            )
-        from skfem_joint.linalg.kernels import Full, bands
-        from skfem_joint.stepping.loop_contact import Constant
-        from skfem_joint.stepping.time_loop import LoopSystem, loop_workspace
-
-        form = bands if kind == "chain" else lambda A: Full(as_dense(A))
-        M, C, K = (form(A) for A in (s.M, s.C, s.K))
-        loads, observed = compressed_rows(self.recorder.vectors.T), compressed_rows(s.P)
-        # The problem of the mass, from which those of all steps are made.
-        own = cast("CompiledStepProblem", step_problem(M, self.points, kind))
-        self.own = own
-        rows, m = own.limits.size, s.n if kind == "chain" else s.contact.w.size
-        self.now = self.now._replace(sigma=self.placed(self.now.sigma))
-        self.workspace = loop_workspace(s.n, rows, m, len(s.loads), len(s.points))
-        self.first_call = own.steps_per_second
-        start, point, value, share, sliding, creep = self.recorder.joints
-        joints = start, own.places.point[point], value, share, sliding, creep
-        places = own.places.row, own.places.point
-        stretch = np.zeros(0)
-        if s.contact.has_springs:
-            changing = s.contact.opens
-            taken = s.contact.spring_flexibility if changing else s.contact.spring_stretch
-            stretch = self.placed(taken)
-        self.loop_system = LoopSystem(M, C, K, loads, observed, joints, *places, stretch)
-        self.loop_contact: Any = Constant(own.limits, *3 * [np.zeros(0)])
-        if not isinstance(self.forces, ConstantForces):
-            self.loop_contact = self.forces.in_loop(own.places, share.size)
-
-    def new_problem(self, c: Coefficients) -> CompiledStepProblem:
-        """See `Stepper`."""
-        M, C, K = self.loop_system[:3]
-        H = type(M)(*(c.c_M * m + d + c.c_K * k for m, d, k in zip(M, C, K, strict=True)))
-        contact = self.system.contact
-        changes = contact.has_springs or contact.opens
-        return self.own.with_matrix(H, self.of_step(c) if changes else None)
-
-    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
-        """Go on with friction in the order of the problem."""
-        by_place = self.placed(sigma)
-        super().started(acceleration, by_place)
-        self.own.restart(self.now.v, by_place)
-
-    def placed(self, sigma: FloatArray) -> FloatArray:
-        """See `Stepper`."""
-        by_place = np.zeros(self.own.limits.size)
-        by_place[self.own.places.row] = sigma
-        return by_place
-
-    def state(self) -> State:
-        """State now, with friction by slip row of the system."""
-        return self.now._replace(sigma=self.by_row(self.now.sigma))
-
-    def by_row(self, sigma: FloatArray) -> FloatArray:
-        """See `Stepper`."""
-        return np.asarray(sigma[self.own.places.row])
-
-    def go_on(self, now: State, beside: FloatArray) -> None:
-        """See `Stepper`; where contact opens earlier steps are forgotten."""
-        super().go_on(now, beside)
-        if beside.size:
-            self.own.restart(now.v, now.sigma)
-
-    def prepare(self, h: float) -> None:
-        """See `Stepper`; the loop is compiled by doing no step."""
-        super().prepare(h)
-        self.advance(h, np.zeros((len(self.system.loads), 1)), 0, False)
-
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
-        """Do the steps in the compiled loop, and those that it leaves as far as Python can."""
-        done, of_steps = 0, np.ascontiguousarray(amplitudes.T)
-        while True:
-            done += self._loop(h, of_steps[done:], first_step + done, store)
-            if done == len(of_steps) - 1 or not self._rescued(h):
-                return done
-
-    def _rescued(self, h: float) -> bool:
-        """Whether the step problem that the loop left is solved: the loop then starts from that."""
-        problem = cast("CompiledStepProblem", self.problem(self.coefficients(h)))
-        counts = problem.rescue(self.workspace.right, self.now.v, self.tolerance)
-        for name in self.counts.keys() & counts.keys():
-            self.counts[name] += counts[name]
-        return bool(counts)
-
-    def _loop(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
-        """Do steps in the compiled loop; ``amplitudes`` are by step."""
-        from skfem_joint.stepping.time_loop import time_loop
-
-        c, r = self.coefficients(h), self.recorder
-        problem = cast("CompiledStepProblem", self.problem(c))
-        problem.resume(self.now.v, self.now.sigma)
-        contact = self.loop_contact
-        if not isinstance(self.forces, ConstantForces):
-            contact = self.forces.enter_loop(contact, cast("PrimalDualNewton", problem), r)
-        counted = np.array([self.counts[name] for name in self.COUNTS])
-        steps, rows, field_rows, residual, unknown = time_loop(
-            len(amplitudes) - 1,
-            first_step,
-            r.save.strides if store else (NEVER, NEVER),
-            c,
-            self.loop_system,
-            problem.kernel,
-            problem.workspace,
-            contact,
-            self.tolerance,
-            amplitudes,
-            tuple(self.now),
-            tuple(self.workspace),
-            r.sums(),
-            tuple(r.free_rows()),
-            counted,
-        )
-        r.rows += rows
-        r.field_rows += field_rows
-        if not isinstance(self.forces, ConstantForces):
-            self.forces.leave_loop(contact, self.own.places, r)
-        self.counts |= dict(zip(self.COUNTS, counted.tolist(), strict=True))
-        self.failure = FailedStep(residual, unknown)
-        if steps > 0:
-            self.frequency = 0.0
-        return int(steps)
-
-
 class ConstantForces:
     """What a step needs of contact with constant limits: all is in the state of a stepper.
 
@@ -475,107 +323,3 @@ class ConstantForces:
 
     def restore(self, saved: Saved) -> None:
         """Nothing to take up."""
-
-
-class PythonStepper(Stepper):
-    """Steps done one by one in Python: of systems whose slips are unknowns, and of linear ones."""
-
-    COUNTS: ClassVar[tuple[str, ...]] = (
-        *("newton_iterations", "largest_iterations", "friction_evaluations", "linear_solves"),
-        "renewed_limits",
-    )
-
-    def __init__(self, *arguments: Any) -> None:
-        super().__init__(*arguments)
-        self.v_before = self.now.v
-
-    def new_problem(self, c: Coefficients) -> StepProblem:
-        """See `Stepper`."""
-        s = self.system
-        return self.made(c.c_M * s.M + s.C + c.c_K * s.K, self.of_step(c))
-
-    def prepare(self, h: float) -> None:
-        """See `Stepper`."""
-        if self.forces.limits is None:
-            super().prepare(h)
-        self.problem(self.coefficients(h)).compile()
-
-    def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
-        """Go on from the velocity now: earlier ones are forgotten."""
-        super().started(acceleration, sigma)
-        self.v_before = self.now.v
-
-    def advance(self, h: float, amplitudes: FloatArray, first_step: int, store: bool) -> int:
-        """Do the steps."""
-        s, c, recorder = self.system, self.coefficients(h), self.recorder
-        problem, forces, done = self.problem(c), self.forces, 0
-        for ends in pairwise(amplitudes.T):
-            before = u, v, a, d, sigma = self.now
-            predictor = u + c.u_v * v + c.u_a * a
-            right = recorder.vectors @ ends[1] - s.K @ predictor
-            right += s.M @ (c.c_M * v + c.y_a * a + c.y_d * d)
-            of_contact, pressed = forces.before(c, u, predictor)
-            right += of_contact
-            offset, start = None, self._extrapolated()
-            if s.contact.has_springs:
-                limits = s.contact.w if forces.limits is None else forces.limits
-                known, force = c.u_v * v + c.u_a * a, s.contact.on_rows(limits) * sigma
-                offset = s.contact.spring_offset(known, force, c.c_K)
-            minimum = problem.minimise(right, start, self.tolerance, offset=offset, pressed=pressed)
-            self._count(minimum.counts)
-            if not minimum.converged:
-                self.failure = FailedStep(minimum.residual, minimum.where)
-                break
-            forces.after(c, minimum)
-            v_new, self.v_before = minimum.v, v
-            a = c.a_v * (v_new - v) + c.a_a * a
-            d = c.d_a * a + c.d_a0 * before.a + c.d_d0 * d
-            self.now = State(predictor + c.c_K * v_new, v_new, a, d, minimum.sigma)
-            works = forces.works(recorder, before, self.now)
-            recorder.add_step(h, ends, before, self.now, c.trapezoidal, **works)
-            done += 1
-            self.frequency = 0.0
-            if store:
-                recorder.store(first_step + done, self.now, forces.limits)
-                forces.store(recorder, first_step + done)
-        return done
-
-    def _extrapolated(self) -> FloatArray | None:
-        """Start of a step: extrapolated velocity, in which points at rest stay at rest."""
-        if self.kind == "linear":
-            return None
-        v, unknowns = 2.0 * self.now.v - self.v_before, self.points.unknowns
-        v[unknowns[self.points.on_rows(self.points.at_rest(self.now.v[unknowns]))]] = 0.0
-        return v
-
-    def _count(self, counts: Mapping[str, int]) -> None:
-        for name, count in counts.items():
-            self.counts[name] += count
-        iterations = counts.get("newton_iterations", 0)
-        self.counts["largest_iterations"] = max(self.counts["largest_iterations"], iterations)
-
-    def go_on(self, now: State, beside: FloatArray) -> None:
-        """See `Stepper`."""
-        super().go_on(now, beside)
-        if beside.size:
-            self.v_before = now.v
-
-    def _own(self) -> dict[str, NDArray[Any]]:
-        """State, and the velocity before it."""
-        return super()._own() | {"before": np.array(self.v_before)}
-
-    def restore(self, saved: Saved) -> None:
-        """Take up a saved state."""
-        super().restore(saved)
-        self.v_before = np.array(saved["before"])
-
-
-def choose(kind: str, *others: Any) -> Stepper:
-    """Stepper for a kind of matrices, from the arguments of `Stepper`.
-
-    Raises
-    ------
-    InputError
-        For set-valued Coulomb friction in a dense system.
-    """
-    return (CompiledStepper if kind in ("chain", "dense") else PythonStepper)(kind, *others)
