@@ -39,7 +39,8 @@ from benchmarks import NOT_INSTALLED, head, row
 from benchmarks.first_order import FirstOrder, slip_work
 from benchmarks.integrators import Form, Task, solve
 from benchmarks.plates import system_of
-from skfem_joint.steady import shooting, steady
+from skfem_joint.runs import steady_run
+from skfem_joint.steady import steady
 from skfem_joint.vibration import response
 from skfem_joint.vibration.linear_response import linear_response
 
@@ -99,12 +100,11 @@ def backbones(quick):
 
 def periods(systems, memory):
     """Periods until steady states from rest, with ``memory`` mixed states; 0: plain iteration."""
-    halves = shooting.turns_over if memory else lambda loads: False
-    newton = shooting.NEWTON if memory else shooting.ShootingSettings(0, 0)
+    halves = steady_run.turns_over if memory else lambda loads: False
+    most = (steady_run.MOST_OF_CHAIN, steady_run.MOST) if memory else (0, 0)
     with (
         patch.multiple(steady, MEMORY=memory, LINEAR_MEMORY=steady.LINEAR_MEMORY if memory else 0),
-        patch.object(shooting, "turns_over", halves),
-        patch.object(shooting, "NEWTON", newton),
+        patch.multiple(steady_run, turns_over=halves, MOST_OF_CHAIN=most[0], MOST=most[1]),
     ):
         runs = [sj.integrate(s, until="steady", steps_per_cycle=STEPS) for s in systems]
     return sum(run.steady.periods for run in runs)

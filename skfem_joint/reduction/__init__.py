@@ -14,9 +14,9 @@ From the keys of a scene to modes: `scene.tables.ReductionTable` reads the table
 `study.models.options_of` copies it to `basis.Options`, and `study.models.model_of` hands these to
 `models.reduced`. What becomes of the key ``interface_modes``:
 
-- "static": `sources.path_basis` -> `static_path.slip_path` (finds modes by
-  `interface_modes.driven`) -> `sources.static_basis` (takes the number asked for; if "auto" the
-  max(2, modes // 6) with the largest shares, less those that `interface_modes.beside` drops);
+- "static": `static_path.slip_path` (finds modes by `interface_modes.driven`), then
+  `sources.static_basis` (takes the number asked for; if "auto" the max(2, modes // 6) with the
+  largest shares, less those that `interface_modes.beside` drops);
 - "self": `sources.own_basis` (the lowest modes; none if "auto");
 - "paper": `scaled.basis.paper_basis` -> `interface_modes.participating`.
 """

@@ -19,20 +19,14 @@ follow, but wrong where contact takes a good part of the motion.
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
-from skfem_joint.ground.arrays import FloatArray, Matrix, as_dense
+from skfem_joint.ground.arrays import Matrix, as_dense
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.shifts import shifted
-from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.system.system import System
 
-#: Increments of half a slow cycle that modes are made of.
-IN_HALF = 8
-#: Largest force residual of a state relative to the largest force.
-TOLERANCE = 3e-5
 #: Stiffness of contact over that which the structure opposes to single points.
 FACTOR = 10.0
 
@@ -64,38 +58,3 @@ def strain_norm(system: System) -> Matrix:
     """
     springs = system.contact.normal.springs
     return shifted(system.K + (as_dense(springs) if system.is_dense else springs), system.M)
-
-
-def states_of_cycles(
-    system: System, force: FloatArray, level: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """States of slow cycles of a force at some levels, for modes of a damping curve.
-
-    Parameters
-    ----------
-    system : System
-        With elastic contact.
-    force : ndarray, shape (n,)
-        N at the level 1.
-    level : ndarray, shape (levels,)
-        Rising levels.
-
-    Returns
-    -------
-    states, increments : ndarray, shape (s, n)
-        Displacements, m, and their changes on the way.
-    rigid : ndarray, shape (n, r)
-        Motions of bodies that friction and contact alone hold.
-
-    Raises
-    ------
-    ConvergenceError
-        If a level does not converge.
-    """
-    turns = [0.0]
-    for top in level.tolist():
-        turns += [top, -top, top]
-    shares = [np.linspace(a, b, IN_HALF + 1)[1:] for a, b in pairwise(turns)]
-    path = QuasiStatic(system, TOLERANCE)
-    states = path.follow(np.concatenate(shares)[:, np.newaxis] * force)
-    return states, np.diff(states, axis=0, prepend=0.0), path.to.outer(path.rigid.T).T

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,16 +27,15 @@ from skfem_joint.reduction.excitation import repeats
 from skfem_joint.reduction.friction_points import NO_FRICTION
 from skfem_joint.reduction.ranges.model import reduced_for_range
 from skfem_joint.reduction.ranges.points import loaded_at
+from skfem_joint.reduction.static_path import slip_path
 from skfem_joint.runs.resolution import longest_step
 from skfem_joint.runs.slow_run import rate_independent
+from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.system.served import Range
 from skfem_joint.system.system import System
-
-if TYPE_CHECKING:
-    from skfem_joint.slow.quasi_static import QuasiStatic
 
 #: Periods of a run whose length is not said: until the vibration is steady.
 TO_STEADY = 100
@@ -192,7 +191,9 @@ def reduced(
         system, friction["beta"] = rate_independent(system), np.inf
     if run is None:
         plan = run_to_come(system, duration, step, scheme, quasi_static=quasi_static)
-        basis = sources.path_basis(elastic(system), options, plan, path)
+        flexible, modes = elastic(system), options.mode_count
+        slipped = slip_path(flexible, plan, modes, path)
+        basis = sources.static_basis(flexible, slipped, modes, options.interface_modes)
     else:
         check_reference(system, "self")
         basis = sources.own_basis(system, run, options)

@@ -8,14 +8,15 @@ paper's scaled modes have a folder of their own, `skfem_joint.reduction.scaled`.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
-from skfem_joint.reduction import static_path
 from skfem_joint.reduction.basis import MANY_MODES, MOST_TIMES, Basis, Options, basis_of
-from skfem_joint.reduction.elastic_contact import elastic, states_of_cycles, strain_norm
+from skfem_joint.reduction.elastic_contact import elastic, strain_norm
 from skfem_joint.reduction.interface_modes import (
     FEW_BESIDE,
     MODES_FOR_ONE,
@@ -31,54 +32,18 @@ from skfem_joint.reduction.pod import (
     stride_of,
     thinned,
 )
-from skfem_joint.reduction.static_path import StaticPath, slip_path
+from skfem_joint.reduction.static_path import NEWLY_SLIPPING, StaticPath
 from skfem_joint.reduction.stuck import Stuck
-from skfem_joint.stepping.plan import Plan
+from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system.system import System
 
-if TYPE_CHECKING:
-    from skfem_joint.slow.quasi_static import QuasiStatic
-
+#: Increments of half a slow cycle that modes are made of.
+IN_HALF = 8
+#: Largest force residual of a state relative to the largest force.
+TOLERANCE = 3e-5
 #: Singular values below this share of the largest are what the tolerance of paths leaves.
 _LEAST_SINGULAR = 1e-7
-
-
-def path_basis(
-    system: System, options: Options, plan: Plan, path: QuasiStatic | None = None
-) -> Basis:
-    """Basis of a system's static slip path under the loads of a run to come, see `static_basis`.
-
-    Parameters
-    ----------
-    system : System
-    options : Options
-    plan : Plan
-        Steps of the run to come.
-    path : QuasiStatic, optional
-        A quasi-static path of the system, whose factors are used.
-
-    Raises
-    ------
-    InputError
-        If nothing moves, or slip rows depend on each other.
-    ConvergenceError
-        If a state does not converge.
-    KeyboardInterrupt
-        If a run is interrupted.
-    """
-    modes = options.mode_count
-    slipped = slip_path(system, plan, modes, path)
-    basis = static_basis(system, slipped, modes, options.interface_modes)
-    new = slipped.newly_slipping
-    if new <= static_path.NEWLY_SLIPPING:
-        return basis
-    note = (
-        f"The slip went on growing while the modes were made: {100 * new:.2g} % "
-        "of what slips at last stuck in the round before. Use more modes and see whether "
-        "the result stays, or take reference = 'self'."
-    )
-    return replace(basis, notes=(*basis.notes, note))
 
 
 def own_basis(system: System, run: Run, options: Options) -> Basis:
@@ -170,7 +135,15 @@ def static_basis(
     history = replace(
         basis.history, velocities=velocities, displacements=displacements, resolved=1e-5
     )
-    return replace(basis, history=history, stiffness=path.stiffness)
+    notes, new = basis.notes, path.newly_slipping
+    if new > NEWLY_SLIPPING:
+        notes = (
+            *notes,
+            f"The slip went on growing while the modes were made: {100 * new:.2g} % "
+            "of what slips at last stuck in the round before. Use more modes and see whether "
+            "the result stays, or take reference = 'self'.",
+        )
+    return replace(basis, history=history, stiffness=path.stiffness, notes=notes)
 
 
 def mode_basis(system: System, curve: Any, options: Options) -> Basis:
@@ -201,7 +174,7 @@ def mode_basis(system: System, curve: Any, options: Options) -> Basis:
         stuck, force = system.contact.normal.closed_motions() @ stuck, system.M @ curve.shape
         system = elastic(system)
         some = np.unique(np.linspace(0, curve.level.size - 1, 3).round().astype(np.intp))
-        u, v, rigid = states_of_cycles(system, force, curve.level[some])
+        u, v, rigid = _states_of_cycles(system, force, curve.level[some])
         stuck = orthonormal(np.hstack([stuck, rigid]), system.M)
     slips = np.vstack([u, v])
     slips = slips - (slips @ (system.M @ stuck)) @ stuck.T
@@ -215,3 +188,38 @@ def mode_basis(system: System, curve: Any, options: Options) -> Basis:
     return basis_of(
         system, V, modes, proper, u=u, v=slips, slip_peak=slip_peak, slip_velocity=velocity
     )
+
+
+def _states_of_cycles(
+    system: System, force: FloatArray, level: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """States of slow cycles of a force at some levels, for modes of a damping curve.
+
+    Parameters
+    ----------
+    system : System
+        With elastic contact.
+    force : ndarray, shape (n,)
+        N at the level 1.
+    level : ndarray, shape (levels,)
+        Rising levels.
+
+    Returns
+    -------
+    states, increments : ndarray, shape (s, n)
+        Displacements, m, and their changes on the way.
+    rigid : ndarray, shape (n, r)
+        Motions of bodies that friction and contact alone hold.
+
+    Raises
+    ------
+    ConvergenceError
+        If a level does not converge.
+    """
+    turns = [0.0]
+    for top in level.tolist():
+        turns += [top, -top, top]
+    shares = [np.linspace(a, b, IN_HALF + 1)[1:] for a, b in pairwise(turns)]
+    path = QuasiStatic(system, TOLERANCE)
+    states = path.follow(np.concatenate(shares)[:, np.newaxis] * force)
+    return states, np.diff(states, axis=0, prepend=0.0), path.to.outer(path.rigid.T).T

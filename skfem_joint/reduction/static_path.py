@@ -16,9 +16,8 @@ has the method with its formulas, ``docs/verification/reduction.md`` what it giv
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,14 +32,12 @@ from skfem_joint.reduction.friction_points import NO_FRICTION, merged_points
 from skfem_joint.reduction.joint_slides import joint_slides
 from skfem_joint.reduction.missing_modes import acceleration
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition
-from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.runs.integrate import TOLERANCE, integrate_plan
+from skfem_joint.runs.slow_run import slow_run
+from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.system.system import System
-
-if TYPE_CHECKING:
-    from skfem_joint.slow.quasi_static import QuasiStatic
-
 
 #: Load levels of the first and of the second path where one harmonic acts.
 FIRST_LEVELS, SECOND_LEVELS = 6, 12
@@ -149,8 +146,6 @@ def slip_path(
     KeyboardInterrupt
         If the preliminary run is interrupted.
     """
-    from skfem_joint.slow.quasi_static import QuasiStatic  # its compiled loops are slow to load
-
     if system.contact.count == 0:
         raise InputError(NO_FRICTION)
     loads = Excitation.of(system, plan)
@@ -344,7 +339,7 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
 def _slow(small: System, plan: Plan) -> Run:
     """Quasi-static run of the preliminary model, as far as friction holds the loads."""
     try:
-        return integrate_plan(small, replace(plan, quasi_static=True)).finished()
+        return slow_run(small, plan, tolerance=TOLERANCE).finished()
     except ConvergenceError as error:
         run: Run | None = error.run
         if run is None or not np.any(run.u):

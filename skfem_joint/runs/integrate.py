@@ -25,8 +25,7 @@ from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_som
 from skfem_joint.runs.resolution import check_jumps, check_resolution, unfit_times
 from skfem_joint.runs.run_notes import notes_of_run, wrong_energy
 from skfem_joint.runs.slow_run import slow_run
-from skfem_joint.steady.correction import Correction
-from skfem_joint.steady.shooting import steady_run
+from skfem_joint.runs.steady_run import steady_run
 from skfem_joint.stepping.checkpoint import Checkpoint
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.plan import Plan, check_until
@@ -144,12 +143,8 @@ def integrate_plan(
     tolerance: float = TOLERANCE,
     progress: Callable[..., None] | None = None,
     checkpoint: Checkpoint | None = None,
-    correction: Correction | None = None,
 ) -> Run:
-    """Integrate a system as a plan says; the other arguments, result and errors as `integrate`.
-
-    ``correction`` is a smaller model's, of a run until "steady".
-    """
+    """Integrate a system as a plan says; the other arguments, result and errors as `integrate`."""
     check("tolerance", tolerance, _TOLERANCES)
     # The loads and the law of a whole range are those of no point of it.
     if system.serves is not None and system.serves.point is None:
@@ -160,8 +155,12 @@ def integrate_plan(
     start, ending = _start(system, plan, initial)
     if plan.quasi_static:
         return _quasi_static(system, plan, initial, tolerance, progress, checkpoint)
+    moved = start if any(np.any(x) for x in start[:3]) else None
     if plan.until == "steady":
-        _check_steady(system, plan, checkpoint)
+        if checkpoint is not None:
+            raise InputError("until: a search for 'steady' vibration has no checkpoints")
+        run = steady_run(system, plan, start, float(tolerance), progress, ending=ending)
+        return _noted(run, plan, moved)
     check_resolution(system, plan)
     check_jumps(system, plan)
     identity = fingerprint(system, plan, *start, ending, tolerance) if checkpoint else ""
@@ -170,9 +169,6 @@ def integrate_plan(
     if saved is not None and checkpoint is not None:
         driver.check(checkpoint, saved[0], saved[1])
         driver.take_up(*saved)
-    moved = start if any(np.any(x) for x in start[:3]) else None
-    if plan.until == "steady":
-        return _noted(steady_run(driver, progress, correction), plan, moved)
     interrupted = driver.run(progress, checkpoint, identity)
     run = driver.finish(system.stored_energy(*start), interrupted)
     return _noted(run, plan, moved)
@@ -296,46 +292,6 @@ def _steps(
     if duration is not None:
         n_steps = max(1, math.ceil(min(duration / step, 1e18) * (1.0 - 1e-9)))
     return float(step), int(n_steps or 1)
-
-
-def _check_steady(system: System, plan: Plan, checkpoint: Checkpoint | None) -> None:
-    """Refuse what has no steady vibration, or none that is a period long."""
-    period = common_period(load.amplitude for load in system.loads)
-    if period is None or abs(plan.duration / period - 1.0) > 1e-9:
-        raise InputError(
-            "until: 'steady' needs loads that repeat, and a run of one of their common periods: "
-            "give steps_per_cycle"
-        )
-    _check_repeats(system, plan)
-    if checkpoint is not None:
-        raise InputError("until: a search for what is 'steady' has no checkpoints; leave them out")
-    damped = abs(system.C).max() > 0.0 or not plan.scheme.coefficients(1.0)[-1]
-    if not (damped or system.contact.count):
-        raise InputError(
-            "until: nothing is 'steady' with neither friction nor damping; give damping, such as "
-            "[damping] ratio = 0.002 in a scene"
-        )
-
-
-def _check_repeats(system: System, plan: Plan) -> None:
-    """Refuse loads that differ from what they are a period (the plan's duration) later.
-
-    They are compared within each step, and at and between the times where they kink or jump. A
-    pulse without kinks that acts only later is known by its peak.
-    """
-    within = plan.step * (np.arange(plan.n_steps) + 0.5)
-    for load in system.loads:
-        corners = np.array(load.amplitude.corners)
-        times = np.concatenate([within, corners, 0.5 * (corners[1:] + corners[:-1])])
-        first, later = load.amplitude(times), load.amplitude(times + plan.duration)
-        largest, peak = np.abs(first).max(), load.amplitude.peak_value or 0.0
-        acts_later = not load.amplitude.harmonics and largest < 0.5 * peak
-        if acts_later or np.abs(later - first).max() > 1e-6 * largest:
-            raise InputError(
-                f"until: 'steady' needs loads that repeat: that on {load.on!r} does not after "
-                f"{plan.duration:.6g} s, the common period of the harmonic ones; leave it out, or "
-                "give cycles in place of until = 'steady'"
-            )
 
 
 def _start(

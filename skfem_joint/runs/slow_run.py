@@ -5,8 +5,7 @@ loads, cut where the loads jump or kink as the steps of `integrate` are. A level
 converge is reached in parts. One that has no solution, because friction does not hold the loads,
 ends the run with a `ConvergenceError` that carries what was reached.
 
-How a level is solved is left to a solver, see :mod:`skfem_joint.slow.levels`: in general to
-:mod:`skfem_joint.slow.quasi_static`.
+How a level is solved is in :mod:`skfem_joint.slow.quasi_static`.
 """
 
 from __future__ import annotations
@@ -22,8 +21,8 @@ from numpy.typing import NDArray
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.slow.levels import Level, LevelSolver, NoLevelError, in_parts
-from skfem_joint.slow.quasi_static import QuasiStatic
+from skfem_joint.slow.levels import Level, NoLevelError
+from skfem_joint.slow.quasi_static import QuasiStatic, in_parts
 from skfem_joint.stepping.load_steps import LoadSteps
 from skfem_joint.stepping.loops import LoopRecorder
 from skfem_joint.stepping.plan import Plan
@@ -69,7 +68,6 @@ def slow_run(
     *,
     tolerance: float,
     progress: Callable[..., None] | None = None,
-    solver: LevelSolver | None = None,
 ) -> Run:
     """Follow a system through the levels of a plan, without inertia and damping.
 
@@ -81,8 +79,6 @@ def slow_run(
         Largest force residual of a level relative to its largest force.
     progress : callable, optional
         Called with (levels done, levels in all).
-    solver : LevelSolver, optional
-        `QuasiStatic` of the system, if not given.
 
     Returns
     -------
@@ -103,7 +99,7 @@ def slow_run(
         )
     watch = Stopwatch()
     system = rate_independent(system)
-    driver = _SlowDriver(system, plan, solver or QuasiStatic(system, tolerance, frictionless=True))
+    driver = _SlowDriver(system, plan, QuasiStatic(system, tolerance, frictionless=True))
     driver.preparation, driver.compilation = watch.read()
     return driver.run(progress)
 
@@ -136,7 +132,7 @@ class _SlowDriver:
         Time before the first level, and of compilation in it, s.
     """
 
-    def __init__(self, given: System, plan: Plan, solver: LevelSolver) -> None:
+    def __init__(self, given: System, plan: Plan, solver: QuasiStatic) -> None:
         self.given, self.plan, self.solver, self.done = given, plan, solver, 0
         self.system = solver.to.system
         self.loads = LoadSteps(self.system, plan.step, plan.n_steps)

@@ -32,7 +32,7 @@ motions are known the limit is their least ratio, which repeated least squares f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cached_property
@@ -52,7 +52,7 @@ from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement, condensing_pays
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, StepProblem
 from skfem_joint.slow.floating import STILL, Still
-from skfem_joint.slow.levels import Level, NoLevelError, Walk, in_parts
+from skfem_joint.slow.levels import Level, NoLevelError, Walk
 from skfem_joint.stepping.arrangement import Arranged, arranged, step_problem
 from skfem_joint.system.contacts import Contact
 from skfem_joint.system.modes import ROUND_OFF
@@ -67,7 +67,8 @@ if TYPE_CHECKING:
 #: Why there is no level, where a limit of friction is not known.
 NOT_HELD = "friction and contact do not hold the loads: the structure slides or lifts off"
 
-
+#: A level that does not converge is reached in parts, halved at most this often.
+HALVINGS = 8
 # A level of `follow` with constant limits that does not converge at once is reached in parts,
 # halved at most this often.
 _HALVINGS = 6
@@ -86,10 +87,53 @@ LEAST_SQUARES = 200
 _MOST_RIGID = 12
 
 
+def in_parts(
+    next_level: Callable[[Level, FloatArray], Level],
+    last: Level,
+    before: FloatArray,
+    after: FloatArray,
+    depth: int = 0,
+) -> Iterator[tuple[FloatArray, Level]]:
+    """Levels on the way from loads ``before``, with the level ``last``, to loads ``after``.
+
+    It is the one of ``after`` alone if that is found, and otherwise those of ever smaller parts.
+
+    Parameters
+    ----------
+    next_level : callable
+        Of the level before and the loads: `QuasiStatic.next` for loads as forces.
+    last : Level
+    before, after : ndarray
+        Loads, N, which change in proportion.
+    depth : int
+        How often the way was halved.
+
+    Yields
+    ------
+    loads : ndarray
+    level : Level
+
+    Raises
+    ------
+    NoLevelError
+        If a level does not exist, or is not found after `HALVINGS`.
+    """
+    try:
+        level = next_level(last, after)
+    except NoLevelError as error:
+        if error.beyond or depth >= HALVINGS:
+            raise
+    else:
+        yield after, level
+        return
+    for end in (0.5 * (before + after), after):
+        for loads, level in in_parts(next_level, last, before, end, depth + 1):
+            yield loads, level
+            before, last = loads, level
+
+
 class QuasiStatic:
     """Quasi-static response of one system: one matrix for all levels and histories of load.
-
-    It is a `LevelSolver`.
 
     Parameters
     ----------
@@ -258,7 +302,7 @@ class QuasiStatic:
 
     @property
     def counts(self) -> Mapping[str, int]:
-        """See `LevelSolver`."""
+        """Work done so far, by names of :class:`skfem_joint.stepping.recording.Counters`."""
         return self._counts | {"factorizations": self.factorizations}
 
     @property
@@ -474,14 +518,17 @@ class QuasiStatic:
         return ways
 
     def rest(self) -> Level:
-        """See `LevelSolver`."""
+        """Level without loads, from which a run starts."""
         inner = self.to.system
         rows = np.zeros(inner.contact.B.shape[0])
         normal = (inner.contact.w, self.contact.force) if self.opens else ()
         return Level(np.zeros(inner.n), rows, rows, *normal)
 
     def next(self, last: Level, force: FloatArray) -> Level:
-        """See `LevelSolver`."""
+        """Level under ``force``, (n,), N, after the level ``last``.
+
+        NoLevelError if it does not exist, or was not found.
+        """
         if self.still is not None:
             return self._in_contact().next(last, force)
         change = self._change(last, force)
@@ -841,7 +888,7 @@ class _Alone:
         return self.path._limit(self.restricted(f)[0], np.full(self.path.beta.size, np.inf))
 
     def next(self, last: Level, force: FloatArray) -> Level:
-        """See `LevelSolver`."""
+        """See `QuasiStatic.next`."""
         if self.still.pushed(force):
             raise self.path._beyond(0.0)
         f, interior = self.restricted(force)

@@ -31,6 +31,8 @@ The search has these parts.
 
 from __future__ import annotations
 
+from collections.abc import Generator
+
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
@@ -41,11 +43,12 @@ from skfem_joint.steady.steady import (
     Anderson,
     EnergyNorm,
     Newton,
+    Passage,
     PeriodMap,
     Place,
+    Search,
     settles,
 )
-from skfem_joint.system.normal import NormalPart
 from skfem_joint.system.system import System
 
 # Most periods of the search.
@@ -73,8 +76,8 @@ def opening_norm(system: System) -> EnergyNorm:
     return EnergyNorm(K + (as_dense(springs) if system.is_dense else springs), system.M)
 
 
-class _Marching:
-    """A search, see the module; arguments are those of `marched_state`.
+class Marching:
+    """A search, see the module; arguments are those of `skfem_joint.steady.steady.periodic_state`.
 
     Attributes
     ----------
@@ -87,24 +90,19 @@ class _Marching:
     """
 
     def __init__(
-        self,
-        start: FloatArray,
-        through: PeriodMap,
-        contact: NormalPart,
-        place: Place,
-        changes: list[float],
+        self, start: FloatArray, through: PeriodMap, place: Place, changes: list[float]
     ) -> None:
-        self.through, self.contact, self.place, self.changes = through, contact, place, changes
+        self.through, self.place, self.changes = through, place, changes
         self.norm, self.mixing = through.norm, Anderson(through.norm)
         self.newton = Newton(through.norm)
         self.n, self.x, self.alone = len(place.motions), place.without(start), False
         self.ends: list[FloatArray] = []
 
-    def run(self) -> FloatArray:
-        """Search to its end; result and errors are those of `marched_state`."""
+    def run(self) -> Search:
+        """Search to its end; result and errors are those of `periodic_state`."""
         least, since, endured = np.inf, 0, False
         while len(self.changes) < _PERIODS:
-            end, size, scale, settled = self._period()
+            end, size, scale, settled = yield from self._period()
             after = self.place.without(end)
             if settled and (self.alone or endured):
                 return np.asarray(end[: self.n] - after[: self.n])
@@ -119,7 +117,7 @@ class _Marching:
                 self._refuse_longer(after, size)
                 self.x = after
             elif settled:
-                endured = self._endures(after, scale)
+                endured = yield from self._endures(after, scale)
                 self.alone = not endured
             else:
                 self.x, endured = self._better(after), False
@@ -131,10 +129,10 @@ class _Marching:
             "it, such as [damping] ratio = 1e-2, takes fewer periods"
         )
 
-    def _period(self) -> tuple[FloatArray, float, float, bool]:
+    def _period(self) -> Generator[FloatArray, Passage, tuple[FloatArray, float, float, bool]]:
         """Go through a period: its end, the change, the largest state, and whether it is steady."""
         x, norm = self.x, self.norm
-        end, energy, work, _ = self.through(x)
+        end, energy, work, _ = yield x
         after = self.place.without(end)
         size, scale = self.mixing.add(after, after - x), float(np.sqrt(2.0 * energy))
         self.changes.append(size / scale if scale > 0.0 else 0.0)
@@ -160,7 +158,7 @@ class _Marching:
                 return self.place.without(step)
         return self._mixture(self.mixing.mixed())
 
-    def _endures(self, found: FloatArray, scale: float) -> bool:
+    def _endures(self, found: FloatArray, scale: float) -> Generator[FloatArray, Passage, bool]:
         """Whether a disturbance of a state that was found does not grow.
 
         The search goes on from that state if so, else from where the disturbance leads. It has the
@@ -177,7 +175,7 @@ class _Marching:
         self.x = max(disturbed, key=lambda x: self.norm(x - found))
         apart = []
         for _ in range(10):  # periods
-            end = self.through(self.x).end
+            end = (yield self.x).end
             self.x = self.place.without(end)
             apart.append(self.norm(self.x - found))
             self.changes.append(apart[-1] / scale)
@@ -204,10 +202,11 @@ class _Marching:
 
         Gaps are linear in the displacement.
         """
-        states, rigid = self.mixing.states, self.contact.rigid
+        states, contact = self.mixing.states, self.through.contact
+        rigid = contact.rigid
         if not rigid.any():
             return mixed
-        gaps = self.contact.gaps(np.array([x[: self.n] for x in (*states, mixed)]))[:, rigid]
+        gaps = contact.gaps(np.array([x[: self.n] for x in (*states, mixed)]))[:, rigid]
         deepest = np.minimum(gaps[:-1].min(axis=0), 0.0)
         # Round-off of a mixture is no penetration.
         deepest -= 1e-12 * float(np.abs(mixed[: self.n]).max(initial=0.0))
@@ -217,18 +216,3 @@ class _Marching:
             return mixed
         share = float(((last - deepest)[below] / (last - new)[below]).min())
         return np.asarray(states[-1] + share * (mixed - states[-1]))
-
-
-def marched_state(
-    start: FloatArray,
-    through: PeriodMap,
-    contact: NormalPart,
-    place: Place,
-    changes: list[float],
-) -> FloatArray:
-    """Find a state at the start of a period that ends as it began, from ``start``.
-
-    ``contact`` is that of the stepped system; the others, the result and errors are those of
-    `skfem_joint.steady.steady.periodic_state`.
-    """
-    return _Marching(start, through, contact, place, changes).run()

@@ -40,9 +40,9 @@ on how the vibration began: only a run from the beginning shows that.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -270,6 +270,10 @@ class Passage(NamedTuple):
     friction: float
 
 
+#: A search yields states for passages to start from, is sent these, and returns its result.
+Search: TypeAlias = Generator[FloatArray, Passage, FloatArray]
+
+
 class Derivative(Protocol):
     """Derivative J of the map where it was gone through last."""
 
@@ -286,19 +290,19 @@ class PeriodMap(Protocol):
         2 where it goes through half a period and changes the sign, else 1.
     patience : int or None
         Passages before Newton's method is tried; None where it is not.
+    contact : NormalPart
+        Of the system that is stepped.
     norm : EnergyNorm
         Of its states.
     """
 
     parts: int
     patience: int | None
+    contact: NormalPart
 
     @property
     def norm(self) -> EnergyNorm:
         """See above."""
-
-    def __call__(self, x: FloatArray) -> Passage:
-        """Go through it from a state."""
 
     def derivative(self) -> Derivative | None:
         """Derivative where it went through last; None if there is none."""
@@ -382,10 +386,10 @@ class Newton:
 
 def periodic_state(
     start: FloatArray, through: PeriodMap, place: Place, changes: list[float]
-) -> FloatArray:
+) -> Search:
     """Find a state at the start of a period that ends as it began, from ``start``.
 
-    The last passage of ``through`` ends in it. States are rows of numbers that begin with
+    The last passage that is asked for ends in it. States are rows of numbers that begin with
     displacements and velocities, (n,) each. ``changes`` takes the change over each passage, see
     `CHANGE`.
 
@@ -413,7 +417,7 @@ def periodic_state(
         return known
 
     for count in range(through.parts * PERIODS):
-        end, energy, work, friction = through(x)
+        end, energy, work, friction = yield x
         after = place.without(end)
         # The map is taken for linear where friction does so little of the work.
         memory = LINEAR_MEMORY if friction <= 1e-3 * work else MEMORY

@@ -16,8 +16,8 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.reduction.basis import MANY_MODES, Options
 from skfem_joint.reduction.models import reduced_for_response
 from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.runs.steady_run import MOST
 from skfem_joint.steady.correction import Correction
-from skfem_joint.steady.shooting import NEWTON
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.recording import Save
@@ -74,7 +74,7 @@ class CoarseModel:
         """
         size = full.n if basis is None else basis.shape[1]
         # Not of contact that opens either, where no load counts as odd.
-        if not full.contact.count or size <= NEWTON.dense or not odd_loads(full):
+        if not full.contact.count or size <= MOST or not odd_loads(full):
             return None
         if arranged(full).kind == "chain":
             return None

@@ -28,7 +28,8 @@ from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at, period_of
 from skfem_joint.results.history import relative
 from skfem_joint.results.loss import losses
-from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.runs.integrate import TOLERANCE
+from skfem_joint.runs.steady_run import steady_run
 from skfem_joint.steady.correction import Correction
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.stepping.plan import Plan
@@ -320,10 +321,15 @@ def _curves(
             while True:
                 request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
                 mark = rows.mark(origin, request)
-                if executor is not None and mark not in rows:
+                if mark in rows:
+                    point = rows.take(mark)
+                elif executor is None:
+                    begin = time.perf_counter()
+                    point = request.compute(system, coarse, tally.within)
+                    point = rows.keep(mark, point, time.perf_counter() - begin)
+                else:
                     waiting[number] = mark, request
                     return
-                point = rows.row(mark, partial(request.compute, system, coarse, tally.within))
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
@@ -475,8 +481,9 @@ def _steady(
 ) -> SteadyPoint:
     """Steady vibration of a system that has its loads at a frequency (Hz)."""
     plan = replace(steady_plan(system, steps_per_cycle), save=Save(fields=system.is_dense))
+    start = start or (np.zeros(system.n), np.zeros(system.n))
     try:
-        run = integrate_plan(system, plan, initial=start, progress=progress, correction=correction)
+        run = steady_run(system, plan, start, TOLERANCE, progress, correction)
         if system.serves is not None:  # its modes do not follow joints that slip as a whole
             check_short_of_gross_slip(run)
     except ConvergenceError as error:

@@ -11,11 +11,9 @@ from stepping_systems import LapJoint, arm
 
 import skfem_joint as sj
 from skfem_joint.runs.integrate import integrate_plan
-from skfem_joint.runs.slow_run import REPORTED_S, slow_run
-from skfem_joint.slow.levels import Level
+from skfem_joint.runs.slow_run import REPORTED_S
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Save
 
 TAU, LENGTH, FORCE = 0.7 * 8e6 * WIDTH, 0.25, 35e3  # N/m, m, N
 EA = 200e9 * WIDTH * 0.01
@@ -324,25 +322,6 @@ def test_the_loop_of_a_joint_is_that_of_its_slip_vectors():
     assert np.abs(loops.force[1:, 0][sliding]) == pytest.approx(w.sum(), rel=1e-3)
     assert loops.area[0] == pytest.approx(loops.energy[0], rel=1e-3)
     assert loops.energy[0] == pytest.approx(4 * w.sum() * 200.0 / spring, rel=2e-2)
-
-
-def test_another_solver_of_levels_can_take_the_place():
-    """The driver takes friction in N from it, here a limit that rises with the load."""
-
-    class Rising(QuasiStatic):
-        def next(self, last, force):
-            limit = 60.0 + 0.5 * abs(force[0])
-            trial = force[0] - 4e4 * last.u[0]
-            friction = np.clip(trial, -limit, limit)
-            u = np.array([(force[0] - friction) / 4e4])
-            return Level(u, np.array([friction]), u.copy())
-
-    system, plan = foot(sj.Harmonic(200.0, 1.0)), Plan(1 / 200, 200, save=Save(), quasi_static=True)
-    run = slow_run(system, plan, tolerance=1e-11, solver=Rising(system, 1e-11))
-    assert run.peak_of("mass") == pytest.approx((200.0 - 160.0) / 4e4)
-    assert run.loops.force[50, 0] == pytest.approx(160.0)
-    assert run.energy_residual < 1e-12
-    assert run.loops.energy[0] == pytest.approx(run.loops.area[0])
 
 
 def test_an_interrupt_keeps_finished_levels():

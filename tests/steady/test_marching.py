@@ -8,7 +8,7 @@ from scipy.optimize import fsolve
 
 import skfem_joint as sj
 from skfem_joint.ground.errors import ConvergenceError
-from skfem_joint.steady.shooting import Shooting
+from skfem_joint.runs.steady_run import Shooting
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.vibration.response import at_frequency, steady_plan

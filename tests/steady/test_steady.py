@@ -11,9 +11,9 @@ from stepping_systems import arm, struts
 
 import skfem_joint as sj
 from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.runs.steady_run import Shooting
 from skfem_joint.steady import steady
 from skfem_joint.steady.correction import Correction
-from skfem_joint.steady.shooting import Shooting
 from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.recording import Run

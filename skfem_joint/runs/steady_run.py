@@ -1,4 +1,4 @@
-"""Shooting: a driver goes through periods, or halves of them, until a state ends as it began.
+"""Runs until "steady": a driver goes through periods, or halves of them, as a search asks for it.
 
 `steady_run` is the run of the period at which vibration has become steady. `Shooting` is the map
 that :func:`skfem_joint.steady.steady.periodic_state` finds the fixed point of.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import NamedTuple
 
@@ -16,41 +16,32 @@ import numpy as np
 from scipy.linalg import lstsq, lu_factor, lu_solve
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import GrossSlipError
+from skfem_joint.ground.errors import GrossSlipError, InputError
+from skfem_joint.ground.loads import common_period
+from skfem_joint.runs.resolution import check_jumps, check_resolution
 from skfem_joint.steady.advanced import Springs, advanced, state_of
 from skfem_joint.steady.correction import Correction
-from skfem_joint.steady.marching import MAY_DEPEND, marched_state, opening_norm
+from skfem_joint.steady.marching import MAY_DEPEND, Marching, opening_norm
 from skfem_joint.steady.steady import (
     EnergyNorm,
     Passage,
     Place,
+    Search,
     note_of,
     periodic_state,
     turns_over,
 )
 from skfem_joint.steady.transition import Transition, moving_unknowns, transition
 from skfem_joint.stepping.driver import CHUNK_S, Driver
-from skfem_joint.stepping.recording import Recorder, Run, Save, Steady
+from skfem_joint.stepping.plan import Plan
+from skfem_joint.stepping.recording import Ending, Recorder, Run, Save, Steady
 from skfem_joint.stepping.schemes import State
 from skfem_joint.stepping.stepper import ConstantForces
+from skfem_joint.system.system import System
 
-
-@dataclass(frozen=True)
-class ShootingSettings:
-    """Numbers of Newton's method for the fixed point.
-
-    Attributes
-    ----------
-    unknowns, dense : int
-        Most unknowns, of those that move, for which the derivative is a dense matrix: of a chain,
-        and of other systems (``dense``), whose matrices take as long for fewer.
-    """
-
-    unknowns: int = 1200
-    dense: int = 300
-
-
-NEWTON = ShootingSettings()
+#: Most unknowns, of those that move, for which the derivative is a dense matrix: of a chain, and of
+#: other systems, whose matrices take as long for fewer.
+MOST_OF_CHAIN, MOST = 1200, 300
 #: What is said while a joint slips as a whole.
 GROSS = "a joint slips as a whole"
 #: Factor of `Plan.gross_periods` where the search has Newton's method, or contact opens.
@@ -128,18 +119,18 @@ class Shooting:
         self.parts, self.sign = (2, -1.0) if turns else (1, 1.0)
         self.trapezoidal = plan.scheme.coefficients(driver.h).trapezoidal
         self.springs = Springs.of(driver.system, driver.h)
-        self.opens = driver.system.contact.opens
+        self.opens, self.contact = driver.system.contact.opens, driver.system.contact.normal
         if self.opens:  # on one side alone
             self.parts, self.sign = 1, 1.0
             # In few unknowns contact is elastic, else with a state of its own.
-            few = isinstance(driver.system.contact.normal.N, np.ndarray)
+            few = isinstance(self.contact.N, np.ndarray)
             self.trapezoidal = self.trapezoidal and few
         equal = not driver.loads.jumps and not any(driver.loads.cuts.values())
         chain = driver.to.kind == "chain" and not self.springs.rows.size
-        self.most = NEWTON.unknowns if chain else NEWTON.dense
-        few = self.springs.rows.size <= NEWTON.dense
+        self.most = MOST_OF_CHAIN if chain else MOST
+        few = self.springs.rows.size <= MOST
         small = (few and driver.system.n <= self.most) or (
-            few and driver.to.kind == "contact" and driver.system.n <= NEWTON.unknowns
+            few and driver.to.kind == "contact" and driver.system.n <= MOST_OF_CHAIN
         )
         self.patience: int | None = None
         if self.trapezoidal and equal and small:
@@ -298,13 +289,40 @@ def _least(matrix: FloatArray, change: FloatArray) -> FloatArray:
 
 
 def steady_run(
-    driver: Driver,
-    progress: Callable[..., None] | None,
+    given: System,
+    plan: Plan,
+    start: tuple[FloatArray, ...],
+    tolerance: float,
+    progress: Callable[..., None] | None = None,
     correction: Correction | None = None,
+    ending: Ending | None = None,
 ) -> Run:
-    """Run of the period at which vibration has become steady, by a driver at its start."""
-    plan, system, stepper, begin = driver.plan, driver.system, driver.stepper, time.perf_counter()
-    changes: list[float] = []
+    """Run of the period at which vibration has become steady.
+
+    Parameters
+    ----------
+    given : System
+    plan : Plan
+        Of a period, until "steady".
+    start, tolerance, ending
+        As for `skfem_joint.stepping.driver.Driver`; any state will do to start from.
+    progress : callable, optional
+        Called with (periods done, 0, a note).
+    correction : Correction, optional
+        A smaller model's.
+
+    Raises
+    ------
+    ConvergenceError
+        If a step does not converge, or no steady vibration is found.
+    InputError
+        If nothing can become steady, or steps are too long for a load.
+    """
+    _check_steady(given, plan)
+    check_resolution(given, plan)
+    check_jumps(given, plan)
+    driver, begin = Driver(given, plan, start, tolerance, ending), time.perf_counter()
+    system, stepper, changes = driver.system, driver.stepper, list[float]()
 
     def show() -> None:
         if progress is not None:
@@ -314,33 +332,32 @@ def steady_run(
 
     shooting, first = Shooting(driver, show, correction), stepper.now.u.copy()
     place, begun = Place.of(system), shooting.coordinates(stepper.now)
-    if system.contact.opens:
-        moved = marched_state(begun, shooting, system.contact.normal, place, changes)
-    else:
-        moved = periodic_state(begun, shooting, place, changes)
+    arguments = begun, shooting, place, changes
+    opens = system.contact.opens
+    moved = _found(Marching(*arguments).run() if opens else periodic_state(*arguments), shooting)
     end, periods = shooting.end, -(-len(changes) // shooting.parts)
     if shooting.parts == 2:  # half a period, its sign changed: back where it began from there
         shift, moved = -0.5 * moved, np.zeros_like(moved)
     else:
         shift = place.part(first - end.state.u)
-    start = end._replace(state=end.state._replace(u=end.state.u + shift))
+    again = end._replace(state=end.state._replace(u=end.state.u + shift))
     # One more passage suffices where it stores every row.
     save = replace(plan.save, points=True) if plan.save.every == 1 else Save()
     by_cycle = plan.cycle_steps is not None
-    shooting.through(start.copied(), save, 1, by_cycle)
+    shooting.through(again.copied(), save, 1, by_cycle)
     drift = system.P @ moved
     ahead = np.linspace(0.0, 1.0, driver.n_steps + 1)[:, np.newaxis] * drift
     vibration = driver.recorder.stored.point_u - ahead
     high, low = vibration.max(axis=0), vibration.min(axis=0)
     if plan.save != save:
-        shooting.through(start.copied(), plan.save, 1, by_cycle)
+        shooting.through(again.copied(), plan.save, 1, by_cycle)
         periods += 1
     if by_cycle:
         driver.recorder.end_cycle()
     driver.elapsed = time.perf_counter() - begin
-    state = start.state
+    state = again.state
     limits = (
-        start.beside[-system.contact.w.size :] if shooting.opens and system.contact.w.size else None
+        again.beside[-system.contact.w.size :] if shooting.opens and system.contact.w.size else None
     )
     sigma = stepper.by_row(state.sigma)
     run = driver.finish(system.stored_energy(*state[:2], sigma, limits))
@@ -355,3 +372,52 @@ def steady_run(
         notes=() if not system.contact.opens else (MAY_DEPEND,),
     )
     return replace(run, steady=vibrates, counters=counters)
+
+
+def _found(search: Search, shooting: Shooting) -> FloatArray:
+    """Result of a search, for which a period is gone through from each state that it asks for."""
+    x = next(search)
+    while True:
+        passage = shooting(x)
+        try:
+            x = search.send(passage)
+        except StopIteration as end:
+            return np.asarray(end.value)
+
+
+def _check_steady(system: System, plan: Plan) -> None:
+    """Refuse what has no steady vibration, or none that is a period long."""
+    period = common_period(load.amplitude for load in system.loads)
+    if period is None or abs(plan.duration / period - 1.0) > 1e-9:
+        raise InputError(
+            "until: 'steady' needs loads that repeat, and a run of one of their common periods: "
+            "give steps_per_cycle"
+        )
+    _check_repeats(system, plan)
+    damped = abs(system.C).max() > 0.0 or not plan.scheme.coefficients(1.0)[-1]
+    if not (damped or system.contact.count):
+        raise InputError(
+            "until: nothing is 'steady' with neither friction nor damping; give damping, such as "
+            "[damping] ratio = 0.002 in a scene"
+        )
+
+
+def _check_repeats(system: System, plan: Plan) -> None:
+    """Refuse loads that differ from what they are a period (the plan's duration) later.
+
+    They are compared within each step, and at and between the times where they kink or jump. A
+    pulse without kinks that acts only later is known by its peak.
+    """
+    within = plan.step * (np.arange(plan.n_steps) + 0.5)
+    for load in system.loads:
+        corners = np.array(load.amplitude.corners)
+        times = np.concatenate([within, corners, 0.5 * (corners[1:] + corners[:-1])])
+        first, later = load.amplitude(times), load.amplitude(times + plan.duration)
+        largest, peak = np.abs(first).max(), load.amplitude.peak_value or 0.0
+        acts_later = not load.amplitude.harmonics and largest < 0.5 * peak
+        if acts_later or np.abs(later - first).max() > 1e-6 * largest:
+            raise InputError(
+                f"until: 'steady' needs loads that repeat: that on {load.on!r} does not after "
+                f"{plan.duration:.6g} s, the common period of the harmonic ones; leave it out, or "
+                "give cycles in place of until = 'steady'"
+            )
