@@ -196,7 +196,7 @@ class CondensedNewton(StepProblem):
         law = None if beta is None else beta[self._points]
         slips = None if offset is None else offset[self._limited]
         z = None if start is None else self.start_of(start)
-        inner = self.contact.minimise_beside(right, z, tolerance, law, force, slips, pressed)
+        inner = self.contact.minimise(right, z, tolerance, law, slips, pressed, force)
         v, friction = self.extend(inner.v, beside), np.zeros(self.points.B.shape[0])
         friction[self._limited] = inner.sigma
         where = inner.where
@@ -242,21 +242,21 @@ class MovingNewton(ContactNewton):
         self.eliminated = Eliminated(H)
         self._apart: tuple[BoolArray, BoolArray] | None = None  # for the points that touch
 
-    def minimise_beside(
+    def minimise(
         self,
         g: FloatArray,
-        start: FloatArray | None,
-        tolerance: float,
-        beta: FloatArray | None,
-        force: float,
+        start: FloatArray | None = None,
+        tolerance: float = 1e-11,
+        beta: FloatArray | None = None,
         offset: FloatArray | None = None,
         pressed: Pressed | None = None,
+        force: float = 0.0,
     ) -> Minimum:
         """See `ContactNewton`."""
-        others = tolerance, beta, force, offset, pressed
+        others = tolerance, beta, offset, pressed, force
         few, touching = g.size < FEWEST, None if pressed is None else pressed.touching
         if not self.dense or (few and (touching is None or not touching.some_apart)):
-            return super().minimise_beside(g, start, *others)
+            return super().minimise(g, start, *others)
         contact = self.contact_of(beta, offset, pressed)
         scale, acts = self._scale(g, contact, force)
         if start is None:
@@ -302,7 +302,7 @@ class MovingNewton(ContactNewton):
                 return self._minimum(v, forces, True, dict(counts))
             if not found.converged:
                 break
-        found = super().minimise_beside(g, v, *others)
+        found = super().minimise(g, v, *others)
         counts.update(found.counts)
         return replace(found, counts=dict(counts))
 
@@ -465,14 +465,14 @@ class _Moving:
             right, moved = self._eliminated.restrict(r, k)
         right = right + times(self.problem.H, before)
         share = scale / max(float(np.abs(right).max(initial=0.0)), scale)
-        found = self.problem.minimise_beside(
+        found = self.problem.minimise(
             right,
             before,
             share * tolerance,
             None if beta is None else beta[self._frictions],
-            scale,
             None if offset is None else offset[self._rows],
             None if pressed is None else self._pressed(pressed),
+            scale,
         )
         v[k] = found.v
         if self._out.size:

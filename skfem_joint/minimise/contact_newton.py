@@ -288,21 +288,9 @@ class ContactNewton(StepProblem):
         beta: FloatArray | None = None,
         offset: FloatArray | None = None,
         pressed: Pressed | None = None,
+        force: float = 0.0,
     ) -> Minimum:
-        """See `StepProblem`."""
-        return self.minimise_beside(g, start, tolerance, beta, 0.0, offset, pressed)
-
-    def minimise_beside(
-        self,
-        g: FloatArray,
-        start: FloatArray | None,
-        tolerance: float,
-        beta: FloatArray | None,
-        force: float,
-        offset: FloatArray | None = None,
-        pressed: Pressed | None = None,
-    ) -> Minimum:
-        """`minimise` where the tolerance also refers to a ``force`` (N) on condensed unknowns."""
+        """See `StepProblem`; the tolerance also refers to a ``force`` (N) on condensed unknowns."""
         contact = self.contact_of(beta, offset, pressed)
         if start is None:
             start = self._start(g, contact, force)

@@ -183,7 +183,8 @@ class PrimalDualNewton(CompiledStepProblem):
             return self._with_pressures(g, start, tolerance, law, offset, pressed)
         law = np.where(self.points.w > 0.0, self.points.beta if beta is None else beta, 0.0)
         coulomb = np.isinf(law) & ~self.points.has_spring
-        v = self._from_stuck(g) if start is None else start
+        # Else from the solution with springs at all points in place of friction.
+        v = np.asarray(self._stiff()[0](g)) if start is None else start
         self.workspace.offset[self.places.row] = 0.0 if offset is None else offset
         if not coulomb.any():
             return self._with_law(law, g, v, tolerance)
@@ -358,7 +359,3 @@ class PrimalDualNewton(CompiledStepProblem):
             steepest = 1e12 * unit * least / np.trace(self.H)
             self._stuck = factorised(stuck), float(steepest)
         return self._stuck
-
-    def _from_stuck(self, g: FloatArray) -> FloatArray:
-        """Solution with springs at all points in place of friction, as a start."""
-        return np.asarray(self._stiff()[0](g))

@@ -141,10 +141,6 @@ class Residual:
         repeats = run.steady is not None
         return friction_along(laws, run.u @ slips, run.v @ slips, run.field_times, repeats)
 
-    def _beta(self, run: Run) -> FloatArray:
-        """Steepness of the law at each point of the system, no more than that of the run."""
-        return self.system.no_steeper(run.system.contact.steepest).contact.beta
-
     def _springs(self, V: FloatArray, run: Run, R: FloatArray) -> FloatArray:
         """Springs (frames, m), N/m, by which friction holds points on which the forces R act."""
         system, slip = self.system, run.v @ (self.system.contact.B @ V).T
@@ -152,7 +148,8 @@ class Residual:
         force = system.contact.on_rows(system.contact.w) * sigma
         squares = sparse.csr_array(system.contact.B).power(2).sum(axis=1)
         force += (system.contact.B @ R).T / np.where(squares > 0.0, squares, 1.0)
-        slope = law.force_slope(system.contact.slip_norm(slip), self._beta(run))
+        beta = system.no_steeper(run.system.contact.steepest).contact.beta
+        slope = law.force_slope(system.contact.slip_norm(slip), beta)
         slope[system.contact.slip_norm(force) > system.contact.w] = 0.0
         rate = RATE / (run.field_times[1] - run.field_times[0])
         springs = system.contact.w * slope * rate

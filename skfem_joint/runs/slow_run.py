@@ -46,20 +46,16 @@ def rate_independent(system: System) -> System:
         return system
     notes = system.notes
     if finite:
-        notes = (*notes, law_note(float(system.contact.beta[system.contact.rubs].min())))
+        notes = (
+            *notes,
+            f"beta = {system.contact.beta[system.contact.rubs].min():.3g} s/m counts as infinite: "
+            "without inertia friction does not depend on velocity, and the law is Coulomb's.",
+        )
     origin = system.origin
     if origin is not None:  # so that errors can still be estimated
         origin = replace(origin, system=rate_independent(origin.system))
     system = system.with_beta(np.inf)
     return replace(system, C=0.0 * system.K, notes=notes, origin=origin)
-
-
-def law_note(beta: float) -> str:
-    """Sentence about an arctan law in a quasi-static run; ``beta`` in s/m."""
-    return (
-        f"beta = {beta:.3g} s/m counts as infinite: without inertia friction does not depend on "
-        "velocity, and the law is Coulomb's."
-    )
 
 
 def slow_run(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.minimise.problem import StepProblem
+from skfem_joint.minimise.problem import ContactPoints, StepProblem
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Arrays, Checkpoint
 from skfem_joint.stepping.load_steps import LoadSteps
@@ -307,7 +307,8 @@ class PythonStepper(Stepper):
     def new_problem(self, c: Coefficients) -> StepProblem:
         """See `Stepper`."""
         s = self.system
-        return self.made(c.c_M * s.M + s.C + c.c_K * s.K, self.of_step(c))
+        points = ContactPoints.of(s, c.c_K, c.h)
+        return self.made(c.c_M * s.M + s.C + c.c_K * s.K, points)
 
     def prepare(self, h: float) -> None:
         """See `Stepper`."""

@@ -173,10 +173,6 @@ class Stepper(ABC):
         self.started(acceleration, sigma)
         return True
 
-    def of_step(self, c: Coefficients) -> ContactPoints:
-        """Contact points with the laws that they have in a step."""
-        return ContactPoints.of(self.system, c.c_K, c.h)
-
     def _sticking(self, points: NDArray[np.bool_]) -> StepProblem:
         """Problem of an acceleration that obeys Coulomb friction at some points at rest."""
         mass, some = as_compressed(self.system.M), self.points.without_friction_but(points)

@@ -36,7 +36,7 @@ from skfem_joint.linalg.vectors import (
     raise_to_norms,
     weighted,
 )
-from skfem_joint.minimise.problem import minimise_step, slips
+from skfem_joint.minimise.problem import ContactPoints, minimise_step, slips
 from skfem_joint.stepping import energy, loop_contact
 from skfem_joint.stepping.arrangement import step_problem
 from skfem_joint.stepping.schemes import Coefficients, State
@@ -108,9 +108,9 @@ class CompiledStepper(Stepper):
         """See `Stepper`."""
         M, C, K = self.loop_system[:3]
         H = type(M)(*(c.c_M * m + d + c.c_K * k for m, d, k in zip(M, C, K, strict=True)))
-        contact = self.system.contact
-        changes = contact.has_springs or contact.opens
-        return self.own.with_matrix(H, self.of_step(c) if changes else None)
+        s = self.system
+        changes = s.contact.has_springs or s.contact.opens
+        return self.own.with_matrix(H, ContactPoints.of(s, c.c_K, c.h) if changes else None)
 
     def started(self, acceleration: FloatArray, sigma: FloatArray) -> None:
         """Go on with friction in the order of the problem."""

@@ -510,7 +510,7 @@ def _curve(
         opened=found.opened,
         work_error=found.work_error,
         higher=mode.frequencies[mode.number :],
-        path=ModePath(path.system, path.closed, mode, shape, path, found),
+        path=ModePath(mode, shape, path, found),
     )
     notes += _notes_of_excited(curve.excites, path.opens)
     return replace(curve, notes=tuple(f"Mode {mode.number}: {note}" for note in notes))

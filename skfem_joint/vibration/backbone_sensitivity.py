@@ -273,13 +273,13 @@ def backbone_sensitivity(
     path = curve.path
     if path is None:
         raise InputError("derivatives of a backbone: found no path; give backbone keep_path = True")
-    check_parameters(parameters, path.system)
-    found, to, shape = path.found, path.cycles.to, path.shape
-    closed = _inside(of_closed_system(parameters, path.system), path.closed)
+    way, found, shape = path.cycles, path.found, path.shape
+    check_parameters(parameters, way.system)
+    closed = _inside(of_closed_system(parameters, way.system), way.closed)
     of_stuck, of_shape = mode_rates(path.mode, closed)
-    inside = closed if to is path.closed else _inside(parameters, to)
-    of_shape, system = path.cycles.of_closed(of_shape), to.system
-    cycles = CycleRates(path.cycles, system.M @ shape, found, inside, system.M @ of_shape)
+    inside = closed if way.to is way.closed else _inside(parameters, way.to)
+    of_shape, system = way.of_closed(of_shape), way.to.system
+    cycles = CycleRates(way, system.M @ shape, found, inside, system.M @ of_shape)
     of_shape = np.column_stack([of_shape, np.zeros(system.n)])
     force, C, level = np.asarray(system.M @ shape), system.C, found.level
     q = found.states @ force

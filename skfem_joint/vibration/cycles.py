@@ -507,11 +507,8 @@ class ModePath:
 
     Attributes
     ----------
-    system : System
-        That the curve is of.
-    closed : Arranged
-        The same with contact that stays closed, in whose unknowns modes are.
     mode : StuckMode
+        In the unknowns of ``cycles.closed``.
     shape : ndarray, shape (n,)
         The mode in the unknowns of the path.
     cycles : CyclePath
@@ -520,8 +517,6 @@ class ModePath:
         What was found on it.
     """
 
-    system: System
-    closed: Arranged
     mode: StuckMode
     shape: FloatArray
     cycles: CyclePath

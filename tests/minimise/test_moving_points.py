@@ -48,9 +48,9 @@ def test_the_solution_is_that_of_all_points(directions, opens):
             g[directions * M :] = rng.uniform(0.0, 40.0, M)
             bound = rng.choice([0.0, 0.3], M, p=[0.8, 0.2])
             pressed = Pressed(bound, np.zeros(M))
-        arguments = g, None, 1e-12, None, 0.0, None, pressed
-        expected = ContactNewton(H, points).minimise_beside(*arguments)
-        found = MovingNewton(H, points).minimise_beside(*arguments)
+        arguments = g, None, 1e-12, None, None, pressed
+        expected = ContactNewton(H, points).minimise(*arguments)
+        found = MovingNewton(H, points).minimise(*arguments)
         assert expected.converged
         assert found.converged
         rested += np.count_nonzero(found.v == 0.0)
@@ -65,7 +65,7 @@ def test_all_rows_are_read_once_more_than_problems_are_solved(monkeypatch):
     points = _points(2, opens=False)
     H = _matrix(2 * M)
     whole, parts = [], []
-    times, minimise = module.times, ContactNewton.minimise_beside
+    times, minimise = module.times, ContactNewton.minimise
 
     def counted(A, x):
         whole.extend([A] if A is H else [])
@@ -76,10 +76,10 @@ def test_all_rows_are_read_once_more_than_problems_are_solved(monkeypatch):
         return minimise(problem, *arguments)
 
     monkeypatch.setattr(module, "times", counted)
-    monkeypatch.setattr(ContactNewton, "minimise_beside", noted)
+    monkeypatch.setattr(ContactNewton, "minimise", noted)
     g = np.zeros(2 * M)
     g[20:40] = 3.0
-    found = MovingNewton(H, points).minimise_beside(g, None, 1e-12, None, 0.0)
+    found = MovingNewton(H, points).minimise(g, None, 1e-12)
     assert found.converged
     assert np.count_nonzero(found.v) <= max(parts) <= module.MOST * len(H)
     assert len(whole) == len(parts) + 1
@@ -88,7 +88,7 @@ def test_all_rows_are_read_once_more_than_problems_are_solved(monkeypatch):
 def test_where_most_points_move_all_are_worked_on():
     points = _points(1, opens=False)
     H, g = _matrix(M), np.full(M, 100.0)
-    expected = ContactNewton(H, points).minimise_beside(g, None, 1e-12, None, 0.0)
-    found = MovingNewton(H, points).minimise_beside(g, None, 1e-12, None, 0.0)
+    expected = ContactNewton(H, points).minimise(g, None, 1e-12)
+    found = MovingNewton(H, points).minimise(g, None, 1e-12)
     assert np.array_equal(found.v, expected.v)
     assert found.counts == expected.counts
