@@ -24,7 +24,7 @@ CALLS: dict[str, Callable[[sj.System], Any]] = {
     "response": lambda system: sj.response(
         system, np.array([900.0]), steps_per_cycle=20, refined=False, estimated=False
     ),
-    "reduce": lambda system: sj.reduce(system, modes=4),
+    "reduce": lambda system: sj.reduce(system),
 }
 
 

@@ -158,7 +158,9 @@ def integrate_plan(
     moved = start if any(np.any(x) for x in start[:3]) else None
     if plan.until == "steady":
         if checkpoint is not None:
-            raise InputError("until: a search for 'steady' vibration has no checkpoints")
+            raise InputError(
+                "until: a search for what is 'steady' has no checkpoints; leave them out"
+            )
         run = steady_run(system, plan, start, float(tolerance), progress, ending=ending)
         return _noted(run, plan, moved)
     check_resolution(system, plan)
