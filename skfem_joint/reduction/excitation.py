@@ -13,30 +13,10 @@ from skfem_joint.runs.resolution import longest_step
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.system.system import System
 
-
-@dataclass(frozen=True)
-class ShortRuns:
-    """Lengths and steps of the runs that modes and active lengths come from.
-
-    Attributes
-    ----------
-    training_cycles : int
-        Cycles of a run of the full model that its own modes come from: those of the paper.
-    cycles : int
-        Cycles of quick runs, of which only slip and forces are needed, roughly.
-    least_steps : int
-        Fewest steps of a quick run in a cycle.
-    steps_per_period : int
-        Fewest steps of a quick run in the shortest period of the loads.
-    """
-
-    training_cycles: int = 3
-    cycles: int = 4
-    least_steps: int = 100
-    steps_per_period: int = 20
-
-
-SHORT_RUNS = ShortRuns()
+#: Cycles of quick runs, of which only slip and forces are needed, roughly.
+CYCLES = 4
+#: Fewest steps of a quick run in a cycle, and in the shortest period of the loads.
+LEAST_STEPS, STEPS_PER_PERIOD = 100, 20
 
 
 def repeats(system: System, duration: float | None = None) -> bool:
@@ -142,6 +122,6 @@ def steps_of_a_period(
     They resolve the ``highest`` frequency of the loads (Hz), and, where inertia acts, the vibration
     after jumps of the loads in all ``cycles``.
     """
-    least = max(SHORT_RUNS.steps_per_period * highest * period, SHORT_RUNS.least_steps)
+    least = max(STEPS_PER_PERIOD * highest * period, LEAST_STEPS)
     least = max(least, period / longest_step(system, cycles * period, vibrates))
     return min(most, int(np.ceil(least * (1.0 - 1e-9))))

@@ -29,7 +29,7 @@ from skfem_joint.ground.arrays import FloatArray, Matrix
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.shifts import shifted
-from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation
+from skfem_joint.reduction.excitation import CYCLES, Excitation
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.reduction.substructures import Substructures
 from skfem_joint.stepping.arrangement import picks_unknowns
@@ -209,7 +209,7 @@ def driven(
         if 2.0 * left * loads.fastest**2 <= LEAST_DRIVEN * strain * omega[-1]:
             break
     stop = loads.plan.duration
-    stop = stop if loads.period is None else min(stop, SHORT_RUNS.cycles * loads.period)
+    stop = stop if loads.period is None else min(stop, CYCLES * loads.period)
     drive = participation @ loads(np.arange(0.0, stop * (1.0 + 1e-9), loads.plan.step))
     damping = np.einsum("ij,ij->j", shapes, C @ shapes)
     # What a mode moves beside the static response is minus the acceleration of an oscillator under

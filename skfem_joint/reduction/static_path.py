@@ -27,7 +27,7 @@ from skfem_joint.linalg.schur import Uncondensed
 from skfem_joint.reduction import friction_points, interface_modes
 from skfem_joint.reduction.active_length import THRESHOLD
 from skfem_joint.reduction.elastic_contact import strain_norm
-from skfem_joint.reduction.excitation import SHORT_RUNS, Excitation, steps_of_a_period
+from skfem_joint.reduction.excitation import CYCLES, Excitation, steps_of_a_period
 from skfem_joint.reduction.friction_points import NO_FRICTION, merged_points
 from skfem_joint.reduction.joint_slides import joint_slides
 from skfem_joint.reduction.missing_modes import acceleration
@@ -319,7 +319,7 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
     step, steps, cycles, most = plan.step, plan.n_steps, 1, 1
     if loads.period is not None:
         most = max(1, int(plan.duration / loads.period * (1.0 + 1e-9)))
-        cycles, whole = min(SHORT_RUNS.cycles, most), round(loads.period / step)
+        cycles, whole = min(CYCLES, most), round(loads.period / step)
         highest, vibrates = loads.fastest / (2.0 * np.pi), not plan.quasi_static
         steps = steps_of_a_period(small, loads.period, cycles, highest, whole, vibrates)
         step = loads.period / steps

@@ -14,7 +14,7 @@ Only this module knows the paper's scaled modes, which it imports where a scene 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.plain_values import fingerprint
@@ -22,18 +22,16 @@ from skfem_joint.mesh import refined
 from skfem_joint.reduction.basis import Options
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.elastic_contact import check_reference
-from skfem_joint.reduction.excitation import SHORT_RUNS, repeats
+from skfem_joint.reduction.excitation import repeats
 from skfem_joint.reduction.friction_points import NO_FRICTION, NOWHERE
 from skfem_joint.reduction.models import TO_STEADY, reduced, reduced_on
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
+from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.system.system import System
-
-if TYPE_CHECKING:
-    from skfem_joint.slow.quasi_static import QuasiStatic
 
 #: Note where the assumption of constant normal forces is not judged.
 UNKNOWN_CHANGE = (
@@ -199,7 +197,7 @@ def _training(scene: Scene, system: System) -> Run:
     if plan.until == "steady":
         plan = replace(plan, n_steps=TO_STEADY * plan.n_steps, until="end")
     if plan.cycle_steps is not None:
-        plan = plan.first(SHORT_RUNS.training_cycles)
+        plan = plan.first(3)  # cycles, those of the paper
     plan = replace(plan, save=Save(fields=True, points=False), cycle_steps=None)
     try:
         return integrate_plan(system, plan).finished()

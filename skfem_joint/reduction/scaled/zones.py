@@ -16,7 +16,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.patch import Patch
 from skfem_joint.reduction.active_length import SAME_POSITION, ContactPart, axis_of, contact_parts
-from skfem_joint.reduction.excitation import SHORT_RUNS, steps_of_a_period
+from skfem_joint.reduction.excitation import CYCLES, steps_of_a_period
 from skfem_joint.reduction.scaled.estimated_length import estimate_active_length, picked
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.plan import Plan
@@ -118,7 +118,7 @@ def probed(system: System, zones: Sequence[ContactPart], plan: Plan) -> Run:
     )
     step, n_steps, cycle_steps = plan.step, plan.n_steps, plan.cycle_steps
     if cycle_steps is not None:
-        period, cycles = step * cycle_steps, min(n_steps // cycle_steps, SHORT_RUNS.cycles)
+        period, cycles = step * cycle_steps, min(n_steps // cycle_steps, CYCLES)
         highest = max((load.amplitude.highest_frequency or 0.0) for load in system.loads)
         steps = steps_of_a_period(coulomb, period, cycles, highest, cycle_steps)
         step, n_steps = period / steps, cycles * steps
