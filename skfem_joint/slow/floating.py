@@ -38,7 +38,7 @@ class Still:
     sliding: FloatArray
 
     @staticmethod
-    def of(rigid: FloatArray, limited: IntArray, K: Matrix, M: Matrix) -> Still | None:
+    def of(rigid: FloatArray, limited: IntArray, M: Matrix) -> Still:
         """Of rigid motions of unit mass, (n, k), by the unknowns of the contact."""
         sizes = np.abs(rigid).max(axis=0)
         slips = linalg.qr(rigid[limited] / sizes, mode="r")[0]
@@ -46,8 +46,6 @@ class Still:
         sliding, still = np.split(
             rigid / sizes @ turn.T, [np.count_nonzero(values > STILL)], axis=1
         )
-        if not still.shape[1]:
-            return None
         mass, turn = linalg.eigh(still.T @ (M @ still))
         still = np.asarray(still @ (turn / np.sqrt(mass)))
         still[limited] = 0.0
@@ -58,7 +56,8 @@ class Still:
     def springs(self, K: Matrix, shift: float) -> sparse.csr_array:
         """What is added to K over ``shift``: springs of unknowns that are held, and less of others.
 
-        The springs of the contact hold what slips where nothing sticks.
+        The springs of the contact hold what slips where nothing sticks. Unlike a shift by the mass
+        they carry nothing where all sticks, however soft a part is beside the one that floats.
         """
         stiffness = K.diagonal()
         each = np.zeros(stiffness.size)

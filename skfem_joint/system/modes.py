@@ -169,20 +169,27 @@ def notes_of_weak_springs(K: Matrix, M: Matrix, R: FloatArray) -> Iterator[str]:
         )
 
 
-def notes_of_shift(K: Matrix, M: Matrix, R: FloatArray) -> Iterator[str]:
-    """Note where the shift of a structure that floats shows in others of the motions R, (n, r)."""
+def notes_of_shift(K: Matrix, M: Matrix, R: FloatArray, rows: Matrix) -> Iterator[str]:
+    """Note where the shift of a structure that floats shows in others of the motions R, (n, r).
+
+    Where the contact's ``rows``, (m, n), see all motions that strain nothing, springs at the
+    contact take the place of the shift, and only the round-off of the stiffness shows.
+    """
     if not R.size:
         return
     squares, turn = eigh(R.T @ (K @ R), R.T @ (M @ R))
-    rigid = strain_nothing(K, R @ turn)
+    R = R @ turn
+    rigid = strain_nothing(K, R)
     shift = shifts.LEAST * mean_square_frequency(K, M)
+    if np.linalg.matrix_rank(rows @ (R / np.abs(R).max(axis=0))[:, rigid], 1e-6) == rigid.sum():
+        shift *= ROUND_OFF
     if rigid.any() and (shown := squares[~rigid & (squares < shift)]).size:
         least = float(np.sqrt(shown.min())) / (2.0 * np.pi)
         yield (
             f"A part of the structure floats beside a soft one, of {least:.4g} Hz with joints "
-            "loose, less than what quasi-static runs add to the stiffness gives the one that "
-            "floats: displacements of the soft part may be much too small. Compute the parts by "
-            "themselves, or support the one that floats."
+            "loose, less than what quasi-static runs add to the stiffness, or its round-off, gives "
+            "the one that floats: displacements of the soft part may be far off. Compute the parts "
+            "by themselves, or support the one that floats."
         )
 
 

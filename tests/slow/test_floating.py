@@ -262,3 +262,22 @@ def test_a_note_says_that_the_shift_of_a_part_that_floats_shows_in_a_soft_one():
     assert any("beside a soft one" in note for note in together.notes)
     alone = sj.System.from_matrices(soft[1], held)
     assert not any("beside a soft one" in note for note in alone.notes)
+
+
+def test_a_stiff_part_that_friction_holds_leaves_a_soft_one_its_deflection():
+    """A beam lies on two points of a clamped one and passes on its load, a half to each."""
+    stiff, soft = beam(100, bending=1e4), beam(100, bending=1.0)
+    K, M = (sparse.block_diag([a, b[2:, 2:]], "csr") for a, b in zip(stiff, soft, strict=True))
+    rows, force = np.zeros((2, K.shape[0])), np.zeros(K.shape[0])
+    rows[0, [0, 250]] = rows[1, [200, 400]] = 1.0, -1.0  # at a quarter and at the end
+    force[100] = 1.0
+    contact = sj.point_friction(rows[0], 1.0) + sj.point_friction(rows[1], 1.0)
+    system = sj.System.from_matrices(
+        M, K, contact=contact, loads={"middle": (force, sj.Harmonic(1e-3, 0.05))},
+        stiffness_damping=1e-6,
+    )  # fmt: skip
+    assert not any("beside a soft one" in note for note in system.notes)
+    a = 0.25
+    both = 0.25 * (a**3 / 3.0 + 2.0 * a**2 * (3.0 - a) / 6.0 + 1.0 / 3.0)
+    run = sj.quasi_static(system, cycles=1, steps_per_cycle=40)
+    assert run.peak[0] == pytest.approx(1e-3 * (both + 1.0 / 48e4), rel=1e-4)
