@@ -7,11 +7,41 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.linalg import shifts
+from skfem_joint.system.modes import ROUND_OFF
 
 #: Share of a rigid motion's displacement that is no slip.
 STILL = 1e-6
+#: Work of a force on a motion that is round-off, over both their sizes. In few coordinates a force
+#: and a motion may have no entry in common but round-off.
+NO_WORK = 1e-9
+
+
+def pushes(force: FloatArray, motions: FloatArray) -> BoolArray:
+    """Whether a force, (n,), works on each of some motions, (n, r), beyond round-off: (r,)."""
+    least = STILL * (np.abs(force) @ np.abs(motions))
+    size = np.linalg.norm(force) * np.linalg.norm(motions, axis=0)
+    return np.asarray(np.abs(force @ motions) > np.maximum(least, NO_WORK * size))
+
+
+def held(
+    K: FloatArray, M: FloatArray, rows: FloatArray, shift: float
+) -> tuple[FloatArray, FloatArray]:
+    """Rigid motions (n, k) of a dense system, and a mass whose shift holds some of them firmly.
+
+    In those that the ``rows``, (m, n), do not see loads in balance do nothing. As stiff as others
+    they are no least stiffness, which limits the laws by which Coulomb's is approached.
+    """
+    squares, modes = linalg.eigh(K, M)
+    loose = squares < ROUND_OFF * shift
+    # The least modes have round-off of the highest ones, which a step of inverse iteration takes.
+    rigid = linalg.solve(K + shift * M, M @ modes[:, loose], assume_a="pos")
+    rigid = rigid @ np.linalg.inv(np.linalg.cholesky(rigid.T @ (M @ rigid)).T)
+    _, values, turn = np.linalg.svd(rows @ rigid)
+    moves = np.count_nonzero(values > STILL * np.abs(rows @ modes).max(initial=0.0))
+    momenta = M @ rigid @ turn[moves:].T
+    return rigid, np.asarray(M + momenta @ momenta.T / shifts.LEAST)
 
 
 @dataclass(frozen=True)
@@ -67,8 +97,7 @@ class Still:
 
     def pushed(self, force: FloatArray) -> bool:
         """Whether a force, (n,), N, moves the structure as a whole."""
-        least = STILL * (np.abs(force) @ np.abs(self.motions))
-        return bool(np.any(np.abs(force @ self.motions) > least))
+        return bool(pushes(force, self.motions).any())
 
     def placed(self, u: FloatArray) -> FloatArray:
         """Displacements, (n, ...), without these motions, which loads in balance do not set off."""

@@ -52,7 +52,7 @@ from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement, condensing_pays
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, StepProblem
-from skfem_joint.slow.floating import STILL, Still
+from skfem_joint.slow.floating import STILL, Still, held, pushes
 from skfem_joint.slow.levels import Level, NoLevelError, Walk, in_parts
 from skfem_joint.stepping.arrangement import Arranged, arranged, picks_unknowns, step_problem
 from skfem_joint.system.contacts import Contact
@@ -132,12 +132,15 @@ class QuasiStatic:
             as_dense(A) if self.dense else as_compressed(A) for A in (inner.K, inner.M)
         )
         self.shift = shifts.LEAST * inner.mean_square_frequency if floats(inner) else 0.0
+        if self.shift and self.to.kind == "dense":
+            rows = np.vstack([as_dense(A) for A in (inner.contact.B, self.contact.N)])
+            self.rigid, self.M = held(self.K, self.M, rows, self.shift)
         still = self._still()
-        held = still is not None and still.held.size > 0
-        self.still = still if held and in_contact and self._condenses() else None
+        rests = still is not None and still.held.size > 0
+        self.still = still if rests and in_contact and self._condenses() else None
         #: Multiple of the mass that is added, 1/s2; none where springs are.
         self.mass_shift = self.shift
-        if still is not None and (self.still is not None or not held):
+        if still is not None and (self.still is not None or not rests):
             self.M, self.mass_shift = still.springs(self.K, self.shift), 0.0
         # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.contact.B
@@ -773,12 +776,12 @@ class QuasiStatic:
         """Smallest sum w |B d| / f d found among rigid motions d, and whether it is the least.
 
         Repeated least squares with weights w / |B d|; each lowers the sum. It is ``inf`` where the
-        forces set off no rigid motion, and not the least where there may be more motions.
+        forces set off no rigid motion. It is not the least where there may be more motions.
         """
         rigid = self.rigid if self.condensed is None else self.rigid[self.condensed.kept]
         work, system = f @ rigid, self.to.system
-        if np.all(np.abs(work) <= STILL * (np.abs(f) @ np.abs(rigid))):
-            return np.inf, False
+        if not pushes(f, rigid).any():
+            return np.inf, rigid.shape[1] < _MOST_RIGID
         slips, weight, least = np.asarray(self.B @ rigid), system.contact.w, np.inf
         for _ in range(LEAST_SQUARES):
             square = slips.T @ (system.contact.on_rows(weight)[:, np.newaxis] * slips)

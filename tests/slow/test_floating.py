@@ -175,6 +175,14 @@ def test_a_curve_factorises_the_stiffness_once_and_its_interior_once(system, cap
     assert 1 <= len(caplog.records) <= 2
 
 
+def test_a_reduced_model_of_a_structure_that_floats_has_its_curve(system):
+    (curve,) = sj.backbone(system, modes=[7], levels=16)
+    (small,) = sj.backbone(sj.reduce(system, curve=curve), modes=[7], levels=curve.level)
+    np.testing.assert_allclose(small.frequency, curve.frequency, rtol=1e-3)
+    most = curve.friction_damping.max()
+    np.testing.assert_allclose(small.friction_damping, curve.friction_damping, atol=0.02 * most)
+
+
 def beam(elements, spring=0.0, bending=1e4):
     """Stiffness and mass of a beam of 1 m and 1 kg, of EI ``bending``, on springs at its ends."""
     h = 1.0 / elements
