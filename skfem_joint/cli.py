@@ -432,7 +432,7 @@ def _backbone(options: argparse.Namespace) -> int:
 
     scene = _vibrating(options)
     check_uff(scene)
-    with _kept(options) as notes:
+    with _kept(options, scene) as notes:
         with _progress(options) as progress:
             backbone = scene_backbone(scene, progress, options.out)
         backbone = replace(backbone, notes=(*backbone.notes, *notes))
@@ -451,7 +451,7 @@ def _nonlinear_modes(options: argparse.Namespace) -> int:
         nonlinear_table(scene)
 
     scene = _loaded(options, ready)
-    with _kept(options) as notes:
+    with _kept(options, scene) as notes:
         with _progress(options) as progress:
             modes = scene_nonlinear_modes(scene, progress)
         modes = replace(modes, notes=(*modes.notes, *notes))
@@ -481,7 +481,7 @@ def _response(options: argparse.Namespace) -> int:
     with _progress(options) as progress, announced(progress, "making the structure"):
         response_table(scene)  # before earlier results are removed
         check_uff(scene)
-    with _kept(options) as notes, _rows(options, RESPONSE_ROWS) as rows:
+    with _kept(options, scene) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             # The backbones first: they take seconds, and a wrong mode ends the command at once.
             curves = given_backbones(scene, progress)
@@ -503,7 +503,7 @@ def _random(options: argparse.Namespace) -> int:
         random_table(scene)
 
     scene = _loaded(options, ready)
-    with _kept(options) as notes:
+    with _kept(options, scene) as notes:
         with _progress(options) as progress:
             found, curves = scene_random(scene, progress)
         found = replace(found, notes=(*found.notes, *notes))
@@ -528,7 +528,7 @@ def _fit(options: argparse.Namespace) -> int:
         )
     with _progress(options) as progress, announced(progress, "making the structure"):
         problem = FitProblem(scene, data, free)  # before earlier results are removed
-    with _kept(options) as notes:
+    with _kept(options, scene) as notes:
         with _progress(options) as progress:
             found = solved(problem, progress)
             with announced(progress, "curves of the best values"):
@@ -601,7 +601,7 @@ def _error_time(options: argparse.Namespace) -> int:
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
         return _status_of(again, pinned)
     comparison.check_options(scene, options.repeats)  # before earlier results are removed
-    with _kept(options) as notes, _rows(options, comparison.ROWS) as rows:
+    with _kept(options, scene) as notes, _rows(options, comparison.ROWS) as rows:
         with _progress(options) as progress:
             measured = comparison.error_time(
                 scene, repeats=options.repeats, quick=options.quick, progress=progress, rows=rows
@@ -622,7 +622,7 @@ def _sweep(options: argparse.Namespace) -> int:
     with _progress(options) as progress:
         swept = load_sweep(options.scene, progress)
     out, rows, interrupted = options.out, [], False
-    with _kept(options, swept.scenes[0].output.plots) as notes:
+    with _kept(options, swept.scenes[0], swept.scenes[0].output.plots) as notes:
         kept = Rows(out / sweeps.JOURNAL)
         _announce(kept)
         with _progress(options) as progress, analysis.executors(options.workers) as make:
@@ -691,11 +691,13 @@ def _progress(options: argparse.Namespace) -> AbstractContextManager[Progress]:
     return progress_bar(options.quiet, options.verbose)
 
 
-def _kept(options: argparse.Namespace, drawn: bool = True) -> AbstractContextManager[list[str]]:
-    """Folder of the results, reserved for a command; gives notes about it."""
+@contextmanager
+def _kept(options: argparse.Namespace, scene: Scene, drawn: bool = True) -> Iterator[list[str]]:
+    """Folder of the results, reserved for a command; gives notes about it and the scene's keys."""
     from skfem_joint.output.folder import kept
 
-    return kept(options.out, drawn, options.overwrite)
+    with kept(options.out, drawn, options.overwrite) as notes:
+        yield [*notes, *scene.passed_over(options.name)]
 
 
 @contextmanager

@@ -363,9 +363,11 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(name, scene, tm
 def test_random_vibration_leaves_tables_a_picture_and_a_summary(scene, tmp_path, capsys):
     (tmp_path / "psd.csv").write_text("Hz,N2/Hz\n500,1e3\n5000,1e3\n", encoding="utf-8")
     more = "[backbone]\nlevels = 12\nup_to = 2.0\n[random]\npsd = 'psd.csv'\n"
-    path, out = scene(FULL_ONLY, more=more), tmp_path / "out"
+    asked = "vtk = false", "vtk = true\nuff = true"
+    path, out = scene(FULL_ONLY, asked, more=more), tmp_path / "out"
     assert cli.main(["random", str(path), "--out", str(out)]) == 0
     shown = capsys.readouterr().out
+    assert "Note: The command random takes no account of output.vtk, output.uff." in shown
     assert "root mean square" in shown
     assert "friction does" in shown
     tables = {f"random{part}.csv" for part in ("", "_joints", "_points", "_psd")}

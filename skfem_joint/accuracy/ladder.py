@@ -305,18 +305,17 @@ def apart(fine: Run, coarse: Run) -> Parts:
 
 
 def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
-    """Errors of peaks and energies with lower bounds, because parts may cancel by chance.
+    """Errors with lower bounds, because parts may cancel by chance.
 
-    The bounds are the largest part, and a share of the error in the displacement history
-    of the point that moves most.
+    The bounds are the largest part, and of peaks and energies a share of the error in the
+    displacement history of the point that moves most.
     """
     errors = dict(total)
     main = difference(truth.most_moving(), base.most_moving(truth))[QUANTITIES[0]]
-    for name in QUANTITIES[1:]:
-        error = total[name]
+    for name, error in total.items():
         if error is not None:
-            others = (part[name] or 0.0 for part in parts)
-            errors[name] = max(error, 0.1 * (main or 0.0), *others)
+            share = 0.0 if name == QUANTITIES[0] else 0.1 * (main or 0.0)
+            errors[name] = max(error, share, *(part[name] or 0.0 for part in parts))
     return errors
 
 

@@ -38,10 +38,13 @@ class PowerDensity:
         Rising, above zero, Hz; at least two.
     values : ndarray, shape (k,)
         Positive: N²/Hz of a force, (m/s²)²/Hz of the acceleration of a base.
+    stated : str, optional
+        Unit in the header of its file.
     """
 
     frequencies: FloatArray
     values: FloatArray
+    stated: str | None = None
 
     def __post_init__(self) -> None:
         for name in ("frequencies", "values"):
@@ -57,13 +60,13 @@ class PowerDensity:
         if isinstance(psd, PowerDensity):
             return psd
         if isinstance(psd, str | Path):
-            *columns, stated = read_pairs(psd, _FREQUENCIES, _DENSITIES)
+            frequencies, values, stated = read_pairs(psd, _FREQUENCIES, _DENSITIES)
             if stated is not None and (stated == "g2/Hz") != (unit == "g2/Hz"):
                 raise InputError(
                     f"{psd}: the header states {stated}, but the unit is {unit!r}; make them agree"
                 )
             try:
-                return cls(*columns)
+                return cls(frequencies, values, stated)
             except InputError as error:
                 raise InputError(f"{psd}: {error}") from error
         table = np.asarray(as_real(psd, "psd"))

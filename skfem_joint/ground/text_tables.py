@@ -9,6 +9,7 @@ import re
 import unicodedata
 from array import array
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
@@ -265,6 +266,30 @@ def _head(
     return units
 
 
+def _commented(
+    content: str, columns: Sequence[Mapping[str, Mapping[str, float]]], path: Path
+) -> dict[str, str | None]:
+    """Units of two columns by their names in the last comment before numbers; {} of a remark.
+
+    InputError for units in brackets of which it is not clear whether they are those of columns.
+    """
+    above = takewhile(lambda line: not re.match(r"\s*[-+.\d]", line), content.splitlines())
+    found = [(k, line.strip("\ufeff# \t")) for k, line in enumerate(above, 1) if "#" in line]
+    number, text = next((one for one in reversed(found) if one[1]), (0, ""))
+    where = f"{path}: line {number}"
+    cells = re.split(r"[,;\t]", text)
+    known = [unit for names in columns for units in names.values() for unit in units]
+    units = {plain_unit(unit) for unit in re.findall(r"[(\[]([^()\[\]]+)[)\]]", text)}
+    if len(cells) == 2 and ({plain_unit(cell) for cell in cells} | units).intersection(known):
+        return _head(cells, columns, where)
+    if units.intersection(known):
+        raise InputError(
+            f"{where}: found {text[:60]!r}, a comment with units in brackets; if the columns have "
+            "them, write 'name (unit), name (unit)', if not, leave the brackets out"
+        )
+    return {}
+
+
 def read_pairs(
     path: str | Path,
     first: Mapping[str, Mapping[str, float]],
@@ -273,8 +298,9 @@ def read_pairs(
     """Two columns of a UTF-8 text file, of which the first one rises.
 
     They are separated by a comma, a semicolon or a tab. Lines of two words before the first number
-    are a header: names, with units or without, or units alone. Empty lines and comments after ``#``
-    are left out. Numbers are at most 1e20 in size, so that slopes and energies do not overflow.
+    are a header: names, with units or without, or units alone. So is the last comment after ``#``
+    above all numbers, if it has units. Other comments and empty lines are left out. Numbers are at
+    most 1e20 in size, so that slopes and energies do not overflow.
 
     Parameters
     ----------
@@ -302,13 +328,12 @@ def read_pairs(
     (x_name, x_units), (y_name, y_units) = (next(iter(names.items())) for names in (first, second))
     rows: list[list[float]] = []
     mistakes = Mistakes(path)
-    for number, text, cells in read_rows(path)[1]:
+    content, lines = read_rows(path)
+    heads = [_commented(content, (first, second), path)]
+    for number, text, cells in lines:
         values = [number_in(cell) for cell in cells]
         if values == [None, None] and not rows and not mistakes:  # a header
-            head = _head(cells, (first, second), f"{path}: line {number}")
-            for k, (name, stated) in enumerate(head.items()):
-                if stated is not None:
-                    factors[k], unit = (first, second)[k][name][stated], stated if k else unit
+            heads.append(_head(cells, (first, second), f"{path}: line {number}"))
             continue
         match values:
             case [float(x), float(y)] if abs(x) <= largest and abs(y) <= largest:
@@ -327,5 +352,9 @@ def read_pairs(
     if not mistakes and len(rows) < 2:
         mistakes.append(f"{path}: line {number}: found {len(rows)} points, must be >= 2")
     mistakes.refuse()
+    for head in heads:
+        for k, (name, stated) in enumerate(head.items()):
+            if stated is not None:
+                factors[k], unit = (first, second)[k][name][stated], stated if k else unit
     x_column, y_column = factors[:, np.newaxis] * np.array(rows).T
     return x_column, y_column, unit

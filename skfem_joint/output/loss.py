@@ -252,12 +252,14 @@ def _error(at: AtAmplitudes, k: int) -> str:
     known = [_SOURCES[source] for source in at.errors if _is_known(at, source)]
     if not known:
         return ""
-    lacks = "" if _is_known(at, "mesh") else " without mesh"
+    lacks = ["mesh"] if not _is_known(at, "mesh") else []
+    lacks += ["higher modes"] if at.curve.at_levels(np.array([k])).excites else []
+    without = f" without {' and '.join(lacks)}" if lacks else ""
     own = ""
     if np.isfinite(at.total_of_friction[k]) and at.curve.losses.friction[k] > 0.0:
         own = f" (of the friction part ± {100.0 * at.total_of_friction[k]:.2g} %)"
     error = f"± {100.0 * at.total[k]:.2g} %{own} by {' and '.join(known)}"
-    return f", numerical error{lacks} {error}"
+    return f", numerical error{without} {error}"
 
 
 def _place_lines(places: Mapping[str, Mapping[str, Any]], when: str = "") -> Iterator[str]:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy import sparse
@@ -272,13 +272,21 @@ def participating(
     return np.asarray(restricted.F @ shapes[:, counting[:count]])
 
 
-def up_to(restricted: RestrictedMotion | Substructures, highest: float) -> FloatArray:
-    """Fixed-interface modes up to three times a frequency (Hz), at least eight of them, (k, j)."""
+def up_to(
+    restricted: RestrictedMotion | Substructures,
+    highest: float,
+    least: int = LEAST_UP_TO,
+    first: int = LEAST_UP_TO,
+    solving: tuple[Any, ...] = (),
+) -> FloatArray:
+    """Fixed-interface modes up to three times a frequency (Hz), at least some of them, (k, j).
+
+    ``first`` is how many are computed at first, ``solving`` what their method takes beside.
+    """
     n, limit = restricted.rows, TIMES_HIGHEST * highest
-    count = max(LEAST_UP_TO, restricted.guessed(limit))
+    count = max(first, restricted.guessed(limit))
     while True:
-        frequency, shapes = restricted.lowest(count)
+        frequency, shapes = restricted.lowest(count, *solving)
         if count >= n or frequency[-1] > limit:
-            below = int(np.count_nonzero(frequency <= limit))
-            return shapes[:, : max(LEAST_UP_TO, below)]
+            return shapes[:, : max(least, int(np.count_nonzero(frequency <= limit)))]
         count *= 2

@@ -61,7 +61,7 @@ class Stuck:
         """Solver of (K + shift M) x = f, and the shift, 1/s2: structures may float."""
         solve = None if self.path is None else self.path.stuck(self.F)
         if self.path is not None and solve is not None:
-            return solve, self.path.shift
+            return solve, self.path.mass_shift
         shift = shifts.LEAST * shifts.mean_square_frequency(self.K, self.M)
         return factorised(self.K + shift * self.M), shift
 

@@ -215,6 +215,20 @@ class Scene(SceneTable):
         """Whether contact of a joint opens and closes."""
         return any(joint.contact == "unilateral" for joint in self.joint)
 
+    def passed_over(self, command: str) -> list[str]:
+        """Sentence about keys that are given and that a command takes no account of, if any are."""
+        given = [
+            where
+            for where, commands in tables.SERVED_BY.items()
+            if command not in commands and self._is_given(*where.split("."))
+        ]
+        what = ", ".join(given)
+        return [f"The command {command} takes no account of {what}."] if given else []
+
+    def _is_given(self, table: str, name: str) -> bool:
+        values = getattr(self, table)
+        return bool(getattr(values, name) != type(values).model_fields[name].default)
+
     def check_vibrates(self, command: str) -> None:
         """Refuse a quasi-static scene, with an `InputError`, for a command about vibration."""
         if self.time.quasi_static:

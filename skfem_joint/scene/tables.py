@@ -6,7 +6,7 @@ checks what depends on the mesh: names, overlaps, and keys that a dimension need
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from inspect import signature
 from itertools import pairwise
 from pathlib import Path
@@ -581,6 +581,17 @@ class OutputTable(SceneTable):
         "number of stored times in the series for ParaView; with stress at least 64 a cycle", 200
     )
     history: bool = key("motion of the observed points, as history.npz", True)
+
+
+#: Commands that take account of keys which not all commands do.
+SERVED_BY: Mapping[str, tuple[str, ...]] = {
+    "output.vtk": ("run",),
+    "output.uff": ("run", "backbone", "response"),
+    "output.every": ("run", "sweep"),
+    "output.stress": ("run", "sweep"),
+    "output.frames": ("run", "sweep"),
+    "models.parts": ("run", "backbone", "response", "random", "sweep"),
+}
 
 
 class FrequenciesTable(SceneTable):

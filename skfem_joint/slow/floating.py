@@ -7,11 +7,41 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg, sparse
 
-from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.linalg import shifts
+from skfem_joint.system.modes import ROUND_OFF
 
 #: Share of a rigid motion's displacement that is no slip.
 STILL = 1e-6
+#: Work of a force on a motion that is round-off, over both their sizes. In few coordinates a force
+#: and a motion may have no entry in common but round-off.
+NO_WORK = 1e-9
+
+
+def pushes(force: FloatArray, motions: FloatArray) -> BoolArray:
+    """Whether a force, (n,), works on each of some motions, (n, r), beyond round-off: (r,)."""
+    least = STILL * (np.abs(force) @ np.abs(motions))
+    size = np.linalg.norm(force) * np.linalg.norm(motions, axis=0)
+    return np.asarray(np.abs(force @ motions) > np.maximum(least, NO_WORK * size))
+
+
+def held(
+    K: FloatArray, M: FloatArray, rows: FloatArray, shift: float
+) -> tuple[FloatArray, FloatArray]:
+    """Rigid motions (n, k) of a dense system, and a mass whose shift holds some of them firmly.
+
+    In those that the ``rows``, (m, n), do not see loads in balance do nothing. As stiff as others
+    they are no least stiffness, which limits the laws by which Coulomb's is approached.
+    """
+    squares, modes = linalg.eigh(K, M)
+    loose = squares < ROUND_OFF * shift
+    # The least modes have round-off of the highest ones, which a step of inverse iteration takes.
+    rigid = linalg.solve(K + shift * M, M @ modes[:, loose], assume_a="pos")
+    rigid = rigid @ np.linalg.inv(np.linalg.cholesky(rigid.T @ (M @ rigid)).T)
+    _, values, turn = np.linalg.svd(rows @ rigid)
+    moves = np.count_nonzero(values > STILL * np.abs(rows @ modes).max(initial=0.0))
+    momenta = M @ rigid @ turn[moves:].T
+    return rigid, np.asarray(M + momenta @ momenta.T / shifts.LEAST)
 
 
 @dataclass(frozen=True)
@@ -38,7 +68,7 @@ class Still:
     sliding: FloatArray
 
     @staticmethod
-    def of(rigid: FloatArray, limited: IntArray, K: Matrix, M: Matrix) -> Still | None:
+    def of(rigid: FloatArray, limited: IntArray, M: Matrix) -> Still:
         """Of rigid motions of unit mass, (n, k), by the unknowns of the contact."""
         sizes = np.abs(rigid).max(axis=0)
         slips = linalg.qr(rigid[limited] / sizes, mode="r")[0]
@@ -46,8 +76,6 @@ class Still:
         sliding, still = np.split(
             rigid / sizes @ turn.T, [np.count_nonzero(values > STILL)], axis=1
         )
-        if not still.shape[1]:
-            return None
         mass, turn = linalg.eigh(still.T @ (M @ still))
         still = np.asarray(still @ (turn / np.sqrt(mass)))
         still[limited] = 0.0
@@ -58,7 +86,8 @@ class Still:
     def springs(self, K: Matrix, shift: float) -> sparse.csr_array:
         """What is added to K over ``shift``: springs of unknowns that are held, and less of others.
 
-        The springs of the contact hold what slips where nothing sticks.
+        The springs of the contact hold what slips where nothing sticks. Unlike a shift by the mass
+        they carry nothing where all sticks, however soft a part is beside the one that floats.
         """
         stiffness = K.diagonal()
         each = np.zeros(stiffness.size)
@@ -68,8 +97,7 @@ class Still:
 
     def pushed(self, force: FloatArray) -> bool:
         """Whether a force, (n,), N, moves the structure as a whole."""
-        least = STILL * (np.abs(force) @ np.abs(self.motions))
-        return bool(np.any(np.abs(force @ self.motions) > least))
+        return bool(pushes(force, self.motions).any())
 
     def placed(self, u: FloatArray) -> FloatArray:
         """Displacements, (n, ...), without these motions, which loads in balance do not set off."""

@@ -97,8 +97,7 @@ class LevelRates:
         touch: tuple[BoolArray, BoolArray] | None = None,
     ) -> None:
         self.contact, self.parameters = path.to.system.contact, parameters
-        # Springs that hold the structure carry nothing.
-        self.opens, self.shift = path.opens, 0.0 if path.still is not None else path.shift
+        self.opens, self.shift = path.opens, path.mass_shift  # springs carry nothing
         linear = path.linearisation()
         self.linear = linear if touch is None else linear.among(*touch)
         # K x = g is condensed once for all right sides and values: v x = z v' + v'' g, with v' the

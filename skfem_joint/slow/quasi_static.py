@@ -20,8 +20,9 @@ slip of any increment before.
 Springs in series with friction stretch before sliders slip. Their forces are part of the state, as
 friction over its limit, and follow from one level to the next.
 
-Bodies that friction and contact alone hold have a singular stiffness. A little of the mass is added
-to it. `QuasiStatic.next` repeats a level until the added mass carries nothing, and refuses one that
+Bodies that friction and contact alone hold have a singular stiffness. Weak springs at the contact
+are added to it, or a little of the mass where these do not hold all motions or the motions are not
+known. `QuasiStatic.next` repeats a level until the added mass carries nothing, and refuses one that
 nothing holds. `QuasiStatic.follow`, which goes through many levels at once, for modes, scales
 forces that would make everything slip back to just below what friction holds. That limit is found
 from the rigid motion d that a load sets off: by the upper bound theorem of limit analysis
@@ -51,9 +52,9 @@ from skfem_joint.linalg.compressed import as_compressed
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.schur import SchurComplement, condensing_pays
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, StepProblem
-from skfem_joint.slow.floating import STILL, Still
+from skfem_joint.slow.floating import STILL, Still, held, pushes
 from skfem_joint.slow.levels import Level, NoLevelError, Walk
-from skfem_joint.stepping.arrangement import Arranged, arranged, step_problem
+from skfem_joint.stepping.arrangement import Arranged, arranged, picks_unknowns, step_problem
 from skfem_joint.system.contacts import Contact
 from skfem_joint.system.modes import ROUND_OFF
 from skfem_joint.system.rigid import floats, rigid_of
@@ -175,9 +176,16 @@ class QuasiStatic:
             as_dense(A) if self.dense else as_compressed(A) for A in (inner.K, inner.M)
         )
         self.shift = shifts.LEAST * inner.mean_square_frequency if floats(inner) else 0.0
-        self.still = self._still() if in_contact else None
-        if self.still is not None:
-            self.M = self.still.springs(self.K, self.shift)
+        if self.shift and self.to.kind == "dense":
+            rows = np.vstack([as_dense(A) for A in (inner.contact.B, self.contact.N)])
+            self.rigid, self.M = held(self.K, self.M, rows, self.shift)
+        still = self._still()
+        rests = still is not None and still.held.size > 0
+        self.still = still if rests and in_contact and self._condenses() else None
+        #: Multiple of the mass that is added, 1/s2; none where springs are.
+        self.mass_shift = self.shift
+        if still is not None and (self.still is not None or not rests):
+            self.M, self.mass_shift = still.springs(self.K, self.shift), 0.0
         # Of the unknowns that are stepped through: stiffness, what is added to it, slip rows.
         self.stiffness, self.added, self.B = self.K, self.shift * self.M, inner.contact.B
         self.A, self.beta = as_compressed(self.K + self.added), inner.contact.beta
@@ -199,17 +207,24 @@ class QuasiStatic:
     def _still(self) -> Still | None:
         """Motions in which nothing slips and nothing is strained, and what holds them.
 
-        None where there are none or they are not known, and where the problem is not condensed to
-        the contact.
+        None where they are not known, and where slips or approaches are no unknowns.
         """
         inner = self.to.system
         rigid = rigid_of(inner) if self.shift else None
-        if rigid is None or self.dense or self.opens or self.to.kind != "contact":
+        if rigid is None or self.dense or self.to.kind == "linear":
             return None
         points = ContactPoints.of(inner)
-        if isinstance(self.K, np.ndarray) or not condensing_pays(self.K, points.limited):
-            return None
-        return Still.of(rigid, points.limited, self.K, self.M)
+        if not self.opens:
+            return Still.of(rigid, points.limited, self.M)
+        N = sparse.csr_array(self.contact.N)
+        contact = np.union1d(points.unknowns, N.indices)
+        return Still.of(rigid, contact, self.M) if picks_unknowns(N) else None
+
+    def _condenses(self) -> bool:
+        """Whether a problem that does not open is condensed to the contact."""
+        if self.opens or self.to.kind != "contact" or isinstance(self.K, np.ndarray):
+            return False
+        return condensing_pays(self.K, ContactPoints.of(self.to.system).limited)
 
     def _problem(self) -> StepProblem:
         """Problem of the increments."""
@@ -808,12 +823,12 @@ class QuasiStatic:
         """Smallest sum w |B d| / f d found among rigid motions d, and whether it is the least.
 
         Repeated least squares with weights w / |B d|; each lowers the sum. It is ``inf`` where the
-        forces set off no rigid motion, and not the least where there may be more motions.
+        forces set off no rigid motion. It is not the least where there may be more motions.
         """
         rigid = self.rigid if self.condensed is None else self.rigid[self.condensed.kept]
         work, system = f @ rigid, self.to.system
-        if np.all(np.abs(work) <= STILL * (np.abs(f) @ np.abs(rigid))):
-            return np.inf, False
+        if not pushes(f, rigid).any():
+            return np.inf, rigid.shape[1] < _MOST_RIGID
         slips, weight, least = np.asarray(self.B @ rigid), system.contact.w, np.inf
         for _ in range(LEAST_SQUARES):
             square = slips.T @ (system.contact.on_rows(weight)[:, np.newaxis] * slips)

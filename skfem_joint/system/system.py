@@ -732,7 +732,8 @@ def _definite(system: System, damped: bool) -> System:
         return system
     loose, few = found
     K, M = system.K, system.M
-    more = [*notes_of_weak_springs(K, M, loose[:, :few]), *notes_of_shift(K, M, loose)]
+    rows = sparse.vstack([sparse.csr_array(system.contact.B), system.contact.normal.N])
+    more = [*notes_of_weak_springs(K, M, loose[:, :few]), *notes_of_shift(K, M, loose, rows)]
     notes = *system.notes, *more
     return replace(system, loose=sparse.csr_array(loose), notes=notes)
 

@@ -48,6 +48,9 @@ INCREMENTS = 8
 CLOSED, MOST = 5e-3, 12
 #: Work of friction over alpha q that counts as none: a damping ratio of 1.6e-5.
 LEAST = 1e-4
+#: Loss of a cycle over the largest at any level, up to which its ratio to Masing's is not found:
+#: points that stick in reduced models creep a little.
+COUNTS = 1e-3
 #: Relative error of the damping ratio beyond which a note says so.
 DOUBTFUL = 0.05
 #: Factor of the difference to half the increment: what is left falls with its square.
@@ -282,7 +285,8 @@ class CyclePath:
         masing = bool(np.all(4.0 * along @ contact.w <= np.maximum(TURNED * work, idle)))
         followed = spread(level.size, CHECKED) if checked is None else checked
         followed = followed if masing else np.arange(level.size)
-        followed = followed[work[followed] > 0.0]
+        loss = work / (level * (states @ force))
+        followed = followed[loss[followed] > COUNTS * loss.max()]
         twice = [] if checked is None else checked.tolist()
         self.tally.total += HALF_CYCLE * (followed.size - min(CHECKED, level.size))
         self.tally.total += 2 * HALF_CYCLE * len(twice)

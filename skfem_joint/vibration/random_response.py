@@ -298,8 +298,15 @@ def _random_load(load: AppliedLoad, psd: Any, unit: str) -> RandomLoad:
     vector = load.vector
     if isinstance(load.amplitude, Scaled):
         vector = load.amplitude.factor * vector
-    factor = _factor(load, unit)
-    return RandomLoad(vector, PowerDensity.of(psd, unit).scaled(factor), load.carried)
+    factor, density = _factor(load, unit), PowerDensity.of(psd, unit)
+    force = "Pa2/Hz" if isinstance(load.amplitude, Scaled) else "N2/Hz"
+    suits = [force] if load.carried is None else ["(m/s2)2/Hz", "m2/s4/Hz", "g2/Hz"]
+    if density.stated not in (None, *suits):
+        raise InputError(
+            f"random_response: psd: its header states {density.stated}, must be "
+            f"{' or '.join(suits)} of the load on {load.on!r}"
+        )
+    return RandomLoad(vector, density.scaled(factor), load.carried)
 
 
 def _factor(load: AppliedLoad, unit: str) -> float:

@@ -33,11 +33,10 @@ def test_sources_are_what_their_rungs_change_and_the_total_is_the_whole_way():
         assert found["total"][name] == pytest.approx(5e-3, rel=1e-9)
 
 
-def test_a_total_of_parts_that_cancel_is_no_less_than_the_largest_energy():
+def test_a_total_of_parts_that_cancel_is_no_less_than_the_largest():
     way = rungs(START, ("law", 9e-3, WHOLE), ("basis", 5e-3, WHOLE))
     total = errors_of(off(5e-3), way)["total"]
-    assert total["displacement_rms"] == pytest.approx(0.0, abs=1e-12)
-    for name in QUANTITIES[1:]:
+    for name in QUANTITIES:
         assert total[name] == pytest.approx(4e-3, rel=1e-2)
 
 

@@ -205,10 +205,18 @@ def test_an_accuracy_that_is_not_met_is_said(system, small, caplog):
 
 def test_slow_vibration_without_slip_passes_the_load_to_the_joint_next_to_it(system):
     """At rest the arm carries the load to the outer joint alone: its limit is the level."""
-    stuck = StuckVibration.of(system, 900.0, 8)
+    stuck = StuckVibration.of(system, 900.0)
     limit = 4e6 * 0.5 * 0.05 * 0.1
     slow = sj.at(system, frequency=1e-3, level=1.0)
     assert stuck.level(slow) == pytest.approx(limit / 1e4, rel=1e-3)
+
+
+def test_a_range_has_all_stuck_modes_up_to_three_times_its_highest_frequency():
+    system = bar(12)
+    frequencies = sj.natural_modes(system, 30, joints="stuck").frequencies
+    for highest in (900.0, frequencies[25] / 3.0):
+        count = np.count_nonzero(frequencies <= 3.0 * highest)
+        assert StuckVibration.of(system, highest).modes.shape[1] == max(count, 1)
 
 
 def test_training_points_are_in_the_range_and_go_a_little_beyond_its_slip(system):

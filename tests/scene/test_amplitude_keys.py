@@ -301,7 +301,10 @@ def test_table_is_read_with_header_comments_and_empty_lines(tmp_path):
 
 def test_units_in_the_header_of_a_table_count(tmp_path):
     path = tmp_path / "force.csv"
-    for head in ("time (ms),force (kN)", "Time [ms];Force [kN]", "ms,kN", "time,force\nms,kN"):
+    for head in (
+        "time (ms),force (kN)", "Time [ms];Force [kN]", "ms,kN", "time,force\nms,kN",
+        "# run (3)\n# time (ms), force (kN)", "time,force\n# ms,kN",
+    ):  # fmt: skip
         path.write_text(f"{head}\n" + "0,0\n2,5\n".replace(",", ";" if ";" in head else ","))
         load = read_table(path)
         np.testing.assert_allclose(load.times, [0.0, 2e-3])
@@ -318,6 +321,8 @@ def test_units_in_the_header_of_a_table_count(tmp_path):
     ("content", "wrong"),
     [
         (b"force (N),time (s)\n0,0\n1,2\n", ["line 1: found column 'force', must be time or t"]),
+        (b"# force (N), time (s)\n0,0\n1,2\n", ["line 1: found column 'force', must be time"]),
+        (b"# t [ms]  F [kN]\n0,0\n1,2\n", ["line 1: found 't [ms]  F [kN]', a comment with"]),
         (b"time (h),force (N)\n0,0\n1,2\n", ["line 1: column 'time (h)': found unit 'h'"]),
         (b"time,mass\n0,0\n1,2\n", ["line 1: column 'mass': must be one of time"]),
         (b"0,0\n1,2,3\n2,1\n", ["line 2"]),

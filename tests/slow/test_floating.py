@@ -175,6 +175,14 @@ def test_a_curve_factorises_the_stiffness_once_and_its_interior_once(system, cap
     assert 1 <= len(caplog.records) <= 2
 
 
+def test_a_reduced_model_of_a_structure_that_floats_has_its_curve(system):
+    (curve,) = sj.backbone(system, modes=[7], levels=16)
+    (small,) = sj.backbone(sj.reduce(system, curve=curve), modes=[7], levels=curve.level)
+    np.testing.assert_allclose(small.frequency, curve.frequency, rtol=1e-3)
+    most = curve.friction_damping.max()
+    np.testing.assert_allclose(small.friction_damping, curve.friction_damping, atol=0.02 * most)
+
+
 def beam(elements, spring=0.0, bending=1e4):
     """Stiffness and mass of a beam of 1 m and 1 kg, of EI ``bending``, on springs at its ends."""
     h = 1.0 / elements
@@ -216,7 +224,7 @@ def test_weak_springs_of_a_fine_beam_hold_it(elements, spring):
     assert run.peak[0] == pytest.approx(0.5 / spring, rel=1e-3)
 
 
-@pytest.mark.parametrize("elements", [30, 400])
+@pytest.mark.parametrize("elements", [30, 400, 800])
 def test_a_fine_beam_without_springs_has_two_rigid_motions(elements):
     system = sj.System.from_matrices(*beam(elements)[::-1])
     assert rigid_of(system).shape[1] == 2
@@ -243,8 +251,9 @@ def test_no_note_is_made_of_slender_beams_that_are_held_or_float(elements, held)
     assert not sj.System.from_matrices(M, K + sparse.diags_array(ends)).notes
 
 
-def test_a_note_says_which_springs_are_too_weak_to_count():
-    K, M = beam(400, 1.0)
+@pytest.mark.parametrize(("elements", "spring"), [(400, 1.0), (800, 10.0)])
+def test_a_note_says_which_springs_are_too_weak_to_count(elements, spring):
+    K, M = beam(elements, spring)
     system = sj.System.from_matrices(M, K)
     assert rigid_of(system).shape[1] == 2
     (note,) = system.notes
@@ -262,3 +271,22 @@ def test_a_note_says_that_the_shift_of_a_part_that_floats_shows_in_a_soft_one():
     assert any("beside a soft one" in note for note in together.notes)
     alone = sj.System.from_matrices(soft[1], held)
     assert not any("beside a soft one" in note for note in alone.notes)
+
+
+def test_a_stiff_part_that_friction_holds_leaves_a_soft_one_its_deflection():
+    """A beam lies on two points of a clamped one and passes on its load, a half to each."""
+    stiff, soft = beam(100, bending=1e4), beam(100, bending=1.0)
+    K, M = (sparse.block_diag([a, b[2:, 2:]], "csr") for a, b in zip(stiff, soft, strict=True))
+    rows, force = np.zeros((2, K.shape[0])), np.zeros(K.shape[0])
+    rows[0, [0, 250]] = rows[1, [200, 400]] = 1.0, -1.0  # at a quarter and at the end
+    force[100] = 1.0
+    contact = sj.point_friction(rows[0], 1.0) + sj.point_friction(rows[1], 1.0)
+    system = sj.System.from_matrices(
+        M, K, contact=contact, loads={"middle": (force, sj.Harmonic(1e-3, 0.05))},
+        stiffness_damping=1e-6,
+    )  # fmt: skip
+    assert not any("beside a soft one" in note for note in system.notes)
+    a = 0.25
+    both = 0.25 * (a**3 / 3.0 + 2.0 * a**2 * (3.0 - a) / 6.0 + 1.0 / 3.0)
+    run = sj.quasi_static(system, cycles=1, steps_per_cycle=40)
+    assert run.peak[0] == pytest.approx(1e-3 * (both + 1.0 / 48e4), rel=1e-4)

@@ -166,7 +166,7 @@ def test_a_body_that_friction_holds_goes_round_closed_loops(model, springs):
     system = smaller(sprung(system) if springs else system, model)
     run = sj.quasi_static(system, cycles=2, steps_per_cycle=64)
     near = 1e-5 if springs else 1e-6
-    assert run.energy_residual < 1e-8
+    assert run.energy_residual < 0.01 * near
     assert run.cycles.input[-1].sum() == pytest.approx(run.cycles.friction[-1], rel=near)
     assert run.loops.opening < near
 

@@ -234,6 +234,8 @@ def test_wrong_arguments_are_refused_by_name(tmp_path):
     file = tmp_path / "psd.csv"
     file.write_text("Hz,N2/Hz\n1,1e-6\n0.5,1e-6\n", encoding="utf-8")
     refused("line 3: found frequency 0.5, must be > 1", psd=file)
+    file.write_text("Hz,(m/s2)2/Hz\n1,1e-6\n90,1e-6\n", encoding="utf-8")
+    refused(r"states \(m/s2\)2/Hz, must be N2/Hz of the load on 'mass'", psd=file)
 
 
 def test_a_density_is_straight_on_logarithmic_axes_and_read_from_files(tmp_path):
@@ -269,12 +271,15 @@ def bar(tip: float = 8000.0) -> sj.System:
     return structure.system([sj.Load(base="x", amplitude=sj.Harmonic(1.0, 100.0))], points=["end"])
 
 
-def test_slow_vibration_of_the_base_carries_the_structure_along():
+def test_slow_vibration_of_the_base_carries_the_structure_along(tmp_path):
     """Far below the first mode the absolute acceleration is the base's."""
     system = bar()
     (curve,) = sj.backbone(system, levels=20, up_to=2.0)
     low, high = 0.002 * curve.stuck_frequency, 0.01 * curve.stuck_frequency
     result = sj.random_response(system, [curve], [[low, 0.01], [high, 0.01]], unit="g2/Hz")
+    (tmp_path / "psd.csv").write_text(f"Hz,N2/Hz\n{low},1\n{high},1\n", encoding="utf-8")
+    with pytest.raises(sj.InputError, match=r"states N2/Hz, must be \(m/s2\)2/Hz"):
+        sj.random_response(system, [curve], tmp_path / "psd.csv")
     base = 9.80665**2 * 0.01
     np.testing.assert_allclose(result.acceleration_psd[1], base, rtol=3e-4)
     assert result.notes == ()

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.reduction.interface_modes import RestrictedMotion, motions_without_slip
+from skfem_joint.reduction.interface_modes import RestrictedMotion, motions_without_slip, up_to
 from skfem_joint.reduction.pod import orthonormal
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.system.system import System
@@ -38,17 +38,15 @@ class StuckVibration:
     rows: tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
     @staticmethod
-    def of(system: System, highest: float, most: int) -> StuckVibration:
-        """Vibration with at most ``most`` modes, of those up to three times a frequency (Hz).
+    def of(system: System, highest: float) -> StuckVibration:
+        """Vibration with the modes up to three times a frequency (Hz), at least one.
 
         The normal forces of the system are constant.
         """
         F = motions_without_slip(system, carrying=system.contact.has_springs)
         held = replace(system, K=system.stuck_stiffness)
         restricted = RestrictedMotion.of(held, F)
-        frequency, shapes = restricted.lowest(most, restricted.solver, 1e-6)
-        count = max(1, int(np.count_nonzero(frequency <= 3.0 * highest)))
-        modes = np.asarray(F @ shapes[:, :count])
+        modes = np.asarray(F @ up_to(restricted, highest, 1, 16, (restricted.solver, 1e-6)))
         static = F @ restricted.solver(np.asarray(F.T @ system.load_vectors()))
         W = orthonormal(np.hstack([modes, np.reshape(static, (system.n, -1))]), system.M)
         M, C, K = (np.asarray(congruent(A, W)) for A in (held.M, held.C, held.K))

@@ -80,8 +80,7 @@ class Pool:
     @staticmethod
     def of(system: System, range_: Range) -> Pool:
         """Pool without paths."""
-        interface_modes = 16  # at most
-        stuck = StuckVibration.of(system.closed(), range_.frequency[1], interface_modes)
+        stuck = StuckVibration.of(system.closed(), range_.frequency[1])
         return Pool(system, QuasiStatic(system, 3e-5), stuck, strain_norm(system))
 
     def nominal(self, place: Point) -> float:
