@@ -11,22 +11,22 @@ ring-down below 10 m/s2 with flat faces; only the mesh is coarser. Two bows are 
 of that file too, and two with contact that opens.
 """
 
-import os
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "examples"), str(ROOT / "meshes")]
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 import matplotlib.pyplot as plt
 import numpy as np
 from make_meshes import INCH, brake_reuss
 
 import skfem_joint as sj
-from benchmarks import head, row
 from skfem_joint.structure.parameters import with_values
 
 #: As `examples/measured_beam.py` fits them with flat faces.
@@ -103,7 +103,7 @@ def rows(structures, bows, scene, note=""):
 def main(arguments):
     """Table of frequency, damping and contact over the bow, and a picture of the first two."""
     begin, quick = time.perf_counter(), "--quick" in arguments
-    scene = sj.load_scene(ROOT / "examples" / "measured" / "thin_beam.toml")
+    scene = sj.load_scene(EXAMPLES / "measured" / "thin_beam.toml")
     flat = scene.structure()
     bows = BOWS[[1, 3, 5]] if quick else BOWS
     head(

@@ -15,7 +15,6 @@ after clamping. Its energy of a cycle is the area of force over displacement, as
 The difference is that of contact that opens from CalculiX.
 """
 
-import os
 import re
 import shutil
 import subprocess
@@ -26,14 +25,15 @@ from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "examples"), str(ROOT / "meshes")]
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, inp, row
+
+# isort: split
 
 import numpy as np
 from make_meshes import solid_lap_joint
 
-from benchmarks import head, inp, row
 from benchmarks.contact import FULL, WAYS, bolted, loop
 from skfem_joint.joint.clamps import clamp_forces
 

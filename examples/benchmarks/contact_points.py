@@ -18,20 +18,21 @@ both.
 
 import argparse
 import json
-import os
 import sys
 import time
 from pathlib import Path
 from unittest.mock import patch
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, row
+
+# isort: split
 
 import matplotlib as mpl
 import numpy as np
 
 import skfem_joint as sj
-from benchmarks import head, row
 from benchmarks.solids import plates
 from skfem_joint.linalg import schur
 from skfem_joint.minimise.problem import ContactPoints

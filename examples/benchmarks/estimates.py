@@ -16,7 +16,6 @@ With ``--out`` rows are kept as they come; scenes that the file has are not run 
 
 import argparse
 import json
-import os
 import sys
 import time
 from collections import Counter
@@ -26,12 +25,14 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks.scenes import CLASSES, Drawn, draw
+
+# isort: split
 
 import numpy as np
 
-from benchmarks.scenes import CLASSES, Drawn, draw
 from skfem_joint import run_scene
 from skfem_joint.accuracy.estimate import verification_run
 from skfem_joint.ground.errors import JointError

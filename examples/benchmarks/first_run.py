@@ -15,8 +15,11 @@ import os
 import sys
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 import argparse
 import json
@@ -24,8 +27,6 @@ import resource
 import subprocess
 import time
 from tempfile import TemporaryDirectory
-
-from benchmarks import EXAMPLES, head, row
 
 SCENES = ("structure_harmonic", "plate_bolts", "solid_lap_joint")
 #: Runs a scene, and writes what the process knows of its compilations and its output.

@@ -14,10 +14,6 @@ bolted plates stands beside exact linear vibration, and an oscillator beside Den
 of one thread, those of a frequency its processor's.
 """
 
-import os
-
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-
 import argparse
 import importlib.util
 import statistics
@@ -27,7 +23,11 @@ from dataclasses import replace
 from pathlib import Path
 from unittest.mock import patch
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import NOT_INSTALLED, head, row
+
+# isort: split
 
 import numpy as np
 from paper import cases
@@ -35,7 +35,6 @@ from scipy.linalg import eigh
 from skfem import Basis, BilinearForm, ElementLineHermite, MeshLine
 
 import skfem_joint as sj
-from benchmarks import NOT_INSTALLED, head, row
 from benchmarks.first_order import FirstOrder, slip_work
 from benchmarks.integrators import Form, Task, solve
 from benchmarks.plates import system_of
