@@ -252,13 +252,6 @@ CLAIMS = {
     ),
     "growth": Claim(f"{BENCHMARKS}/growth.py", 100, {"growth": printed}, timed=True),
     "sweep": Claim(f"{BENCHMARKS}/sweep.py", 200, {"sweep": printed}, timed=True),
-    "sweep-range": Claim(
-        f"{BENCHMARKS}/sweep.py --range",
-        400,
-        {"sweep-range": printed},
-        short=f"{BENCHMARKS}/sweep.py --range plate_reference --quick",
-        timed=True,
-    ),
     "elements": Claim(
         f"{BENCHMARKS}/elements.py cantilever preload opens lap --out {{out}}",
         400,
@@ -282,8 +275,7 @@ CLAIMS = {
         f"{BENCHMARKS}/contact_points.py", 240, {"contact-points": printed}, timed=True
     ),
     "contact-point-steps": Claim(
-        f"{BENCHMARKS}/contact_points.py steps --out {{out}} "
-        "--before examples/benchmarks/contact_points_before.json",
+        f"{BENCHMARKS}/contact_points.py steps --out {{out}}",
         900,
         {"contact-point-steps": printed},
         {"contact_points": "contact_points.png"},

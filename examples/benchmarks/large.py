@@ -6,8 +6,8 @@
 
 A Brake-Reuss beam of bricks of second order that floats, with contact that stays closed: matrices,
 preload by three bolts, ten modes with joints stuck, and the curve of its first bending mode over
-eight levels. Each size has a process of its own. Times are CPU seconds on one thread. One factor and
-one solution are of the whole stiffness, with a shift. Compilation is done before, on a small beam.
+eight levels. Each size has a process of its own. Times are CPU seconds on one thread. One factor
+and one solution are of the whole stiffness, with a shift. Compilation is done before.
 """
 
 import json
