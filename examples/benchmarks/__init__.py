@@ -1,8 +1,16 @@
-"""Cost of a step, and the same problem solved by ready-made integrators."""
+"""Cost of a step, and the same problem solved by ready-made integrators.
 
+Importing this package pins BLAS to one thread, so that it comes before numpy, and makes the module
+of the meshes known.
+"""
+
+import os
+import sys
 from pathlib import Path
 
+os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 EXAMPLES = Path(__file__).resolve().parents[1]
+sys.path.append(str(EXAMPLES.parent / "meshes"))
 #: Status of a package that an extra of the project installs.
 NOT_INSTALLED = "not installed: pip install 'skfem-joint[bench]'"
 

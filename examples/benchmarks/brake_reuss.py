@@ -2,28 +2,29 @@
 
     python examples/benchmarks/brake_reuss.py             20 levels, some two minutes
     python examples/benchmarks/brake_reuss.py --quick     three levels
-    python examples/benchmarks/brake_reuss.py --across 4  a mesh twice as fine in the contact
+    python examples/benchmarks/brake_reuss.py --finer     a mesh twice as fine in the contact
 
 The published curves (tmd-lab/tmdsimpy, ``examples/structures/results/brb_epmc_*.yaml``) are of an
 extended periodic motion, with rough contact of asperities that yield, friction 0.03, and bolts of
 12.0 to 12.7 kN.
 """
 
-import os
 import sys
 import time
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "examples"), str(ROOT / "meshes")]
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 import numpy as np
+from make_meshes import brake_reuss
 
 import skfem_joint as sj
-from benchmarks import head, row
 
-FRICTION, FORCE = 0.03, 12e3  # N
+MESH, FRICTION, FORCE = EXAMPLES.parent / "meshes" / "brake_reuss.msh", 0.03, 12e3  # N
 #: Of flat faces and of measured topography: the ends of displacement (m), Hz, and damping (%).
 PUBLISHED = {
     "published, flat faces": ((9.7e-8, 168.5, 0.087), (6.74e-5, 156.7, 3.06)),
@@ -33,13 +34,8 @@ PUBLISHED = {
 PLACES = (6e-6, 1e-5, 2e-5, 4e-5, 6.74e-5, 1e-4)
 
 
-def beam(contact, across=2):
+def beam(contact, mesh=MESH):
     """Structure of the beam with a kind of contact, see `meshes/make_meshes.py`."""
-    mesh = ROOT / "meshes" / "brake_reuss.msh"
-    if across != 2:
-        from make_meshes import brake_reuss
-
-        mesh = brake_reuss(across)
     joint = sj.Joint("upper_face", "preload", FRICTION, against="lower_face", contact=contact)
     return sj.Structure(
         mesh,
@@ -53,11 +49,11 @@ def beam(contact, across=2):
 def main(arguments):
     """Both curves as a table, and what they take."""
     levels = 3 if "--quick" in arguments else 20
-    across = int(arguments[arguments.index("--across") + 1]) if "--across" in arguments else 2
+    mesh = brake_reuss(4) if "--finer" in arguments else MESH
     head("contact", "stuck, Hz", *(f"{1e6 * x:.3g} um" for x in PLACES))
     seconds, notes = {}, []
     for contact in ("constant", "unilateral"):
-        system = beam(contact, across).system(points=["upper_end"])
+        system = beam(contact, mesh).system(points=["upper_end"])
         begin = time.perf_counter()
         (curve,) = sj.backbone(system, modes=[7], levels=levels)
         seconds[contact] = time.perf_counter() - begin

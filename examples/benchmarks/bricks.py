@@ -16,12 +16,15 @@ from tempfile import TemporaryDirectory
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
+from benchmarks import head, inp, row
+
+# isort: split
+
 import numpy as np
 from scipy.sparse.linalg import spsolve
 from skfem import MeshHex
 
 import skfem_joint as sj
-from benchmarks import head, inp, row
 from benchmarks.calculix import MISSING, forces
 from skfem_joint.mesh import named
 

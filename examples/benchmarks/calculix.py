@@ -2,11 +2,8 @@
 
     python examples/benchmarks/calculix.py 0.6 --workers 2   60 % of slip; half an hour or more
     python examples/benchmarks/calculix.py coarse bending    one mesh or load; some hours for all
-    python examples/benchmarks/calculix.py --quick           one cycle of six levels a part, not 20;
-                                                             some minutes; if none are given, axial,
-                                                             60 % of slip and the coarse mesh
-    python examples/benchmarks/calculix.py --folder DIR      where CalculiX reads and writes; runs
-                                                             that came to their end are kept there
+    python examples/benchmarks/calculix.py 0.6 --quick       one cycle of six levels a part, not 20;
+                                                             some minutes
 
 CalculiX, whose program ``ccx`` must be installed (on Debian: ``apt-get install calculix-ccx``),
 gets the tetrahedra of second order, supports, forces of the bolts and of the load that this package
@@ -15,25 +12,27 @@ after clamping. Its energy of a cycle is the area of force over displacement, as
 The difference is that of contact that opens from CalculiX.
 """
 
-import os
 import re
 import shutil
 import subprocess
 import sys
+from argparse import ArgumentParser
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "examples"), str(ROOT / "meshes")]
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, inp, row
+
+# isort: split
 
 import numpy as np
 from make_meshes import solid_lap_joint
 
-from benchmarks import head, inp, row
 from benchmarks.contact import FULL, WAYS, bolted, loop
 from skfem_joint.joint.clamps import clamp_forces
 
@@ -53,18 +52,6 @@ SHARES = (0.3, 0.6, 0.9)
 LIMIT = 4 * 3600.0
 
 
-def numbered(values):
-    """Lines of numbers, each with its own number from 1 in front."""
-    return [f"{k}, {', '.join(f'{x:.9g}' for x in each)}" for k, each in enumerate(values, 1)]
-
-
-def surface(structure, name):
-    """Sides of tetrahedra on a boundary, as lines."""
-    mesh = structure.mesh
-    found = inp.sides(mesh, name, inp.model(mesh, 1)[1])
-    return [f"*SURFACE, NAME={name}, TYPE=ELEMENT", *(f"{e + 1}, S{side}" for e, side, _ in found)]
-
-
 def forces(values):
     """Nodal forces (N, 3), N, as lines."""
     nodes, axes = np.nonzero(values)
@@ -74,24 +61,21 @@ def forces(values):
 
 def deck(structure, way, force, steps):
     """Input of CalculiX: bolts clamp, then the load goes to F, -F and F; mm, N and MPa."""
-    body, material = structure.body, structure.material
-    t = body.of_element + 1
+    body, material, mesh = structure.body, structure.material, structure.mesh
     loose = body.body_of_node[body.nodes_of("lower_end")[0]]
     lower = np.flatnonzero(body.body_of_node == loose)
     spread = structure.nodes[lower] - structure.nodes[lower].mean(axis=0)
     corners = lower[[np.argmax(spread @ corner) for corner in product((1.0, -1.0), repeat=3)]]
     (joint,) = structure.joints
-    lines = ["*NODE, NSET=ALL", *numbered(1e3 * structure.nodes)]
-    lines += ["*ELEMENT, TYPE=C3D10, ELSET=PLATES", *numbered(t.T)]
-    first = t.shape[1] + 1
+    in_mm = replace(mesh, coordinates=1e3 * mesh.coordinates)
+    lines, first = inp.deck(in_mm, (joint.on, joint.against)), mesh.n_elements + 1
     for axis in (1, 2):
         lines.append(f"*ELEMENT, TYPE=SPRING1, ELSET=SOFT{axis}")
         lines += [f"{first + k}, {node + 1}" for k, node in enumerate(corners)]
         lines += [f"*SPRING, ELSET=SOFT{axis}", f"{axis}", f"{SOFT / len(corners):g}"]
         first += len(corners)
     lines += ["*MATERIAL, NAME=STEEL", "*ELASTIC", f"{1e-6 * material.E}, {material.poisson}"]
-    lines += ["*SOLID SECTION, ELSET=PLATES, MATERIAL=STEEL"]
-    lines += surface(structure, joint.on) + surface(structure, joint.against)
+    lines += ["*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL"]
     lines += ["*SURFACE INTERACTION, NAME=FACES"]
     lines += ["*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR", f"{STIFFNESS:g}"]
     lines += ["*FRICTION", f"{SMOOTH:g}, {STIFFNESS:g}"]
@@ -138,55 +122,39 @@ def areas(t, u, force):
     return tuple(float(np.trapezoid(level[k], u[k])) for k in (slice(None), few))
 
 
-def by_calculix(text, weights, force, folder):
+def by_calculix(text, weights, force):
     """Energies of the loop of an input by `areas`, J; ValueError if it does not reach its end."""
-    given, found = folder / "plates.inp", folder / "plates.dat"
-
-    def path():
-        said = found.read_text(encoding="utf-8") if found.exists() else ""
-        return displacements(said, weights)
-
-    folder.mkdir(parents=True, exist_ok=True)
-    known = given.exists() and given.read_text(encoding="utf-8") == text
-    if not (known and is_whole(path()[0])):
-        found.unlink(missing_ok=True)
+    with TemporaryDirectory() as temporary:
+        given, found = Path(temporary, "plates.inp"), Path(temporary, "plates.dat")
         given.write_text(text, encoding="utf-8")
         with suppress(subprocess.TimeoutExpired):  # its displacements say how far it came
             subprocess.run(
-                ["ccx", "plates"], cwd=folder, capture_output=True, timeout=LIMIT, check=False
+                ["ccx", "plates"], cwd=temporary, capture_output=True, timeout=LIMIT, check=False
             )
-    t, u = path()
-    if not is_whole(t):
+        t, u = displacements(found.read_text(encoding="utf-8") if found.exists() else "", weights)
+    if t.size == 0 or t[-1] < 4.0 - 1e-6:
         raise ValueError(f"ended after {t[-1] if t.size else 0.0:.3g} of 4 parts of the path")
     return areas(t, u, force)
-
-
-def is_whole(t):
-    """Whether times (k,) reach the end of the path."""
-    return t.size > 0 and t[-1] > 4.0 - 1e-6
-
-
-def after(arguments, option, default):
-    """Argument that follows an option."""
-    return arguments[arguments.index(option) + 1] if option in arguments else default
 
 
 def main(arguments):
     if shutil.which("ccx") is None:
         sys.exit(MISSING)
-    quick, workers = "--quick" in arguments, int(after(arguments, "--workers", 1))
-    kinds = [name for name in FULL if name in arguments] or list(FULL)
-    shares = [share for share in SHARES if str(share) in arguments] or ([0.6] if quick else SHARES)
-    meshes = [name for name in MESHES if name in arguments] or list(MESHES)
-    cases = list(product(kinds, shares, meshes))[: 1 if quick else None]
+    parser = ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("only", nargs="*", help="kinds of load, shares of slip, and meshes")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--quick", action="store_true", help="one of them, with fewer levels")
+    options = parser.parse_args(arguments)
+    quick, every = options.quick, (FULL, SHARES, MESHES)
+    chosen = ([x for x in some if str(x) in options.only] or some for some in every)
+    cases = list(product(*chosen))[: 1 if quick else None]
     steps, bricks = 6 if quick else 20, {k: solid_lap_joint(**v) for k, v in MESHES.items()}
     print("Energy of a slow cycle of two bolted solid plates, mJ, by this package and CalculiX\n")
     head(
         *("load", "share of slip", "mesh", "unknowns", "contact nodes", "constant normal forces"),
         *("contact that opens", "CalculiX", "from every second level", "difference, %"),
     )
-    with TemporaryDirectory() as temporary, ThreadPoolExecutor(workers) as pool:
-        folder = Path(after(arguments, "--folder", temporary))
+    with ThreadPoolExecutor(options.workers) as pool:
         others, sizes = {}, {}
         for case in sorted(cases, key=lambda case: -bricks[case[2]].n_elements):  # longest first
             kind, share, name = case
@@ -194,9 +162,8 @@ def main(arguments):
             sizes[case] = np.count_nonzero(~structure.held), structure.patches[0].points.size
             text = deck(structure, WAYS[kind], force, steps)
             weights = np.outer(structure.body.even_shares("lower_end"), WAYS[kind])
-            place = folder / "-".join(map(str, case))
             # the package itself stays in this thread
-            others[case] = pool.submit(by_calculix, text, weights, force, place)
+            others[case] = pool.submit(by_calculix, text, weights, force)
         for case in cases:
             kind, share, name = case
             closed, energy = (

@@ -21,8 +21,11 @@ from tempfile import TemporaryDirectory
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-import skfem_joint as sj
 from benchmarks import elements, head, row
+
+# isort: split
+
+import skfem_joint as sj
 from skfem_joint.accuracy.halved_mesh import BEYOND
 from skfem_joint.scene.shipped import shipped_scene
 

@@ -11,21 +11,22 @@ The block is half of that of the GRECO benchmark (Raous, Chabrand and Lebon, 198
 code_aster): 40 x 40 mm in plane strain, friction 1, 150 MPa on its side and 50 MPa on its top.
 """
 
-import os
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 import numpy as np
 import skfem
 from scipy import sparse
 
 import skfem_joint as sj
-from benchmarks import EXAMPLES, head, row
 from skfem_joint.joint.pressure_space import pressure_space
 from skfem_joint.mesh import merged, named
 from skfem_joint.reduction.elastic_contact import elastic

@@ -2,7 +2,7 @@
 
     python examples/benchmarks/contact_points.py            all sizes
     python examples/benchmarks/contact_points.py --quick    100 and 300
-    python examples/benchmarks/contact_points.py steps --out DIR [--before FILE] [--to POINTS]
+    python examples/benchmarks/contact_points.py steps --out DIR [--to POINTS]
 
 Two plates of bricks of second order as in ``solids.py``, lapped under two bolts that press most of
 the lap, with exact Coulomb friction; finer and finer meshes. Each is checked, as by ``skfem-joint
@@ -12,26 +12,25 @@ BLAS threads are pinned. What is compiled is compiled before.
 
 ``steps`` measures processor time of steps alone, with constant contact and with contact that opens,
 on bricks of first order, of which more have contact. At the last of 12 steps about a fifth of the
-points slips. It writes ``steps.json`` and, with the same file of an earlier version, a picture of
-both.
+points slips. It draws both over the number of points.
 """
 
 import argparse
-import json
-import os
 import sys
 import time
 from pathlib import Path
 from unittest.mock import patch
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, row
+
+# isort: split
 
 import matplotlib as mpl
 import numpy as np
 
 import skfem_joint as sj
-from benchmarks import head, row
 from benchmarks.solids import plates
 from skfem_joint.linalg import schur
 from skfem_joint.minimise.problem import ContactPoints
@@ -117,50 +116,37 @@ def steps_of(contact, points):
 
 
 def steps(arguments):
-    """Table, file and picture of the time of steps over the number of points."""
+    """Table and picture of the time of steps over the number of points."""
     options = argparse.ArgumentParser(description=steps.__doc__)
     options.add_argument("--out", type=Path, required=True)
-    options.add_argument("--before", type=Path)
     options.add_argument("--to", type=int, default=max(FIRST_ORDER))
     given = options.parse_args(arguments)
     given.out.mkdir(parents=True, exist_ok=True)
-    earlier = json.loads(given.before.read_text(encoding="utf-8")) if given.before else {}
     head(
         *("contact", "points", "unknowns", "slipping of pressed, %", "pressed, %"),
-        *("CPU ms a step", "largest", "before", "largest"),
+        *("CPU ms a step", "largest"),
     )
     measured = {}
     for contact, most in MOST.items():
         run(plates((4, 1, 2, 1), 1, PERIOD, REACH, 1, contact).system())
         for points in [size for size in FIRST_ORDER if size <= min(most, given.to)]:
             n, times, slipping, pressed = steps_of(contact, points)
-            own = {"mean": 1e3 * times.mean(), "largest": 1e3 * times.max()}
-            measured.setdefault(contact, {})[str(points)] = own
-            before = earlier.get(contact, {}).get(str(points), {})
+            measured.setdefault(contact, {})[points] = 1e3 * times.mean()
             cells = [f"{100.0 * slipping:.0f}", f"{100.0 * pressed:.0f}"]
-            cells += [f"{value:.3g}" for value in own.values()]
-            cells += [f"{before[name]:.3g}" if before else "" for name in own]
+            cells += [f"{1e3 * value:.3g}" for value in (times.mean(), times.max())]
             row("opens" if contact == "unilateral" else contact, points, n, *cells)
-            (given.out / "steps.json").write_text(json.dumps(measured), encoding="utf-8")
-    draw(measured, earlier, given.out / "contact_points.png")
+    draw(measured, given.out / "contact_points.png")
 
 
-def draw(measured, earlier, file):
+def draw(measured, file):
     """Draw mean times of steps over the number of points."""
     mpl.use("Agg")
     from matplotlib import pyplot as plt
 
     figure, axes = plt.subplots(figsize=(7.0, 4.5), layout="constrained")
     names = {"constant": "constant contact", "unilateral": "contact that opens"}
-    for color, (contact, name) in zip(("C0", "C1"), names.items(), strict=True):
-        for times, style, when in (
-            (earlier, "o--", ", all points worked on"),
-            (measured, "o-", ""),
-        ):
-            own = times.get(contact, {})
-            if own:
-                means = [row["mean"] for row in own.values()]
-                axes.loglog([int(n) for n in own], means, style, color=color, label=name + when)
+    for contact, means in measured.items():
+        axes.loglog([*means], [*means.values()], "o-", label=names[contact])
     axes.set(xlabel="contact points", ylabel="processor time of a step, ms")
     axes.grid(visible=True, which="both", alpha=0.3)
     axes.legend()

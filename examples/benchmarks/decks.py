@@ -15,14 +15,16 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT / "examples"), str(ROOT / "meshes")]
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, inp, row
+
+# isort: split
 
 import numpy as np
 from make_meshes import solid_lap_joint
 
 import skfem_joint as sj
-from benchmarks import head, inp, row
 from benchmarks.calculix import MISSING
 from benchmarks.contact import tetrahedra
 from skfem_joint.mesh import load_meshes

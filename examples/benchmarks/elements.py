@@ -23,13 +23,16 @@ from tempfile import TemporaryDirectory
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
+from benchmarks import head, row
+
+# isort: split
+
 import itertools
 
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
 import skfem_joint as sj
-from benchmarks import head, row
 
 KINDS = ("tetrahedra", "hexahedra", "triangles", "quadrilaterals")
 SCENES = ("cantilever", "lap", "preload", "opens")

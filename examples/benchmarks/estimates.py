@@ -5,33 +5,31 @@
     python examples/benchmarks/estimates.py plates-bolted --seed 7 --model accuracy
     python examples/benchmarks/estimates.py plates-side solids --seed 7 --model mesh
     python examples/benchmarks/estimates.py bars --seed 7 --only 12
-    python examples/benchmarks/estimates.py all --out rows.jsonl
 
 Each model of a scene is run alone, as its user would, and compared with the truth: the full model
 at 8 times the steps, extrapolated from half as many. That is on the mesh of the scene: errors by
 the mesh are judged apart, with ``--model mesh``, by quadratic elements on a mesh refined once, in
 the same steps.
-With ``--out`` rows are kept as they come; scenes that the file has are not run again.
 """
 
 import argparse
-import json
-import os
 import sys
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field, replace
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks.scenes import CLASSES, Drawn, draw
+
+# isort: split
 
 import numpy as np
 
-from benchmarks.scenes import CLASSES, Drawn, draw
 from skfem_joint import run_scene
 from skfem_joint.accuracy.estimate import verification_run
 from skfem_joint.ground.errors import JointError
@@ -198,8 +196,8 @@ def judged_mesh(scene: Scene) -> Row:
     return judged(scene, truth, of_mesh=True)
 
 
-def measured(kind: str, seed: int, number: int, models: tuple[str, ...]) -> list[dict]:
-    """Rows of one scene, as dictionaries."""
+def measured(kind: str, seed: int, number: int, models: tuple[str, ...]) -> list[Row]:
+    """Rows of one scene."""
     with TemporaryDirectory() as folder:
         begin = time.process_time()
         try:
@@ -207,13 +205,13 @@ def measured(kind: str, seed: int, number: int, models: tuple[str, ...]) -> list
             truth = truth_of(drawn.scene) if {*models} - {OF_MESH} else None
         except JointError as error:
             refused = f"{type(error).__name__}: {error}"
-            return [asdict(Row(kind, seed, number, m, "", 0.0, refused=refused)) for m in models]
+            return [Row(kind, seed, number, m, "", 0.0, refused=refused) for m in models]
         spent, rows = time.process_time() - begin, []
         for name, scene in _variants(drawn, models):
-            values = asdict(judged_mesh(scene) if name == OF_MESH else judged(scene, truth))
-            values |= {"kind": kind, "seed": seed, "number": number, "model": name}
-            values |= {"load": drawn.load, "share": drawn.share, "truth_seconds": spent}
-            rows.append(values)
+            made = judged_mesh(scene) if name == OF_MESH else judged(scene, truth)
+            of_scene = {"kind": kind, "seed": seed, "number": number, "truth_seconds": spent}
+            of_load = {"load": drawn.load, "share": drawn.share}
+            rows.append(replace(made, model=name, **of_scene, **of_load))
     return rows
 
 
@@ -435,15 +433,6 @@ def _seed(word):
     return int(time.time_ns() // 1000 % 10**9) if word == "clock" else int(word)
 
 
-def _kept(path: Path | None) -> list[Row]:
-    """Rows of a file, without a last line that was not finished."""
-    if path is None or not path.exists():
-        return []
-    whole = [line for line in path.read_text(encoding="utf-8").splitlines(True) if line[-1] == "\n"]
-    path.write_text("".join(whole), encoding="utf-8")
-    return [Row(**json.loads(line)) for line in whole]
-
-
 def main(arguments=None):
     """Draw, run, judge and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -457,29 +446,17 @@ def main(arguments=None):
     parser.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="only these scenes")
     parser.add_argument("--model", nargs="+", choices=(*MODELS, *OTHERS), default=MODELS)
     parser.add_argument("--jobs", type=int, default=1, help="processes")
-    parser.add_argument("--out", type=Path, help="file of rows, a JSON object in each line")
     options = parser.parse_args(arguments)
     begin = time.perf_counter()
     kinds = tuple(CLASSES) if "all" in options.classes else tuple(options.classes)
     numbers = range(options.count) if options.only is None else options.only
-    rows = _kept(options.out)
-    names = {f"accuracy {100 * a:g} %" for a in ASKED} if "accuracy" in options.model else set()
-    names |= {*options.model} - {"accuracy"}
-    wanted = {(kind, seed, n) for kind in kinds for seed in options.seed for n in numbers}
-    rows = [r for r in rows if (r.kind, r.seed, r.number) in wanted and r.model in names]
-    done = Counter((row.kind, row.seed, row.number) for row in rows)
-    rows = [r for r in rows if done[r.kind, r.seed, r.number] == len(names)]
-    tasks = [(*key, tuple(options.model)) for key in sorted(wanted) if done[key] < len(names)]
+    scenes = sorted((kind, seed, n) for kind in kinds for seed in options.seed for n in numbers)
     print(f"seeds {' '.join(map(str, options.seed))}, scenes of {', '.join(kinds)}", flush=True)
-    with ExitStack() as stack:
-        file = options.out and stack.enter_context(options.out.open("a", encoding="utf-8"))
-        for found in _results(tasks, options.jobs, stack):
-            for row in found:
-                rows.append(Row(**row))
-                print(_line(rows[-1]), flush=True)
-                if file:
-                    file.write(f"{json.dumps(row)}\n")
-                    file.flush()
+    rows, judge = [], partial(measured, models=tuple(options.model))
+    with ProcessPoolExecutor(options.jobs, mp_context=Spawn()) as pool:
+        for found in pool.map(judge, *zip(*scenes, strict=True)):
+            rows += found
+            print(*map(_line, found), sep="\n", flush=True)
     order = {name: k for k, name in enumerate(kinds)}
     models = {name: k for k, name in enumerate(MODELS)}
     rows.sort(key=lambda r: (order[r.kind], models.get(r.model, 9), r.seed, r.number))
@@ -488,20 +465,6 @@ def main(arguments=None):
     print("", *report(rows), "", sep="\n")
     print(f"Seeds {' '.join(map(str, options.seed))}; {time.perf_counter() - begin:.0f} s, "
           f"{spent:.0f} s of processor time.")  # fmt: skip
-
-
-def _results(tasks, jobs, stack):
-    """Rows of each scene as they come."""
-    if jobs == 1:
-        yield from (measured(*task) for task in tasks)
-        return
-    pool = stack.enter_context(ProcessPoolExecutor(jobs, mp_context=Spawn()))
-    futures = [pool.submit(measured, *task) for task in tasks]
-    try:
-        yield from (future.result() for future in as_completed(futures))
-    finally:
-        for future in futures:
-            future.cancel()
 
 
 if __name__ == "__main__":

@@ -3,7 +3,6 @@
     python examples/benchmarks/first_run.py                    three scenes, three rounds
     python examples/benchmarks/first_run.py NAME ...           these scenes of examples/
     python examples/benchmarks/first_run.py --quick            one scene, one round
-    python examples/benchmarks/first_run.py --against FOLDER   in turn with another checkout
 
 Each run is `skfem-joint run` in a process of its own. The first one has an empty folder for
 compiled code, the second one that of the first. Times are of the processor, of all threads and in
@@ -15,8 +14,11 @@ import os
 import sys
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 import argparse
 import json
@@ -24,8 +26,6 @@ import resource
 import subprocess
 import time
 from tempfile import TemporaryDirectory
-
-from benchmarks import EXAMPLES, head, row
 
 SCENES = ("structure_harmonic", "plate_bolts", "solid_lap_joint")
 #: Runs a scene, and writes what the process knows of its compilations and its output.
@@ -76,14 +76,14 @@ sys.exit(status)
 """
 
 
-def run(scene, checkout, cache):
-    """Times (s) and counts of one run of a scene by the package of a checkout."""
+def run(scene, cache):
+    """Times (s) and counts of one run of a scene."""
     with TemporaryDirectory() as folder:
         told, out = Path(folder, "told.json"), Path(folder, "out")
-        places = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
+        places = os.pathsep.join([str(EXAMPLES.parent), os.environ.get("PYTHONPATH", "")])
         environment = os.environ | {"PYTHONPATH": places, "NUMBA_CACHE_DIR": cache}
         before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-        path = str(checkout / "examples" / f"{scene}.toml")
+        path = str(EXAMPLES / f"{scene}.toml")
         subprocess.run(  # -P: not the package of the current folder
             [sys.executable, "-P", "-c", RUN, path, out, told],
             env=environment, check=True, capture_output=True,
@@ -93,41 +93,32 @@ def run(scene, checkout, cache):
         return json.loads(told.read_text()) | {"cpu": cpu, "wall": wall}
 
 
-def both(scene, checkout):
+def both(scene):
     """A first run and the second one."""
     with TemporaryDirectory() as cache:
-        return run(scene, checkout, cache), run(scene, checkout, cache)
+        return run(scene, cache), run(scene, cache)
 
 
 def main(arguments):
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("scenes", nargs="*", metavar="NAME", default=SCENES)
-    parser.add_argument("--against", type=Path, metavar="FOLDER")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--quick", action="store_true")
     options = parser.parse_args(arguments)
     scenes, rounds = (SCENES[:1], 1) if options.quick else (options.scenes, options.rounds)
-    checkouts = {"this": EXAMPLES.parent}
-    if options.against is not None:
-        checkouts = {"other": options.against.resolve()} | checkouts
     head(
-        "scene", "package", "first run", "wall", "compilation", "compilations", "functions",
+        "scene", "first run", "wall", "compilation", "compilations", "functions",
         "import of numba", "results", "second run", "wall", "results",
     )  # fmt: skip
     for scene in scenes:
-        runs = {name: [] for name in checkouts}
-        for _ in range(rounds):
-            for name, checkout in checkouts.items():
-                runs[name].append(both(scene, checkout))
-        for name, pairs in runs.items():
-            first, second = (
-                {key: min(one[key] for one in each) for key in each[0]}
-                for each in zip(*pairs, strict=True)
-            )
-            times = [f"{first[key]:.1f}" for key in ("cpu", "wall", "compilation")]
-            counts = first["compilations"], first["functions"], f"{first['import']:.2f}"
-            later = [f"{second[key]:.1f}" for key in ("cpu", "wall", "results")]
-            row(scene, name, *times, *counts, f"{first['results']:.1f}", *later)
+        first, second = (
+            {key: min(one[key] for one in each) for key in each[0]}
+            for each in zip(*(both(scene) for _ in range(rounds)), strict=True)
+        )
+        times = [f"{first[key]:.1f}" for key in ("cpu", "wall", "compilation")]
+        counts = first["compilations"], first["functions"], f"{first['import']:.2f}"
+        later = [f"{second[key]:.1f}" for key in ("cpu", "wall", "results")]
+        row(scene, *times, *counts, f"{first['results']:.1f}", *later)
 
 
 if __name__ == "__main__":

@@ -21,18 +21,19 @@ Solid: a lap joint of bricks of second order, ``examples/solid_lap_joint.toml`` 
 ``solids.py``; with contact that opens, two solid plates as for gradients.
 """
 
-import os
 import sys
 import time
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, row
+
+# isort: split
 
 import numpy as np
 
 import skfem_joint as sj
-from benchmarks import head, row
 from benchmarks.solids import plates as bolted_solids
 from skfem_joint.fitting.fit_model import FitModel
 from skfem_joint.structure.parameters import value_of, with_values

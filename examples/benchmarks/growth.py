@@ -6,19 +6,20 @@
 BLAS threads are pinned, runs of different models are interleaved, and medians are reported.
 """
 
-import os
 import resource
 import sys
 from pathlib import Path
 from statistics import median
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 import numpy as np
 
 import skfem_joint as sj
-from benchmarks import EXAMPLES, head, row
 from skfem_joint.reduction.scaled.reference import FORCE, FREQUENCY, lap_joint
 
 STEPS = 100  # per period

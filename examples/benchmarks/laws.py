@@ -7,16 +7,17 @@
 Relative to Coulomb's law: the friction energy of the last cycle, or of a pulse, in percent.
 """
 
-import os
 import sys
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 import numpy as np
 
-from benchmarks import EXAMPLES, head, row
 from skfem_joint import load_scene, run_scene
 from skfem_joint.accuracy.estimate import verification_run
 from skfem_joint.results.history import difference, results

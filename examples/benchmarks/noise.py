@@ -11,19 +11,20 @@ of it is marched, of which the backbones are too. Errors of what is marched are 
 by sixteen blocks of the time.
 """
 
-import os
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 import numpy as np
 
 import skfem_joint as sj
-from benchmarks import EXAMPLES, head, row
 
 #: Blocks of the time marched, and the part before them that is left out.
 BLOCKS, LEFT_OUT = 16, 0.02

@@ -4,14 +4,15 @@ python examples/benchmarks/peaks.py            a minute
 python examples/benchmarks/peaks.py --quick    one level
 """
 
-import os
 import sys
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from benchmarks import EXAMPLES, head, row
+
+# isort: split
+
 from skfem_joint import build_bar, load_scene, natural_modes
 from skfem_joint.study.backbone_peaks import backbone_peaks
 from skfem_joint.study.scene_backbone import given_backbones

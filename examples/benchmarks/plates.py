@@ -12,7 +12,6 @@ The rival is Newton's method with an exact search along its direction, which fac
 at each iteration with the same ordering and library, from the same extrapolated start.
 """
 
-import os
 import sys
 import time
 from functools import partial
@@ -20,13 +19,15 @@ from pathlib import Path
 from statistics import median
 from unittest.mock import patch
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, row
+
+# isort: split
 
 import numpy as np
 
 import skfem_joint as sj
-from benchmarks import head, row
 from skfem_joint.linalg import schur
 from skfem_joint.minimise import contact_newton
 from skfem_joint.results.history import compare

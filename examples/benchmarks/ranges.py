@@ -16,18 +16,19 @@ joint modes, and follows a path through time.
 """
 
 import argparse
-import os
 import sys
 import time
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, plates, row, shapes, solids
+
+# isort: split
 
 import numpy as np
 
 import skfem_joint as sj
-from benchmarks import head, plates, row, shapes, solids
 
 CYCLES, STEPS = 3, 100
 ASKED = {"displacement_rms": 0.01, "friction_energy": 0.03}

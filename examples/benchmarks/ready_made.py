@@ -7,19 +7,20 @@ For scenes of bars; SUNDIALS takes part if scikit-sundae is installed (extra ``b
 
 import argparse
 import importlib.util
-import os
 import sys
 import time
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-sys.path.insert(0, str(Path(__file__).parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import NOT_INSTALLED
+
+# isort: split
 
 import numpy as np
 
-from benchmarks import NOT_INSTALLED
 from benchmarks.explicit import runge_kutta, stable_step
 from benchmarks.first_order import FirstOrder, lumped, slip_work
 from benchmarks.integrators import FORMS, QUICK_FORMS, Task, solve

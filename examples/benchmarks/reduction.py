@@ -10,21 +10,22 @@ cycles) in percent. How many times faster two and twelve periods are includes th
 second time that of the estimated errors too, which stand beside it.
 """
 
-import os
 import sys
 import time
 import tomllib
 from dataclasses import replace
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 import numpy as np
 from paper import cases
 
 import skfem_joint as sj
-from benchmarks import EXAMPLES, head, row
 from benchmarks.plates import CYCLES, FREQUENCY, STEPS, system_of
 from skfem_joint.accuracy import rungs
 from skfem_joint.reduction.models import reduced_on

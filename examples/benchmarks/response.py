@@ -18,10 +18,12 @@ import time
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from benchmarks import EXAMPLES, head, row
+
+# isort: split
+
 
 #: Scene and its table ``[response]``; the quick one second.
 CASES = (

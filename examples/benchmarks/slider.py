@@ -8,18 +8,19 @@ energy of a cycle has a closed form; at other phases the force of the spring is 
 increments. Slow cycles and vibration, far below the first natural frequency, are compared with it.
 """
 
-import os
 import sys
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, row
+
+# isort: split
 
 import numpy as np
 from scipy import sparse
 
 import skfem_joint as sj
-from benchmarks import head, row
 
 #: Stiffness of the spring, N/m, amplitude of the slip, m, friction, and constant normal load, N.
 SPRING, X, MU, PRESSED = 2e5, 1e-3, 0.4, 250.0

@@ -12,18 +12,19 @@ measured and as stated without it. Off-line time is all time before the first st
 factors of the static path, which are left from the description of the scene.
 """
 
-import os
 import sys
 import time
 import tomllib
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import EXAMPLES, head, row
+
+# isort: split
 
 from resource import RUSAGE_SELF, getrusage
 
-from benchmarks import EXAMPLES, head, row
 from skfem_joint import backbone, build_box, merged, run_scene
 from skfem_joint.scene import scene_from
 

@@ -14,7 +14,6 @@ first at eight levels. BLAS threads are pinned. Memory is the peak of the proces
 of its largest child.
 """
 
-import os
 import sys
 import time
 from argparse import ArgumentParser
@@ -22,15 +21,17 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import NOT_INSTALLED, head, row
+
+# isort: split
 
 from resource import RUSAGE_CHILDREN, RUSAGE_SELF, getrusage
 
 import numpy as np
 
 import skfem_joint as sj
-from benchmarks import NOT_INSTALLED, head, row
 from skfem_joint.study.sweep import processes
 
 try:

@@ -8,18 +8,19 @@ constant contact, and the pressures that results show, are means over the hats o
 elements; where contact opens, friction limits follow the forces of single nodes.
 """
 
-import os
 import sys
 from pathlib import Path
 
-os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+from benchmarks import head, row
+
+# isort: split
 
 import numpy as np
 import skfem
 
 import skfem_joint as sj
-from benchmarks import head, row
 from skfem_joint.mesh import merged, named
 
 STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)

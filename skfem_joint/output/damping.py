@@ -100,8 +100,8 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     scene, notes, first = backbone.scene, [*backbone.notes], backbone.models[0]
     if scene.output.uff and first.name != "full":
         notes.append("backbone.uff has stuck modes alone: shapes at levels are of the full model.")
-    content = content_of(scene, models, backbone_lines(backbone), notes, OF_MODES)
-    files = written(folder, figures, content, tables)
+    about = {"told": backbone_lines(backbone), "notes": notes, "acting": OF_MODES}
+    files = written(folder, scene, models, tables, figures, **about)
     if scene.output.uff:
         curves = first.curves if first.name == "full" else []
         with adding(folder):
@@ -335,95 +335,79 @@ def write_response(
 
     With ``backbones`` also ``peaks.csv`` and ``backbone_response.png``, which compare the peaks.
     """
-    points, structure = response.scene.system().points, response.scene.structure()
-    names, numbers = safe_names(points), range(1, HARMONICS + 1)
-    places = places_of(structure, response.scene.system())
-    every_curve = [(model.name, curve) for model in response.models for curve in model.curves]
-    losses = {(name, curve.level): curve.losses for name, curve in every_curve}
-    functions = {(name, curve.level): _functions(response, curve) for name, curve in every_curve}
-    by_place = {(name, curve.level): loss.of_response(places, curve) for name, curve in every_curve}
+    scene = response.scene
+    system, structure = scene.system(), scene.structure()
+    names, numbers = safe_names(system.points), range(1, HARMONICS + 1)
+    places = places_of(structure, system)
     every = [p for model in response.models for curve in model.curves for p in curve.points]
     served = any(np.isfinite(p.model_error) for p in every)  # by a model for a range
     judged = any(p.stable is not None for p in every)  # by harmonic balance
     harmonics = [f"{k}_{name}" for name in names for k in numbers]
-    rows = [
-        {
-            "model": model.name, "level": curve.level, "frequency_Hz": p.frequency,
-            "converged": p.failure is None,
-            **_named("amplitude_{}_m", names, p.amplitude),
-            **_named("phase_{}_rad", names, p.phase),
-            **_named("offset_{}_m", names, p.offset),
-            **_named("harmonic_{}_m", harmonics, np.abs(p.harmonics).ravel()),
-            "friction_energy_J": p.friction_energy, "input_energy_J": p.input_energy,
-            "largest_slip_m": p.slip.max(initial=0.0),
-            "slipping_share": by_place[model.name, curve.level].slipping_share_of_all[k],
-            **{column: values[k] for column, values in functions[model.name, curve.level].items()},
-            "periods": p.periods, "residual": p.change, "step_error": p.step_error,
-            **({"model_error": p.model_error} if served else {}),
-            **({"stable": p.stable} if judged else {}),
-            **losses[model.name, curve.level].row(k),
-            **loss.place_cells(by_place[model.name, curve.level], k),
-            **_active_lengths(structure, p.slip),
-        }
-        for model in response.models
-        for curve in model.curves
-        for k, p in enumerate(curve.points)
-    ]  # fmt: skip
-    models = {
-        model.name: {
+    rows, swept, models = list[dict[str, Any]](), list[dict[str, Any]](), dict[str, Any]()
+    for model in response.models:
+        levels = []
+        for number, curve in enumerate(model.curves):
+            losses, functions = curve.losses, _functions(response, curve)
+            by_place = loss.of_response(places, curve)
+            rows += [
+                {
+                    "model": model.name, "level": curve.level, "frequency_Hz": p.frequency,
+                    "converged": p.failure is None,
+                    **_named("amplitude_{}_m", names, p.amplitude),
+                    **_named("phase_{}_rad", names, p.phase),
+                    **_named("offset_{}_m", names, p.offset),
+                    **_named("harmonic_{}_m", harmonics, np.abs(p.harmonics).ravel()),
+                    "friction_energy_J": p.friction_energy, "input_energy_J": p.input_energy,
+                    "largest_slip_m": p.slip.max(initial=0.0),
+                    "slipping_share": by_place.slipping_share_of_all[k],
+                    **{column: values[k] for column, values in functions.items()},
+                    "periods": p.periods, "residual": p.change, "step_error": p.step_error,
+                    **({"model_error": p.model_error} if served else {}),
+                    **({"stable": p.stable} if judged else {}),
+                    **losses.row(k),
+                    **loss.place_cells(by_place, k),
+                    **_active_lengths(structure, p.slip),
+                }
+                for k, p in enumerate(curve.points)
+            ]  # fmt: skip
+            estimate = model.estimates[number] if model.estimates else None
+            level = _level(curve, system.points, estimate) | {"peak": _at_peak(curve, by_place)}
+            levels.append(level | _swept(model, curve))
+        models[model.name] = {
             "offline_s": model.offline_s,
             "compilation_s": model.compilation_s,
             "wall_s": model.wall_s,
-            "levels": [
-                _level(curve, points, None if not model.estimates else model.estimates[k])
-                | {"peak": _at_peak(curve, by_place[model.name, curve.level])}
-                | _swept(model, curve)
-                for k, curve in enumerate(model.curves)
-            ],
+            "levels": levels,
         }
-        for model in response.models
-    }
-    tables, figures = (
-        {"response.csv": by_columns(rows)},
-        {"response.png": response_figure(response)},
-    )
-    sweeps = [(model.name, sweep) for model in response.models for sweep in model.sweeps]
-    if sweeps:
-        tables["swept.csv"] = by_columns(
-            [
-                {
-                    "model": name, "level": sweep.level, "octaves_per_minute": sweep.rate,
-                    "frequency_Hz": sweep.frequency[k],
-                    **_named("amplitude_{}_m", names, sweep.amplitude[k]),
-                }
-                for name, sweep in sweeps
-                for k in range(sweep.frequency.size)
-            ]
-        )  # fmt: skip
+        swept += [
+            {
+                "model": model.name, "level": sweep.level, "octaves_per_minute": sweep.rate,
+                "frequency_Hz": frequency, **_named("amplitude_{}_m", names, amplitude),
+            }
+            for sweep in model.sweeps
+            for frequency, amplitude in zip(sweep.frequency, sweep.amplitude, strict=True)
+        ]  # fmt: skip
+    tables = {"response.csv": by_columns(rows)}
+    figures = {"response.png": response_figure(response)}
+    if swept:
+        tables["swept.csv"] = by_columns(swept)
     if backbones:
         peaks = backbone_peaks(response.models, backbones)
         tables["peaks.csv"] = peak_columns(peaks)
         figures["backbone_response.png"] = peaks_figure(response, backbones, peaks)
-    told = response_lines(response, backbones)
-    acting = response_loads(response.scene)
-    notes = [*response.notes]
-    if response.scene.output.uff and not over_one_force(response.scene.system()):
+    over_force, notes = over_one_force(system), [*response.notes]
+    if scene.output.uff and not over_force:
         notes.append(
             "response.uff has geometry and modes alone: responses are taken over one force, which "
             "must be the only load."
         )
-    content = content_of(response.scene, models, told, notes, acting)
-    files = written(
-        folder,
-        figures,
-        content,
-        tables,
-    )
-    if response.scene.output.uff:
-        shown = response.models[:1] if over_one_force(response.scene.system()) else []
-        curves = [curve for model in shown for curve in model.curves]
+    told, acting = response_lines(response, backbones), response_loads(scene)
+    about = folder, scene, models, tables, figures
+    files = written(*about, told=told, notes=notes, acting=acting)
+    if scene.output.uff:
+        curves = response.models[0].curves if over_force else []
         with adding(folder):
-            files.append(scene_uff(folder / "response.uff", response.scene, curves))
+            files.append(scene_uff(folder / "response.uff", scene, curves))
     return files
 
 
@@ -574,20 +558,20 @@ def write_random(
         }
         for mode in found.modes
     ]
-    content = content_of(
+    return written(
+        folder,
         scene,
         {"full": {"modes": modes}},
-        random_lines(found),
-        found.notes,
-        _random_loads(scene, found),
+        tables,
+        {"random.png": random_figure(found)},
+        told=random_lines(found),
+        notes=found.notes,
+        acting=_random_loads(scene, found),
+        load=found.load,
+        duration_s=found.duration,
+        viscous_work_J_per_hour=found.viscous_work,
+        estimated_error=dict(found.estimated),
     )
-    content |= {
-        "load": found.load,
-        "duration_s": found.duration,
-        "viscous_work_J_per_hour": found.viscous_work,
-        "estimated_error": dict(found.estimated),
-    }
-    return written(folder, {"random.png": random_figure(found)}, content, tables)
 
 
 def _random_loads(scene: Scene, found: RandomResponse) -> Iterator[str]:
@@ -673,30 +657,30 @@ def random_figure(found: RandomResponse) -> Figure:
     return figure
 
 
-def content_of(
+def written(
+    folder: Path,
     scene: Scene,
     models: Mapping[str, Any],
+    tables: Mapping[str, Table],
+    figures: Mapping[str, Figure],
+    *,
     told: Sequence[str],
     notes: Sequence[str],
     acting: Iterable[str],
-) -> dict[str, Any]:
-    """Content of the summary of a command about steady vibration, and what acts in it."""
-    return {
+    **more: Any,
+) -> list[Path]:
+    """Write tables, pictures and the summary of a command about vibration in one folder.
+
+    The summary has results by model, what is printed, notes, what acts, and ``more`` entries.
+    """
+    content = {
         "title": scene.title,
         "models": models,
         "told": list(told),
         "warnings": list(notes),
         "premises": premises(scene, made_of(scene.structure()), acting),
+        **more,
     }
-
-
-def written(
-    folder: Path,
-    figures: Mapping[str, Figure],
-    content: dict[str, Any],
-    tables: Mapping[str, Table],
-) -> list[Path]:
-    """Write a summary, tables and pictures in one folder."""
     with writing(folder, content) as summary:
         for name, columns in tables.items():
             write_table(folder / name, columns)

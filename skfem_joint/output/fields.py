@@ -46,14 +46,11 @@ POINT_ARRAYS = {
     "pressure": "Pa, clamping",
     "friction_work_density": "J/m^2, since the start",
 }
-#: Beside these, where contact opens.
-OPENING_ARRAYS = {
+#: Beside these, the first two where contact opens, the last where bolts clamp.
+MORE_POINT_ARRAYS = {
     "contact_pressure": "Pa, now, of contact that opens; 0 off its faces",
     "gap": "m, by which joints are open, 0 off their faces: now where contact opens, else under "
     "the preload",
-}
-#: Beside these, where bolts clamp.
-PRELOAD_ARRAYS = {
     "preload_displacement": "m, at rest, by the preload alone; the others are beyond it",
 }
 CELL_ARRAYS = {
@@ -61,13 +58,11 @@ CELL_ARRAYS = {
     "stress": "Pa, elastic, mean of the element, of vibration alone: XX, YY, ZZ, XY, YZ, XZ",
     "von_mises": "Pa, of the stress",
 }
-#: Beside these, where bolts clamp.
-PRELOAD_CELL_ARRAYS = {
+#: Beside these, the first two where bolts clamp, the others where at least 9 times of the last
+#: cycle are stored.
+MORE_CELL_ARRAYS = {
     "preload_stress": "Pa, at rest, by the preload alone, as stress",
     "total_von_mises": "Pa, of preload and vibration together",
-}
-#: Beside these, where at least 9 times of the last cycle are stored.
-CYCLE_CELL_ARRAYS = {
     "von_mises_range": "Pa, of largest less least stress, component by component, in the last "
     "cycle: twice the alternating stress",
     "von_mises_mean": "Pa, of the middle of both with the preload, negative in pressure",

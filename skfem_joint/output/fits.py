@@ -124,7 +124,7 @@ def profile_lines(profiles: Sequence[Profile]) -> list[str]:
 def fit_lines(fit: Fit) -> list[str]:
     """What is printed of a fit: its values, how well they fit, and what the data leave open."""
     rows = {}
-    for name, best in _named(fit).items():
+    for name, best in (fit.values | fit.offsets).items():
         own = fit.deviations[name]
         low, high = (_rounded(end, own) for end in fit.interval(name))
         unit = ", Hz" * (name in fit.offsets and name.endswith(": frequency"))
@@ -253,11 +253,6 @@ def _unit(quantity: str) -> str:
     return next(iter(AMPLITUDES[quantity])).replace("2", "²")
 
 
-def _named(fit: Fit) -> dict[str, float]:
-    """Best values and offsets."""
-    return {**fit.values, **fit.offsets}
-
-
 def _beside(fit: Fit, k: int, name: str) -> tuple[FloatArray, FloatArray]:
     """Frequency or damping of the model at all samples of a curve, and the residual over deviation.
 
@@ -306,7 +301,7 @@ def _content(fit: Fit, notes: Sequence[str]) -> dict[str, Any]:
 
 
 def _value_rows(fit: Fit) -> Iterator[dict[str, Any]]:
-    for k, (name, best) in enumerate(_named(fit).items()):
+    for k, (name, best) in enumerate((fit.values | fit.offsets).items()):
         lowest, highest = fit.interval(name)
         yield {
             "name": name, "best": best, "deviation": fit.deviations[name],

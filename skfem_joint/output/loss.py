@@ -177,11 +177,7 @@ def amplitude_lines(
         )
         if missing := not_counted(at, k, normal):
             yield f"  Not counted: {missing}."
-        yield (
-            f"  A cycle loses {losses['lost_by_friction_J']:.3g} J by friction and "
-            f"{losses['lost_by_damping_J']:.3g} J by damping; its largest strain energy is "
-            f"{losses['largest_strain_energy_J']:.3g} J."
-        )
+        yield f"  A cycle {_loses(losses)}"
         entries = [*by_place.entries(k)]
         bolts = {name: values for name, is_bolt, values in entries if is_bolt}
         if at.merged:
@@ -202,15 +198,19 @@ def run_lines(content: Mapping[str, Any]) -> Iterator[str]:
         stated = "" if error is None else f", numerical error{lacks} ± {100.0 * error:.2g} %"
         if stated and own is not None:
             stated += f" (of the friction energy ± {100.0 * own:.2g} %)"
-        yield (
-            f"{name} model, last cycle: {split(model)}{stated}. It loses "
-            f"{model['lost_by_friction_J']:.3g} J by friction and "
-            f"{model['lost_by_damping_J']:.3g} J by damping; its largest strain energy is "
-            f"{model['largest_strain_energy_J']:.3g} J."
-        )
+        yield f"{name} model, last cycle: {split(model)}{stated}. It {_loses(model)}"
         if model["contact_points"] < most:
             yield _rough(model["contact_points"], most)
         yield from _place_lines(model.get("bolts") or model["joints"], " over the run")
+
+
+def _loses(losses: Mapping[str, float]) -> str:
+    """End of a sentence about the energies of a cycle, from a row of losses."""
+    return (
+        f"loses {losses['lost_by_friction_J']:.3g} J by friction and "
+        f"{losses['lost_by_damping_J']:.3g} J by damping; its largest strain energy is "
+        f"{losses['largest_strain_energy_J']:.3g} J."
+    )
 
 
 def _rough(points: int, of: int) -> str:

@@ -13,7 +13,7 @@ from skfem_joint.ground.files import safe_names
 from skfem_joint.harmonic.curve import NonlinearMode
 from skfem_joint.output import loss
 from skfem_joint.output.backbone_peaks import COLOURS
-from skfem_joint.output.damping import content_of, written
+from skfem_joint.output.damping import written
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit
 from skfem_joint.output.tables import by_columns
 from skfem_joint.results.loss import known
@@ -84,10 +84,10 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
                 "highest_level": loss.content(c.losses, by_place, -1),
             }
         )
-    told = nonlinear_lines(modes)
-    summary = content_of(scene, {model.name: {"modes": content}}, told, modes.notes, _ACTS)
+    by_model, tables = {model.name: {"modes": content}}, {"nonlinear_modes.csv": by_columns(rows)}
     figures = {"nonlinear_modes.png": nonlinear_figure(modes)}
-    return written(folder, figures, summary, {"nonlinear_modes.csv": by_columns(rows)})
+    about = {"told": nonlinear_lines(modes), "notes": modes.notes, "acting": _ACTS}
+    return written(folder, scene, by_model, tables, figures, **about)
 
 
 def nonlinear_lines(modes: SceneNonlinearModes) -> list[str]:

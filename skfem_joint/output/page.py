@@ -225,7 +225,8 @@ def _of_file(path: Path, columns: tuple[str, ...]) -> _Shown | None:
         if (not columns or name.startswith(columns)) and any(row[k] for row in rows)
     ]
     step = -(-len(rows) // _ROWS)
-    shown = [[_rounded(row[k]) for k in chosen] for row in _every(rows, step)]
+    evenly = rows[(len(rows) - 1) % step :: step]  # of which the last row is one
+    shown = [[_rounded(row[k]) for k in chosen] for row in evenly]
     caption = _TABLES[path.name] + (f" (one of {step} rows)" if step > 1 else "")
     names = [_with_unit(heading[k]) for k in chosen]
     if len(names) <= _WIDE:
@@ -253,11 +254,6 @@ def _words(folder: Path, content: Mapping[str, Any]) -> Iterator[tuple[str, str]
     for word, meaning in _WORDS.items():
         if any(name.startswith(word) for name in names):
             yield word.replace("_", " "), meaning
-
-
-def _every(rows: Sequence[Sequence[str]], step: int) -> Iterable[Sequence[str]]:
-    """Rows at a distance, of which the last is one."""
-    return rows[(len(rows) - 1) % step :: step]
 
 
 def _rounded(cell: str) -> str:

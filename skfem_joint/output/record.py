@@ -208,7 +208,9 @@ def writing(folder: Path, content: Mapping[str, Any]) -> Iterator[Path]:
         try:
             yield folder / SUMMARY
         finally:
-            files = {"files": list(dict.fromkeys(written)), "written_by": _mark()}
+            libraries = ", ".join(f"{name} {version(name)}" for name in _LIBRARIES)
+            mark = {"program": "skfem_joint", "version": __version__, "libraries": libraries}
+            files = {"files": list(dict.fromkeys(written)), "written_by": mark}
             write_json(folder / SUMMARY, {**content, **files})
 
 
@@ -252,12 +254,3 @@ def _listing(folder: Path, known: set[_Listed]) -> Iterator[list[str]]:
 
     with (folder / LIST).open("a", encoding="utf-8") as lines, recording(take):
         yield written
-
-
-def _mark() -> dict[str, str]:
-    """What wrote a summary, and with which libraries."""
-    return {
-        "program": "skfem_joint",
-        "version": __version__,
-        "libraries": ", ".join(f"{name} {version(name)}" for name in _LIBRARIES),
-    }

@@ -23,11 +23,9 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import needed, replacing, safe_names
 from skfem_joint.output.fields import (
     CELL_ARRAYS,
-    CYCLE_CELL_ARRAYS,
-    OPENING_ARRAYS,
+    MORE_CELL_ARRAYS,
+    MORE_POINT_ARRAYS,
     POINT_ARRAYS,
-    PRELOAD_ARRAYS,
-    PRELOAD_CELL_ARRAYS,
     Frames,
     frames_of,
 )
@@ -76,7 +74,7 @@ class Block:
     def fill(self, arrays: Mapping[str, NDArray[Any]]) -> Any:
         """Set the grid to the values of a frame, from :meth:`Frames.arrays`; returns it."""
         for name, array in arrays.items():
-            if name in CELL_ARRAYS | PRELOAD_CELL_ARRAYS | CYCLE_CELL_ARRAYS:
+            if name in CELL_ARRAYS | MORE_CELL_ARRAYS:
                 self.grid.cell_data[name] = array[self.cells]
             else:
                 self.grid.point_data[name] = array[self.nodes]
@@ -165,16 +163,9 @@ def _grid(
     grid = pyvista.UnstructuredGrid(np.column_stack([count, corners])[used], types, points)
     grid.cell_data["region"] = region[elements]
     grid.cell_data["body"] = mesh.body[elements].astype(np.int32)
-    meanings = {
-        **POINT_ARRAYS,
-        **OPENING_ARRAYS,
-        **PRELOAD_ARRAYS,
-        **CELL_ARRAYS,
-        **PRELOAD_CELL_ARRAYS,
-        **CYCLE_CELL_ARRAYS,
-        "thickness": "m",
-    }.items()
-    _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings])
+    meanings = POINT_ARRAYS | MORE_POINT_ARRAYS | CELL_ARRAYS | MORE_CELL_ARRAYS
+    meanings |= {"thickness": "m"}
+    _add_texts(grid, "units", [f"{name}: {meaning}" for name, meaning in meanings.items()])
     _add_texts(grid, "region_names", names)
     return grid
 
@@ -315,12 +306,11 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
     moved apart: the pressed body lies above the other, with a gap of half of the other's thickness.
     Faces of solids that touch are blocks too, named "full: contact NAME" by their boundary.
 
-    Points carry `POINT_ARRAYS`, with clamping bolts `PRELOAD_ARRAYS` (cells then also
-    `PRELOAD_CELL_ARRAYS`), and where contact opens
-    `OPENING_ARRAYS`: its present pressure and gap. The body that is not
+    Points carry `POINT_ARRAYS`, and of `MORE_POINT_ARRAYS` those of clamping bolts and of contact
+    that opens: its present pressure and gap. The body that is not
     pressed carries the reaction, and the other values as means over what lies on it: traction times
     nodal contact area adds up to the same force with the opposite sign. Cells carry `CELL_ARRAYS`
-    (see :meth:`Frames.arrays`), of runs in cycles `CYCLE_CELL_ARRAYS`, ``region`` (position in the
+    (see :meth:`Frames.arrays`), with `MORE_CELL_ARRAYS` likewise, ``region`` (position in the
     field array ``region_names``, -1 without one; of overlapping regions the one with fewest
     elements), ``body`` and ``thickness`` (m, not of solids). The field array ``units`` says this in
     each file. Elements of second order come as linear cells on their nodes, prisms as wedges.

@@ -146,20 +146,14 @@ def _geometry(structure: Structure) -> Iterator[dict[str, Any]]:
 
 
 def _shapes(structure: Structure, system: System, modes: NaturalModes) -> Iterator[dict[str, Any]]:
-    if modes.modes.shape[0] != system.n:
-        raise InputError(
-            f"modes: have {modes.modes.shape[0]} unknowns, must be of the system, with {system.n}"
-        )
+    _check_unknowns("modes", len(modes.modes), system)
     for number, frequency in enumerate(modes.frequencies.tolist(), 1):
         shape, name = modes.modes[:, number - 1], f"mode {number}, {frequency:.6g} Hz"
         yield _shape(structure, system, shape) | {"id1": name, "mode_n": number, "freq": frequency}
 
 
 def _levels(structure: Structure, system: System, curve: Backbone) -> Iterator[dict[str, Any]]:
-    if curve.shape.size != system.n:
-        raise InputError(
-            f"backbones: have {curve.shape.size} unknowns, must be of the system, with {system.n}"
-        )
+    _check_unknowns("backbones", curve.shape.size, system)
     for k, (state, frequency) in enumerate(
         zip(curve.states, curve.frequency.tolist(), strict=True)
     ):
@@ -171,6 +165,11 @@ def _levels(structure: Structure, system: System, curve: Backbone) -> Iterator[d
             "modal_damp_vis": float(curve.damping_ratio[k]),
             "modal_damp_his": float(curve.losses.loss_factor[k]),
         }  # fmt: skip
+
+
+def _check_unknowns(name: str, count: int, system: System) -> None:
+    if count != system.n:
+        raise InputError(f"{name}: have {count} unknowns, must be of the system, with {system.n}")
 
 
 def _shape(structure: Structure, system: System, shape: FloatArray) -> dict[str, Any]:

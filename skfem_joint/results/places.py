@@ -76,8 +76,7 @@ class JointPlaces:
         work = of_all(run.system, run.cycles.by_point if cycles else run.friction_work)
         if not energies(run)[0]:
             work = np.zeros_like(work)
-        shares = run.system.contact.shares
-        slip = run.slip_peak if shares is None else (shares > 0.0).T @ run.slip_peak
+        slip = slips_of_all(run.system, run.slip_peak)
         slid = self.system.contact.slid(work) if cycles else slipped
         return self.of(work, slip, self.system.slipping(slid, period))
 
@@ -135,6 +134,12 @@ def of_all(model: System, work: FloatArray) -> FloatArray:
     """
     shares = model.contact.shares
     return work if shares is None else np.asarray((shares.T @ work.T).T)
+
+
+def slips_of_all(model: System, slip: FloatArray) -> FloatArray:
+    """Slips of all contact points, (..., m), m: each has that of the one that stands for it."""
+    shares = model.contact.shares
+    return slip if shares is None else np.asarray(slip @ (shares > 0.0))
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from skfem_joint.ground.errors import JointError
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.results.history import Errors
 from skfem_joint.results.loss import losses, over
+from skfem_joint.results.places import slips_of_all
 from skfem_joint.scene import Scene
 from skfem_joint.stepping.recording import Run
 from skfem_joint.structure.model import AnyStructure
@@ -88,15 +89,13 @@ class Model:
         """
         if self.basis is not None and self.name == "reduced":
             return self.basis.history.slip_peak
-        shares = self.run.system.contact.shares
-        return self.run.slip_peak if shares is None else (shares > 0.0).T @ self.run.slip_peak
+        return slips_of_all(self.run.system, self.run.slip_peak)
 
     def slider_peak(self, system: System) -> FloatArray:
         """Largest slip of each slider of the full ``system``, as `slip_peak`, (m,), m."""
         if not system.contact.opens or not system.contact.has_springs:
             return system.contact.slider_peak(self.slip_peak)
-        shares, peak = self.run.system.contact.shares, self.run.slider_peak
-        return peak if shares is None else (shares > 0.0).T @ peak
+        return slips_of_all(self.run.system, self.run.slider_peak)
 
     @property
     def modes(self) -> int | None:

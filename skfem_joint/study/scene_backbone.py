@@ -19,7 +19,7 @@ from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.models import notes_of, reduced_for_mode
 from skfem_joint.results.loss import over
 from skfem_joint.results.normal_force import NormalChange, normal_change_of_mode
-from skfem_joint.results.places import of_all
+from skfem_joint.results.places import of_all, slips_of_all
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import NonlinearModesTable, RandomTable
@@ -326,11 +326,9 @@ def _beside(small: AtAmplitudes, full: AtAmplitudes) -> AtAmplitudes:
 
 def _of_all_points(system: System, small: System, curve: Backbone) -> Backbone:
     """Curve of a smaller model with slips and works of the full model's points."""
-    work, shares = of_all(small, curve.friction_work), small.contact.shares
+    work, slip = of_all(small, curve.friction_work), slips_of_all(small, curve.slip)
     if small.origin is not None:
         slip = system.contact.slip_norm(curve.states @ (system.contact.B @ small.origin.basis.V).T)
-    else:
-        slip = curve.slip if shares is None else curve.slip @ (shares > 0.0)
     share = system.slipping_share(system.contact.slid(work))
     return replace(curve, slip=slip, friction_work=work, share=share)
 
@@ -419,8 +417,7 @@ def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNon
             curve = error.run
             if curve is None:
                 continue
-        work, shares = of_all(system, curve.friction_work), system.contact.shares
-        slip = curve.slip if shares is None else curve.slip @ (shares > 0.0)
+        work, slip = of_all(system, curve.friction_work), slips_of_all(system, curve.slip)
         curves[number] = replace(curve, slip=slip, friction_work=work)
         notes += curve.notes
     if not curves:

@@ -20,7 +20,7 @@ from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.friction_points import NOWHERE
 from skfem_joint.reduction.models import notes_of, reduced_for_response
 from skfem_joint.results.loss import Losses
-from skfem_joint.results.places import of_all
+from skfem_joint.results.places import of_all, slips_of_all
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.runs.swept_response import SweptResponse, swept_loads, swept_response
 from skfem_joint.scene import Scene
@@ -319,17 +319,14 @@ def _coarse(model: System, scene: Scene, resonance: float) -> tuple[CoarseModel 
 
 def _with_all_slips(curve: Curve, model: System, full: System) -> Curve:
     """Curve of a model with slip and friction work of the full model's points."""
-    shares, origin = model.contact.shares, model.origin
-    slips = None if origin is None else full.contact.B @ origin.basis.V
+    slips = None if model.origin is None else full.contact.B @ model.origin.basis.V
 
     def changed(point: SteadyPoint) -> SteadyPoint:
         if point.friction_work is not None:
             point = replace(point, friction_work=of_all(model, point.friction_work))
-        if shares is not None:
-            point = replace(point, slip=(shares > 0.0).T @ point.slip)
-        if slips is None or point.course is None:  # as of a range, which is of many bases
-            return replace(point, course=None)
-        slip = full.contact.slip_norm(point.course @ slips.T).max(axis=0)
+        slip = slips_of_all(model, point.slip)
+        if slips is not None and point.course is not None:  # not of a range, which has many bases
+            slip = full.contact.slip_norm(point.course @ slips.T).max(axis=0)
         return replace(point, slip=slip, course=None)
 
     return replace(curve, points=tuple(map(changed, curve.points)))

@@ -30,10 +30,9 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     run = model.run
     cycles = run.cycles
     has_cycles = cycles.friction.size > 0
-    state, contact = steady_state(run), run.system.contact.normal
+    state = steady_state(run)
     places = places_of(study.structure, study.system)
     by_place = places.of_run(run, model.slider_peak(study.system), study.period)
-    opens = run.system.contact.opens
     content: dict[str, Any] = {
         "dofs": run.system.n,
         "contact_points": run.system.contact.count,
@@ -59,9 +58,7 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         "input_work_J": float(beyond_round_off(run, run.input_work.sum())),
         "viscous_work_J": float(beyond_round_off(run, run.viscous_work)),
         "scheme_work_J": float(beyond_round_off(run, run.scheme_work)),
-        "impact_energy_J": run.impact_work,
-        "largest_normal_force_N": opens and float(contact.at_all(run.normal_force_peak).max()),
-        "opened_fraction": opens and float(np.mean(contact.at_all(run.opened) > 0.0)),
+        **(_opening(run) if run.system.contact.opens else {}),
         "active_length_m": model.active_length,
         "active_area_fraction": model.active_area_fraction,
         "stress": _stresses(study, model),
@@ -79,14 +76,8 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
     for name, is_bolt, values in by_place.entries():
         table = content["bolts" if is_bolt else "joints"]
         table[name] = values | table.get(name, {})
-    if not content["bolts"]:
-        del content["bolts"]
-    if content["loads"] is None:  # of a run in time
-        del content["loads"]
-    if not content["stress"]:
-        del content["stress"]
-    if not opens:
-        for name in ("impact_energy_J", "largest_normal_force_N", "opened_fraction"):
+    for name in ("bolts", "loads", "stress"):
+        if not content[name]:
             del content[name]
     if model.errors is not None:
         error = asdict(model.errors)
@@ -95,6 +86,16 @@ def model_summary(study: Study, model: Model) -> dict[str, Any]:
         error["displacement_max_by_point"] = {name: most for name, (_, most) in by_point.items()}
         content["error"] = error
     return content
+
+
+def _opening(run: Run) -> dict[str, float]:
+    """Results of contact that opens."""
+    contact = run.system.contact.normal
+    return {
+        "impact_energy_J": run.impact_work,
+        "largest_normal_force_N": float(contact.at_all(run.normal_force_peak).max()),
+        "opened_fraction": float(np.mean(contact.at_all(run.opened) > 0.0)),
+    }
 
 
 def _joints(study: Study, model: Model, places: JointPlaces) -> dict[str, dict[str, Any]]:
@@ -158,11 +159,11 @@ def _joint_loop(loops: Loops, joint: int) -> dict[str, float | None]:
     )
 
 
-def _loads(run: Run) -> dict[str, dict[str, float | None]] | None:
+def _loads(run: Run) -> dict[str, dict[str, float | None]]:
     """Results of the loads' loops of a quasi-static run, in the last cycle or the whole run."""
     loops = run.loops
     if loops is None:
-        return None
+        return {}
     works = run.cycles.input[-1] if len(run.cycles.input) else run.input_work
     stiffnesses = loops.load_secant_stiffness.tolist()
     rows = zip(run.system.loads, works.tolist(), stiffnesses, strict=True)
