@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from joint_scenes import bar_scene, joint
+from joint_scenes import bar_scene, joint, scene_file
 
 import skfem_joint as sj
 from skfem_joint.cli import main
 from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.mesh import build_bar, write_mesh
+from skfem_joint.mesh import build_bar
 from skfem_joint.output.nonlinear_modes import nonlinear_lines, write_nonlinear_modes
 from skfem_joint.scene import Scene
-from skfem_joint.study.premises import scene_text
 from skfem_joint.study.scene_backbone import nonlinear_table, scene_nonlinear_modes
 
 LEVELS = [2.2e-4, 3.2e-4, 4.5e-4]
@@ -88,9 +87,7 @@ def test_table_picture_and_page_have_the_curves_beside(tmp_path):
 
 def test_a_mode_that_ends_early_is_written_with_the_reason_and_status_3(tmp_path, capsys):
     """A uniform bar: a harmonic meets a higher mode."""
-    scene, file = bar(UNIFORM, amplitudes=[1e-4, 1e-2], confirm=True), tmp_path / "bar.toml"
-    write_mesh(scene.named_mesh, tmp_path / "bar.msh")
-    file.write_text(scene_text(scene), encoding="utf-8")
+    file = scene_file(tmp_path, bar(UNIFORM, amplitudes=[1e-4, 1e-2], confirm=True))
     out = tmp_path / "out"
     assert main(["check", str(file)]) == 0
     assert main(["nonlinear-modes", str(file), "--out", str(out)]) == ConvergenceError.exit_status

@@ -3,11 +3,12 @@
 import csv
 import json
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from joint_scenes import bar_scene, harmonic, joint, plate_scene, two_plates
-from scene_texts import MESHES
+from joint_scenes import bar_scene, harmonic, joint, plate_scene, scene_file, two_plates
 
 from skfem_joint import cli
 from skfem_joint.accuracy.estimate import QUANTITIES
@@ -153,40 +154,17 @@ def test_pictures_of_loops_are_written(plates, tmp_path):
     assert figure.axes[0].get_title(loc="left") == "from rest on"
 
 
-#: A bar that friction alone holds, with 50 kN, pulled with up to 60 kN.
-SLIDING = f"""
-[mesh]
-file = "{MESHES.as_posix()}/structure.msh"
-[material]
-E = 200e9
-density = 8000.0
-[section]
-width = 0.05
-thickness = 0.01
-[[joint]]
-on = "joint"
-pressure = 20e6
-friction = 0.5
-[[load]]
-on = "free_end"
-kind = "triangle"
-peak = 60e3
-rise_time = 1.0
-[time]
-duration = 2.0
-step = 0.05
-quasi_static = true
-"""
-
-
-def written(folder, text=SLIDING):
-    path = folder / "scene.toml"
-    path.write_text(text, encoding="utf-8")
-    return path
+def sliding(folder: Path) -> Path:
+    """File of a bar that friction alone holds, with 50 kN, pulled with up to 60 kN."""
+    pull = {"on": "free_end", "kind": "triangle", "peak": 60e3, "rise_time": 1.0}
+    held = joint(pressure=20e6, friction=0.5, law="coulomb", normal_force="consistent")
+    time = {"duration": 2.0, "step": 0.05, "quasi_static": True}
+    tables: dict[str, Any] = {"support": {}, "damping": {}, "reduction": {}}
+    return scene_file(folder, bar_scene("full", joint=[held], load=[pull], time=time, **tables))
 
 
 def test_command_beyond_slip_ends_with_status_3_and_writes_its_levels(tmp_path, capsys):
-    path = written(tmp_path, SLIDING)
+    path = sliding(tmp_path)
     out = tmp_path / "out"
     assert cli.main(["run", str(path), "--out", str(out), "-q"]) == 3
     assert "the structure slides" in capsys.readouterr().err
@@ -217,7 +195,7 @@ VIBRATION = ("time.quasi_static: found true", "computes vibration")
     ],
 )
 def test_what_a_slow_path_has_not_is_refused(command, words, tmp_path, capsys):
-    path = written(tmp_path, SLIDING)
+    path = sliding(tmp_path)
     assert cli.main([*command.split(), str(path), "--out", str(tmp_path / "out")]) == 2
     error = capsys.readouterr().err
     assert all(word in error for word in words)
