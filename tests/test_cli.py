@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 from scene_texts import written
 
+import skfem_joint as sj
 from skfem_joint import __version__, cli
-from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.files import replacing
 from skfem_joint.output.record import LIST, writing
-from skfem_joint.scene import load_scene
 from skfem_joint.study import study
 
 ROOT = Path(__file__).parent.parent
@@ -118,7 +117,7 @@ def test_run_writes_what_the_scene_asks_for(scene, tmp_path, capsys):
     summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     assert len(summary["warnings"]) >= 2
     assert all(f"Note: {sentence}" in shown.out for sentence in summary["warnings"])
-    found = study.run_scene(load_scene(path))
+    found = study.run_scene(sj.load_scene(path))
     assert list(found.notes) == summary["warnings"]
     assert all(fact in shown.out for fact in found.description.facts)
     assert summary["structure"] == found.description.values
@@ -237,7 +236,7 @@ def test_check_takes_a_key_that_stands_in_the_sweep_alone(scene, capsys):
 
 @pytest.mark.parametrize(
     ("error", "status"),
-    [(ConvergenceError("step 7"), 3), (BrokenExecutor("killed"), 3), (KeyboardInterrupt(), 130)],
+    [(sj.ConvergenceError("step 7"), 3), (BrokenExecutor("killed"), 3), (KeyboardInterrupt(), 130)],
 )
 def test_results_outlive_what_ends_their_certificate(error, status, scene, tmp_path, monkeypatch):
     def fail(*args, **options):

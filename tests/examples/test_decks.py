@@ -15,7 +15,6 @@ from make_meshes import solid_lap_joint
 
 import skfem_joint as sj
 from skfem_joint import cli
-from skfem_joint.mesh import load_meshes
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 COARSE = {"across": 2, "inner": (0.006,), "outer": ()}
@@ -34,7 +33,7 @@ def test_two_instances_are_the_plates_of_the_flat_deck(tmp_path, kind):
     for name, lines in (("flat", decks.flat(mesh, kind)), ("two", decks.in_instances(mesh, kind))):
         path = tmp_path / f"{name}.inp"
         path.write_text("\n".join([*lines, ""]), encoding="utf-8")
-        read.append(sj.Structure(load_meshes(path), decks.STEEL, free=True))
+        read.append(sj.Structure(sj.load_meshes(path), decks.STEEL, free=True))
     wanted = sj.Structure(mesh, decks.STEEL, free=True, order=1 if kind == "C3D8I" else 2)
     for structure in read:
         assert structure.mesh.boundaries.keys() == wanted.mesh.boundaries.keys()

@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 from joint_scenes import harmonic, plate_scene
 
-from skfem_joint.mesh import build_plate
+import skfem_joint as sj
 from skfem_joint.output.damping import backbone_figure, backbone_lines, write_backbone
-from skfem_joint.scene import Scene
 from skfem_joint.study.scene_backbone import scene_backbone
 
 
-def cantilever(**backbone: Any) -> Scene:
+def cantilever(**backbone: Any) -> sj.Scene:
     """Plate on a base near its held end, pulled along it; its first mode bends it across."""
     return plate_scene(
         "full",
-        mesh=build_plate([("joint", 0.1, 10), ("rest", 0.3, 10)], 0.05, 4),
+        mesh=sj.build_plate([("joint", 0.1, 10), ("rest", 0.3, 10)], 0.05, 4),
         material={"E": 200e9, "density": 8000.0, "poisson": 0.3},
         joint=[{"on": "joint", "pressure": 8e6, "friction": 0.7, "law": "coulomb"}],
         load=[harmonic("right", 1e3, 500.0) | {"direction": [1.0, 0.0]}],

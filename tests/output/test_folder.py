@@ -19,7 +19,6 @@ from skfem_joint.output.damping import write_backbone
 from skfem_joint.output.fields import frames_of
 from skfem_joint.output.record import LIST
 from skfem_joint.results.history import slip_state
-from skfem_joint.scene import Scene
 from skfem_joint.study.scene_backbone import scene_backbone
 
 JOINTS = ("joint", "second")
@@ -29,7 +28,7 @@ LOOP = f"hysteresis_{safe_name(TIP)}.png"
 TIME = {"cycles": 3, "steps_per_cycle": 40}
 
 
-def scene(*names: str, **tables: Any) -> Scene:
+def scene(*names: str, **tables: Any) -> sj.Scene:
     """Bar with joints, pulled by half of what one of them carries."""
     strips = [("joint", 0.1, 10), ("arm", 0.1, 4), ("second", 0.1, 10)]
     bar = sj.build_bar(strips, {"fixed": 0.0, TIP: 0.3})

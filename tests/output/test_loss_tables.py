@@ -12,12 +12,10 @@ from joint_scenes import bar_scene, harmonic, plate_scene
 from pydantic import ValidationError
 
 import skfem_joint as sj
-from skfem_joint.mesh import build_plate
 from skfem_joint.output.damping import backbone_lines, write_backbone, write_response
 from skfem_joint.output.loss import joule, loss_label
 from skfem_joint.output.plots import energies_figure
 from skfem_joint.results.loss import COLUMNS
-from skfem_joint.scene import Scene
 from skfem_joint.study.scene_backbone import scene_backbone
 from skfem_joint.study.scene_response import scene_response
 
@@ -28,10 +26,10 @@ BOLTS = [
 PLACES = ("joint", "joint_bolt_1", "joint_bolt_2")
 
 
-def bracket(*models: str, **changes: Any) -> Scene:
+def bracket(*models: str, **changes: Any) -> sj.Scene:
     """Plate held by two bolts and shaken across its free end."""
     values: dict[str, Any] = {
-        "mesh": build_plate([("joint", 0.2, 16), ("free", 0.3, 10)], 0.05, 4),
+        "mesh": sj.build_plate([("joint", 0.2, 16), ("free", 0.3, 10)], 0.05, 4),
         "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
         "joint": [{"on": "joint", "pressure": {"bolts": BOLTS, "reach": 0.01}, "friction": 0.7}],
         "load": [harmonic("right", 50.0, 300.0) | {"direction": [0.0, 1.0]}],

@@ -15,7 +15,6 @@ from skfem_joint.runs.slow_run import REPORTED_S, slow_run
 from skfem_joint.slow.levels import Level
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Save
 
 TAU, LENGTH, FORCE = 0.7 * 8e6 * WIDTH, 0.25, 35e3  # N/m, m, N
 EA = 200e9 * WIDTH * 0.01
@@ -337,7 +336,10 @@ def test_another_solver_of_levels_can_take_the_place():
             u = np.array([(force[0] - friction) / 4e4])
             return Level(u, np.array([friction]), u.copy())
 
-    system, plan = foot(sj.Harmonic(200.0, 1.0)), Plan(1 / 200, 200, save=Save(), quasi_static=True)
+    system, plan = (
+        foot(sj.Harmonic(200.0, 1.0)),
+        Plan(1 / 200, 200, save=sj.Save(), quasi_static=True),
+    )
     run = slow_run(system, plan, tolerance=1e-11, solver=Rising(system, 1e-11))
     assert run.peak_of("mass") == pytest.approx((200.0 - 160.0) / 4e4)
     assert run.loops.force[50, 0] == pytest.approx(160.0)

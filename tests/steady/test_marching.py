@@ -7,10 +7,8 @@ from scipy.linalg import expm
 from scipy.optimize import fsolve
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.steady.shooting import Shooting
 from skfem_joint.stepping.driver import Driver
-from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.vibration.response import at_frequency, steady_plan
 
 OMEGA = 2.0 * np.pi
@@ -84,7 +82,7 @@ def test_contact_that_stays_pressed_is_a_spring():
 @pytest.mark.parametrize("rho", [1.0, 0.6])
 def test_an_oscillator_is_steady_where_a_long_run_leads(rho):
     system, steps = oscillator(0.8, 0.05, 4.0), 40
-    scheme = generalized_alpha(rho)
+    scheme = sj.generalized_alpha(rho)
     run = sj.integrate(system, until="steady", steps_per_cycle=steps, scheme=scheme)
     u = sj.integrate(system, cycles=70, steps_per_cycle=steps, scheme=scheme).point_u[-steps:, 0]
     assert run.steady.periods < 35
@@ -138,7 +136,7 @@ def test_no_point_lies_deeper_than_steps_leave_it():
 
 def test_a_vibration_of_two_periods_is_named():
     system = oscillator(2.8, 0.03, 4.0)
-    with pytest.raises(ConvergenceError, match="repeats after 2 periods"):
+    with pytest.raises(sj.ConvergenceError, match="repeats after 2 periods"):
         sj.integrate(system, until="steady", steps_per_cycle=40)
     # It is so: the mass is where it was two periods ago, but not one.
     u = sj.integrate(system, cycles=120, steps_per_cycle=40).point_u[1:, 0].reshape(120, 40)

@@ -7,7 +7,6 @@ import pytest
 from opening_blocks import block, loads, opening_system
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
 
 SPRUNG = {"tangential_stiffness": 2e13}
 
@@ -38,13 +37,13 @@ def test_damaged_contact_is_refused(name, value, problem):
     system = opening_system()
     normal = system.contact.normal
     value = value if np.ndim(value) else np.full(normal.gap.size, value)
-    with pytest.raises(InputError, match=problem):
+    with pytest.raises(sj.InputError, match=problem):
         system.with_contact(normal=replace(normal, **{name: value}))
 
 
 def test_gains_that_are_negative_are_refused():
     system = opening_system()
-    with pytest.raises(InputError, match="gain: must be finite and not negative"):
+    with pytest.raises(sj.InputError, match="gain: must be finite and not negative"):
         system.with_contact(gain=-system.contact.gain)
 
 

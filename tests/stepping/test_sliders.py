@@ -10,7 +10,6 @@ import pytest
 from stepping_systems import not_a_chain
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.arrangement import arranged
 
@@ -189,7 +188,7 @@ def test_systems_keep_springs_in_files_and_sums(tmp_path):
     both = sj.point_friction([1.0, 0.0], 1.0) + sj.point_friction([0.0, 1.0], 1.0, stiffness=5.0)
     assert both.stiffness.tolist() == [inf, 5.0]
     for wrong in (0.0, -1.0, np.nan):
-        with pytest.raises(InputError, match=r"stiffness: found .*must be > 0"):
+        with pytest.raises(sj.InputError, match=r"stiffness: found .*must be > 0"):
             sj.point_friction([1.0], 1.0, stiffness=wrong)
 
 

@@ -8,7 +8,6 @@ import pytest
 from bodies import DENSITY, SIDE, STEEL, E, block, mapped, pressed, side, structure, turned
 
 import skfem_joint as sj
-from skfem_joint.mesh import NamedMesh, build_bar, build_box, build_plate
 from skfem_joint.structure.mesh_error import Straight, mesh_error
 from skfem_joint.structure.parameters import with_values
 
@@ -17,13 +16,13 @@ LENGTH, HEIGHT, DEEP = 0.3, 0.01, 0.03
 PLAIN: dict[str, Any] = {"incompatible": False}
 
 
-def beam(kind: str, *elements: int) -> NamedMesh:
+def beam(kind: str, *elements: int) -> sj.NamedMesh:
     """Beam of 300 x 10 mm, of a solid 30 mm wide."""
     along, *others = elements
     if kind in ("triangle", "quadrilateral"):
-        return build_plate([("all", LENGTH, along)], HEIGHT, *others, kind=kind)
+        return sj.build_plate([("all", LENGTH, along)], HEIGHT, *others, kind=kind)
     across, layers = others
-    return build_box([("all", LENGTH, along)], (DEEP, HEIGHT), (across, layers), kind=kind)
+    return sj.build_box([("all", LENGTH, along)], (DEEP, HEIGHT), (across, layers), kind=kind)
 
 
 def of_second_order(some: sj.Structure, joints: str = "loose") -> np.ndarray:
@@ -95,7 +94,7 @@ def test_the_better_frequencies_of_a_slender_cantilever_are_those_of_a_beam():
 
 
 def test_a_fine_mesh_of_a_stocky_body_errs_by_less_than_a_third_of_a_per_cent():
-    error = structure(build_plate([("all", 0.1, 40)], 0.1, 40)).mesh_error
+    error = structure(sj.build_plate([("all", 0.1, 40)], 0.1, 40)).mesh_error
     assert 0.0 < error.largest < 3e-3
 
 
@@ -173,7 +172,7 @@ def test_a_structure_that_is_held_throughout_errs_by_nothing():
 
 
 def test_bars_and_elements_of_second_order_are_not_compared():
-    bar = build_bar([("all", 1.0, 10)], {"end": 0.0})
+    bar = sj.build_bar([("all", 1.0, 10)], {"end": 0.0})
     steel = structure(bar, fixed=["end"])
     assert steel.mesh_error is None
     assert structure(beam("triangle", 4, 1), order=2).mesh_error is None
@@ -195,7 +194,9 @@ def test_a_mesh_that_is_too_stiff_is_said_with_its_cure(shape):
     assert most > 3.0
     assert f"{most:.2g} % too high" in sentence
     assert CURES[shape] in sentence
-    fine = sj.Structure(build_plate([("all", 0.1, 40)], 0.1, 40), STEEL, thickness=0.01, free=True)
+    fine = sj.Structure(
+        sj.build_plate([("all", 0.1, 40)], 0.1, 40), STEEL, thickness=0.01, free=True
+    )
     assert not any("too stiff" in text for text in fine.system().notes)
 
 

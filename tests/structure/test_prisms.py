@@ -17,7 +17,6 @@ from skfem.helpers import ddot, sym_grad, trace
 import skfem_joint as sj
 from skfem_joint.body.body import Body
 from skfem_joint.body.nodes import values_in
-from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.pressure import nodal_pressure
 from skfem_joint.joint.rigid import body_motions
 from skfem_joint.mesh import build_box, load_meshes, merged, named
@@ -382,7 +381,9 @@ def test_contact_that_opens_on_faces_of_both_kinds_carries_its_pressure(on, orde
 )
 def test_contact_on_a_basis_of_prisms_is_refused(mesh):
     basis = skfem.CellBasis(mesh, skfem.ElementVector(mesh.elem()), intorder=3)
-    with pytest.raises(InputError, match=r"prism elements, whose nodes .* give the mesh to sj.Str"):
+    with pytest.raises(
+        sj.InputError, match=r"prism elements, whose nodes .* give the mesh to sj.Str"
+    ):
         sj.contact(basis, "end" if isinstance(mesh, skfem.MeshWedge1) else "face", pressure=1e6,
                    friction=0.3)  # fmt: skip
 

@@ -9,9 +9,8 @@ import pytest
 from joint_scenes import bar_scene, joint
 from scipy.integrate import quad
 
-from skfem_joint.mesh import build_bar
+import skfem_joint as sj
 from skfem_joint.output.damping import response_lines, write_response
-from skfem_joint.scene import Scene
 from skfem_joint.study.backbone_peaks import backbone_errors, backbone_peaks
 from skfem_joint.study.scene_backbone import given_backbones
 from skfem_joint.study.scene_response import scene_response
@@ -39,13 +38,13 @@ def test_the_error_of_a_backbone_is_that_of_its_first_harmonic():
     assert found[39] > 5.0 * found[10] > 0.0
 
 
-def bar(tip: bool, low: float, high: float) -> Scene:
+def bar(tip: bool, low: float, high: float) -> sj.Scene:
     """Bar of 0.6 m on a base over 0.1 m, maybe with a heavy tip."""
     strips = [("joint", 0.1, 30), ("linear", 0.48, 16), ("tip", 0.02, 1)]
     regions = {"regions": {"tip": {"density": 320e3}}} if tip else {}
     return bar_scene(
         "full",
-        bar=build_bar(strips, {"fixed": 0.0, "free_end": 0.6}),
+        bar=sj.build_bar(strips, {"fixed": 0.0, "free_end": 0.6}),
         material={"E": 200e9, "density": 8000.0} | regions,
         joint=[joint(law="coulomb", normal_force="consistent")],
         damping={"ratio": 0.002},

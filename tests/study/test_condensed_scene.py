@@ -6,20 +6,18 @@ import numpy as np
 import pytest
 from joint_scenes import MU, WIDTH, harmonic, plate_scene
 
-from skfem_joint.mesh import build_plate
+import skfem_joint as sj
 from skfem_joint.results.contact_history import contact_history
-from skfem_joint.scene import Scene
 from skfem_joint.study.scene_backbone import scene_backbone
 from skfem_joint.study.scene_response import scene_response
-from skfem_joint.study.study import run_scene
 from skfem_joint.study.summary import model_summary
 
 ALL = ("reduced", "condensed", "full")
 
 
-def condensed(*run: str, **changes: Any) -> Scene:
+def condensed(*run: str, **changes: Any) -> sj.Scene:
     """A plate pulled with half of what friction holds, that slips along and across."""
-    mesh = build_plate([("joint", 0.1, 6), ("free", 0.2, 6)], WIDTH, 2)
+    mesh = sj.build_plate([("joint", 0.1, 6), ("free", 0.2, 6)], WIDTH, 2)
     values: dict[str, Any] = {
         "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
         "joint": [{"on": "joint", "pressure": 8e6, "friction": MU}],
@@ -31,7 +29,7 @@ def condensed(*run: str, **changes: Any) -> Scene:
 
 def test_it_stands_between_full_and_reduced_in_all_results():
     output = {"vtk": True, "frames": 20}
-    study = run_scene(condensed(*ALL, output=output))
+    study = sj.run_scene(condensed(*ALL, output=output))
     full, model, reduced = study.models.values()
     assert [*study.models] == ["full", "condensed", "reduced"]
     assert reduced.run.system.n < model.run.system.n < full.run.system.n

@@ -12,11 +12,8 @@ from joint_scenes import plate_scene, scene_file
 import skfem_joint as sj
 from skfem_joint import cli
 from skfem_joint.accuracy.estimate import QUANTITIES
-from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.mesh import build_plate
 from skfem_joint.output import report
 from skfem_joint.output.fields import frames_of
-from skfem_joint.results.history import compare
 from skfem_joint.scene import Scene, scene_from
 from skfem_joint.steady import marching
 from skfem_joint.study import error_time
@@ -25,7 +22,6 @@ from skfem_joint.study.certificate import certify
 from skfem_joint.study.description import description_of
 from skfem_joint.study.scene_backbone import scene_backbone
 from skfem_joint.study.scene_response import CREPT, scene_response
-from skfem_joint.study.study import run_scene
 from skfem_joint.study.summary import model_summary
 from skfem_joint.vibration import response
 
@@ -51,13 +47,13 @@ def block(*run: str, up: float = 185e3, contact: dict[str, Any] = BASE, **change
         "time": {"cycles": 2, "steps_per_cycle": 100},
         "output": {"vtk": True, "frames": 20},
     }
-    mesh = build_plate([("block", SIZE, 3)], SIZE, 3, boundaries=SIDES)
+    mesh = sj.build_plate([("block", SIZE, 3)], SIZE, 3, boundaries=SIDES)
     return plate_scene(*(run or ("full",)), mesh=mesh, **values | changes)
 
 
 @pytest.fixture(scope="module")
 def study():
-    return run_scene(block("full", "condensed"))
+    return sj.run_scene(block("full", "condensed"))
 
 
 def test_models_agree_within_their_stated_errors(study):
@@ -70,7 +66,7 @@ def test_models_agree_within_their_stated_errors(study):
 
 
 def test_stated_errors_of_the_step_are_those_against_a_fine_step(study):
-    fine = run_scene(
+    fine = sj.run_scene(
         block(time={"cycles": 2, "steps_per_cycle": 3200}, accuracy={"estimate": False})
     )
     stated, run = study.models["full"].estimate, study.runs["full"]
@@ -88,7 +84,7 @@ def test_summary_has_impacts_normal_forces_and_openings(study):
     shown = report.results_text(study)
     for row in ("energy lost by impacts", "largest normal force", "contact opened"):
         assert row in shown
-    constant = run_scene(block(contact=BASE | {"contact": "constant"}, up=1e3))
+    constant = sj.run_scene(block(contact=BASE | {"contact": "constant"}, up=1e3))
     assert "impact_energy_J" not in model_summary(constant, constant.models["full"])
     assert "impacts" not in report.results_text(constant)
     frames = frames_of(constant.structure, constant.runs)
@@ -99,10 +95,10 @@ def test_models_take_the_steps_and_modes_for_an_accuracy():
     """Against the full model with an eighth of the step that it needed itself."""
     asked = {"displacement": 0.05, "energy": 0.15}
     rough = {"cycles": 2, "steps_per_cycle": 30}
-    found = {name: run_scene(block(name, accuracy=asked, time=rough)) for name in MODELS[::2]}
+    found = {name: sj.run_scene(block(name, accuracy=asked, time=rough)) for name in MODELS[::2]}
     steps = {name: each.scene.time_step for name, each in found.items()}
     finer = {"cycles": 2, "steps_per_cycle": round(8.0 / UP["frequency"] / steps["full"])}
-    (whole,) = run_scene(block(time=finer, **UNESTIMATED)).runs.values()
+    (whole,) = sj.run_scene(block(time=finer, **UNESTIMATED)).runs.values()
     for name, each in found.items():
         run = each.runs[name]
         assert run.peak_of("top") == pytest.approx(whole.peak_of("top"), rel=asked["displacement"])
@@ -114,9 +110,9 @@ def test_models_take_the_steps_and_modes_for_an_accuracy():
 
 def test_an_accuracy_that_modes_do_not_reach_is_refused():
     with pytest.raises(
-        ConvergenceError, match="what its modes miss is more than what is asked for"
+        sj.ConvergenceError, match="what its modes miss is more than what is asked for"
     ):
-        run_scene(block("condensed", accuracy={"displacement": 1e-4}))
+        sj.run_scene(block("condensed", accuracy={"displacement": 1e-4}))
 
 
 def test_fields_have_the_present_pressure_and_gap(study):
@@ -157,19 +153,19 @@ def in_range(amplitude: float, friction: float) -> Scene:
 def test_scenes_of_a_range_share_a_model_that_opens_and_states_its_errors(tmp_path):
     for amplitude, friction in ((80e3, 0.45), (90e3, 0.55)):
         scene = in_range(amplitude, friction)
-        study = run_scene(scene, folder=tmp_path)
+        study = sj.run_scene(scene, folder=tmp_path)
         run = study.models["reduced"].run
         assert not [text for text in study.notes if "does not serve" in text]
         assert run.system.serves.point.limits == pytest.approx({"base": friction / 0.24**0.5})
         full = sj.integrate(scene.system(), cycles=2, steps_per_cycle=100)
-        errors, stated = compare(full, run), study.models["reduced"].estimate.parts["total"]
+        errors, stated = sj.compare(full, run), study.models["reduced"].estimate.parts["total"]
         assert errors.displacement_rms < min(0.02, stated["displacement_rms"])
         assert abs(errors.friction_energy_per_cycle or 0.0) <= stated["friction_energy"]
     assert len(list(tmp_path.glob("range_*.npz"))) == 1
 
 
 def test_pressure_of_contact_that_opens_is_no_key_of_a_range():
-    with pytest.raises(InputError, match="open at other loads as they are pressed otherwise"):
+    with pytest.raises(sj.InputError, match="open at other loads as they are pressed otherwise"):
         block(reduction={"range": IN_RANGE | {"joint[0].pressure": [40e6, 60e6]}})
 
 
@@ -229,7 +225,7 @@ def test_a_response_is_written(tmp_path, capsys):
 
 
 def test_certified_by_a_finer_mesh():
-    study = run_scene(block(time={"cycles": 1, "steps_per_cycle": 40}))
+    study = sj.run_scene(block(time={"cycles": 1, "steps_per_cycle": 40}))
     assert certify(study, "full").estimate.of("mesh", "displacement_rms") > 0.0
 
 
@@ -254,7 +250,7 @@ def test_check_says_when_that_is_not_computed():
     assert against_opening(constant, 0.05) is None
     assert against_opening(constant, None) is None
     assert "was not computed" in against_opening(constant, 0.5)  # it would be lifted off
-    mesh = build_plate([("block", SIZE, 200)], SIZE, 1, boundaries=SIDES)
+    mesh = sj.build_plate([("block", SIZE, 200)], SIZE, 1, boundaries=SIDES)
     wide = scene_from(constant.model_dump(exclude_unset=True), mesh)
     told = against_opening(wide, 0.5)
     assert "was not computed: 401 contact unknowns in 802 are more than 400" in told

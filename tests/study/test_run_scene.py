@@ -28,7 +28,6 @@ from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.energy import AT_LIMIT
 from skfem_joint.study.accuracy import Choice
 from skfem_joint.study.models import save_of
-from skfem_joint.study.results import Study
 from skfem_joint.study.study import make_model
 from skfem_joint.study.summary import violated
 
@@ -46,7 +45,7 @@ MULTI_HARMONIC = {
 }
 
 
-def run_bar(*run: str, **changes: Any) -> Study:
+def run_bar(*run: str, **changes: Any) -> sj.Study:
     return sj.run_scene(bar_scene(*run, **changes))
 
 
@@ -64,11 +63,11 @@ def plates_study():
     return sj.run_scene(two_plates(output={"vtk": True, "frames": 10}, reduction={"modes": 10}))
 
 
-def errors_of(results: Study) -> Errors:
+def errors_of(results: sj.Study) -> Errors:
     return results.models["reduced"].errors
 
 
-def check_errors(results: Study, peak: float, energy: float = 0.05, rms: float = 0.03) -> None:
+def check_errors(results: sj.Study, peak: float, energy: float = 0.05, rms: float = 0.03) -> None:
     errors = errors_of(results)
     assert abs(errors.peak_displacement or np.inf) <= peak
     assert abs(errors.friction_energy_per_cycle or np.inf) <= energy
@@ -85,7 +84,7 @@ def test_reduced_models_of_bars_and_plates_follow_the_full_ones(structure_study,
 
 @pytest.mark.parametrize("what", ["structure_study", "plates_study"])
 def test_energy_balances_close_and_joints_add_up(what, request):
-    results: Study = request.getfixturevalue(what)
+    results: sj.Study = request.getfixturevalue(what)
     for model in results.models.values():
         assert model.run.energy_residual < 1e-9
         friction = model.run.friction_work.sum()
@@ -272,7 +271,7 @@ def test_without_pressure_the_full_model_alone_is_computed(pressure):
 
 @pytest.mark.parametrize("what", ["structure_study", "plates_study"])
 def test_fields_of_the_reduced_model_are_those_of_the_mesh(what, request):
-    results: Study = request.getfixturevalue(what)
+    results: sj.Study = request.getfixturevalue(what)
     made = results.structure
     full, reduced = (displacements(made, results.runs[name]) for name in ("full", "reduced"))
     assert full[0].shape == reduced[0].shape
@@ -403,7 +402,7 @@ def test_step_that_does_not_converge_names_the_place(scene, words):
     def fail(*_, **__):
         raise sj.ConvergenceError("step 7 at t = 1e-5 s did not converge.", unknown)
 
-    study = Study(scene, scene.structure(), scene.system())
+    study = sj.Study(scene, scene.structure(), scene.system())
     with pytest.raises(sj.ConvergenceError, match=words) as caught:
         make_model("full", study, Choice(scene), None, fail)
     assert caught.value.exit_status == 3

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, joint, plate_scene, scene_file, two_plates
 
+import skfem_joint as sj
 from skfem_joint import cli
 from skfem_joint.accuracy.estimate import QUANTITIES
 from skfem_joint.output import plots, report
 from skfem_joint.output.folder import curves
-from skfem_joint.scene import load_scene
 from skfem_joint.scene.shipped import write_shipped
-from skfem_joint.study.study import run_scene
 from skfem_joint.study.summary import model_summary
 
 SLOW = {"cycles": 2, "steps_per_cycle": 40, "quasi_static": True}
@@ -34,7 +33,7 @@ def slow_bar(*run, **changes):
 
 @pytest.fixture(scope="module")
 def plates():
-    return run_scene(two_plates("full", "condensed", "reduced", time=SLOW))
+    return sj.run_scene(two_plates("full", "condensed", "reduced", time=SLOW))
 
 
 def test_models_agree_within_their_stated_errors(plates):
@@ -77,7 +76,7 @@ def test_summary_and_history_have_the_loops(plates, tmp_path):
 
 def test_joints_with_a_stiffness_of_their_own_run_slowly_too():
     given = joint(law="coulomb", pressure=20e6, tangential_stiffness=1e13)
-    study = run_scene(slow_bar("full", "condensed", "reduced", joint=[given], damping={}))
+    study = sj.run_scene(slow_bar("full", "condensed", "reduced", joint=[given], damping={}))
     assert study.failure is None
     full = study.runs["full"]
     content = model_summary(study, study.models["full"])["joints"]["joint"]
@@ -103,9 +102,9 @@ def test_notes_say_what_is_left_out_and_that_points_slip_apart(plates):
 
 
 def test_a_cycle_from_rest_is_said_not_to_be_closed():
-    one = run_scene(slow_bar(time=SLOW | {"cycles": 1}, accuracy={"estimate": False}))
+    one = sj.run_scene(slow_bar(time=SLOW | {"cycles": 1}, accuracy={"estimate": False}))
     assert any("is not closed" in note for note in one.notes)
-    two = run_scene(slow_bar(accuracy={"estimate": False}))
+    two = sj.run_scene(slow_bar(accuracy={"estimate": False}))
     assert not any("is not closed" in note for note in two.notes)
     assert model_summary(two, two.models["full"])["steady_state_reached"] is True
 
@@ -113,7 +112,7 @@ def test_a_cycle_from_rest_is_said_not_to_be_closed():
 def test_facts_leave_inertia_out():
     slow, fast = slow_bar(), slow_bar(time={"cycles": 2, "steps_per_cycle": 40})
     for scene, amplified in ((slow, False), (fast, True)):
-        study = run_scene(scene.changed(accuracy={"estimate": False}))
+        study = sj.run_scene(scene.changed(accuracy={"estimate": False}))
         facts = "\n".join(study.description.facts)
         assert ("amplified" in facts) is amplified
         assert ("wave travels" in facts) is amplified
@@ -121,17 +120,19 @@ def test_facts_leave_inertia_out():
 
 
 def test_errors_meet_the_accuracy_asked_for():
-    study = run_scene(slow_bar("full", accuracy={"energy": 5e-3}))
+    study = sj.run_scene(slow_bar("full", accuracy={"energy": 5e-3}))
     model = study.models["full"]
     assert model.estimate.on_its_mesh["friction_energy"] <= 5e-3
-    fine = run_scene(slow_bar(time=SLOW | {"steps_per_cycle": 1280}, accuracy={"estimate": False}))
+    fine = sj.run_scene(
+        slow_bar(time=SLOW | {"steps_per_cycle": 1280}, accuracy={"estimate": False})
+    )
     true = fine.runs["full"].cycles.friction[-1]
     assert model.run.cycles.friction[-1] == pytest.approx(true, rel=5e-3)
 
 
 def test_own_modes_serve_too():
     scene = slow_bar("full", "reduced", reduction={"reference": "self", "modes": 2})
-    study = run_scene(scene)
+    study = sj.run_scene(scene)
     assert study.failure is None
     errors = study.models["reduced"].estimate
     assert errors.of("full_run", "friction_energy") <= errors.of("total", "friction_energy")
@@ -147,7 +148,7 @@ def test_pictures_of_loops_are_written(plates, tmp_path):
         assert (tmp_path / name).stat().st_size > 1000
     # A path that closes no cycle is drawn from rest on.
     time = {"duration": 0.7, "step": 0.02, "quasi_static": True}
-    once = run_scene(slow_bar(time=time, accuracy={"estimate": False}))
+    once = sj.run_scene(slow_bar(time=time, accuracy={"estimate": False}))
     scene = once.scene.changed(output={"plots": True})
     assert {"hysteresis_free_end.png", "joint_loops.png"} <= set(curves(replace(once, scene=scene)))
     figure = plots.hysteresis_figure(once.runs, "free_end", 0, None)
@@ -217,11 +218,11 @@ def test_shipped_meshes_balance_their_works(name, tmp_path):
     """In two and three dimensions, bodies held by friction alone among them."""
     path = write_shipped(name, tmp_path)[0]
     time = {"cycles": 2, "steps_per_cycle": 16, "quasi_static": True}
-    scene = load_scene(path).changed(
+    scene = sj.load_scene(path).changed(
         time=time, models={"run": ("full",)}, accuracy={"estimate": False},
         output={"plots": False, "vtk": False},
     )  # fmt: skip
-    study = run_scene(scene)
+    study = sj.run_scene(scene)
     run = study.finished().runs["full"]
     assert run.energy_residual < 1e-8
     gap, work = run.loops.opening, run.cycles.input[-1].sum()

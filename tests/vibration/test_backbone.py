@@ -11,7 +11,6 @@ from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.scene import Scene
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.structure.parameters import with_values
 from skfem_joint.study.scene_backbone import scene_backbone
@@ -160,7 +159,7 @@ def test_higher_modes_near_odd_multiples_are_reported():
     assert found.at_levels(np.array([0])).excites[0] == f"mode 2 at {ratios[0]:.3g} times"
 
 
-def scene(name: str) -> Scene:
+def scene(name: str) -> sj.Scene:
     """Scene of the bar or the plate, whose curve a reduced model is to have."""
     asked = {
         "backbone": {"modes": [1], "levels": 20},
