@@ -464,17 +464,6 @@ def test_models_of_the_command_are_checked_as_the_scene_s_are(
     assert not out.exists()
 
 
-def test_a_run_goes_on_until_it_is_steady(scene, tmp_path, capsys):
-    path, out = scene(("cycles = 2", 'until = "steady"')), tmp_path / "out"
-    assert cli.main(["run", str(path), "--out", str(out)]) == 0
-    models = json.loads((out / "summary.json").read_text(encoding="utf-8"))["models"]
-    assert all(model["steady_state_reached"] is True for model in models.values())
-    error = models["reduced"]["error"]
-    stated = models["reduced"]["estimated_error"]["friction_energy_per_cycle"]["total"]
-    assert abs(error["friction_energy_per_cycle"]) < 3.0 * stated < 0.03
-    assert "not reached a steady state" not in capsys.readouterr().out
-
-
 def test_a_command_leaves_the_level_of_the_log_as_it_was():
     """A program that calls `main` quietly still hears the warnings of the package afterwards."""
     log = logging.getLogger("skfem_joint")

@@ -13,8 +13,6 @@ from benchmarks import (
     contact_points,
     first_run,
     fits,
-    growth,
-    plates,
     ready_made,
     reduction,
     solids,
@@ -142,20 +140,6 @@ def test_the_report_joins_competitors_to_our_models(tmp_path, capsys):
     made = {f"ready-made {form.name}" for form in QUICK_FORMS}
     assert families >= {et.FULL, et.COULOMB, ready_made.MESH, ready_made.EXPLICIT, *made}
     assert "interleaved unknowns" in (tmp_path / "error-time.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.slow
-def test_benchmarks_of_steps_run(capsys):
-    for elements in (20, 40):
-        growth.time_per_step(elements, 5, 1)
-    growth.long_structure(100, 1)
-    plates.report(8, 4, 0.25, True)
-    plates.report(12, 2, 0.05, False)
-    text = capsys.readouterr().out
-    assert len(re.findall(r"^\| [24]0 \| (arctan|Coulomb)", text, re.MULTILINE)) == 4
-    assert "times faster; error of the free end" in text
-    assert text.count("refactoring each iteration") == 2
-    assert text.count("reduced, ") == 6
 
 
 @pytest.mark.slow

@@ -56,20 +56,6 @@ def scene_file(tmp_path):
     return write
 
 
-def test_a_bar_becomes_its_structure_and_system(scene_file):
-    scene = load_scene(scene_file())
-    assert scene.path.name == "scene.toml"
-    assert scene.named_mesh.n_elements == 26
-    system = scene.system()
-    assert (system.n, system.contact.count) == (26, 10)
-    limit = 0.7 * 50e6 * 0.05 * 0.1
-    assert system.contact.w.sum() == pytest.approx(limit, rel=0.06)  # but the held node
-    assert scene.output_points == ("junction", "middle", "free_end")
-    assert set(system.points) == set(scene.output_points)
-    assert scene.system() is system
-    assert scene.structure() is scene.structure()
-
-
 def test_regions_supports_and_points_reach_the_structure(scene_file):
     scene = load_scene(
         scene_file(

@@ -229,20 +229,6 @@ def test_a_joint_arrives_as_given(text, expected):
 
 
 @pytest.mark.parametrize(
-    ("keys", "law", "beta"),
-    [
-        ("", "coulomb", math.inf),
-        ('law = "coulomb"', "coulomb", math.inf),
-        ("beta = 2e4", "arctan", 2e4),
-        ('beta = 2e4\nlaw = "arctan"', "arctan", 2e4),
-    ],
-)
-def test_the_law_is_coulombs_unless_beta_is_given(keys, law, beta):
-    scene = scene_of(("friction = 0.7", f"friction = 0.7\n{keys}"))
-    assert (scene.joint[0].law, scene.joint[0].to_joint().beta) == (law, beta)
-
-
-@pytest.mark.parametrize(
     ("kind", "keys", "expected"),
     [
         ("harmonic", "amplitude = 2\nfrequency = 3\nphase = 1", loads.Harmonic(2, 3, 1)),
@@ -296,17 +282,6 @@ def test_table_is_found_beside_the_scene_from_anywhere(tmp_path):
     table = (HARMONIC, load("table", 'file = "force.csv"'))
     scene = scene_of(table, ("cycles = 3", "duration = 1e-2\nstep = 1e-4"), folder=tmp_path)
     assert scene.loads()[0].amplitude([0.0, 5e-4, 2e-3]) == pytest.approx([0.0, 2.5e3, 2.5e3])
-
-
-def test_cycles_count_the_common_period_of_the_loads_beside_an_impulse():
-    more = (
-        '[[load]]\non = "junction"\nkind = "harmonic"\namplitude = 1\nfrequency = 750\n'
-        '[[load]]\non = "middle"\nkind = "versine"\npeak = 1\nrise_time = 1e-4\n[time]'
-    )
-    scene = scene_of(("[time]", more))
-    assert scene.cycle_period == pytest.approx(1 / 250)
-    assert scene.time_step == pytest.approx(1 / 250 / 200)
-    assert (scene.n_steps, scene.cycle_steps) == (600, 200)
 
 
 @pytest.mark.parametrize(

@@ -60,7 +60,8 @@ def structure_study():
 
 @pytest.fixture(scope="module")
 def plates_study():
-    return sj.run_scene(two_plates(output={"vtk": True, "frames": 10}, reduction={"modes": 10}))
+    output, reduction = {"vtk": True, "frames": 10}, {"modes": 10}
+    return sj.run_scene(two_plates(output=output, reduction=reduction, **UNESTIMATED))
 
 
 def errors_of(results: sj.Study) -> Errors:
@@ -165,7 +166,7 @@ def test_gross_slip_of_a_plate_warns_at_every_frequency():
 
     def said(amplitude, frequency=1000.0):
         load = [harmonic("right", amplitude, frequency) | {"direction": [1.0, 0.0]}]
-        tables = {"support": {"fixed_y": ["joint"]}, "accuracy": {"estimate": False}}
+        tables = {"support": {"fixed_y": ["joint"]}} | UNESTIMATED
         return " ".join(sj.run_scene(plate_scene("full", mesh=plate(5), load=load, **tables)).notes)
 
     force = 1.2 * MU * 8e6 * WIDTH * LENGTH
@@ -183,6 +184,7 @@ def test_notes_of_the_mesh_and_keys_without_effect_are_reported():
             mesh=replace(plate(4), notes=(note,)),
             time={"cycles": 1, "steps_per_cycle": 40},
             reduction={"active_length": 0.1, "modes": 4},
+            **UNESTIMATED,
         )
     )
     assert note in results.notes
@@ -202,8 +204,8 @@ def test_steady_vibration_is_separated_from_an_offset_that_depends_on_its_past()
             load=loads[:count],
             time={"until": "steady", "steps_per_cycle": 60},
             damping={"ratio": 2e-2},
-            accuracy={"estimate": False},
             output={"points": ["upper_right"]},
+            **UNESTIMATED,
         )
         results = sj.run_scene(scene)
         assert sum(says in one for one in results.notes) == 1
@@ -301,7 +303,7 @@ def test_reduced_beta_follows_the_slip_velocity_and_is_reported():
 @pytest.mark.parametrize("law", [{}, {"law": "coulomb"}], ids=["arctan", "coulomb"])
 def test_plate_without_poisson_effect_is_the_bar(law):
     contact = {"on": "joint", "pressure": 8e6, "friction": MU} | law
-    results = sj.run_scene(plate_scene(joint=[contact]))
+    results = sj.run_scene(plate_scene(joint=[contact], **UNESTIMATED))
     strut = run_bar(
         "full",
         bar=sj.build_bar([("joint", LENGTH, ELEMENTS)], {"fixed": 0.0, "right": LENGTH}),
@@ -329,7 +331,7 @@ def test_modes_of_the_paper_laid_along_the_axis_of_a_joint():
     load = [harmonic("right", 30e3, 1000.0) | {"direction": [1.0, 0.0]}]
     active = []
     for length in ({}, {"active_length": 0.15}, {"active_length": {"joint": 0.15}}):
-        tables = {"reduction": paper(modes=5, **length), "accuracy": {"estimate": False}}
+        tables = {"reduction": paper(modes=5, **length)} | UNESTIMATED
         results = sj.run_scene(plate_scene(joint=[contact], load=load, **tables))
         check_errors(results, 0.02)
         active.append(results.models["reduced"].active_length["joint"])
