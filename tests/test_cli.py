@@ -285,20 +285,6 @@ def test_missing_or_broken_files(scene, tmp_path, capsys):
         assert mesh in line
 
 
-def test_reduction_that_does_not_fit_the_scene(scene, tmp_path, capsys):
-    paper = ('reference = "static"', 'reference = "paper"')
-    path = scene(('on = "free_end"', 'on = "joint"'), paper)
-    out = tmp_path / "out"
-    assert cli.main(["run", str(path), "--out", str(out)]) == 2
-    told = capsys.readouterr()
-    assert "a load acts inside it" in told.err
-    assert "static" in told.err
-    # The full model was run by then, and is not lost.
-    models = json.loads((out / "summary.json").read_text())["models"]
-    assert list(models) == ["full"]
-    assert "There is no reduced model" in told.out
-
-
 @pytest.mark.parametrize(
     ("library", "asked"), [("matplotlib", "plots = true"), ("pyvista", "vtk = true")]
 )

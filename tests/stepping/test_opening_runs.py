@@ -11,19 +11,6 @@ import skfem_joint as sj
 SPRUNG = {"tangential_stiffness": 2e13}
 
 
-@pytest.mark.parametrize("make", [opening_system, lambda: sj.condense(opening_system(order=2))])
-def test_a_loaded_system_integrates_to_the_same_bits(make, tmp_path):
-    model = make()
-    again = sj.load(sj.save(model, tmp_path / "model.npz"))
-    for name in ("gap", "force", "stiffness", "area"):
-        assert np.array_equal(
-            getattr(again.contact.normal, name), getattr(model.contact.normal, name)
-        )
-    a, b = (sj.integrate(s, cycles=1, steps_per_cycle=60) for s in (model, again))
-    assert np.array_equal(a.point_u, b.point_u)
-    assert a.impact_work == b.impact_work
-
-
 @pytest.mark.parametrize(
     ("name", "value", "problem"),
     [

@@ -45,8 +45,11 @@ MULTI_HARMONIC = {
 }
 
 
+UNESTIMATED: dict[str, Any] = {"accuracy": {"estimate": False}}
+
+
 def run_bar(*run: str, **changes: Any) -> sj.Study:
-    return sj.run_scene(bar_scene(*run, **changes))
+    return sj.run_scene(bar_scene(*run, **UNESTIMATED, **changes))
 
 
 def paper(**options: Any) -> dict[str, Any]:
