@@ -1,17 +1,27 @@
 """Implicit integration of the paper's joints: published numbers, closed forms and invariants."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import EA
 from paper import pseudo_static
-from stepping_systems import LapJoint, order_of, run_of
+from stepping_systems import LapJoint, order_of, run_of, struts
 
 import skfem_joint as sj
 
+MESHES = Path(__file__).parents[2] / "meshes"
 REFERENCE = LapJoint()
 SCHEMES = [sj.generalized_alpha(rho) for rho in (0.0, 0.5, 0.8, 1.0)]
+
+
+def test_structure_of_figure_18_has_the_friction_energy_of_section_7_3():
+    joint = sj.Joint("joint", 50e6, 0.7, beta=1e7, normal_force="equal")
+    structure = struts(sj.load_meshes([MESHES / "structure.msh"]), [joint])
+    system = structure.system([sj.Load("free_end", sj.Harmonic(87.5e3, 500.0))])
+    run = sj.integrate(system, cycles=12, steps_per_cycle=200)
+    assert run.cycles.friction[-1] == pytest.approx(3.09, abs=0.005)
 
 
 @pytest.mark.parametrize("kind", ["equal", "consistent"])

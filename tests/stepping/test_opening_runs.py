@@ -47,14 +47,6 @@ def test_the_closed_system_is_that_of_constant_contact(order):
     assert opens.contact.w.sum() == pytest.approx(constant.contact.w.sum())
 
 
-def test_natural_modes_do_not_move_what_is_pressed():
-    system = opening_system()
-    modes = sj.natural_modes(system, 3, joints="stuck").modes
-    assert np.all(system.contact.normal.N @ modes == 0.0)
-    assert np.all(system.contact.B @ modes == 0.0)
-    assert np.diag(modes.T @ (system.M @ modes)) == pytest.approx(np.ones(3))
-
-
 def test_damping_ratios_take_contact_as_closed():
     made = (
         replace(s, damping_ratio=0.01, stiffness_damping=0.0)
