@@ -64,6 +64,8 @@ steps_per_cycle = 60
 run = ["full", "reduced"]
 [reduction]
 modes = 6
+[accuracy]
+estimate = false
 [output]
 vtk = true
 frames = 4
