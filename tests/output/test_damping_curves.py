@@ -1,11 +1,11 @@
 """Pictures of damping curves."""
 
-import csv
 from typing import Any
 
 import numpy as np
 import pytest
 from joint_scenes import harmonic, plate_scene
+from scene_texts import csv_rows
 
 import skfem_joint as sj
 from skfem_joint.output.damping import backbone_figure, backbone_lines, write_backbone
@@ -56,8 +56,7 @@ def test_what_not_to_rely_on_is_said_in_table_print_and_picture(tmp_path):
     found = scene_backbone(scene)
     (curve,) = found.models[0].curves
     write_backbone(tmp_path, found)
-    with (tmp_path / "backbone.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(tmp_path / "backbone.csv")
     assert [row["doubt"] for row in rows] == list(curve.doubts)
     assert rows[-1]["doubt"].startswith("whole slip")
     assert curve.differs.any()

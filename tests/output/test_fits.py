@@ -1,13 +1,12 @@
 """The command fit: values found again, its files, the scene that it writes, and what it refuses."""
 
-import csv
 import json
 import tomllib
 
 import numpy as np
 import pytest
 from pictured import matrices_scene
-from scene_texts import GOOD, with_changes, written
+from scene_texts import GOOD, csv_rows, with_changes, written
 
 import skfem_joint as sj
 from skfem_joint import __version__, cli
@@ -64,11 +63,6 @@ def fitted_in(out):
     return json.loads((out / "fit.json").read_text(encoding="utf-8"))
 
 
-def table(path):
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     scene = written(tmp_path, text=SCENE)
     (tmp_path / "deep").mkdir()
@@ -90,7 +84,7 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     assert deviations == pytest.approx([*found["deviations"].values()])
     assert (found["widened"], found["undetermined"]) == (1.0, [])
 
-    values = table(out / "values.csv")
+    values = csv_rows(out / "values.csv")
     assert [row["name"] for row in values] == found["covariance"]["names"]
     for row in values:
         best, lowest, highest = (float(row[key]) for key in ("best", "lowest", "highest"))
@@ -98,7 +92,7 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
         assert (lowest, highest) == pytest.approx(found["intervals"][row["name"]], rel=1e-9)
     assert [float(values[0][key]) for key in ("lower_bound", "upper_bound")] == [0.1, 1.0]
 
-    residuals = table(out / "residuals.csv")
+    residuals = csv_rows(out / "residuals.csv")
     fitted = rows[:, 0] <= 0.2
     assert [row["fitted"] == "True" for row in residuals] == fitted.tolist()
     assert 0 < fitted.sum() < fitted.size
@@ -113,7 +107,7 @@ def test_values_are_found_and_all_files_written(tmp_path, rows, capsys):
     # Levels of the curve differ where compared samples count too.
     assert total == pytest.approx(found["sum_of_squares"], abs=0.02)
 
-    curve = table(out / "curve.csv")
+    curve = csv_rows(out / "curve.csv")
     at = [float(row["amplitude"]) for row in curve]
     assert len(at) == 40
     assert (at[0], at[-1]) == pytest.approx((1e-3 * rows[0, 0], 1e-3 * rows[-1, 0]))
@@ -152,7 +146,7 @@ def test_offsets_are_drawn(tmp_path, rows):
     first, second = (f"offset of {path}: frequency" for path in files)
     assert found["offsets"] == pytest.approx({first: 0.0, second: 3.0}, abs=0.2)
     assert found["undetermined"] == []
-    curve = table(out / "curve.csv")
+    curve = csv_rows(out / "curve.csv")
     starts = [float(row["frequency_Hz"]) for row in curve if row["data"] == str(files[1])]
     assert starts[0] == pytest.approx(higher[0, 1], abs=0.2)
 
@@ -358,7 +352,7 @@ def test_profiles_are_written_beside_the_other_files(tmp_path, rows, capsys):
     given = arguments(scene, [data(tmp_path, rows)], out, "--profile", free=FREE[:1])
     assert cli.main(given) == 0
     assert "95 % interval by profile" in capsys.readouterr().out
-    found = table(out / "profiles.csv")
+    found = csv_rows(out / "profiles.csv")
     assert {row["name"] for row in found} == {FREE[0].partition("=")[0]}
     excess = [float(row["excess_of_squares"]) for row in found]
     assert min(excess) == 0.0

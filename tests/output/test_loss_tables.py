@@ -1,6 +1,5 @@
 """Loss factors, joints and bolts in tables, summaries and printed lines of scenes."""
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, plate_scene
 from pydantic import ValidationError
+from scene_texts import csv_rows
 
 import skfem_joint as sj
 from skfem_joint.output.damping import backbone_lines, write_backbone, write_response
@@ -38,11 +38,6 @@ def bracket(*models: str, **changes: Any) -> sj.Scene:
     return plate_scene(*models, **values | changes)
 
 
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
-
-
 @pytest.fixture(scope="module")
 def answered(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     """Folder and printed lines of a curve with two amplitudes."""
@@ -69,7 +64,7 @@ def test_one_command_says_loss_factor_error_and_bolt(answered):
     assert missing.endswith("by which the friction part may be twice as large or more.")
     (begins,) = [line for line in lines if line.startswith("  joint_bolt_2 begins to slip")]
     low, high = (float(x) for x in re.search(r"force of (\S+) to (\S+) N", begins).groups())
-    shares = [row for row in rows_of(folder / "backbone.csv") if row["model"] == "full"]
+    shares = [row for row in csv_rows(folder / "backbone.csv") if row["model"] == "full"]
     forces = [
         (float(row["lost_by_friction_J"]) + float(row["lost_by_damping_J"]))
         / (np.pi * float(row["displacement_right_m"]))
@@ -87,7 +82,7 @@ def test_one_command_says_loss_factor_error_and_bolt(answered):
 
 def test_a_table_has_the_amplitudes_their_errors_and_all_places(answered):
     folder, _ = answered
-    rows = rows_of(folder / "amplitudes.csv")
+    rows = csv_rows(folder / "amplitudes.csv")
     assert [(row["model"], row["value"], row["unit"]) for row in rows] == [
         ("full", "5", "N"), ("full", "20", "N"), ("condensed", "5", "N"), ("condensed", "20", "N")
     ]  # fmt: skip
@@ -123,7 +118,7 @@ def test_a_table_has_the_amplitudes_their_errors_and_all_places(answered):
             assert apart <= float(row["friction_loss_error_model"]) * (1.0 + 1e-9)
     cycles = [float(row["friction_loss_error_cycles"]) for row in rows[:2]]
     assert cycles[0] != cycles[1]  # each of its own amplitude
-    levels = rows_of(folder / "backbone.csv")
+    levels = csv_rows(folder / "backbone.csv")
     assert {row["slipping_share"] == row["slipping_share_joint"] for row in levels} == {True}
     assert set(COLUMNS) - {"lost_by_impacts_J"} <= levels[0].keys()
     for row in levels:
@@ -164,7 +159,7 @@ def test_a_response_has_losses_places_and_the_functions_asked_for(tmp_path):
     found = scene_response(scene)
     write_response(tmp_path, found)
     (curve,), system = found.models[0].curves, scene.system()
-    rows = rows_of(tmp_path / "response.csv")
+    rows = csv_rows(tmp_path / "response.csv")
     for k, row in enumerate(rows):
         assert row["slipping_share"] == row["slipping_share_joint"]
         assert float(row["loss_factor"]) == pytest.approx(curve.losses.loss_factor[k])

@@ -1,6 +1,5 @@
 """A sweep's folder: the table, the pictures, and what an interrupted command leaves to the next."""
 
-import csv
 import json
 import os
 import signal
@@ -12,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scene_texts import written
+from scene_texts import csv_rows, written
 
 import skfem_joint as sj
 from skfem_joint import cli
@@ -36,8 +35,7 @@ def swept_of(folder: Path, sweep: str) -> sj.Swept:
 
 def read(folder: Path) -> list[dict[str, str]]:
     """Rows of the table that is in a folder."""
-    with (folder / sweeps.TABLE).open(newline="") as file:
-        return list(csv.DictReader(file))
+    return csv_rows(folder / sweeps.TABLE)
 
 
 def row(number: int, peak: float | None = None, failure: str = "") -> sj.Row:

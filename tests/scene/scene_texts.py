@@ -1,5 +1,6 @@
 """Texts of scenes for the tests, changed in places, and what is wrong with them."""
 
+import csv
 import tomllib
 from pathlib import Path
 
@@ -79,6 +80,12 @@ def problems_of_file(path: Path) -> list[str]:
     with pytest.raises(sj.InputError) as caught:
         load_scene(path)
     return _without_path(caught.value, path)
+
+
+def csv_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a table that a command has written, by their columns."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def _without_path(error: sj.InputError, path: Path) -> list[str]:

@@ -229,6 +229,20 @@ def test_a_joint_arrives_as_given(text, expected):
 
 
 @pytest.mark.parametrize(
+    ("keys", "law", "beta"),
+    [
+        ("", "coulomb", math.inf),
+        ('law = "coulomb"', "coulomb", math.inf),
+        ("beta = 2e4", "arctan", 2e4),
+        ('beta = 2e4\nlaw = "arctan"', "arctan", 2e4),
+    ],
+)
+def test_the_law_is_coulombs_unless_beta_is_given(keys, law, beta):
+    scene = scene_of(("friction = 0.7", f"friction = 0.7\n{keys}"))
+    assert (scene.joint[0].law, scene.joint[0].to_joint().beta) == (law, beta)
+
+
+@pytest.mark.parametrize(
     ("kind", "keys", "expected"),
     [
         ("harmonic", "amplitude = 2\nfrequency = 3\nphase = 1", loads.Harmonic(2, 3, 1)),

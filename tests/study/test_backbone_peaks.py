@@ -1,12 +1,12 @@
 """Peaks of a response lie on the backbone where vibration is that of one mode, and only there."""
 
-import csv
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from joint_scenes import bar_scene, joint
+from scene_texts import csv_rows
 from scipy.integrate import quad
 
 import skfem_joint as sj
@@ -114,7 +114,7 @@ def test_an_end_of_the_frequencies_is_no_peak_and_what_is_not_known_is_left_out(
     lost = replace(curve.points[0], slip=np.full_like(curve.points[0].slip, np.nan))
     curve = replace(curve, points=(lost, *curve.points[1:]))
     write_response(tmp_path, replace(response, models=(replace(model, curves=(curve,)),)))
-    with (tmp_path / "response.csv").open(newline="") as file:
-        lost, *others = (row["active_length_joint_m"] for row in csv.DictReader(file))
+    rows = csv_rows(tmp_path / "response.csv")
+    lost, *others = (row["active_length_joint_m"] for row in rows)
     assert lost == ""
     assert all(0.0 <= float(length) < 0.1 for length in others)

@@ -1,6 +1,5 @@
 """Nonlinear modes of a scene are those of Python, beside its slow curves, and are written."""
 
-import csv
 import json
 from collections.abc import Sequence
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from joint_scenes import bar_scene, joint, scene_file
+from scene_texts import csv_rows
 
 import skfem_joint as sj
 from skfem_joint.cli import main
@@ -67,8 +67,7 @@ def test_table_picture_and_page_have_the_curves_beside(tmp_path):
     files = {path.name for path in write_nonlinear_modes(tmp_path, found)}
     assert files == {"nonlinear_modes.csv", "nonlinear_modes.png", "summary.json"}
     assert (tmp_path / "nonlinear_modes.png").stat().st_size > 10_000
-    with (tmp_path / "nonlinear_modes.csv").open(newline="") as file:
-        rows = [*csv.DictReader(file)]
+    rows = csv_rows(tmp_path / "nonlinear_modes.csv")
     curve = found.curves[1]
     for name in ("damping_ratio", "quasi_static_damping_ratio"):  # the same where all stick
         assert float(rows[0][name]) == pytest.approx(curve.viscous_damping[0], rel=1e-6)
@@ -91,7 +90,7 @@ def test_a_mode_that_ends_early_is_written_with_the_reason_and_status_3(tmp_path
         main(["nonlinear-modes", str(file), "--out", str(out)]) == sj.ConvergenceError.exit_status
     )
     assert "Note: nonlinear_modes: mode 1 is not found at an amplitude" in capsys.readouterr().out
-    (row,) = csv.DictReader((out / "nonlinear_modes.csv").read_text().splitlines())
+    (row,) = csv_rows(out / "nonlinear_modes.csv")
     assert float(row["amplitude_m"]) == pytest.approx(1e-4)
     text = file.read_text(encoding="utf-8")
     file.write_text(text[: text.index("[nonlinear_modes]")], encoding="utf-8")

@@ -1,6 +1,5 @@
 """Scenes of a range: one model for all of them, made once, whose points say what they are."""
 
-import csv
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, joint
+from scene_texts import csv_rows
 
 import skfem_joint as sj
 from skfem_joint.output.damping import write_response
@@ -152,9 +152,7 @@ def test_the_table_of_a_response_has_the_errors_of_its_model(model, tmp_path):
     sj.save(model, served_scene(asked).file(tmp_path))
     response = scene_response(asked, rows=sj.Rows(tmp_path / "rows.jsonl", RESPONSE_ROWS))
     write_response(tmp_path, response)
-    with (tmp_path / "response.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    written = [float(row["model_error"]) for row in rows]
+    written = [float(row["model_error"]) for row in csv_rows(tmp_path / "response.csv")]
     assert len(written) >= 2
     assert written == pytest.approx(response.models[0].curves[0].column("model_error"), rel=1e-6)
 

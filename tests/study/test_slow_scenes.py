@@ -1,6 +1,5 @@
 """Scenes with ``time.quasi_static``: models, estimated errors, files, commands and refusals."""
 
-import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, joint, plate_scene, scene_file, two_plates
+from scene_texts import csv_rows
 
 import skfem_joint as sj
 from skfem_joint import cli
@@ -175,8 +175,7 @@ def test_command_beyond_slip_ends_with_status_3_and_writes_its_levels(tmp_path, 
     assert history["time"][-1] == pytest.approx(0.8)
     assert history["load_0_free_end"][-1] == pytest.approx(48e3)
     assert history["full_joint_force"][-1] == pytest.approx(48e3, rel=1e-6)
-    with (out / "joint_loops.csv").open(encoding="utf-8") as table:
-        rows = list(csv.DictReader(table))
+    rows = csv_rows(out / "joint_loops.csv")
     assert len(rows) == 17
     assert float(rows[-1]["full_joint_force_N"]) == pytest.approx(48e3, rel=1e-6)
 
