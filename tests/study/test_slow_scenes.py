@@ -74,23 +74,6 @@ def test_summary_and_history_have_the_loops(plates, tmp_path):
     assert [row[heading.index("full_upper_joint_force_N")] for row in rows] == list(force)
 
 
-def test_joints_with_a_stiffness_of_their_own_run_slowly_too():
-    given = joint(law="coulomb", pressure=20e6, tangential_stiffness=1e13)
-    study = sj.run_scene(slow_bar("full", "condensed", "reduced", joint=[given], damping={}))
-    assert study.failure is None
-    full = study.runs["full"]
-    content = model_summary(study, study.models["full"])["joints"]["joint"]
-    total = float(study.system.contact.spring_constants.sum())
-    assert content["tangential_stiffness_N_per_m"] == pytest.approx(total)
-    assert content["friction_energy_J"] == pytest.approx(full.friction_work.sum())
-    assert full.cycles.friction[-1] > 0.1
-    for name, run in study.runs.items():
-        assert run.energy_residual < 1e-8
-        assert run.system.contact.has_springs
-        near = study.models[name].estimate.of("total", "friction_energy")
-        assert run.cycles.friction[-1] == pytest.approx(full.cycles.friction[-1], rel=near + 1e-9)
-
-
 def test_notes_say_what_is_left_out_and_that_points_slip_apart(plates):
     notes = "\n".join(plates.notes)
     assert "The damping of the scene is left out" in notes
