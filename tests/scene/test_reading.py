@@ -84,18 +84,9 @@ def test_regions_supports_and_points_reach_the_structure(scene_file):
 # What is changed, and words that one of the problems must have.
 WRONG: list[tuple[str, Change, list[str]]] = [
     (GOOD, ('fixed = ["fixed"]', 'fixed = ["fixd"]'), ["support.fixed", "did you mean 'fixed'"]),
-    (GOOD, ("width = 0.05\n", ""), ["section.width", "missing"]),
-    (GOOD, ('on = "free_end"', 'on = "fre_end"'), ["'fre_end'", "did you mean 'free_end'"]),
     (GOOD, ('on = "free_end"', 'on = "free_end"\ndirection = [1, 0]'), ["direction"]),
     (GOOD, ("every = 1", 'points = ["fixed"]'), ["'fixed'", "does not move"]),
-    (
-        *(GOOD, ("[section]", "[material.regions.linaer]\nE = 1e9\n[section]")),
-        ["regions.linaer", "did you mean 'linear'"],
-    ),
-    (PLATES, ("poisson = 0.3\n", ""), ["material.poisson", "missing"]),
     (PLATES, ('fixed = ["left"]', 'fixed_x = ["left"]'), ["unsupported"]),
-    (PLATES, ('against = "joint"', 'against = "right"'), ["a boundary; a region is needed"]),
-    (PLATES, ("direction = [1, 0]\n", ""), ["direction", "missing"]),
     (
         *(PLATES, ("cycles = 3", 'cycles = 3\n[reduction]\nreference = "paper"')),
         ["joint[0].axis: missing", "reference = 'static'"],
