@@ -91,6 +91,15 @@ def test_a_cycle_from_rest_is_said_not_to_be_closed():
     assert model_summary(two, two.models["full"])["steady_state_reached"] is True
 
 
+def test_the_summary_of_a_joint_has_its_stiffness():
+    given = joint(law="coulomb", pressure=20e6, tangential_stiffness=1e13)
+    study = sj.run_scene(slow_bar(joint=[given], damping={}, accuracy={"estimate": False}))
+    content = model_summary(study, study.models["full"])["joints"]["joint"]
+    total = float(study.system.contact.spring_constants.sum())
+    assert content["tangential_stiffness_N_per_m"] == pytest.approx(total)
+    assert content["friction_energy_J"] == pytest.approx(study.runs["full"].friction_work.sum())
+
+
 def test_facts_leave_inertia_out():
     slow, fast = slow_bar(), slow_bar(time={"cycles": 2, "steps_per_cycle": 40})
     for scene, amplified in ((slow, False), (fast, True)):
