@@ -15,10 +15,9 @@ import numpy as np
 import pytest
 from scene_texts import written
 
+import skfem_joint as sj
 from skfem_joint import cli, output
 from skfem_joint.output.record import LIST
-from skfem_joint.scene import load_scene
-from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.study import study
 
 ROOT = Path(__file__).parent.parent
@@ -89,7 +88,7 @@ def assert_only_whole_files(folder: Path) -> int:
 )
 def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(name, model, tmp_path):
     """Fields of frames before the checkpoint too: the stored ones are not mixed up with others."""
-    scene = load_scene(ROOT / "examples" / f"{name}.toml")
+    scene = sj.load_scene(ROOT / "examples" / f"{name}.toml")
     few: dict[str, Any] = {"cycles": 2, "steps_per_cycle": 12}
     if scene.time.cycles is None:
         few = {"duration": 20 * scene.time_step}
@@ -105,9 +104,9 @@ def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(name, model, tmp_pat
     with output.prepare(scene, whole):
         output.write(study.run_scene(scene), whole)
     with pytest.raises(KilledError), output.prepare(scene, out):
-        study.run_scene(scene, kill, Checkpoints(out, every=1))
+        study.run_scene(scene, kill, sj.Checkpoints(out, every=1))
     with output.prepare(scene, out):
-        checkpoints = Checkpoints(out, every=1, resume=True)
+        checkpoints = sj.Checkpoints(out, every=1, resume=True)
         assert len(checkpoints.files()) == 1
         resumed = study.run_scene(scene, checkpoints=checkpoints)
         output.write(resumed, out)
@@ -125,18 +124,18 @@ def test_every_file_of_a_resumed_run_is_that_of_a_whole_one(name, model, tmp_pat
 def test_a_finished_model_is_not_run_again(scene, tmp_path):
     path, out = scene(cycles=4), tmp_path / "out"
     assert cli.main(["run", str(path), "--out", str(tmp_path / "whole")]) == 0
-    made = load_scene(path)
+    made = sj.load_scene(path)
 
     def kill(label, done, total):
         if label == "reduced model":
             raise KilledError
 
     with pytest.raises(KilledError), output.prepare(made, out):
-        study.run_scene(made, kill, Checkpoints(out, every=300))
+        study.run_scene(made, kill, sj.Checkpoints(out, every=300))
     assert "checkpoint_full.npz" in {file.name for file in out.iterdir()}
     labels: set[str] = set()
     with output.prepare(made, out):
-        checkpoints = Checkpoints(out, every=300, resume=True)
+        checkpoints = sj.Checkpoints(out, every=300, resume=True)
         resumed = study.run_scene(made, lambda label, *_: labels.add(label), checkpoints)
         output.write(resumed, out)
         checkpoints.remove(resumed.models)
@@ -166,7 +165,7 @@ def test_another_scene_or_mesh_is_refused(scene, tmp_path, capsys):
     text = text.replace((ROOT / "meshes" / "structure.msh").as_posix(), "own.msh")
     path.write_text(text, encoding="utf-8")
     out.mkdir()
-    study.run_scene(load_scene(path), checkpoints=Checkpoints(out, every=100))
+    study.run_scene(sj.load_scene(path), checkpoints=sj.Checkpoints(out, every=100))
     arguments = ["run", str(path), "--out", str(out), "--resume"]
     own = tmp_path / "own.msh"
     for file, old, new in ((path, "friction = 0.7", "friction = 0.71"), (own, "0.6 ", "0.601 ")):

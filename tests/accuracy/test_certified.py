@@ -13,20 +13,19 @@ from skfem_joint.accuracy import halved_mesh
 from skfem_joint.accuracy.estimate import Estimate, verification_run
 from skfem_joint.output import report
 from skfem_joint.results.history import Results, difference, results
-from skfem_joint.scene import Scene
 from skfem_joint.study.certificate import certify, halved, make_reference
 from skfem_joint.study.models import plan_of
 
 
-def coarse(*run: str, **changes: Any) -> Scene:
+def coarse(*run: str, **changes: Any) -> sj.Scene:
     return lap_joint(*run, bar="short_lap_joint", **changes)
 
 
-def certified(scene: Scene) -> Estimate:
+def certified(scene: sj.Scene) -> Estimate:
     return certify(sj.run_scene(scene), "full").estimate
 
 
-def peak_and_energy(one: Scene) -> tuple[float, float]:
+def peak_and_energy(one: sj.Scene) -> tuple[float, float]:
     run = verification_run(one.system(), plan_of(one))
     return float(run.cycles.peak[-1].max()), float(run.cycles.friction[-1])
 

@@ -16,13 +16,12 @@ from skfem_joint.results.history import (
     results,
 )
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.system.system import System
 
 CYCLE = {"cycles": 2, "steps_per_cycle": 40}
 
 
 @pytest.fixture(scope="module")
-def plate() -> System:
+def plate() -> sj.System:
     """Plate on a rigid base with two joints under Coulomb's law, pulled and bent in its plane."""
     strips = [("far", 0.08, 6), ("near", 0.08, 6), ("arm", 0.08, 4)]
     joints = [
@@ -41,7 +40,7 @@ def plate() -> System:
 
 
 @pytest.fixture(scope="module")
-def run(plate: System) -> sj.Run:
+def run(plate: sj.System) -> sj.Run:
     return sj.integrate(sj.reduce(plate, 4), **CYCLE)
 
 

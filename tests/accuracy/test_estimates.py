@@ -12,14 +12,11 @@ from scipy import linalg
 
 import skfem_joint as sj
 from skfem_joint.accuracy.estimate import verification_run
-from skfem_joint.ground.errors import ConvergenceError
-from skfem_joint.mesh import build_bar
 from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.results.history import QUANTITIES, difference, results
 from skfem_joint.scene import scene_from
 from skfem_joint.study import accuracy
 from skfem_joint.study.models import plan_of
-from skfem_joint.study.study import run_scene
 
 
 def pulse(**changes: Any) -> dict[str, Any]:
@@ -67,7 +64,7 @@ def test_residual_of_a_whole_basis_vanishes_and_that_of_a_part_is_orthogonal_to_
 
 def test_the_error_of_few_unknowns_does_not_depend_on_the_basis():
     """Of 13 unknowns the basis spans most: what is left of known motions is all but round-off."""
-    mesh = build_bar([("joint", 0.101, 13)], {"fixed": 0.0, "free_end": 0.101})
+    mesh = sj.build_bar([("joint", 0.101, 13)], {"fixed": 0.0, "free_end": 0.101})
     shape = {"kind": "triangle", "peak": 8.8e3, "rise_time": 1.35e-5, "start": 1.3e-4}
     tables = {
         "mesh": {"file": "built"},
@@ -104,7 +101,7 @@ def test_missing_modes_reduce_the_error_of_a_basis_to_a_fraction():
 def test_the_error_of_merged_points_is_stated():
     """Of 1,100 points, more than a condensed model takes and than stay unmerged in an estimate."""
     made, _ = fig_18()
-    mesh = build_bar([("joint", 0.1, 1100), ("linear", 0.5, 50)], {"start": 0.0, "end": 0.6})
+    mesh = sj.build_bar([("joint", 0.1, 1100), ("linear", 0.5, 50)], {"start": 0.0, "end": 0.6})
     system = replace(made, mesh=mesh).system([sj.Load("end", sj.Harmonic(87.5e3, 500.0))])
     few = sj.reduce(system, friction_points=20)
     every = sj.reduce(system, friction_points="all", beta=few.contact.steepest)
@@ -129,7 +126,7 @@ def test_verification_runs_end_where_the_reduced_run_has_settled(frequency, cycl
 
 def test_an_error_beyond_five_percent_is_reported_with_its_source_and_cure():
     few = {"reference": "paper", "active_length": 0.03}
-    (told,) = [w for w in run_scene(bar_scene("reduced", reduction=few)).notes if "errs by" in w]
+    (told,) = [w for w in sj.run_scene(bar_scene("reduced", reduction=few)).notes if "errs by" in w]
     assert "friction energy of the reduced model" in told
     assert "from its basis: it lacks slip of the joint" in told
 
@@ -138,7 +135,7 @@ def test_an_accuracy_that_is_asked_for_is_met():
     asked = {"displacement": 0.005, "energy": 0.01}
     time = {"cycles": 2, "steps_per_cycle": 60}
     scene = plate_scene(mesh=plate(6), time=time, accuracy=asked, reduction={"modes": 4})
-    study = run_scene(scene)
+    study = sj.run_scene(scene)
     truth = results(verification_run(study.system, plan_of(study.scene).finer(8)))
     for model in study.models.values():
         off = difference(truth, results(model.run))
@@ -156,7 +153,7 @@ def test_an_accuracy_that_is_asked_for_is_met():
     ],
 )
 def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for(time, load, asked, step):
-    study = run_scene(bar_scene("full", load=[load], time=time, accuracy=asked))
+    study = sj.run_scene(bar_scene("full", load=[load], time=time, accuracy=asked))
     total = study.models["full"].estimate.parts["total"]
     assert study.scene.time_step <= step
     for name, error in total.items():
@@ -165,6 +162,6 @@ def test_a_step_too_long_is_shortened_where_an_accuracy_is_asked_for(time, load,
 
 def test_an_accuracy_out_of_reach_is_refused(monkeypatch):
     monkeypatch.setattr(accuracy, "ROUNDS", 1)
-    with pytest.raises(ConvergenceError, match="still errs by an estimated") as caught:
-        run_scene(bar_scene("reduced", accuracy={"energy": 1e-6}))
+    with pytest.raises(sj.ConvergenceError, match="still errs by an estimated") as caught:
+        sj.run_scene(bar_scene("reduced", accuracy={"energy": 1e-6}))
     assert caught.value.exit_status == 3

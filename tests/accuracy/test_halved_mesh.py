@@ -11,11 +11,9 @@ from joint_scenes import bar_scene, harmonic, two_plates
 import skfem_joint as sj
 from skfem_joint.accuracy import halved_mesh
 from skfem_joint.accuracy.estimate import Estimate, verification_run
-from skfem_joint.mesh import NamedMesh, refined
 from skfem_joint.output import report
 from skfem_joint.output.damping import backbone_lines, write_backbone
 from skfem_joint.results.history import difference, results
-from skfem_joint.scene import Scene
 from skfem_joint.study.models import finer_mesh, plan_of
 from skfem_joint.study.scene_backbone import scene_backbone
 from skfem_joint.vibration.mesh_of_curve import mesh_of_curve
@@ -31,7 +29,7 @@ def pulled_bar(elements: int) -> sj.Structure:
     return sj.Structure(mesh, STEEL, width=0.05, thickness=0.01, joints=[joint])
 
 
-def lap(elements: int, kind: str = "quadrilateral") -> NamedMesh:
+def lap(elements: int, kind: str = "quadrilateral") -> sj.NamedMesh:
     """Two plates from the side, lapped over 0.08 m."""
     sides = {"held": "left", "upper_face": ("bottom", "upper_lap")}
     strips = [("upper_arm", 0.1, elements), ("upper_lap", 0.08, elements)]
@@ -42,7 +40,7 @@ def lap(elements: int, kind: str = "quadrilateral") -> NamedMesh:
     return sj.merged([upper, lower])
 
 
-def lapped(mesh: NamedMesh, load: float, frequency: float = 30.0) -> sj.System:
+def lapped(mesh: sj.NamedMesh, load: float, frequency: float = 30.0) -> sj.System:
     joint = sj.Joint("upper_face", against="lower_face", pressure=10e6, friction=0.4)
     plain = {"order": mesh.order, "incompatible": False}
     fixed = {"thickness": 0.04, "fixed": ["held"], "damping_ratio": 0.01}
@@ -70,8 +68,8 @@ def test_a_run_errs_as_far_as_stated_with_what_locking_does_to_its_resonance(kin
     """The first bending is at 121 Hz; elements of first order make it far too high."""
     mesh = lap(6, kind)
     run = sj.integrate(lapped(mesh, 2e3, frequency), cycles=8, steps_per_cycle=100)
-    stated = sj.estimate(run, finer=lapped(refined(mesh), 2e3, frequency))
-    best = lapped(refined(replace(mesh, order=2)), 2e3, frequency)
+    stated = sj.estimate(run, finer=lapped(sj.refined(mesh), 2e3, frequency))
+    best = lapped(sj.refined(replace(mesh, order=2)), 2e3, frequency)
     plan = run.plan.storing(fields_every=0)
     true = difference(results(verification_run(sj.condense(best), plan)), results(run))
     for name in ("displacement_rms", "friction_energy", "loop_energy"):
@@ -85,8 +83,8 @@ def test_a_run_errs_as_far_as_stated_with_what_locking_does_to_its_resonance(kin
 def test_a_curve_errs_as_far_as_stated_by_level():
     mesh = replace(lap(8), order=2)
     (curve,) = sj.backbone(lapped(mesh, 1.0))
-    stated = mesh_of_curve(curve, lapped(refined(mesh), 1.0))
-    best = lapped(refined(refined(refined(mesh))), 1.0)
+    stated = mesh_of_curve(curve, lapped(sj.refined(mesh), 1.0))
+    best = lapped(sj.refined(sj.refined(sj.refined(mesh))), 1.0)
     (other,) = sj.backbone(best, levels=curve.level)
     true = np.abs(curve.damping_ratio / other.damping_ratio - 1.0)
     judged = true > 0.02
@@ -96,7 +94,7 @@ def test_a_curve_errs_as_far_as_stated_by_level():
     assert stated.frequency.max() < 0.01
 
 
-def scene(*models: str) -> Scene:
+def scene(*models: str) -> sj.Scene:
     return two_plates(*models, time={"cycles": 2, "steps_per_cycle": 60})
 
 
@@ -161,4 +159,4 @@ def test_a_finer_system_under_another_load_is_refused():
     mesh = lap(3)
     run = sj.integrate(lapped(mesh, 2e3), cycles=1, steps_per_cycle=20)
     with pytest.raises(sj.InputError, match="loads of other amplitudes than those of the run"):
-        sj.estimate(run, finer=lapped(refined(mesh), 4e3))
+        sj.estimate(run, finer=lapped(sj.refined(mesh), 4e3))

@@ -108,16 +108,9 @@ def bar(*betas: float) -> sj.System:
         sj.Joint(name, pressure=pressure, friction=0.6, beta=beta)
         for name, pressure, beta in zip(("joint", "second"), (8e6, 4e6), betas, strict=False)
     ]
-    structure = sj.Structure(
-        sj.build_bar(segments, {"fixed": 0.0, "free_end": 0.7}),
-        sj.Material(E=200e9, density=8000.0),
-        width=0.05,
-        thickness=0.01,
-        fixed=["fixed"],
-        joints=joints,
-        stiffness_damping=1e-5,
-    )
-    return structure.system([sj.Load("free_end", sj.Harmonic(20e3, 300.0))])
+    mesh = sj.build_bar(segments, {"fixed": 0.0, "free_end": 0.7})
+    made = structure(mesh, joints, ["fixed"], stiffness_damping=1e-5)
+    return made.system([sj.Load("free_end", sj.Harmonic(20e3, 300.0))])
 
 
 def test_a_condensed_model_states_the_error_of_a_softer_law():

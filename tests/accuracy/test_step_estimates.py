@@ -12,21 +12,17 @@ from stepping_systems import oscillator
 
 import skfem_joint as sj
 from skfem_joint.accuracy.ladder import HALVED, STEP, Rung, errors_of
-from skfem_joint.ground.loads import Amplitude, Harmonic, MultiHarmonic, Triangle
 from skfem_joint.results.history import QUANTITIES, difference, results
-from skfem_joint.stepping.recording import Run
-from skfem_joint.system.contacts import Contact
-from skfem_joint.system.system import AppliedLoad, System
 
 
-def driven(system: System, frequency: float, steps: int) -> float:
+def driven(system: sj.System, frequency: float, steps: int) -> float:
     """Stated error of the history of steady vibration."""
     period = {"step": 1.0 / frequency / steps, "n_steps": steps, "cycle_steps": steps}
     run = sj.integrate(system, **period, until="steady")
     return sj.estimate(run).of("total", "displacement_rms") or 0.0
 
 
-def stated(run: Run) -> tuple[dict[str, float | None], list[int]]:
+def stated(run: sj.Run) -> tuple[dict[str, float | None], list[int]]:
     """Total error of a run, and the steps of each run that showed it."""
     taken = []
 
@@ -51,7 +47,7 @@ def receptance(frequency: float, natural: float, ratio: float, step: float = 0.0
 @pytest.mark.parametrize("steps", [20, 60])
 def test_the_error_of_a_driven_oscillator_is_that_of_the_trapezoidal_rule(frequency, steps):
     exact, found = (receptance(frequency, 1.0, 0.05, h) for h in (0.0, 1.0 / frequency / steps))
-    stated = driven(oscillator(Harmonic(1.0, frequency)), frequency, steps)
+    stated = driven(oscillator(sj.Harmonic(1.0, frequency)), frequency, steps)
     assert stated == pytest.approx(abs(found / exact - 1.0), rel=0.15)
 
 
@@ -59,14 +55,14 @@ def test_a_higher_mode_that_twice_the_step_misses_is_stated():
     """The fifth harmonic meets a second mode, from whose resonance each step is off."""
     natural, ratios, base, steps = np.array([1.0, 2.5]), np.array([0.05, 0.01]), 0.5, 60
     parts = {1: 1.0, 5: 0.2}
-    loads = MultiHarmonic([Harmonic(a, k * base) for k, a in parts.items()])
+    loads = sj.MultiHarmonic([sj.Harmonic(a, k * base) for k, a in parts.items()])
     own = 2.0 * np.pi * natural
-    system = System(
+    system = sj.System(
         M=np.eye(2),
         C=np.diag(2.0 * ratios * own),
         K=np.diag(own**2),
-        contact=Contact.none(2),
-        loads=(AppliedLoad(np.ones(2), loads, "both"),),
+        contact=sj.Contact.none(2),
+        loads=(sj.AppliedLoad(np.ones(2), loads, "both"),),
         P=np.ones((1, 2)),
         points=("both",),
     )
@@ -109,7 +105,7 @@ def test_the_error_of_the_time_step_of_a_resonant_joint_is_stated(steps):
     """A small model is run with half and quarter steps."""
     made, _ = fig_18()
     system = replace(made, stiffness_damping=1e-7).system(
-        [sj.Load("end", Harmonic(87.5e3, 2200.0))]
+        [sj.Load("end", sj.Harmonic(87.5e3, 2200.0))]
     )
     run = sj.integrate(system, cycles=40, steps_per_cycle=steps)
     found, taken = stated(run)
@@ -123,7 +119,7 @@ def test_the_error_of_the_time_step_of_a_resonant_joint_is_stated(steps):
 N = 32 * 64  # steps
 
 
-def large(load: Amplitude, damping: float = 1e-5) -> System:
+def large(load: sj.Amplitude, damping: float = 1e-5) -> sj.System:
     """A plate of so many unknowns that its steps are halved by a reduced model."""
     mesh = sj.build_plate([("joint", 0.25, 16)], 0.05, 2)
     made = structure(mesh, [sj.Joint("joint", 8e6, MU)], stiffness_damping=damping)
@@ -133,7 +129,7 @@ def large(load: Amplitude, damping: float = 1e-5) -> System:
 @pytest.mark.slow
 def test_a_reduced_model_takes_the_steps_of_a_large_one():
     """It states what the large one would by its own half and quarter steps."""
-    system = large(Harmonic(63e3, 1000.0))
+    system = large(sj.Harmonic(63e3, 1000.0))
     runs = [
         sj.integrate(system, cycles=32, steps_per_cycle=64 * k, save=sj.Save(every=k))
         for k in (1, 2, 4)
@@ -149,9 +145,9 @@ def test_a_reduced_model_takes_the_steps_of_a_large_one():
 @pytest.mark.parametrize("why", ["too poor", "no friction"])
 def test_a_large_model_without_a_good_reduced_one_is_run_with_half_the_step(why):
     """Of a blow so short that it sets off all modes, or of no slips at all."""
-    system = large(Triangle(63e3, 4e-6), damping=1e-8)
+    system = large(sj.Triangle(63e3, 4e-6), damping=1e-8)
     if why == "no friction":
-        system = replace(system, contact=Contact.none(system.n))
+        system = replace(system, contact=sj.Contact.none(system.n))
     run = sj.integrate(system, step=5e-7, n_steps=N)
     found, taken = stated(run)
     assert taken == [*([N, 2 * N, 4 * N] if why == "too poor" else []), 2 * N]

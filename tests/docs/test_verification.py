@@ -176,6 +176,9 @@ def test_unknown_names_and_short_forms_over_the_site_are_refused(claims, capsys)
 @pytest.mark.slow
 def test_short_forms_of_claims_run(tmp_path):
     names = ["paper", "stability", "plates", "growth", "estimates", "estimates-accuracy", "pairs"]
+    names += ["reduction", "first-run", "solids", "contact-points", "contact-point-steps"]
+    names += ["fit-gradients", "fit-coverage", "fit-solid", "bowed-beam", "contact-block"]
+    names += ["contact-wall", "contact-alike", "contact-loops"]
     assert measure.main([*names, "--short", "--out", str(tmp_path)]) == 0
     made = {path.stem for path in (tmp_path / "measured").iterdir()}
     assert made == {table for name in names for table in measure.CLAIMS[name].tables}

@@ -8,18 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import (
-    brake_reuss,
-    contact_points,
-    first_run,
-    fits,
-    growth,
-    plates,
-    ready_made,
-    reduction,
-    solids,
-    steady,
-)
+from benchmarks import brake_reuss, ready_made, steady
 from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
 from benchmarks.integrators import FORMS, QUICK_FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
@@ -145,31 +134,6 @@ def test_the_report_joins_competitors_to_our_models(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_benchmarks_of_steps_run(capsys):
-    for elements in (20, 40):
-        growth.time_per_step(elements, 5, 1)
-    growth.long_structure(100, 1)
-    plates.report(8, 4, 0.25, True)
-    plates.report(12, 2, 0.05, False)
-    text = capsys.readouterr().out
-    assert len(re.findall(r"^\| [24]0 \| (arctan|Coulomb)", text, re.MULTILINE)) == 4
-    assert "times faster; error of the free end" in text
-    assert text.count("refactoring each iteration") == 2
-    assert text.count("reduced, ") == 6
-
-
-@pytest.mark.slow
-def test_the_benchmark_of_first_runs_runs(capsys):
-    first_run.main(["--quick"])
-    cells = capsys.readouterr().out.splitlines()[-1].split("|")[1:-1]
-    assert cells[0].strip() == "structure_harmonic"
-    first, _, compilation, compilations, functions, _, results, second, *_ = map(float, cells[1:])
-    assert 0.0 < compilation < results < first
-    assert compilations >= functions > 0.0
-    assert second < first
-
-
-@pytest.mark.slow
 def test_the_benchmark_of_substructures_is_equal_to_the_whole(capsys):
     pytest.importorskip("gmsh")
     from benchmarks import substructures
@@ -179,69 +143,6 @@ def test_the_benchmark_of_substructures_is_equal_to_the_whole(capsys):
     differences = re.findall(r"\d\.\de-\d\d", printed)
     assert len(differences) == 4
     assert max(map(float, differences)) < 1e-7
-
-
-def test_the_benchmark_of_solids_runs(capsys):
-    solids.report(solids.plates((10, 1, 2, 1), 1, 20), 0.0)
-    text = capsys.readouterr().out
-    rows = {line.split()[1]: line.split("|")[2:-1] for line in text.splitlines() if line[:1] == "|"}
-    assert float(rows["condensed"][4]) < 2.0  # history, percent
-    assert float(rows["reduced"][4]) < 2.0
-    curves = re.findall(r"curve, .* from ([\d.]+) Hz, .* to ([\d.]+) Hz", text)
-    full, condensed = np.array(curves, dtype=float)
-    np.testing.assert_allclose(condensed, full, rtol=1e-3)
-    assert "memory taken" in text
-
-
-def test_the_benchmark_of_contact_points_runs(capsys):
-    contact_points.report((6, 1, 2, 1))
-    cells = capsys.readouterr().out.split("|")[1:-1]
-    points, unknowns = int(cells[1]), int(cells[2])
-    assert unknowns == 2 * points
-    assert cells[3].strip() == "yes"
-    assert float(cells[8]) > 0.0
-
-
-def test_the_benchmark_of_steps_with_contact_points_runs(capsys, tmp_path):
-    contact_points.main(["steps", "--out", str(tmp_path), "--to", "104"])
-    text = capsys.readouterr().out
-    rows = {line.split()[1]: line.split("|")[2:-1] for line in text.splitlines() if line[:1] == "|"}
-    for kind in ("constant", "opens"):
-        points, _, slipping, pressed, mean, largest = (float(cell) for cell in rows[kind])
-        assert points == 104
-        assert 5.0 < slipping < 40.0
-        assert 50.0 < pressed < 95.0
-        assert 0.0 < mean <= largest
-    assert (tmp_path / "contact_points.png").stat().st_size > 0
-
-
-def test_the_benchmark_of_fits_runs(capsys):
-    fits.main(["coverage", "--quick"])
-    text = capsys.readouterr().out
-    shares = re.findall(r"^\| (?:joint|damping)\S+ \| ([\d.]+) ", text, re.MULTILINE)
-    assert len(shares) == 3
-    assert min(map(float, shares)) >= 50.0  # of 4 draws
-    assert "named as not determined in 1 of 1 fits" in text
-
-
-@pytest.mark.slow
-def test_the_benchmarks_of_derivatives_and_solid_fits_run(capsys):
-    fits.main(["gradients", "solid", "--quick"])
-    rows = [line.split("|")[1:-1] for line in capsys.readouterr().out.splitlines() if "|" in line]
-    errors = [float(cells[6]) for cells in rows if len(cells) == 10 and "e-" in cells[6]]
-    assert len(errors) == 5 + 2 * 5 + 2 * 6
-    assert max(errors) < 1e-5
-    assert [int(cells[4]) < 15 for cells in rows if cells[0].strip() in ("lap joint",)] == [True]
-
-
-@pytest.mark.slow
-def test_reductions_keep_what_was_asked_of_them(capsys):
-    """Bars of the paper, under several harmonics, and bodies in the plane: one of each maker."""
-    reduction.main(["Case VII", "1 : 5", "bending"])
-    rows = [line.split("|")[1:-1] for line in capsys.readouterr().out.splitlines()[4:]]
-    assert [cells[0].strip() for cells in rows] == [
-        *("Case VII", "two harmonics, 1 : 5", "plate from the side, bending"),
-    ]
 
 
 # The two plates of Fig. 18

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-from benchmarks import calculix, contact, inp
+from benchmarks import calculix, contact, decks, inp
 
 
 @pytest.fixture(scope="module")
@@ -72,8 +72,9 @@ def test_an_ellipse_of_force_over_displacement_has_its_area():
     assert abs(few - exact) > abs(whole - exact)
 
 
-def test_without_its_program_the_benchmark_says_so():
-    command = [sys.executable, calculix.__file__, "--quick"]
+@pytest.mark.parametrize("script", [calculix, decks])
+def test_without_its_program_the_benchmark_says_so(script):
+    command = [sys.executable, script.__file__]
     environment = os.environ | {"PATH": ""}
     ended = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert ended.returncode == 1

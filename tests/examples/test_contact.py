@@ -76,17 +76,3 @@ def test_force_at_a_constant_angle_loses_the_less_energy_the_more_steps():
         assert np.all(sticks)
     assert lost[0] < 3e-4
     assert lost[1] < 0.2 * lost[0]
-
-
-def test_the_benchmark_of_contact_runs(capsys):
-    contact.main(["--quick"])
-    shown = capsys.readouterr().out
-    assert "| 8 x 8, order 1 |" in shown
-    assert "| 20 | lumped | 0.8 |" in shown
-    assert "| 8 | 1 | shifted |" in shown
-
-
-@pytest.mark.slow
-def test_the_benchmark_of_loops_runs(capsys):
-    contact.main(["loops", "--quick"])
-    assert "| axial | 0.3 | unilateral |" in capsys.readouterr().out

@@ -1,6 +1,5 @@
 """The measured beam: its scene describes a floating beam with a sensor, its curves are whole."""
 
-import contextlib
 import tomllib
 
 import numpy as np
@@ -41,13 +40,3 @@ def test_a_bow_opens_the_lap_at_its_ends_or_in_its_middle():
     x = np.array([[-0.06, 0.0, 0.0], [0.0, 0.01, 0.0], [0.03, 0.0, 0.0], [0.0601, 0.0, 0.0]])
     assert bowed_beam.shape(x, 1.0) == pytest.approx([1.0, 0.0, 0.25, 1.0])
     assert bowed_beam.shape(x, -1.0) == pytest.approx([0.0, 1.0, 0.75, 0.0])
-
-
-@pytest.mark.slow
-def test_the_benchmark_of_bows_runs(capsys, tmp_path):
-    with contextlib.chdir(tmp_path):
-        bowed_beam.main(["--quick"])
-    shown = capsys.readouterr().out
-    assert "| -10 |" in shown
-    assert "80.57 Hz measured" in shown
-    assert (tmp_path / "bowed_beam.png").stat().st_size > 1000

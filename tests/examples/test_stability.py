@@ -10,10 +10,9 @@ from stability import report
 from stability.cases import BAR, ONE, PLATE, TWO, UNITS, matrix, quick_matrix
 from stability.judge import REFUSED, RIGHT, WRONG, Verdict, judge, of_error, of_run
 from stability.references import modelled, run
-from stability.run import main, tell
+from stability.run import tell
 
 from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.output.record import LIST
 
 EASY = replace(BAR, elements=(20,), periods=2)
 SMALL = replace(PLATE, steps=20)
@@ -202,14 +201,3 @@ def test_what_is_wrong_is_counted_and_named_and_sets_the_exit_status(tmp_path, c
     assert len(rows) == 1 + len(verdicts)
     assert rows[2].endswith(",a step of 1e-5 s; use 2e-6 s")
     assert (tmp_path / report.PICTURE).read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.slow
-def test_a_quick_run_finds_nothing_wrong_in_silence(tmp_path, capsys):
-    assert main(["--quick", "--out", str(tmp_path)]) == 0
-    assert " 0 wrong in silence" in capsys.readouterr().out
-    names = {report.PAGE, report.CASES, report.PICTURE}
-    assert {file.name for file in tmp_path.iterdir()} == {*names, "summary.json", LIST}
-    (tmp_path / LIST).unlink()
-    assert main(["--quick", "--out", str(tmp_path)]) == 2
-    assert "give --overwrite" in capsys.readouterr().err

@@ -11,15 +11,12 @@ from clamped_plates import loads as plate_loads
 
 import skfem_joint as sj
 from skfem_joint.fitting import fit as fit_module
-from skfem_joint.fitting.measured import MeasuredCurve
-from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.ground.loads import Harmonic
 from skfem_joint.structure.parameters import value_of, with_values
 
 FRICTION, SPRING, RATIO = "joint[0].friction", "joint[0].tangential_stiffness", "damping.ratio"
 PRESSURE, E = "joint[0].pressure", "material.E"
 TRUTH = {FRICTION: 0.3, SPRING: 6e11, RATIO: 1e-3}
-LOADS = [sj.Load("end", Harmonic(1.0, 500.0))]
+LOADS = [sj.Load("end", sj.Harmonic(1.0, 500.0))]
 AMPLITUDE = np.geomspace(1e-5, 3.5e-5, 8)
 #: Standard deviations of samples: of the frequency, Hz, and of the damping over its value.
 DEVIATION, SHARE = 4.0, 0.02
@@ -41,7 +38,9 @@ START = with_values(GIVEN, {FRICTION: 0.4, SPRING: 4e11, RATIO: 1.5e-3})
 FREE = {FRICTION: (0.1, 0.9), SPRING: (1e11, 4e12), RATIO: (1e-4, 1e-2)}
 
 
-def samples(frequency: Any, damping: Any, amplitude: Any = AMPLITUDE, **how: Any) -> MeasuredCurve:
+def samples(
+    frequency: Any, damping: Any, amplitude: Any = AMPLITUDE, **how: Any
+) -> sj.MeasuredCurve:
     columns = {
         "amplitude (m)": amplitude, "frequency": frequency, "damping": damping,
         "frequency_deviation": np.full(amplitude.size, DEVIATION),
@@ -52,7 +51,7 @@ def samples(frequency: Any, damping: Any, amplitude: Any = AMPLITUDE, **how: Any
 
 def curve_of(
     given: sj.Structure, amplitude: Any = AMPLITUDE, loads: Any = LOADS, **how: Any
-) -> MeasuredCurve:
+) -> sj.MeasuredCurve:
     """What a structure would have measured."""
     like = samples(np.full(amplitude.size, 3e3), np.full(amplitude.size, 0.01), amplitude, **how)
     problem = sj.FitProblem(given, like, {FRICTION: (0.0, 9.0)}, loads)
@@ -179,7 +178,7 @@ def test_a_value_that_fits_up_to_its_bound_only_is_told_so():
 
 
 LAPPED = {"contact": "unilateral", "normal_stiffness": 2e12, "tangential_stiffness": 3e11}
-BENT = [sj.Load("end", Harmonic(150.0, 400.0), (0.0, 1.0, 0.0))]
+BENT = [sj.Load("end", sj.Harmonic(150.0, 400.0), (0.0, 1.0, 0.0))]
 
 
 def test_contact_that_opens_and_does_not_slip_says_nothing_of_friction():
@@ -262,7 +261,7 @@ def test_samples_of_one_amplitude_and_many_amplitudes():
 
 def test_curves_of_two_modes():
     given = bar({"tangential_stiffness": 3e12, "beta": np.inf})
-    where = [sj.Load("upper_end", Harmonic(1.0, 300.0))]
+    where = [sj.Load("upper_end", sj.Harmonic(1.0, 300.0))]
     free = {FRICTION: (0.2, 2.0), "material.regions.upper_arm.E": (3e10, 2e11)}
     truth = {key: value_of(given, key) for key in free}
     curves = sj.backbone(given.system(where), (1, 2), 6)
@@ -353,7 +352,7 @@ def test_the_scale_of_a_gap_is_found():
     ],
 )
 def test_what_cannot_be_fitted_is_refused(how, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(sj.InputError, match=words):
         fitted(**how)
 
 
@@ -361,9 +360,9 @@ def test_a_point_that_a_mode_does_not_move_is_refused():
     mesh = sj.build_plate([("joint", 0.1, 4), ("free", 0.1, 4)], 0.02, 2)
     given = sj.Structure(mesh, sj.Material(200e9, 8000.0, 0.3), thickness=0.01,
                          joints=[sj.Joint("joint", 8e6, 0.3)])  # fmt: skip
-    loads = [sj.Load("right", Harmonic(1.0, 100.0), (1.0, 0.0))]
+    loads = [sj.Load("right", sj.Harmonic(1.0, 100.0), (1.0, 0.0))]
     like = samples(np.full(3, 1e3), np.full(3, 1e-2), np.geomspace(1e-6, 1e-5, 3), point="right")
-    with pytest.raises(InputError, match="mode 1 does not move the measured point"):
+    with pytest.raises(sj.InputError, match="mode 1 does not move the measured point"):
         sj.fit(given, like, {FRICTION: (0.1, 0.9)}, loads)
 
 
@@ -376,7 +375,7 @@ def test_amplitudes_near_gross_slip_are_reached():
 
 def test_a_search_that_does_not_end_is_said(monkeypatch):
     monkeypatch.setattr(fit_module, "EVALUATIONS", 2)
-    with pytest.raises(ConvergenceError, match="not found in 2 evaluations"):
+    with pytest.raises(sj.ConvergenceError, match="not found in 2 evaluations"):
         fitted()
 
 
@@ -389,7 +388,7 @@ def test_a_search_that_does_not_end_is_said(monkeypatch):
     ],
 )
 def test_what_a_fit_does_not_have_is_refused(exact, asked, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(sj.InputError, match=words):
         asked(exact)
 
 

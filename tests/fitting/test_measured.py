@@ -7,8 +7,6 @@ import pytest
 from test_damping_curve import LAWS, decaying
 
 import skfem_joint as sj
-from skfem_joint.fitting.measured import MeasuredCurve, measured_curve
-from skfem_joint.ground.errors import InputError
 
 ROWS = {"frequency": [400.0, 398.0, 395.0], "damping": [0.002, 0.003, 0.006]}
 DATA = {"amplitude (mm)": [1.0, 2.0, 3.0], **ROWS}
@@ -24,8 +22,8 @@ def written(tmp_path, text, name="lap.csv"):
 
 def refused(source, *words, **given):
     """Sentences of a refusal, each of which has its words."""
-    with pytest.raises(InputError) as caught:
-        measured_curve(source, **given)
+    with pytest.raises(sj.InputError) as caught:
+        sj.measured_curve(source, **given)
     problems = caught.value.problems
     assert len(problems) == len(words), problems
     for problem, word in zip(problems, words, strict=True):
@@ -51,8 +49,8 @@ amplitude (m/s²), frequency (Hz), damping (%), damping_deviation (%)
 12, 395, 0.8, 0.03
 ,,,
 """
-    curve = measured_curve(written(tmp_path, text))
-    assert isinstance(curve, MeasuredCurve)
+    curve = sj.measured_curve(written(tmp_path, text))
+    assert isinstance(curve, sj.MeasuredCurve)
     assert (curve.name, curve.point, curve.mode, curve.quantity, curve.offset) == (
         "lap.csv", "tip", 2, "acceleration", ("frequency",),
     )  # fmt: skip
@@ -87,7 +85,7 @@ amplitude (m/s²), frequency (Hz), damping (%), damping_deviation (%)
 def test_units_and_quantities_become_displacements(unit, quantity, factor, name):
     raw, by_unit = np.array([1.0, 2.0, 5.0]), {"unit": unit} if name == "unit" else {}
     name = "amplitude" if by_unit else name.replace("UNIT", unit.replace(" ", ""))
-    curve = measured_curve({name: raw, **ROWS}, **by_unit, **SHARES, offset=())
+    curve = sj.measured_curve({name: raw, **ROWS}, **by_unit, **SHARES, offset=())
     order = ["displacement", "velocity", "acceleration"].index(quantity)
     assert curve.quantity == quantity
     assert curve.amplitude == pytest.approx(factor * raw, rel=1e-15)
@@ -106,7 +104,7 @@ def test_units_and_quantities_become_displacements(unit, quantity, factor, name)
 )
 def test_units_of_frequency_and_damping(columns):
     arrays = {name: np.full(3, value) for name, value in columns.items()}
-    curve = measured_curve({"amplitude (m/s2)": [1.0, 2.0, 3.0]} | arrays)
+    curve = sj.measured_curve({"amplitude (m/s2)": [1.0, 2.0, 3.0]} | arrays)
     assert curve.frequency == pytest.approx(np.full(3, 400.0), rel=1e-14)
     assert curve.damping == pytest.approx(np.full(3, 0.002), rel=1e-14)
     for note, name in zip(curve.notes, ("frequency", "damping"), strict=True):
@@ -116,13 +114,13 @@ def test_units_of_frequency_and_damping(columns):
 def test_arguments_win_over_the_head(tmp_path):
     head = "# point: tip\n# mode: 3\n# offset: damping\n# highest: 1.5\n# peak_to_peak: true\n"
     path = written(tmp_path, head + "# relative_damping_deviation: 2 %\n" + GOOD)
-    curve = measured_curve(path)
+    curve = sj.measured_curve(path)
     assert (curve.point, curve.mode, curve.offset) == ("tip", 3, ("damping",))
     assert curve.fitted.tolist() == [True, False, False]
     assert curve.damping_deviation == pytest.approx(0.02 * curve.damping)
     given = {"point": "end.y", "mode": 1, "offset": "none", "highest": 3.0, "lowest": "1.5"}
     given |= {"peak_to_peak": False, "relative_damping_deviation": 0.1, "name": "first"}
-    other = measured_curve(str(path), **given, direction=None)
+    other = sj.measured_curve(str(path), **given, direction=None)
     assert (other.point, other.mode, other.offset, other.name) == ("end.y", 1, (), "first")
     assert other.fitted.tolist() == [False, True, False]
     assert other.amplitude.tolist() == (2.0 * curve.amplitude).tolist()
@@ -132,10 +130,10 @@ def test_arguments_win_over_the_head(tmp_path):
 def test_deviations_of_columns_stand_where_they_are_and_shares_elsewhere():
     own = [2e-4, np.nan, 3e-4]
     data = {"amplitude (m)": [1.0, 2.0, 3.0], **ROWS, "damping_deviation": own}
-    curve = measured_curve(data)
+    curve = sj.measured_curve(data)
     assert curve.damping_deviation == pytest.approx([2e-4, 0.05 * 0.003, 3e-4])
     assert "of the damping of 1 samples are not given; 5 % of each" in curve.notes[1]
-    replaced = measured_curve(data, relative_damping_deviation=0.1)
+    replaced = sj.measured_curve(data, relative_damping_deviation=0.1)
     assert replaced.damping_deviation == pytest.approx(0.1 * replaced.damping)
 
 
@@ -143,13 +141,13 @@ def test_what_was_not_measured_is_nan_and_lies_between_neighbours():
     """Halfway of the logarithm of the amplitude is the mean of the frequencies there."""
     frequency = [400.0, np.nan, 390.0, 394.0]
     data = {"amplitude (m/s)": [1.0, 2.0, 4.0, 4.0], "frequency": frequency, "damping": 4 * [0.01]}
-    curve = measured_curve(data, **SHARES)
+    curve = sj.measured_curve(data, **SHARES)
     assert np.isnan(curve.frequency_deviation).tolist() == [False, True, False, False]
     used = np.array([400.0, 396.0, 390.0, 394.0])
     assert curve.displacement == pytest.approx(curve.amplitude / (2.0 * np.pi * used), rel=1e-14)
     (lacking,) = curve.notes
     assert "1 samples have no frequency" in lacking
-    alone = measured_curve({"amplitude (mm)": [1.0, 2.0, 3.0], "damping": ROWS["damping"]})
+    alone = sj.measured_curve({"amplitude (mm)": [1.0, 2.0, 3.0], "damping": ROWS["damping"]})
     assert np.isnan(alone.frequency).all()
     assert alone.displacement == pytest.approx([1e-3, 2e-3, 3e-3])
 
@@ -167,7 +165,7 @@ def test_a_curve_is_read_as_it_was_written(tmp_path, separator, end, mark):
     rng.shuffle(lines)
     names = separator.join(["amplitude", "frequency", "damping", "frequency_deviation"])
     text = mark + end.join(["# unit: m", names, *lines, ""])
-    curve = measured_curve(written(tmp_path, text))
+    curve = sj.measured_curve(written(tmp_path, text))
     assert np.array_equal(curve.amplitude, amplitude)
     assert np.array_equal(curve.frequency, frequency)
     assert np.array_equal(curve.damping, damping)
@@ -240,8 +238,8 @@ def test_what_is_wrong_is_refused_with_its_place(tmp_path, old, new, words):
     ],
 )
 def test_files_that_are_no_tables_are_refused(tmp_path, content, word):
-    with pytest.raises(InputError, match=re.escape(word)) as caught:
-        measured_curve(written(tmp_path, content))
+    with pytest.raises(sj.InputError, match=re.escape(word)) as caught:
+        sj.measured_curve(written(tmp_path, content))
     assert "lap.csv" in str(caught.value)
 
 
@@ -308,7 +306,7 @@ NAMES = ["base.x", "base.y", "tip.x", "tip.y"]
     ],
 )
 def test_points_and_directions_are_rows_of_a_system(given, names, expected):
-    assert measured_curve(DATA, **given).weights(names) == pytest.approx(expected, rel=1e-15)
+    assert sj.measured_curve(DATA, **given).weights(names) == pytest.approx(expected, rel=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -322,8 +320,8 @@ def test_points_and_directions_are_rows_of_a_system(given, names, expected):
     ],
 )
 def test_points_that_the_system_does_not_have_are_refused(given, words):
-    with pytest.raises(InputError, match=words):
-        measured_curve(DATA, **given).weights(NAMES)
+    with pytest.raises(sj.InputError, match=words):
+        sj.measured_curve(DATA, **given).weights(NAMES)
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("um", 1e-6), ("mm/s", 1e-3), ("g", 9.80665)])
@@ -342,7 +340,7 @@ def test_a_decay_becomes_the_curve_of_its_law(tmp_path, unit, factor):
     rows = np.char.mod("%.10g", np.stack([1e3 * t, signal], axis=1))
     lines = [f"time (ms); signal ({unit})", *map(";".join, rows.tolist()), ""]
     path = written(tmp_path, "# point: tip\n# frequency: 80\n# lowest: 0.2\n" + "\n".join(lines))
-    curve = measured_curve(path)
+    curve = sj.measured_curve(path)
     assert 3 <= curve.amplitude.size < 25
     assert f"gives {curve.amplitude.size} samples of the curve" in curve.notes[0]
     assert curve.fitted.tolist() == (curve.amplitude >= 0.2 * factor).tolist()
@@ -355,19 +353,19 @@ def test_a_decay_becomes_the_curve_of_its_law(tmp_path, unit, factor):
     ):
         # The law of the damping, at a given amplitude, within four standard deviations.
         assert np.all(np.abs(found - law) < 4.0 * deviation + 2e-3 * law)
-    of_arrays = measured_curve(
+    of_arrays = sj.measured_curve(
         sj.damping_curve(t, signal, 80.0, curve.quantity), unit=unit, lowest=0.2
     )
     assert of_arrays.displacement == pytest.approx(curve.displacement, rel=1e-6)
     assert of_arrays.damping == pytest.approx(curve.damping, rel=1e-4)
-    wide = measured_curve(path, relative_damping_deviation=0.1)
+    wide = sj.measured_curve(path, relative_damping_deviation=0.1)
     assert wide.damping_deviation == pytest.approx(0.1 * curve.damping)
 
 
 def test_what_is_wrong_with_a_decay_is_refused(tmp_path):
     t = np.arange(2000) / 2000.0
     decay = {"time": t, "signal (mm)": np.exp(-2.0 * t) * np.cos(500.0 * t)}
-    found = measured_curve(decay).damping
+    found = sj.measured_curve(decay).damping
     assert found == pytest.approx(np.full(found.size, 0.004), rel=1e-3)
     refused(decay, "found peak_to_peak beside a signal over time", peak_to_peak=True)
     refused(decay | {"time": t**2}, "data: damping_curve: times must rise by even steps")

@@ -8,8 +8,7 @@ import numpy as np
 import skfem
 from skfem.helpers import dot, grad
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh import NamedMesh, build_bar, build_box, build_plate
+import skfem_joint as sj
 
 MESHES = Path(__file__).parents[2] / "meshes"
 #: Gmsh type, physical tag, node tags.
@@ -74,7 +73,7 @@ def saved(folder: Path, text: str | bytes, name: str = "mesh.msh") -> Path:
     return path
 
 
-def strip(kind: Any = "quadrilateral", order: int = 1, **options: Any) -> NamedMesh:
+def strip(kind: Any = "quadrilateral", order: int = 1, **options: Any) -> sj.NamedMesh:
     """Body of 0.6 m (x 0.05 m (x 0.02 m)), linear for 0.5 m, its first corner at 0.1 m, -0.2 m.
 
     Points stand at the first corner and at the one across.
@@ -82,17 +81,17 @@ def strip(kind: Any = "quadrilateral", order: int = 1, **options: Any) -> NamedM
     strips = [("linear", 0.5, 5), ("joint", 0.1, 3)]
     if kind == "line":
         options = {"points": {"tip": 0.6, "foot": 0.0}, "origin": (0.1, -0.2, 0.0), **options}
-        return build_bar(strips, **options)
+        return sj.build_bar(strips, **options)
     options = {"kind": kind, "order": order, **options}
     if kind in ("triangle", "quadrilateral"):
         ends = {"tip": (0.7, -0.15), "foot": (0.1, -0.2)}
-        return build_plate(strips, 0.05, 4, **{"origin": (0.1, -0.2), "points": ends, **options})
+        return sj.build_plate(strips, 0.05, 4, **{"origin": (0.1, -0.2), "points": ends, **options})
     ends = {"tip": (0.7, -0.15, 0.32), "foot": (0.1, -0.2, 0.3)}
     options = {"origin": (0.1, -0.2, 0.3), "points": ends, **options}
-    return build_box(strips, (0.05, 0.02), (4, 2), **options)
+    return sj.build_box(strips, (0.05, 0.02), (4, 2), **options)
 
 
-def sizes(mesh: NamedMesh) -> np.ndarray:
+def sizes(mesh: sj.NamedMesh) -> np.ndarray:
     """Length, area or volume of each element, negative where it runs the wrong way round."""
     places, weights = skfem.quadrature.get_quadrature(mesh.mesh.elem, 4)
     sign = -1.0 if mesh.family == "hexahedron" else 1.0  # scikit-fem's own cubes are mirrored
@@ -100,12 +99,12 @@ def sizes(mesh: NamedMesh) -> np.ndarray:
     return sign * np.broadcast_to(determinants, (mesh.n_elements, weights.size)) @ weights
 
 
-def region_sizes(mesh: NamedMesh) -> dict[str, float]:
+def region_sizes(mesh: sj.NamedMesh) -> dict[str, float]:
     """Size of each region."""
     return {name: sizes(mesh)[elements].sum() for name, elements in mesh.regions.items()}
 
 
-def boundary_sizes(mesh: NamedMesh) -> dict[str, float]:
+def boundary_sizes(mesh: sj.NamedMesh) -> dict[str, float]:
     """Length or area of each boundary, by scikit-fem; number of its points on lines."""
     if mesh.dim == 1:
         return {name: facets.size for name, facets in mesh.boundaries.items()}
@@ -120,13 +119,13 @@ def read_or_refusal(read: Callable[[Path], Any], path: Path) -> Any:
     """What a file is read as, or the words in which it is refused; nothing else passes."""
     try:
         return read(path)
-    except InputError as error:
+    except sj.InputError as error:
         text = str(error)
     assert text.startswith(str(path))
     return text
 
 
-def tip_compliance(bar: NamedMesh) -> float:
+def tip_compliance(bar: sj.NamedMesh) -> float:
     """Displacement of the last node under a unit force there, first node held, m/N."""
     basis = skfem.Basis(bar.mesh, skfem.ElementLineP1())
     matrix = skfem.BilinearForm(lambda u, v, _: dot(grad(u), grad(v))).assemble(basis)
@@ -135,7 +134,7 @@ def tip_compliance(bar: NamedMesh) -> float:
     return float(skfem.solve(*skfem.condense(matrix, force, D=np.array([0])))[-1])
 
 
-def assert_same(mesh: NamedMesh, other: NamedMesh, sorted_alike: bool = False) -> None:
+def assert_same(mesh: sj.NamedMesh, other: sj.NamedMesh, sorted_alike: bool = False) -> None:
     """Same bodies, elements and names; element numbers may differ unless ``sorted_alike``."""
     assert (mesh.kind, mesh.order) == (other.kind, other.order)
     np.testing.assert_allclose(mesh.mesh.p, other.mesh.p, rtol=0, atol=1e-15)

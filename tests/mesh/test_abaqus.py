@@ -8,8 +8,6 @@ from inp_files import TYPES, WAYS, Writer, deck_of, mesh_of
 from mesh_files import assert_same, boundary_sizes, region_sizes, saved, sizes
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh import NamedMesh, load_meshes
 from skfem_joint.mesh.decks.keywords import PASSED
 
 STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)
@@ -29,12 +27,12 @@ CUBE = ["*NODE", *(f"{1 + x + 2 * y + 4 * z}, {x}., {y}., {z}."
 BRICK = ["*ELEMENT, TYPE=C3D8I, ELSET=ALL", "1, 1, 2, 4, 3, 5, 6, 8, 7"]
 
 
-def read(folder: Path, *parts: list[str], name: str = "bar.inp") -> NamedMesh:
+def read(folder: Path, *parts: list[str], name: str = "bar.inp") -> sj.NamedMesh:
     text = "\n".join([line for part in parts for line in part])
-    return load_meshes(saved(folder, text + "\n", name))
+    return sj.load_meshes(saved(folder, text + "\n", name))
 
 
-def matrices(mesh: NamedMesh) -> list[np.ndarray]:
+def matrices(mesh: sj.NamedMesh) -> list[np.ndarray]:
     """Mass and stiffness; bars need a section."""
     section = {"width": 0.05, "thickness": 0.01} if mesh.dim == 1 else {"thickness": 0.01}
     options = section if mesh.dim < 3 else {}
@@ -49,7 +47,7 @@ def test_a_mesh_is_the_same_in_whatever_way_it_is_written(tmp_path, what, way):
     number = [*WAYS].index(way)
     kind = TYPES[what][number % len(TYPES[what])]
     wanted = mesh_of(what, kind)
-    mesh = load_meshes(Writer(deck_of(wanted, kind), WAYS[way], number).written(tmp_path))
+    mesh = sj.load_meshes(Writer(deck_of(wanted, kind), WAYS[way], number).written(tmp_path))
     assert (mesh.kind, mesh.order) == (wanted.kind, wanted.order)
     assert mesh.points.items() >= wanted.points.items()
     assert mesh.regions.keys() == wanted.regions.keys()
@@ -132,7 +130,7 @@ def test_one_part_placed_twice_has_the_instances_before_its_names(tmp_path):
             "*END INSTANCE", "*NSET, NSET=TWO", "under.1, Over.1",
             "*ELSET, ELSET=BOTH", "under.lower_lap, OVER.LOWER_LAP",
             "*SURFACE, NAME=under_again", "under.lower_lap, ", "*END ASSEMBLY"]  # fmt: skip
-    with pytest.raises(InputError, match=r"without a face .* touch other elements: name the"):
+    with pytest.raises(sj.InputError, match=r"without a face .* touch other elements: name the"):
         read(tmp_path, part, sets)
     mesh = read(tmp_path, part, sets[:-3], sets[-1:])
     faces, volumes = boundary_sizes(mesh), region_sizes(mesh)
@@ -182,7 +180,7 @@ def test_sets_of_nodes_are_sides_where_their_nodes_are_whole_ones(tmp_path, node
     (note,) = (note for note in plate.notes if "left out" in note)
     assert "'SOME' w" in note
     assert said in note
-    with pytest.raises(InputError, match=rf"fixed: found 'SOME'.*{said}"):
+    with pytest.raises(sj.InputError, match=rf"fixed: found 'SOME'.*{said}"):
         sj.Structure(plate, STEEL, thickness=0.01, fixed=["SOME"])
 
 
@@ -210,7 +208,7 @@ def test_the_plane_of_a_plate_is_that_of_its_elements(tmp_path):
     strain = [line.replace("CPS4", "CPE4R") for line in SQUARES]
     plate = read(tmp_path, PLATE, strain)
     sj.Structure(plate, STEEL, thickness=0.01, plane="strain", free=True)
-    with pytest.raises(InputError, match=r"found 'stress', but .* plane strain"):
+    with pytest.raises(sj.InputError, match=r"found 'stress', but .* plane strain"):
         sj.Structure(plate, STEEL, thickness=0.01, free=True)
     assert read(tmp_path, PLATE, SQUARES).plane == "stress"
 
@@ -267,7 +265,7 @@ def test_what_is_not_read_is_refused_with_card_and_line(tmp_path, card, in_file)
         below = [f"*INCLUDE, INPUT={in_file}"]
     keyword = " ".join(card[0][1:].partition(",")[0].upper().split())
     place = "included file rest.inc, line 2" if in_file == "rest.inc" else "line 33"
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(sj.InputError) as caught:
         read(tmp_path, NODE, BLOCKS, FIXED, TIP, below)
     (problem,) = caught.value.problems
     assert problem.startswith(f"{tmp_path / 'bar.inp'}: {place}: *{keyword}: ")
@@ -343,7 +341,7 @@ def test_what_is_not_read_is_refused_with_card_and_line(tmp_path, card, in_file)
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_refused_with_its_line(tmp_path, parts, reason):
-    with pytest.raises(InputError, match=rf"bar\.inp: .*{reason}"):
+    with pytest.raises(sj.InputError, match=rf"bar\.inp: .*{reason}"):
         read(tmp_path, *parts)
 
 
@@ -359,11 +357,11 @@ def test_sets_may_stand_below_those_that_list_them_and_options_be_abbreviated(tm
 
 
 def test_bytes_that_are_no_text_are_refused_and_names_in_other_alphabets_are_read(tmp_path):
-    with pytest.raises(InputError, match=r"line 2: holds bytes that are no text"):
-        load_meshes(saved(tmp_path, b"*NODE\n1, \x00\n", "bar.inp"))
+    with pytest.raises(sj.InputError, match=r"line 2: holds bytes that are no text"):
+        sj.load_meshes(saved(tmp_path, b"*NODE\n1, \x00\n", "bar.inp"))
     text = "\n".join([*NODE, *ALL, "*ELSET, ELSET=Größe", "1", ""])
     for encoding in ("utf-8", "latin-1"):
-        bar = load_meshes(saved(tmp_path, text.encode(encoding), "bar.inp"))
+        bar = sj.load_meshes(saved(tmp_path, text.encode(encoding), "bar.inp"))
         assert list(bar.regions) == ["Größe"]
 
 

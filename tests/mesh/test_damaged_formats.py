@@ -23,8 +23,7 @@ from stability.mutated import damaged
 from test_formats import build, written
 from test_mesh_damage import TOKENS, refused_within
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh import NamedMesh, load_meshes
+import skfem_joint as sj
 
 #: Of this process for a file, and of the processes that it starts.
 MOST_BYTES, MOST_SECONDS, MOST_OF_OTHERS = 100e6, 60.0, 2 * 2**30
@@ -174,7 +173,7 @@ def said(plain: Plain, text: str) -> dict[str, float]:
     return found
 
 
-def differences(mesh: NamedMesh, other: NamedMesh) -> int:
+def differences(mesh: sj.NamedMesh, other: sj.NamedMesh) -> int:
     """How many nodes, elements and names differ; many, where counts do."""
     a, b = mesh.mesh, other.mesh
     if a.p.shape != b.p.shape or a.t.shape != b.t.shape:
@@ -261,7 +260,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     made = {}
     for k, (kind, (ending, options, _)) in enumerate(KINDS.items()):
         if ending == "inp":
-            deck = deck_of(load_meshes(made["Gmsh 4.1, text"]), "C3D10")
+            deck = deck_of(sj.load_meshes(made["Gmsh 4.1, text"]), "C3D10")
             made[kind] = Writer(deck, WAYS["plain"]).written(folder)
             continue
         made[kind] = written(gmsh, folder / f"{k}.{ending}", **options, SaveElementTagType=2)
@@ -274,7 +273,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def test_damaged_files_are_refused_or_read_as_what_they_say(tmp_path, files, kind):
     _, _, plain = KINDS[kind]
     path = shutil.copy(files[kind], tmp_path / f"mesh{files[kind].suffix}")
-    data, right, rng = path.read_bytes(), load_meshes(path), random.Random(kind)
+    data, right, rng = path.read_bytes(), sj.load_meshes(path), random.Random(kind)
     # The largest of all children of this process so far, those of other tests included.
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
     refused = 0
@@ -334,5 +333,5 @@ def test_elements_with_the_corners_of_others_are_refused_whatever_their_middles(
         meshlane.write(path, meshlane.Mesh(places, cells))
     else:
         path.write_text("\n".join([*lines, ""]), encoding="utf-8")
-    with pytest.raises(InputError, match=r"element 2 .*has the corners of element 1"):
-        load_meshes(path)
+    with pytest.raises(sj.InputError, match=r"element 2 .*has the corners of element 1"):
+        sj.load_meshes(path)

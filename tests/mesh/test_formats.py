@@ -17,7 +17,6 @@ from mesh_files import boundary_sizes, region_sizes
 
 import skfem_joint as sj
 from skfem_joint.body.named_parts import named_parts
-from skfem_joint.mesh import NamedMesh, load_meshes
 from skfem_joint.scene import Scene, scene_from
 
 #: Names of the lap, and where its faces are: axis, and place in mm.
@@ -122,7 +121,7 @@ def in_parts(
 
 
 def of_abaqus(gmsh: Any, lap: Path, folder: Path) -> Path:
-    deck = deck_of(load_meshes(lap), "C3D10")
+    deck = deck_of(sj.load_meshes(lap), "C3D10")
     return Writer(deck, WAYS["plain"]).written(folder)
 
 
@@ -202,12 +201,12 @@ def scene(path: Path) -> Scene:
                       "amplitude": 100.0, "frequency": 100.0}],
             "time": {"cycles": 1},
         },
-        load_meshes(path, 1e-3),
+        sj.load_meshes(path, 1e-3),
         path.with_suffix(".toml"),
     )  # fmt: skip
 
 
-def check_sizes(mesh: NamedMesh, path: Path) -> None:
+def check_sizes(mesh: sj.NamedMesh, path: Path) -> None:
     """All names are there, with their areas and volumes."""
     found, of = region_sizes(mesh) | boundary_sizes(mesh), names_in(path)
     assert found.keys() == set(of.values())
@@ -234,7 +233,7 @@ def quantities(path: Path) -> tuple[np.ndarray, np.ndarray, set[tuple[str, str]]
 @pytest.mark.parametrize("write", FORMATS.values(), ids=FORMATS)
 def test_one_lap_is_the_same_in_all_formats(gmsh, lap, folder, write):
     path = write(gmsh, lap, folder)
-    check_sizes(load_meshes(path, 1e-3), path)
+    check_sizes(sj.load_meshes(path, 1e-3), path)
     frequencies, resultants, listed = quantities(path)
     right = quantities(lap)
     assert frequencies == pytest.approx(right[0], rel=1e-6)
@@ -246,18 +245,18 @@ def test_one_lap_is_the_same_in_all_formats(gmsh, lap, folder, write):
 def test_a_partitioned_lap_is_the_whole_one(gmsh, lap, folder, write):
     """With and without entities and groups between parts, and ghost cells."""
     path = write(gmsh, lap, folder)
-    check_sizes(load_meshes(path, 1e-3), path)
+    check_sizes(sj.load_meshes(path, 1e-3), path)
 
 
 @pytest.mark.parametrize("name", ["mix8_lower", "mix20_lower"])
 def test_prisms_beside_hexahedra_are_the_same_in_all_formats(gmsh, tmp_path, name):
     source = Path(__file__).parents[1] / "scene" / "gmsh" / f"{name}.msh"
-    right = load_meshes(source)
+    right = sj.load_meshes(source)
     gmsh.clear()
     gmsh.open(str(source))
     for ending in ("med", "bdf"):
         path = tmp_path / f"mesh.{ending}"
-        found = load_meshes(written(gmsh, path, SaveElementTagType=2, BdfFieldFormat=2))
+        found = sj.load_meshes(written(gmsh, path, SaveElementTagType=2, BdfFieldFormat=2))
         assert (found.kind, found.order) == (right.kind, right.order)
         for sizes_of in (region_sizes, boundary_sizes):
             sizes = sizes_of(found)

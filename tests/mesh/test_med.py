@@ -12,8 +12,7 @@ import pytest
 from inp_files import TYPES, deck_of, mesh_of
 from mesh_files import boundary_sizes, region_sizes, saved
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh import NamedMesh, load_meshes
+import skfem_joint as sj
 
 h5py: Any = pytest.importorskip("h5py")
 meshlane: Any = pytest.importorskip("meshlane")
@@ -46,7 +45,7 @@ def test_groups_of_all_kinds_are_regions_sides_and_points(tmp_path):
     sets = {"all": [[0, 1], [], [], []], "one": [[1], [], [], []], "é face": [[], [0], [], []]}
     sets |= {"end": [[], [], [0], []], "edge": [[], [], [], [0]]}
     nodes = {"face": [0, 1, 2], "place": [3], "no side": [0, 4], "body": [0, 1, 2, 3]}
-    mesh = load_meshes(write(tmp_path, sets, nodes))
+    mesh = sj.load_meshes(write(tmp_path, sets, nodes))
     volumes = {"all": 1 / 6 + 1 / 3, "one": 1 / 3}
     assert region_sizes(mesh) == pytest.approx(volumes, rel=1e-12)
     assert boundary_sizes(mesh) == pytest.approx({"é face": 0.5, "face": 0.5}, rel=1e-12)
@@ -62,7 +61,7 @@ def test_groups_of_all_kinds_are_regions_sides_and_points(tmp_path):
 
 def test_a_name_of_several_kinds_gets_its_kinds(tmp_path):
     sets = {"part": [[0, 1], [0], [], []], "face": [[], [0], [], []], "end": [[0], [], [], []]}
-    mesh = load_meshes(write(tmp_path, sets, {"face": [0, 1, 2], "tip": [4]}))
+    mesh = sj.load_meshes(write(tmp_path, sets, {"face": [0, 1, 2], "tip": [4]}))
     assert {*mesh.regions} == {"part (volumes)", "end"}
     assert {*mesh.boundaries} == {"part (faces)", "face (faces)", "face (nodes)"}
     assert {*mesh.points} == {"tip"}
@@ -70,8 +69,10 @@ def test_a_name_of_several_kinds_gets_its_kinds(tmp_path):
 
 def test_a_name_that_comes_about_twice_is_refused(tmp_path):
     sets = {"part": [[0, 1], [0], [], []], "part (faces)": [[], [0], [], []]}
-    with pytest.raises(InputError, match=r"come about twice: 'part \(faces\)'; give each its own"):
-        load_meshes(write(tmp_path, sets, {}))
+    with pytest.raises(
+        sj.InputError, match=r"come about twice: 'part \(faces\)'; give each its own"
+    ):
+        sj.load_meshes(write(tmp_path, sets, {}))
 
 
 @pytest.mark.parametrize(
@@ -88,7 +89,7 @@ def test_elements_of_every_kind_have_their_sizes(tmp_path, kind):
     raw = meshlane.Mesh(deck.xyz, [(name if plain else f"{name}{nodes}", deck.elements)],
                         cell_sets=sets)  # fmt: skip
     meshlane.write(tmp_path / "mesh.med", raw)
-    mesh = load_meshes(tmp_path / "mesh.med")
+    mesh = sj.load_meshes(tmp_path / "mesh.med")
     assert (mesh.kind, mesh.order, mesh.notes) == (wanted.kind, wanted.order, ())
     assert region_sizes(mesh) == pytest.approx(region_sizes(wanted), rel=1e-12)
 
@@ -116,17 +117,17 @@ def test_gmsh_quadrilaterals_and_hexahedra_with_middle_nodes(tmp_path, dim):
             gmsh.write(str(tmp_path / f"mesh.{ending}"))
     finally:
         gmsh.finalize()
-    med, msh = (load_meshes(tmp_path / f"mesh.{ending}") for ending in ("med", "msh"))
+    med, msh = (sj.load_meshes(tmp_path / f"mesh.{ending}") for ending in ("med", "msh"))
     assert (med.kind, med.order, med.notes) == (msh.kind, 2, ())
     assert region_sizes(med) == pytest.approx({"body": 0.06 * (0.1 if dim == 3 else 1.0)})
     assert boundary_sizes(med) == pytest.approx(boundary_sizes(msh), rel=1e-12)
 
 
-def changed(folder: Path, change: Callable[[Any], None]) -> NamedMesh:
+def changed(folder: Path, change: Callable[[Any], None]) -> sj.NamedMesh:
     path = write(folder, {"all": [[0, 1], [], [], []], "face": [[], [0], [], []]}, {})
     with h5py.File(path, "r+") as file:
         change(file)
-    return load_meshes(path)
+    return sj.load_meshes(path)
 
 
 def test_families_that_are_not_written_are_those_without_a_group(tmp_path):
@@ -177,21 +178,21 @@ REFUSED = {
 @pytest.mark.parametrize("what", REFUSED)
 def test_what_is_no_plain_mesh_is_refused(tmp_path, what):
     change, reason = REFUSED[what]
-    with pytest.raises(InputError, match=rf"mesh\.med: .*{reason}"):
+    with pytest.raises(sj.InputError, match=rf"mesh\.med: .*{reason}"):
         changed(tmp_path, change)
 
 
 def test_a_file_that_is_no_med_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match="it is no MED file, which begins as HDF5"):
-        load_meshes(saved(tmp_path, "DEBUT();\n", "mesh.med"))
+    with pytest.raises(sj.InputError, match="it is no MED file, which begins as HDF5"):
+        sj.load_meshes(saved(tmp_path, "DEBUT();\n", "mesh.med"))
 
 
 def test_without_h5py_the_extra_is_named(tmp_path, monkeypatch):
     path = write(tmp_path, {"all": [[0, 1], [], [], []]}, {})
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     (tmp_path / "h5py.py").write_text("raise ImportError\n")
-    with pytest.raises(InputError, match=r"needs h5py: pip install 'skfem-joint\[salome\]'"):
-        load_meshes(path)
+    with pytest.raises(sj.InputError, match=r"needs h5py: pip install 'skfem-joint\[salome\]'"):
+        sj.load_meshes(path)
 
 
 def test_code_in_the_current_folder_is_not_run(tmp_path):
@@ -199,7 +200,7 @@ def test_code_in_the_current_folder_is_not_run(tmp_path):
     path = write(tmp_path, {"all": [[0, 1], [], [], []]}, {})
     (tmp_path / "numpy.py").write_text("raise SystemExit(1)\n")
     with contextlib.chdir(tmp_path):
-        assert load_meshes(path).n_elements == 2
+        assert sj.load_meshes(path).n_elements == 2
 
 
 def test_what_other_libraries_lose_is_there(tmp_path):
@@ -210,4 +211,4 @@ def test_what_other_libraries_lose_is_there(tmp_path):
         del file[f"{STEP}/MAI/TR3/FAM"]
     with pytest.raises(ValueError, match="Incompatible cell data"):
         meshlane.read(path)
-    assert {*load_meshes(shutil.copy(path, tmp_path / "copy.MED")).points} == {"tip"}
+    assert {*sj.load_meshes(shutil.copy(path, tmp_path / "copy.MED")).points} == {"tip"}

@@ -6,8 +6,7 @@ import skfem
 from mesh_files import FLAT_AND_SOLID, KINDS, SIZES, boundary_sizes, region_sizes, sizes, strip
 from skfem.helpers import dot
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh import build_bar, build_box, build_plate
+import skfem_joint as sj
 
 PER_CELL = {"triangle": 2, "tetrahedron": 6, "prism": 2}
 SIDES = {"left": 0.05, "right": 0.05, "bottom": 0.6, "top": 0.6}
@@ -55,7 +54,7 @@ def test_boundaries_may_be_chosen_and_limited_to_a_strip(kind, order):
 
 def test_bars_and_plates_are_numbered_along_themselves():
     """Nodes of bars ascend; those of plates and boxes run up column by column."""
-    bar = build_bar([("a", 0.1, 4), ("b", 0.5, 3), ("a", 0.2, 2)], {"p": 0.05, "end": 0.8})
+    bar = sj.build_bar([("a", 0.1, 4), ("b", 0.5, 3), ("a", 0.2, 2)], {"p": 0.05, "end": 0.8})
     assert np.all(np.diff(bar.mesh.p[0]) > 0.0)
     np.testing.assert_array_equal(bar.mesh.t, [np.arange(9), np.arange(1, 10)])
     np.testing.assert_array_equal(bar.regions["a"], [0, 1, 2, 3, 7, 8])
@@ -65,28 +64,30 @@ def test_bars_and_plates_are_numbered_along_themselves():
             np.lexsort(mesh.mesh.p[::-1].round(9)), np.arange(mesh.mesh.p.shape[1])
         )
         assert np.all(np.diff(mesh.mesh.p[0, mesh.mesh.t].min(axis=0)) > -1e-12)
-    mesh = build_plate([("joint", 1.0, 2)], 1.0, 2, kind="triangle").mesh
+    mesh = sj.build_plate([("joint", 1.0, 2)], 1.0, 2, kind="triangle").mesh
     np.testing.assert_array_equal(mesh.t[:, :4].T, [[0, 3, 4], [0, 4, 1], [1, 4, 2], [4, 5, 2]])
 
 
 def test_build_bar_names_every_mistake_at_once():
-    with pytest.raises(InputError) as caught:
-        build_bar([("joint", -1.0, 10), ("", 1.0, 0), ("far", float("inf"), 3)], {"joint": 0.0})
+    with pytest.raises(sj.InputError) as caught:
+        sj.build_bar([("joint", -1.0, 10), ("", 1.0, 0), ("far", float("inf"), 3)], {"joint": 0.0})
     text = str(caught.value)
     assert len(caught.value.problems) == 5
     for mistake in ("'joint' is -1.0", "name ''", "0 elements", "'far' is inf", "both a region"):
         assert mistake in text
-    with pytest.raises(InputError, match=r"'p' at \(0\.06\) m .* nearest node is at \(0\.05\) m"):
-        build_bar([("joint", 0.1, 2)], {"p": 0.06})
-    with pytest.raises(InputError, match=r"'p' at \(nan\) m"):
-        build_bar([("joint", 0.1, 2)], {"p": float("nan")})
-    with pytest.raises(InputError, match="at least one strip"):
-        build_bar([], {})
+    with pytest.raises(
+        sj.InputError, match=r"'p' at \(0\.06\) m .* nearest node is at \(0\.05\) m"
+    ):
+        sj.build_bar([("joint", 0.1, 2)], {"p": 0.06})
+    with pytest.raises(sj.InputError, match=r"'p' at \(nan\) m"):
+        sj.build_bar([("joint", 0.1, 2)], {"p": float("nan")})
+    with pytest.raises(sj.InputError, match="at least one strip"):
+        sj.build_bar([], {})
 
 
 def test_build_plate_and_box_name_every_mistake_at_once():
-    with pytest.raises(InputError) as caught:
-        build_plate(
+    with pytest.raises(sj.InputError) as caught:
+        sj.build_plate(
             [("joint", -1.0, 10), ("", 1.0, 0)],
             *(float("nan"), True),
             origin=(0.0, float("inf")),
@@ -102,13 +103,13 @@ def test_build_plate_and_box_name_every_mistake_at_once():
         *("order of the elements is 3", "'b' is 'above'", "'c' is 'bolt': allowed are joint"),
     ):
         assert mistake in text
-    with pytest.raises(InputError, match=r"'p' at \(0\.3, 0\) m .* node is at \(0\.2, 0\) m"):
-        build_plate([("joint", 0.4, 2)], 0.1, 1, points={"p": (0.3, 0)})
-    with pytest.raises(InputError, match="strip 'b' does not reach side 'left'"):
-        build_plate([("a", 1.0, 1), ("b", 1.0, 1)], 1.0, 1, boundaries={"end": ("left", "b")})
-    with pytest.raises(InputError, match=r"'p' at \(0, 0\): give 3 coordinates"):
-        build_box([("a", 1.0, 1)], (1.0, 1.0), (1, 1), points={"p": (0, 0)})
-    with pytest.raises(InputError, match=r"depth is 0\.0(.|\n)*'triangle': allowed are tetra"):
-        build_box([("a", 1.0, 1)], (1.0, 0.0), (1, 1), kind="triangle")
-    with pytest.raises(InputError, match="has two corners in one place"):
-        build_plate([("a", 1.0, 1)], 1e-11, 1)
+    with pytest.raises(sj.InputError, match=r"'p' at \(0\.3, 0\) m .* node is at \(0\.2, 0\) m"):
+        sj.build_plate([("joint", 0.4, 2)], 0.1, 1, points={"p": (0.3, 0)})
+    with pytest.raises(sj.InputError, match="strip 'b' does not reach side 'left'"):
+        sj.build_plate([("a", 1.0, 1), ("b", 1.0, 1)], 1.0, 1, boundaries={"end": ("left", "b")})
+    with pytest.raises(sj.InputError, match=r"'p' at \(0, 0\): give 3 coordinates"):
+        sj.build_box([("a", 1.0, 1)], (1.0, 1.0), (1, 1), points={"p": (0, 0)})
+    with pytest.raises(sj.InputError, match=r"depth is 0\.0(.|\n)*'triangle': allowed are tetra"):
+        sj.build_box([("a", 1.0, 1)], (1.0, 0.0), (1, 1), kind="triangle")
+    with pytest.raises(sj.InputError, match="has two corners in one place"):
+        sj.build_plate([("a", 1.0, 1)], 1e-11, 1)

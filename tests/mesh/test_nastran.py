@@ -7,8 +7,7 @@ import pytest
 from inp_files import deck_of, mesh_of
 from mesh_files import boundary_sizes, region_sizes, saved
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh import NamedMesh, load_meshes
+import skfem_joint as sj
 
 #: Two cubes of 1 m in a row, with a shell on the face that they share with nothing else.
 PLACES = [(x, y, z) for z in range(2) for y in range(2) for x in range(3)]
@@ -19,9 +18,9 @@ SHELL = ["CQUAD4,3,7,1,4,10,7"]
 MIDDLE = [*range(12), *range(16, 20), *range(12, 16)]
 
 
-def read(folder: Path, *parts: list[str], head: str = "SOL 103\nCEND\nBEGIN BULK") -> NamedMesh:
+def read(folder: Path, *parts: list[str], head: str = "SOL 103\nCEND\nBEGIN BULK") -> sj.NamedMesh:
     text = "\n".join([head, *(line for part in parts for line in part), "ENDDATA", ""])
-    return load_meshes(saved(folder, text, "mesh.bdf"))
+    return sj.load_meshes(saved(folder, text, "mesh.bdf"))
 
 
 def test_properties_are_names_of_solids_and_of_their_faces(tmp_path):
@@ -131,7 +130,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("line", REFUSED)
 def test_what_is_not_read_is_refused_with_line_and_word(tmp_path, line):
-    with pytest.raises(InputError, match=rf"mesh\.bdf: .*{REFUSED[line]}"):
+    with pytest.raises(sj.InputError, match=rf"mesh\.bdf: .*{REFUSED[line]}"):
         read(tmp_path, GRID, CUBES, [line])
 
 
@@ -153,8 +152,8 @@ def test_what_a_scene_says_itself_is_passed_over_with_a_note(tmp_path):
 
 def test_a_file_that_is_cut_or_empty_is_refused(tmp_path):
     text = "\n".join([*GRID, *CUBES, ""])
-    with pytest.raises(InputError, match=r"mesh\.dat: it has no ENDDATA: the file is cut"):
-        load_meshes(saved(tmp_path, text, "mesh.dat"))
-    assert load_meshes(saved(tmp_path, text + "ENDDATA\n", "mesh.nas")).n_elements == 2
-    with pytest.raises(InputError, match="it holds no elements"):
+    with pytest.raises(sj.InputError, match=r"mesh\.dat: it has no ENDDATA: the file is cut"):
+        sj.load_meshes(saved(tmp_path, text, "mesh.dat"))
+    assert sj.load_meshes(saved(tmp_path, text + "ENDDATA\n", "mesh.nas")).n_elements == 2
+    with pytest.raises(sj.InputError, match="it holds no elements"):
         read(tmp_path, GRID)

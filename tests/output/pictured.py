@@ -9,13 +9,11 @@ import numpy as np
 from bodies import structure
 from scipy import io, sparse
 
-from skfem_joint.joint.joints import Joint
-from skfem_joint.mesh import build_bar, build_box, build_plate, merged
+import skfem_joint as sj
 from skfem_joint.output.fields import Field, Frames
-from skfem_joint.structure.structure import Structure
 
 TIMES = np.array([0.0, 1e-5, 0.1 + 0.2])
-JOINT = Joint("joint", 50e6, 0.7)
+JOINT = sj.Joint("joint", 50e6, 0.7)
 
 #: Kinds of elements by dimension, with the order of the displacement.
 PLATES = [("quadrilateral", 1), ("quadrilateral", 2), ("triangle", 1), ("triangle", 2)]
@@ -23,9 +21,9 @@ BOXES = [("hexahedron", 1), ("hexahedron", 2), ("tetrahedron", 1), ("tetrahedron
 
 
 @cache
-def bar(direction: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> Structure:
+def bar(direction: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> sj.Structure:
     """Joint of 4 elements and a narrower region of 3, inclined, away from the origin."""
-    made = build_bar([("joint", 0.1, 4), ("linear", 0.5, 3)], {"fixed": 0.0, "free_end": 0.6})
+    made = sj.build_bar([("joint", 0.1, 4), ("linear", 0.5, 3)], {"fixed": 0.0, "free_end": 0.6})
     along = np.array(direction) / np.linalg.norm(direction)
     place = np.array([0.3, -0.2, 0.1]) + made.mesh.p[0][:, None] * along
     narrow = {"linear": {"width": 0.03}}
@@ -33,76 +31,76 @@ def bar(direction: tuple[float, float, float] = (1.0, 0.0, 0.0)) -> Structure:
 
 
 @cache
-def plate(kind: Any = "quadrilateral", order: int = 1) -> Structure:
+def plate(kind: Any = "quadrilateral", order: int = 1) -> sj.Structure:
     """Joint of 0.1 m on a rigid base and a thicker free strip of 0.2 m, seen from above."""
     strips = [("joint", 0.1, 4), ("linear", 0.2, 4)]
-    made = build_plate(strips, 0.05, 2, kind=kind, order=order)
+    made = sj.build_plate(strips, 0.05, 2, kind=kind, order=order)
     return structure(made, [JOINT], regions={"linear": {"thickness": 0.02}})
 
 
 @cache
-def box(kind: Any = "hexahedron", order: int = 1) -> Structure:
+def box(kind: Any = "hexahedron", order: int = 1) -> sj.Structure:
     """Solid of 0.2 x 0.05 x 0.02 m on a base."""
-    made = build_box(
+    made = sj.build_box(
         [("foot", 0.1, 3), ("arm", 0.1, 2)], (0.05, 0.02), (2, 2), kind=kind, order=order
     )
     return structure(made, [replace(JOINT, on="front")], ["right"])
 
 
 @cache
-def bars() -> Structure:
+def bars() -> sj.Structure:
     """Two bars of other meshes that overlap on 0.1 m; the upper one is the region 'Stoß'."""
-    lower = build_bar([("base", 0.2, 6), ("lower_joint", 0.1, 4)], {"wall": 0.0})
-    upper = build_bar([("joint", 0.1, 5), ("arm", 0.2, 6)], {"tip": 0.3}, origin=(0.2, 0.0, 0.0))
-    both = merged([lower, upper])
+    lower = sj.build_bar([("base", 0.2, 6), ("lower_joint", 0.1, 4)], {"wall": 0.0})
+    upper = sj.build_bar([("joint", 0.1, 5), ("arm", 0.2, 6)], {"tip": 0.3}, origin=(0.2, 0.0, 0.0))
+    both = sj.merged([lower, upper])
     whole = both.mesh.with_subdomains({"Stoß": np.flatnonzero(both.body == 1)})
     return lapped(replace(both, mesh=whole), "wall")
 
 
 @cache
-def lap(kind: str = "quadrilateral", order: int = 1) -> Structure:
+def lap(kind: str = "quadrilateral", order: int = 1) -> sj.Structure:
     """Two plates of other meshes that overlap on 0.1 m, seen from above."""
     options: Any = {"kind": kind, "order": order}
-    lower = build_plate(
+    lower = sj.build_plate(
         [("base", 0.2, 6), ("lower_joint", 0.1, 4)], 0.05, 2, prefix="lower_", **options
     )
-    upper = build_plate(
+    upper = sj.build_plate(
         [("joint", 0.1, 5), ("arm", 0.2, 6)], 0.05, 3, origin=(0.2, 0.0), prefix="upper_", **options
     )
-    return lapped(merged([lower, upper]), "lower_left")
+    return lapped(sj.merged([lower, upper]), "lower_left")
 
 
-def lapped(mesh: Any, fixed: str) -> Structure:
+def lapped(mesh: Any, fixed: str) -> sj.Structure:
     joint, thick = replace(JOINT, against="lower_joint"), {"base": {"thickness": 0.016}}
     return structure(mesh, [joint], [fixed], regions=thick)
 
 
 @cache
-def side(kind: str = "quadrilateral", order: int = 1) -> Structure:
+def side(kind: str = "quadrilateral", order: int = 1) -> sj.Structure:
     """Two plates on each other seen from their side, friction along the edge between them."""
     options: Any = {"kind": kind, "order": order}
-    lower = build_plate([("below", 0.3, 6)], 0.02, 2, prefix="lower_", **options)
-    upper = build_plate(
+    lower = sj.build_plate([("below", 0.3, 6)], 0.02, 2, prefix="lower_", **options)
+    upper = sj.build_plate(
         [("above", 0.2, 5)], 0.02, 2, origin=(0.05, 0.02), prefix="upper_", **options
     )
     joint = replace(JOINT, on="upper_bottom", against="lower_top")
-    return structure(merged([lower, upper]), [joint], ["lower_left"], thickness=0.03)
+    return structure(sj.merged([lower, upper]), [joint], ["lower_left"], thickness=0.03)
 
 
 @cache
-def blocks(kind: str = "hexahedron", order: int = 1) -> Structure:
+def blocks(kind: str = "hexahedron", order: int = 1) -> sj.Structure:
     """Two solids of other meshes on each other."""
     options: Any = {"kind": kind, "order": order}
-    lower = build_box([("below", 0.2, 4)], (0.05, 0.02), (2, 1), prefix="lower_", **options)
-    upper = build_box(
+    lower = sj.build_box([("below", 0.2, 4)], (0.05, 0.02), (2, 1), prefix="lower_", **options)
+    upper = sj.build_box(
         [("above", 0.1, 3)], (0.05, 0.02), (3, 1), origin=(0.05, 0.0, 0.02), prefix="upper_",
         **options,
     )  # fmt: skip
     joint = replace(JOINT, on="upper_front", against="lower_back")
-    return structure(merged([lower, upper]), [joint], ["lower_left"])
+    return structure(sj.merged([lower, upper]), [joint], ["lower_left"])
 
 
-def random_field(made: Structure, name: str, seed: int) -> Field:
+def random_field(made: sj.Structure, name: str, seed: int) -> Field:
     """Random history whose contact values live on the pressed nodes."""
     draw, frames = np.random.default_rng(seed), TIMES.size
     n, dim = made.nodes.shape
@@ -120,12 +118,12 @@ def random_field(made: Structure, name: str, seed: int) -> Field:
     )
 
 
-def random_frames(made: Structure, names: tuple[str, ...] = ("full",)) -> Frames:
+def random_frames(made: sj.Structure, names: tuple[str, ...] = ("full",)) -> Frames:
     """Random histories of models."""
     return Frames(made, TIMES, [random_field(made, name, k) for k, name in enumerate(names)])
 
 
-def pulled(made: Structure, names: tuple[str, ...] = ("full",)) -> Frames:
+def pulled(made: sj.Structure, names: tuple[str, ...] = ("full",)) -> Frames:
     """Stretched along x and waved across it; slips from the ends inwards as it is pulled."""
     times, load_times = np.linspace(0.0, 4e-3, 9), np.linspace(0.0, 4e-3, 200)
     x = made.nodes[:, 0]

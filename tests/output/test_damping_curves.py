@@ -1,23 +1,22 @@
 """Pictures of damping curves."""
 
-import csv
 from typing import Any
 
 import numpy as np
 import pytest
 from joint_scenes import harmonic, plate_scene
+from scene_texts import csv_rows
 
-from skfem_joint.mesh import build_plate
+import skfem_joint as sj
 from skfem_joint.output.damping import backbone_figure, backbone_lines, write_backbone
-from skfem_joint.scene import Scene
 from skfem_joint.study.scene_backbone import scene_backbone
 
 
-def cantilever(**backbone: Any) -> Scene:
+def cantilever(**backbone: Any) -> sj.Scene:
     """Plate on a base near its held end, pulled along it; its first mode bends it across."""
     return plate_scene(
         "full",
-        mesh=build_plate([("joint", 0.1, 10), ("rest", 0.3, 10)], 0.05, 4),
+        mesh=sj.build_plate([("joint", 0.1, 10), ("rest", 0.3, 10)], 0.05, 4),
         material={"E": 200e9, "density": 8000.0, "poisson": 0.3},
         joint=[{"on": "joint", "pressure": 8e6, "friction": 0.7, "law": "coulomb"}],
         load=[harmonic("right", 1e3, 500.0) | {"direction": [1.0, 0.0]}],
@@ -57,8 +56,7 @@ def test_what_not_to_rely_on_is_said_in_table_print_and_picture(tmp_path):
     found = scene_backbone(scene)
     (curve,) = found.models[0].curves
     write_backbone(tmp_path, found)
-    with (tmp_path / "backbone.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(tmp_path / "backbone.csv")
     assert [row["doubt"] for row in rows] == list(curve.doubts)
     assert rows[-1]["doubt"].startswith("whole slip")
     assert curve.differs.any()

@@ -1,6 +1,5 @@
 """Loss factors, joints and bolts in tables, summaries and printed lines of scenes."""
 
-import csv
 import json
 import re
 from pathlib import Path
@@ -10,14 +9,13 @@ import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, plate_scene
 from pydantic import ValidationError
+from scene_texts import csv_rows
 
 import skfem_joint as sj
-from skfem_joint.mesh import build_plate
 from skfem_joint.output.damping import backbone_lines, write_backbone, write_response
 from skfem_joint.output.loss import joule, loss_label
 from skfem_joint.output.plots import energies_figure
 from skfem_joint.results.loss import COLUMNS
-from skfem_joint.scene import Scene
 from skfem_joint.study.scene_backbone import scene_backbone
 from skfem_joint.study.scene_response import scene_response
 
@@ -28,21 +26,16 @@ BOLTS = [
 PLACES = ("joint", "joint_bolt_1", "joint_bolt_2")
 
 
-def bracket(*models: str, **changes: Any) -> Scene:
+def bracket(*models: str, **changes: Any) -> sj.Scene:
     """Plate held by two bolts and shaken across its free end."""
     values: dict[str, Any] = {
-        "mesh": build_plate([("joint", 0.2, 16), ("free", 0.3, 10)], 0.05, 4),
+        "mesh": sj.build_plate([("joint", 0.2, 16), ("free", 0.3, 10)], 0.05, 4),
         "material": {"E": 200e9, "density": 8000.0, "poisson": 0.3},
         "joint": [{"on": "joint", "pressure": {"bolts": BOLTS, "reach": 0.01}, "friction": 0.7}],
         "load": [harmonic("right", 50.0, 300.0) | {"direction": [0.0, 1.0]}],
         "damping": {"ratio": 2e-3},
     }
     return plate_scene(*models, **values | changes)
-
-
-def rows_of(path: Path) -> list[dict[str, str]]:
-    with path.open(newline="") as file:
-        return list(csv.DictReader(file))
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +64,7 @@ def test_one_command_says_loss_factor_error_and_bolt(answered):
     assert missing.endswith("by which the friction part may be twice as large or more.")
     (begins,) = [line for line in lines if line.startswith("  joint_bolt_2 begins to slip")]
     low, high = (float(x) for x in re.search(r"force of (\S+) to (\S+) N", begins).groups())
-    shares = [row for row in rows_of(folder / "backbone.csv") if row["model"] == "full"]
+    shares = [row for row in csv_rows(folder / "backbone.csv") if row["model"] == "full"]
     forces = [
         (float(row["lost_by_friction_J"]) + float(row["lost_by_damping_J"]))
         / (np.pi * float(row["displacement_right_m"]))
@@ -89,7 +82,7 @@ def test_one_command_says_loss_factor_error_and_bolt(answered):
 
 def test_a_table_has_the_amplitudes_their_errors_and_all_places(answered):
     folder, _ = answered
-    rows = rows_of(folder / "amplitudes.csv")
+    rows = csv_rows(folder / "amplitudes.csv")
     assert [(row["model"], row["value"], row["unit"]) for row in rows] == [
         ("full", "5", "N"), ("full", "20", "N"), ("condensed", "5", "N"), ("condensed", "20", "N")
     ]  # fmt: skip
@@ -125,7 +118,7 @@ def test_a_table_has_the_amplitudes_their_errors_and_all_places(answered):
             assert apart <= float(row["friction_loss_error_model"]) * (1.0 + 1e-9)
     cycles = [float(row["friction_loss_error_cycles"]) for row in rows[:2]]
     assert cycles[0] != cycles[1]  # each of its own amplitude
-    levels = rows_of(folder / "backbone.csv")
+    levels = csv_rows(folder / "backbone.csv")
     assert {row["slipping_share"] == row["slipping_share_joint"] for row in levels} == {True}
     assert set(COLUMNS) - {"lost_by_impacts_J"} <= levels[0].keys()
     for row in levels:
@@ -166,7 +159,7 @@ def test_a_response_has_losses_places_and_the_functions_asked_for(tmp_path):
     found = scene_response(scene)
     write_response(tmp_path, found)
     (curve,), system = found.models[0].curves, scene.system()
-    rows = rows_of(tmp_path / "response.csv")
+    rows = csv_rows(tmp_path / "response.csv")
     for k, row in enumerate(rows):
         assert row["slipping_share"] == row["slipping_share_joint"]
         assert float(row["loss_factor"]) == pytest.approx(curve.losses.loss_factor[k])

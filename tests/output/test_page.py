@@ -81,11 +81,15 @@ def test_a_report_is_a_result_that_the_next_command_replaces(results):
     assert not (out / "report.html").exists()
 
 
-def test_curves_of_modes_are_reported_too(tmp_path, capsys):
-    scene = tmp_path / "bar.toml"
+def test_curves_of_modes_are_reported_too_with_a_line_for_each_column_of_wide_tables(
+    tmp_path, capsys
+):
+    """Amplitudes, losses and shares of bolts without a scroll bar."""
     assert main(["example", "structure_harmonic", "--out", str(tmp_path / "bar")]) == 0
-    scene = tmp_path / "bar" / "structure_harmonic.toml"
-    out = tmp_path / "out"
+    scene, out = tmp_path / "bar" / "structure_harmonic.toml", tmp_path / "out"
+    asked = '\n[backbone]\nlevels = 3\nat = { point = "free_end", force = [100.0, 200.0] }\n'
+    scene.write_text(scene.read_text(encoding="utf-8") + asked, encoding="utf-8")
+    capsys.readouterr()
     assert main(["backbone", str(scene), "--out", str(out)]) == 0
     printed = capsys.readouterr().out.splitlines()
     assert main(["report", str(out)]) == 0
@@ -94,6 +98,10 @@ def test_curves_of_modes_are_reported_too(tmp_path, capsys):
         if "model, mode" in line or line.startswith("Note: "):
             assert " ".join(line.removeprefix("Note: ").split()) in text_of(page)
     assert scene.read_text(encoding="utf-8").strip() in html.unescape(page)
+    (row,) = re.findall(r"<tr><th>point</th>.*</tr>", page)
+    assert row.count("free_end") >= 2
+    losses = next(x for x in page.splitlines() if x.startswith("<tr><td>loss factor, -</td>"))
+    assert len(re.findall(r"<td>[\d.e-]+</td>", losses)) >= 2
 
 
 def test_the_scene_of_a_page_is_what_was_computed(tmp_path):
@@ -170,17 +178,3 @@ def test_a_page_tells_what_acts_in_each_command(tmp_path):
     assert own not in other
     assert OF_MODES[0] in other
     assert "Held in all directions, without any give: 'fixed' at x = 0, y = 0, z = 0 m." in other
-
-
-def test_wide_tables_have_a_line_for_each_column(tmp_path):
-    """The page of curves shows amplitudes, losses and shares of bolts without a scroll bar."""
-    assert main(["example", "structure_harmonic", "--out", str(tmp_path / "bar")]) == 0
-    scene, out = tmp_path / "bar" / "structure_harmonic.toml", tmp_path / "out"
-    asked = '\n[backbone]\nlevels = 3\nat = { point = "free_end", force = [100.0, 200.0] }\n'
-    scene.write_text(scene.read_text(encoding="utf-8") + asked, encoding="utf-8")
-    assert main(["backbone", str(scene), "--out", str(out)]) == 0
-    page = sj.write_report(out).read_text(encoding="utf-8")
-    (row,) = re.findall(r"<tr><th>point</th>.*</tr>", page)
-    assert row.count("free_end") >= 2
-    losses = next(x for x in page.splitlines() if x.startswith("<tr><td>loss factor, -</td>"))
-    assert len(re.findall(r"<td>[\d.e-]+</td>", losses)) >= 2

@@ -204,17 +204,6 @@ def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined
     np.testing.assert_allclose(outline[:, 0], 270.0)  # half way between the columns
 
 
-@pytest.mark.parametrize(
-    ("beyond", "said"),
-    [(0.27, "red line: border"), (-1.0, "all of it active"), (9.0, "nothing is active")],
-)
-def test_the_caption_says_what_is_faded(beyond, said):
-    x = lap().nodes[lap().patches[0].nodes, 0]
-    title = active_figure(lap(), 1e-6 * x, x > beyond).axes[0].get_title()
-    assert said in title
-    assert ("faded" in title) == (beyond > 0.0)
-
-
 def joint_of(length: float, width: float) -> sj.Structure:
     strips = [("joint", length, 6), ("arm", 0.1, 4)]
     return structure(sj.build_plate(strips, width, 3), [JOINT], ["right"])

@@ -14,14 +14,11 @@ from pictured import BOXES, PLATES, TIMES, bar, bars, blocks, box, lap, plate, r
 from scipy.spatial import cKDTree
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
-from skfem_joint.joint.clamps import Clamp
 from skfem_joint.mesh import named
 from skfem_joint.output.fields import CELL_ARRAYS, POINT_ARRAYS, Frames, frames_of
 from skfem_joint.output.series import GAP, blocks_of, write_load, write_series
-from skfem_joint.structure.structure import Structure
 
-Build = Callable[[], Structure]
+Build = Callable[[], sj.Structure]
 DIRECTIONS = [(1, 0, 0), (3, 4, 0), (-1, 2, 2), (0, 0, 1)]
 SINGLE: list[Build] = [
     *(lambda d=d: bar(d) for d in DIRECTIONS),
@@ -49,7 +46,7 @@ def test_a_preload_shows_its_gap_on_both_faces_and_its_displacement(tmp_path):
         for k, end in enumerate(ends)
     }
     meshed = named(mesh.with_boundaries(groups), order=given.mesh.order)
-    bolts = [Clamp(1e4, f"head_{k}", f"nut_{k}") for k in (0, 1)]
+    bolts = [sj.Clamp(1e4, f"head_{k}", f"nut_{k}") for k in (0, 1)]
     joints = [replace(joint, pressure="preload")]
     structure = replace(given, mesh=meshed, joints=joints, bolts=bolts)
     write_series(tmp_path / "fields.pvd", random_frames(structure))
@@ -73,7 +70,7 @@ def read(path: Path, frame: int, faces: bool = False) -> list[Any]:
     return [one for one in blocks if (one.get_cell(0).dimension < 3) == faces]
 
 
-def node_of(block: Any, structure: Structure) -> NDArray[np.intp]:
+def node_of(block: Any, structure: sj.Structure) -> NDArray[np.intp]:
     """Node of the block's body whose section each point of the block lies in."""
     body = int(block["body"][0])
     nodes = np.flatnonzero(structure.body.body_of_node == body)
@@ -291,7 +288,7 @@ def test_a_file_that_cannot_be_written_leaves_an_index_of_the_frames_that_all_mo
     blocks_first = [files[3 * k + j] for k in range(TIMES.size) for j in (1, 2, 0)]
     blocks_first[done].unlink()
     blocks_first[done].mkdir()
-    with pytest.raises(InputError, match=f"{blocks_first[done].name}: cannot be written"):
+    with pytest.raises(sj.InputError, match=f"{blocks_first[done].name}: cannot be written"):
         write_series(tmp_path / "a.pvd", frames)
     assert not list(tmp_path.rglob(".*"))
     if done < 3:
@@ -323,7 +320,7 @@ def test_the_load_beside_the_series_reads_back(tmp_path):
 def test_a_path_that_no_index_can_have_is_refused_and_left_as_it_is(name, words, tmp_path):
     file = tmp_path / name.partition("/")[0]
     file.write_text("of the user")
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(sj.InputError, match=words):
         write_series(tmp_path / name, random_frames(bar()))
     assert [path.read_text() for path in tmp_path.iterdir()] == ["of the user"]
 

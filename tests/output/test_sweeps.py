@@ -1,6 +1,5 @@
 """A sweep's folder: the table, the pictures, and what an interrupted command leaves to the next."""
 
-import csv
 import json
 import os
 import signal
@@ -12,12 +11,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scene_texts import written
+from scene_texts import csv_rows, written
 
+import skfem_joint as sj
 from skfem_joint import cli
 from skfem_joint.output import folder, plots, sweeps
-from skfem_joint.scene import Swept, load_sweep
-from skfem_joint.study.sweep import Row
 
 PRODUCT = '"joint[0].friction" = [0.3, 0.7]\n"time.cycles" = [1, 2, 3]'
 ONE = '"load[0].amplitude" = {from = 1e3, to = 1e5, points = 3, scale = "log"}'
@@ -31,23 +29,22 @@ def sweep_file(folder: Path, sweep: str, *changes: tuple[str, str]) -> Path:
     return written(folder, *changes, more=f"[sweep]\n{sweep}\n")
 
 
-def swept_of(folder: Path, sweep: str) -> Swept:
-    return load_sweep(sweep_file(folder, sweep, ("every = 1", "plots = true")))
+def swept_of(folder: Path, sweep: str) -> sj.Swept:
+    return sj.load_sweep(sweep_file(folder, sweep, ("every = 1", "plots = true")))
 
 
 def read(folder: Path) -> list[dict[str, str]]:
     """Rows of the table that is in a folder."""
-    with (folder / sweeps.TABLE).open(newline="") as file:
-        return list(csv.DictReader(file))
+    return csv_rows(folder / sweeps.TABLE)
 
 
-def row(number: int, peak: float | None = None, failure: str = "") -> Row:
+def row(number: int, peak: float | None = None, failure: str = "") -> sj.Row:
     results: dict[str, Any] = {"dofs": 200, "wall_s": 0.1 + number, "interrupted": False}
     if peak is not None:
         results |= {"peak_displacement_m.free_end": peak, "friction_energy_per_cycle_J": None}
         results |= {"estimated_error.loop_energy.total": 0.01, "estimated_error.loop_energy.x": 1}
     models = {f"{model}.{name}": x for model in ("full", "reduced") for name, x in results.items()}
-    return Row(number, models, failure)
+    return sj.Row(number, models, failure)
 
 
 def test_the_table_is_in_the_order_of_the_scenes_and_has_what_is_asked_for(tmp_path):
@@ -176,7 +173,7 @@ def test_the_table_has_warnings_and_what_is_not_steady_and_the_summary_counts_th
     swept = swept_of(tmp_path, PRODUCT)
     steady = {0: True, 1: False, 2: None}
     rows = [
-        Row(k, {"full.dofs": 3, "full.steady_state_reached": x}, notes=("It slid.",) * k)
+        sj.Row(k, {"full.dofs": 3, "full.steady_state_reached": x}, notes=("It slid.",) * k)
         for k, x in steady.items()
     ]
     sweeps.write(swept, rows, tmp_path)
@@ -191,11 +188,11 @@ def test_the_table_has_warnings_and_what_is_not_steady_and_the_summary_counts_th
 def test_results_that_no_scene_has_are_named(tmp_path):
     """A sweep without cycles has no loss factor, and says so."""
     swept = swept_of(tmp_path, PRODUCT + '\nresults = ["loss_factor", "dofs"]')
-    rows = [Row(0, {"full.dofs": 3, "full.friction_energy_per_cycle_J": None})]
+    rows = [sj.Row(0, {"full.dofs": 3, "full.friction_energy_per_cycle_J": None})]
     assert "No scene has loss_factor: what is of a cycle" in "\n".join(sweeps.lines(swept, rows))
     sweeps.write(swept, rows, tmp_path)
     assert "full.loss_factor" not in read(tmp_path)[0]
     content = json.loads((tmp_path / "summary.json").read_text())
     assert content["results_without_column"] == ["loss_factor"]
-    whole = [Row(0, {"full.dofs": 3, "full.loss_factor": 0.1})]
+    whole = [sj.Row(0, {"full.dofs": 3, "full.loss_factor": 0.1})]
     assert "No scene has" not in "\n".join(sweeps.lines(swept, whole))

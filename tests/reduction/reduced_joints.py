@@ -9,9 +9,7 @@ import numpy as np
 from bodies import MU, STEEL, WIDTH, structure
 
 import skfem_joint as sj
-from skfem_joint.ground.loads import Amplitude
 from skfem_joint.reduction.scaled.reference import lap_joint
-from skfem_joint.stepping.recording import Run
 
 SPEED = 5000.0
 TAU = MU * 50e6 * WIDTH  # N/m
@@ -21,7 +19,7 @@ STEPS = 100  # a period
 def bar(
     regions: Sequence[tuple[str, float, int]],
     joints: Sequence[str],
-    loads: Sequence[tuple[str, Amplitude]],
+    loads: Sequence[tuple[str, sj.Amplitude]],
     fixed: Sequence[str] = ("start",),
     **options: Any,
 ) -> tuple[sj.Structure, sj.System]:
@@ -77,20 +75,20 @@ def case(name: str, poisson: float = 0.3) -> tuple[sj.Structure, sj.System, floa
     return made, system, 1.0 / frequency / STEPS
 
 
-def three_periods(system: sj.System, step: float) -> Run:
+def three_periods(system: sj.System, step: float) -> sj.Run:
     """Run with fields."""
     save = sj.Save(fields=True)
     return sj.integrate(system, step=step, n_steps=3 * STEPS, cycle_steps=STEPS, save=save)
 
 
 @cache
-def full(name: str, poisson: float = 0.3) -> Run:
+def full(name: str, poisson: float = 0.3) -> sj.Run:
     """Full run of a plate."""
     _, system, step = case(name, poisson)
     return three_periods(system, step)
 
 
-def errors(run: Run, reference: Run) -> tuple[float, float]:
+def errors(run: sj.Run, reference: sj.Run) -> tuple[float, float]:
     """Largest difference of the history over its peak, relative difference of friction energy."""
     history = np.abs(run.point_u[:, 0] - reference.point_u[:, 0]).max() / reference.peak[0]
     return float(history), float(run.cycles.friction[-1] / reference.cycles.friction[-1] - 1.0)

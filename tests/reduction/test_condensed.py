@@ -9,7 +9,6 @@ from bodies import MU, structure
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.results.history import compare
 from skfem_joint.slow.quasi_static import QuasiStatic
 
 FORCE = 4e3
@@ -66,7 +65,7 @@ def test_with_all_fixed_interface_modes_it_is_the_full_model(kind, beta):
     how = TIMES | {"save": sj.Save(fields=True), "tolerance": 1e-12}
     full, run = (sj.integrate(one, **how) for one in (system, small))
     assert small.n == system.n
-    assert compare(full, run).displacement_max < 1e-9
+    assert sj.compare(full, run).displacement_max < 1e-9
     u, v = system.expand(full.u), system.expand(full.v)
     assert np.abs(small.expand(run.u) - u).max() < 1e-9 * np.abs(u).max()
     assert np.abs(small.expand(run.v) - v).max() < 1e-8 * np.abs(v).max()
@@ -102,18 +101,18 @@ def test_error_falls_with_each_fixed_interface_mode_and_auto_has_a_thousandth():
     errors = []
     for modes in (0, 2, 8, 32):
         run = sj.integrate(sj.condense(system, modes), **TIMES)
-        errors.append(compare(full, run).displacement_max)
+        errors.append(sj.compare(full, run).displacement_max)
     assert np.all(np.diff(errors) < 0.0)
     assert errors[-1] < 1e-4 * errors[0]
     run = sj.integrate(sj.condense(system), **TIMES)
-    assert compare(full, run).displacement_max < 1e-3
+    assert sj.compare(full, run).displacement_max < 1e-3
     assert run.friction_energy["joint"] == pytest.approx(full.friction_energy["joint"], rel=1e-3)
 
 
 def test_estimate_tells_what_missing_modes_cost():
     system = system_of("plates", 1e5)
     full, run = (sj.integrate(one, **TIMES) for one in (system, sj.condense(system, 0)))
-    found, true = sj.estimate(run), compare(full, run)
+    found, true = sj.estimate(run), sj.compare(full, run)
     stated = found.of("basis", "displacement_rms")
     assert 0.5 * true.displacement_rms < stated < 2.0 * true.displacement_rms
     for source in ("law", "points"):  # those of the full model

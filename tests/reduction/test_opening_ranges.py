@@ -7,7 +7,6 @@ import pytest
 from benchmarks.ranges import bent, lapped
 
 import skfem_joint as sj
-from skfem_joint.results.history import compare
 
 ASKED = {"slip": (0.3, 0.9), "frequency": (30.0, 230.0), "limits": {"contact": (0.6, 1.6)}}
 CORNER = {"frequency": 230.0, "slip": 0.9, "limits": {"contact": 1.6}}
@@ -41,7 +40,7 @@ def beside(exact, point):
 
 
 def apart(reference, other):
-    errors = compare(reference, other)
+    errors = sj.compare(reference, other)
     return errors.displacement_rms, abs(errors.friction_energy_per_cycle or 0.0)
 
 
@@ -119,7 +118,7 @@ def test_twenty_points_drawn_at_random_err_less_than_they_state(solid, fine, mod
         stated = sj.estimate(ours).parts["total"]
         truth = beside(exact, ours.system)
         known, energy = truth.cycles.friction[-1], ours.cycles.friction[-1]
-        errors.append((compare(truth, ours).displacement_rms, abs(energy - known) / energy))
+        errors.append((sj.compare(truth, ours).displacement_rms, abs(energy - known) / energy))
         held.append(errors[-1] <= np.array([stated["displacement_rms"], stated["friction_energy"]]))
     assert np.max(errors, axis=0)[0] < 0.01
     assert np.all(np.mean(held, axis=0) >= 0.9)

@@ -10,7 +10,6 @@ from reduced_joints import STEPS, case, errors, fig_18, full, three_periods
 from scipy.linalg import subspace_angles
 
 import skfem_joint as sj
-from skfem_joint.scene import Scene
 
 
 @pytest.mark.parametrize("poisson", [0.0, 0.3])
@@ -54,7 +53,7 @@ def test_modes_need_a_run_that_moves_and_holds_enough_snapshots():
             sj.reduce(system, modes, run=run)
 
 
-def strip(modes: int, cycles: int, *direction: float, **reduction: Any) -> Scene:
+def strip(modes: int, cycles: int, *direction: float, **reduction: Any) -> sj.Scene:
     """Scene of the plate whose reduced model has modes of its own run."""
     pull = harmonic("right", 87.5e3 if direction == (1.0, 0.0) else 2e3)
     return plate_scene(

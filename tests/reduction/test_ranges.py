@@ -10,8 +10,6 @@ from skfem_joint.reduction.friction_points import merged_points
 from skfem_joint.reduction.ranges.points import sticking
 from skfem_joint.reduction.ranges.stuck import StuckVibration
 from skfem_joint.reduction.ranges.training import spread
-from skfem_joint.results.history import compare
-from skfem_joint.system.served import Range
 
 ASKED = {"slip": (0.2, 0.9), "frequency": (100.0, 900.0), "limits": {"inner": (0.5, 2.0)}}
 
@@ -41,7 +39,7 @@ def test_points_are_as_close_to_the_full_model_as_asked_and_their_errors_are_sta
     at = point.serves.point
     full = run(sj.at(system, frequency=frequency, level=at.level, limits=at.limits))
     ours = run(point)
-    errors, stated = compare(full, ours), sj.estimate(ours).parts["total"]
+    errors, stated = sj.compare(full, ours), sj.estimate(ours).parts["total"]
     friction = abs(errors.friction_energy_per_cycle)
     assert errors.displacement_rms < 0.01
     assert friction < 0.03
@@ -220,7 +218,7 @@ def test_a_range_has_all_stuck_modes_up_to_three_times_its_highest_frequency():
 
 
 def test_training_points_are_in_the_range_and_go_a_little_beyond_its_slip(system):
-    asked = Range.of(ASKED)
+    asked = sj.Range.of(ASKED)
     places = spread(system.contact.joints, asked, 16)
     assert len({place.frequency for place in places}) == 16
     for place in places:

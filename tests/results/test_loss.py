@@ -10,7 +10,6 @@ from clamped_plates import BOLTS, bolted, lapped, loads
 from stepping_systems import FIELDS, STEPPERS, arm, of_stepper, oscillator
 
 import skfem_joint as sj
-from skfem_joint.results.places import places_of
 
 #: Stiffness in parallel, of the elastic sliders (N/m), and their friction limits (N).
 K0, SPRINGS, LIMITS = 5e5, np.array([3e5, 2e5, 4e5]), np.array([1.0, 3.0, 15.0])
@@ -209,7 +208,7 @@ def test_bolts_of_one_joint_are_what_a_joint_for_each_of_them_is(model):
         system = one.system([sj.Load("right", sj.Harmonic(18e3, 500.0), (1.0, 0.1))])
         model_of = system if model == "full" else sj.condense(system)
         run = sj.integrate(model_of, cycles=2, steps_per_cycle=60)
-        places = places_of(one, system)
+        places = sj.places_of(one, system)
         results.append((places, places.of_run(run, run.slider_peak, 2e-3)))
     (_, of_joints), (places, of_bolts) = results
     assert of_joints.names == ("far", "near", "far_bolt_1", "near_bolt_1")
@@ -228,7 +227,7 @@ def test_bolts_of_one_joint_are_what_a_joint_for_each_of_them_is(model):
 def test_rings_that_overlap_divide_their_points_by_the_forces_on_them():
     pair = tuple(sj.Bolt((x, 0.025), 20e3, 0.02, 0.0055) for x in (0.09, 0.11))
     one = plate([pressed(pressure=sj.Bolts(pair, reach=0.01))], [("joint", 0.2, 20)])
-    places = places_of(one, one.system())
+    places = sj.places_of(one, one.system())
     share = places.share.toarray()[1:]
     np.testing.assert_allclose(share.sum(axis=0), 1.0)
     assert np.any((share > 0.2) & (share < 0.8))
@@ -240,7 +239,7 @@ def test_rings_that_overlap_divide_their_points_by_the_forces_on_them():
 def test_clamps_divide_a_joint_by_their_axes_whether_it_opens_or_not(solid, contact):
     one = bolted(solid, joint={"contact": contact})
     system = one.system(loads("right", one.dim))
-    places = places_of(one, system)
+    places = sj.places_of(one, system)
     assert places.names == ("contact", "bolt_1", "bolt_2")
     assert places.owner == (0, -1, -1)
     first, second = places.share.toarray()[1:].astype(bool)
@@ -259,7 +258,7 @@ def test_which_bolt_of_a_joint_that_opens_slips():
     one = lapped(contact="unilateral")
     system = one.system([sj.Load("end", sj.Harmonic(1.0, 100.0), (0.0, 0.0, 1.0))], ["end"])
     (curve,) = sj.backbone(system, levels=4, up_to=0.9)
-    places = places_of(one, system)
+    places = sj.places_of(one, system)
     slid = system.contact.slid(curve.friction_work)
     found = places.of(curve.friction_work, curve.slip, system.slipping(slid))
     rubs = curve.losses.friction > 0.0

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bodies import structure as structure_of
 from joint_scenes import bar_scene, harmonic, joint, lap_joint
 from scipy import sparse
 from scipy.integrate import trapezoid
@@ -138,14 +139,8 @@ def test_what_slips_is_one_length_in_all_results_that_of_a_bar_under_even_pressu
     """A slow load F slips over F / tau. Laws of finite steepness let points beyond it creep."""
     tau, length, elements = 1.75e6, 0.2, 100  # N/m, m
     joint = sj.Joint("joint", pressure=50e6, friction=0.7, beta=beta)
-    structure = sj.Structure(
-        sj.build_bar([("arm", 0.1, 10), ("joint", length, elements)], {"end": 0.0}),
-        sj.Material(E=200e9, density=8000.0),
-        width=0.05,
-        thickness=0.01,
-        joints=[joint],
-        stiffness_damping=1e-6,
-    )
+    mesh = sj.build_bar([("arm", 0.1, 10), ("joint", length, elements)], {"end": 0.0})
+    structure = structure_of(mesh, [joint], (), stiffness_damping=1e-6)
     force = 0.3 * tau * length
     system = structure.system([sj.Load("end", sj.Harmonic(force, 100.0))], points=["end"])
     run = sj.integrate(system, cycles=2, steps_per_cycle=200, save=sj.Save(slips=True))

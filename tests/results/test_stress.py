@@ -1,12 +1,12 @@
 """Stress at rest by clamp forces, and mean and range of a cycle on it."""
 
-import csv
 import json
 
 import numpy as np
 import pytest
 from bodies import STEEL
 from clamped_plates import BOLTS, DEEP, JOINT, plates
+from scene_texts import csv_rows
 
 import skfem_joint as sj
 from skfem_joint.output.folder import write
@@ -99,8 +99,7 @@ def test_a_scene_tells_stress_at_rest_mean_and_range_of_a_region(tmp_path):
         assert row["range_YY_Pa"] == pytest.approx(2.0 * load, rel=1e-6)
         element = BLOCK.mesh.p[:, BLOCK.mesh.t[:, row["element"]]].mean(axis=1)
         assert [row["x_m"], row["y_m"], row["z_m"]] == pytest.approx([*element, 0.0])
-    with (tmp_path / "stress.csv").open() as file:
-        rows = [*csv.DictReader(file)]
+    rows = csv_rows(tmp_path / "stress.csv")
     assert [row["largest"] for row in rows] == [*told]
     assert float(rows[2]["range_YY_Pa"]) == pytest.approx(told["total"]["range_YY_Pa"], rel=1e-9)
     found = sj.stress_history(scene.structure(), study.runs["full"], "block").cycle(1.0 / 50.0)

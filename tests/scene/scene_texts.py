@@ -1,12 +1,12 @@
 """Texts of scenes for the tests, changed in places, and what is wrong with them."""
 
+import csv
 import tomllib
 from pathlib import Path
 
 import pytest
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh import NamedMesh
+import skfem_joint as sj
 from skfem_joint.scene import Scene, load_scene, scene_from
 
 MESHES = Path(__file__).parents[2] / "meshes"
@@ -60,7 +60,9 @@ def written(folder: Path, *changes: Change, text: str = GOOD, more: str = "") ->
     return path
 
 
-def scene_of(*changes: Change, folder: Path | None = None, mesh: NamedMesh | None = None) -> Scene:
+def scene_of(
+    *changes: Change, folder: Path | None = None, mesh: sj.NamedMesh | None = None
+) -> Scene:
     """The good scene with changes, in memory."""
     path = (folder or Path()) / "scene.toml"
     return scene_from(tomllib.loads(with_changes(GOOD, *changes)), mesh, path)
@@ -68,19 +70,25 @@ def scene_of(*changes: Change, folder: Path | None = None, mesh: NamedMesh | Non
 
 def problems_of(*changes: Change, folder: Path | None = None) -> list[str]:
     """What is wrong with the changed scene by itself, without the file name."""
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(sj.InputError) as caught:
         scene_of(*changes, folder=folder)
     return _without_path(caught.value, (folder or Path()) / "scene.toml")
 
 
 def problems_of_file(path: Path) -> list[str]:
     """What is wrong with a scene file, without the file name that starts every line."""
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(sj.InputError) as caught:
         load_scene(path)
     return _without_path(caught.value, path)
 
 
-def _without_path(error: InputError, path: Path) -> list[str]:
+def csv_rows(path: Path) -> list[dict[str, str]]:
+    """Rows of a table that a command has written, by their columns."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _without_path(error: sj.InputError, path: Path) -> list[str]:
     assert error.exit_status == 2
     assert all(problem.startswith(f"{path}: ") for problem in error.problems)
     return [problem.removeprefix(f"{path}: ") for problem in error.problems]

@@ -200,13 +200,11 @@ def test_a_plain_function_of_time_is_a_force(function):
     ("make", "names"),
     [
         (lambda: sj.Harmonic(math.nan, -5.0, math.inf), ["amplitude", "frequency", "phase"]),
-        (lambda: sj.Harmonic(1.0, 0.0), ["frequency"]),
         (lambda: sj.MultiHarmonic(()), ["components"]),
         (lambda: sj.SweptSine(1.0, 0.0, 2.0, -1.0), ["first_frequency", "rate"]),
         (lambda: sj.SweptSine(1.0, 2.0, 2.0, 1.0), ["last_frequency"]),
         (lambda: sj.Triangle(1.0, 0.0, -1.0), ["rise_time", "start"]),
         (lambda: sj.Versine(math.inf, 1.0), ["peak"]),
-        (lambda: sj.Rectangle(1.0, -2.0), ["duration"]),
         (lambda: sj.Table([0.0, 0.0, 1.0], [0.0, 1.0, math.nan]), ["times[1]", "forces[2]"]),
         (lambda: sj.Table([0.0, 2.0, 1.0], [0.0, 1.0, 2.0]), ["times[2]"]),
         (lambda: sj.Table([0.0], [0.0]), ["times"]),

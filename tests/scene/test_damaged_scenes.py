@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from stability.mutated import damaged
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.scene import Scene, load_scene
+import skfem_joint as sj
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
@@ -19,11 +18,11 @@ TOKENS = ("nan", "inf", "-inf", "1e400", "-1", "0", "0.0", "1e-320", "1e308", "9
           '"../../../../etc/passwd"', '"/dev/zero"', '"."', '""', '"CON"')  # fmt: skip
 
 
-def outcome(path: Path) -> Scene | str:
+def outcome(path: Path) -> sj.Scene | str:
     """Scene that a file gives, or the words in which it is refused; nothing else passes."""
     try:
-        scene = load_scene(path)
-    except InputError as error:
+        scene = sj.load_scene(path)
+    except sj.InputError as error:
         text = str(error)
     else:
         assert np.all(np.isfinite(scene.system().contact.w))
@@ -86,4 +85,4 @@ def test_scenes_and_folders_may_have_odd_names(name, tmp_path):
     folder.mkdir()
     text = EXAMPLES[0].read_text(encoding="utf-8").replace("../meshes", str(ROOT / "meshes"))
     (folder / name).write_text(text, encoding="utf-8")
-    assert load_scene(folder / name).path == folder / name
+    assert sj.load_scene(folder / name).path == folder / name

@@ -11,7 +11,6 @@ from mesh_files import msh22
 from scene_texts import written
 
 import skfem_joint as sj
-from skfem_joint.structure.matrices import MatrixModel
 
 MOST_NAMES, LONGEST_NAME = 10_000, 127
 
@@ -60,6 +59,6 @@ def test_names_are_no_longer_than_those_of_gmsh(tmp_path, more):
         sj.load_meshes([path])
     assert len(str(caught.value)) < 1000
     with pytest.raises(sj.InputError, match=message):
-        MatrixModel(np.eye(2), np.eye(2), points={name: np.eye(2)[0]})
+        sj.MatrixModel(np.eye(2), np.eye(2), points={name: np.eye(2)[0]})
     with pytest.raises(sj.InputError, match=message):
-        MatrixModel(np.eye(2), np.eye(2), contacts={name: np.zeros((0, 10))})
+        sj.MatrixModel(np.eye(2), np.eye(2), contacts={name: np.zeros((0, 10))})

@@ -56,20 +56,6 @@ def scene_file(tmp_path):
     return write
 
 
-def test_a_bar_becomes_its_structure_and_system(scene_file):
-    scene = load_scene(scene_file())
-    assert scene.path.name == "scene.toml"
-    assert scene.named_mesh.n_elements == 26
-    system = scene.system()
-    assert (system.n, system.contact.count) == (26, 10)
-    limit = 0.7 * 50e6 * 0.05 * 0.1
-    assert system.contact.w.sum() == pytest.approx(limit, rel=0.06)  # but the held node
-    assert scene.output_points == ("junction", "middle", "free_end")
-    assert set(system.points) == set(scene.output_points)
-    assert scene.system() is system
-    assert scene.structure() is scene.structure()
-
-
 def test_regions_supports_and_points_reach_the_structure(scene_file):
     scene = load_scene(
         scene_file(
@@ -98,18 +84,9 @@ def test_regions_supports_and_points_reach_the_structure(scene_file):
 # What is changed, and words that one of the problems must have.
 WRONG: list[tuple[str, Change, list[str]]] = [
     (GOOD, ('fixed = ["fixed"]', 'fixed = ["fixd"]'), ["support.fixed", "did you mean 'fixed'"]),
-    (GOOD, ("width = 0.05\n", ""), ["section.width", "missing"]),
-    (GOOD, ('on = "free_end"', 'on = "fre_end"'), ["'fre_end'", "did you mean 'free_end'"]),
     (GOOD, ('on = "free_end"', 'on = "free_end"\ndirection = [1, 0]'), ["direction"]),
     (GOOD, ("every = 1", 'points = ["fixed"]'), ["'fixed'", "does not move"]),
-    (
-        *(GOOD, ("[section]", "[material.regions.linaer]\nE = 1e9\n[section]")),
-        ["regions.linaer", "did you mean 'linear'"],
-    ),
-    (PLATES, ("poisson = 0.3\n", ""), ["material.poisson", "missing"]),
     (PLATES, ('fixed = ["left"]', 'fixed_x = ["left"]'), ["unsupported"]),
-    (PLATES, ('against = "joint"', 'against = "right"'), ["a boundary; a region is needed"]),
-    (PLATES, ("direction = [1, 0]\n", ""), ["direction", "missing"]),
     (
         *(PLATES, ("cycles = 3", 'cycles = 3\n[reduction]\nreference = "paper"')),
         ["joint[0].axis: missing", "reference = 'static'"],

@@ -5,10 +5,8 @@ from typing import Any, get_args
 import pytest
 from scene_texts import written
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.scene import load_sweep
+import skfem_joint as sj
 from skfem_joint.scene.sweep_table import SweepTable
-from skfem_joint.study.study import run_scene
 from skfem_joint.study.summary import model_summary
 
 
@@ -17,7 +15,7 @@ def read(tmp_path):
     """Read the good scene with a sweep and other changes."""
 
     def read(sweep, *changes):
-        return load_sweep(written(tmp_path, *changes, more=f"[sweep]\n{sweep}\n"))
+        return sj.load_sweep(written(tmp_path, *changes, more=f"[sweep]\n{sweep}\n"))
 
     return read
 
@@ -76,7 +74,7 @@ def test_meshes_can_be_swept_and_are_read_once_each(read):
     ],
 )
 def test_mistakes_name_key_and_value(read, sweep, words):
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(sj.InputError) as caught:
         read(sweep)
     for word in words:
         assert word in str(caught.value)
@@ -84,7 +82,7 @@ def test_mistakes_name_key_and_value(read, sweep, words):
 
 def test_each_result_that_can_be_chosen_is_in_the_summary(read):
     scene = read('"time.cycles" = [1]').scenes[0]
-    study = run_scene(scene)
+    study = sj.run_scene(scene)
     annotation = SweepTable.model_fields["results"].annotation
     names = set(get_args(get_args(annotation)[0]))
     assert len(names) > 10

@@ -5,11 +5,8 @@ import math
 import pytest
 from scene_texts import problems_of, scene_of
 
+import skfem_joint as sj
 from skfem_joint.ground import loads
-from skfem_joint.ground.errors import InputError
-from skfem_joint.joint.pressure import Bolt, Bolts, PressureTable
-from skfem_joint.mesh import build_bar
-from skfem_joint.scene import Scene
 
 HARMONIC = 'kind = "harmonic"\namplitude = 87.5e3\nfrequency = 500.0\n'
 JOINT = '[[joint]]\non = "joint"\npressure = 50e6\nfriction = 0.7\n'
@@ -211,16 +208,16 @@ def test_steps_must_resolve_every_harmonic_of_the_common_period():
         ("3", 3.0),
         (
             "{positions = [-1, 0.05, 0.1], values = [0, 5e6, 1]}",
-            PressureTable((-1.0, 0.05, 0.1), (0.0, 5e6, 1.0)),
+            sj.PressureTable((-1.0, 0.05, 0.1), (0.0, 5e6, 1.0)),
         ),
         (
             "{positions = [0, 1], values = [1, 2], axis = [3, 4]}",
-            PressureTable((0.0, 1.0), (1.0, 2.0), (3.0, 4.0)),
+            sj.PressureTable((0.0, 1.0), (1.0, 2.0), (3.0, 4.0)),
         ),
         (
             "{ reach = 0.01, bolts = [{ at = [0.25, 0.025], force = 20e3, head_radius = 0.008, "
             "hole_radius = 0.004, spreading_angle = 25 }] }",
-            Bolts((Bolt((0.25, 0.025), 20e3, 0.008, 0.004, 25.0),), 0.01),
+            sj.Bolts((sj.Bolt((0.25, 0.025), 20e3, 0.008, 0.004, 25.0),), 0.01),
         ),
     ],
 )
@@ -282,7 +279,7 @@ def test_each_kind_of_load_arrives_with_its_numbers(kind, keys, expected):
 
 
 def test_a_moving_base_and_a_damping_ratio_reach_the_system_and_are_said():
-    mesh = build_bar([("joint", 0.1, 4), ("linear", 0.5, 5)], {"fixed": 0.0, "free_end": 0.6})
+    mesh = sj.build_bar([("joint", 0.1, 4), ("linear", 0.5, 5)], {"fixed": 0.0, "free_end": 0.6})
     by_base = ('on = "free_end"', 'base = "x"')
     scene = scene_of(by_base, ("[time]", "[damping]\nratio = 0.002\n[time]"), mesh=mesh)
     (load,) = scene.system().loads
@@ -301,17 +298,6 @@ def test_table_is_found_beside_the_scene_from_anywhere(tmp_path):
     assert scene.loads()[0].amplitude([0.0, 5e-4, 2e-3]) == pytest.approx([0.0, 2.5e3, 2.5e3])
 
 
-def test_cycles_count_the_common_period_of_the_loads_beside_an_impulse():
-    more = (
-        '[[load]]\non = "junction"\nkind = "harmonic"\namplitude = 1\nfrequency = 750\n'
-        '[[load]]\non = "middle"\nkind = "versine"\npeak = 1\nrise_time = 1e-4\n[time]'
-    )
-    scene = scene_of(("[time]", more))
-    assert scene.cycle_period == pytest.approx(1 / 250)
-    assert scene.time_step == pytest.approx(1 / 250 / 200)
-    assert (scene.n_steps, scene.cycle_steps) == (600, 200)
-
-
 @pytest.mark.parametrize(
     ("duration", "step", "n_steps"),
     [("6e-3", "2e-6", 3000), ("0.3", "0.1", 3), ("1.0", "0.3", 4), ("0.1", "0.1", 1)],
@@ -324,9 +310,9 @@ def test_steps_cover_the_duration_without_one_too_many(duration, step, n_steps):
 
 def test_a_scene_says_what_it_has_not():
     scene = scene_of()
-    in_memory = Scene.model_validate(scene.model_dump(exclude_unset=True))
+    in_memory = sj.Scene.model_validate(scene.model_dump(exclude_unset=True))
     for ask in ("path", "named_mesh"):
-        with pytest.raises(InputError, match="load_scene"):
+        with pytest.raises(sj.InputError, match="load_scene"):
             getattr(in_memory, ask)
-    with pytest.raises(InputError, match="no mesh"):
+    with pytest.raises(sj.InputError, match="no mesh"):
         scene.structure()

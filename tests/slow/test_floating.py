@@ -14,11 +14,9 @@ from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.steady.steady import unstrained
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.structure.parameters import value_of, with_values
-from skfem_joint.structure.sensitivities import sensitivities
 from skfem_joint.system.modes import is_singular
 from skfem_joint.system.rigid import floats, rigid_of
 from skfem_joint.vibration import backbone
-from skfem_joint.vibration.backbone_sensitivity import backbone_sensitivity
 
 
 def plates(contact="constant", **support):
@@ -159,7 +157,7 @@ def test_derivatives_of_a_floating_curve_are_its_differences(key, monkeypatch):
         return sj.backbone(given.system(), modes=[7], levels=first.level, keep_path=True)[0]
 
     value = value_of(structure, key)
-    exact = backbone_sensitivity(curve(), sensitivities(structure, [key], structure.system()))
+    exact = sj.backbone_sensitivity(curve(), sj.sensitivities(structure, [key], structure.system()))
     above, below = (curve(value * (1.0 + step)) for step in (1e-4, -1e-4))
     for name in ("frequency", "friction_damping"):
         rate = (getattr(above, name) - getattr(below, name)) / (2e-4 * value)

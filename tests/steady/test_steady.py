@@ -14,11 +14,7 @@ from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.runs.steady_run import Shooting
 from skfem_joint.steady import steady
 from skfem_joint.steady.correction import Correction
-from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.stepping.driver import Driver
-from skfem_joint.stepping.recording import Run
-from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.system.system import AppliedLoad
 from skfem_joint.vibration.response import steady_plan
 
 
@@ -67,7 +63,7 @@ def shooting(system: sj.System, steps: int, periods: int) -> tuple[Any, Any]:
     return through, x
 
 
-def amplitude(run: Run) -> float:
+def amplitude(run: sj.Run) -> float:
     u = run.point_u[-201:]
     return 0.5 * float(np.ptp(u[:, np.ptp(u, axis=0).argmax()]))
 
@@ -75,7 +71,7 @@ def amplitude(run: Run) -> float:
 @pytest.mark.parametrize("rho", [1.0, 0.6])
 def test_linear_vibration_is_that_of_the_complex_stiffness(rho):
     system, h = bar(2490.0, 0.0), 1.0 / 2490.0 / 200
-    scheme = generalized_alpha(rho)
+    scheme = sj.generalized_alpha(rho)
     run = sj.integrate(system, until="steady", steps_per_cycle=200, scheme=scheme)
     # Average acceleration turns i omega into i (2 / h) tan(omega h / 2).
     omega = 2.0 / h * np.tan(np.pi / 200)
@@ -196,14 +192,14 @@ def test_linear_vibration_with_light_damping_takes_few_periods():
     frequency, ratio = 1500.0, 1e-4
     system = arm(None, None, (10, 10), damping_ratio=ratio)
     parts = sj.Harmonic(1.0, frequency), sj.Harmonic(0.5, 2.0 * frequency)
-    load = AppliedLoad(system.P.toarray()[-1], sj.MultiHarmonic(parts), "end")
+    load = sj.AppliedLoad(system.P.toarray()[-1], sj.MultiHarmonic(parts), "end")
     run = sj.integrate(replace(system, loads=(load,)), until="steady", steps_per_cycle=60)
     assert run.friction_energy["joint"] == 0.0
     assert run.steady.periods <= 40  # with twelve states 160, plainly tens of thousands
 
 
 def test_what_has_no_steady_vibration_is_refused(tmp_path):
-    saved = Checkpoints(tmp_path, 1, False).of("full", "")
+    saved = sj.Checkpoints(tmp_path, 1, False).of("full", "")
     system = bar(500.0, 0.0)
     with pytest.raises(sj.InputError, match="neither friction nor damping"):
         sj.integrate(replace(system, C=None), until="steady", steps_per_cycle=100)
@@ -212,7 +208,7 @@ def test_what_has_no_steady_vibration_is_refused(tmp_path):
         sj.integrate(pulse, until="steady", step=1e-5, n_steps=100)
     late = sj.HalfSine(1.0, 1e-3, start=0.1), sj.Versine(1.0, 1e-3, start=0.1)
     for other in (sj.Triangle(1.0, 5e-4), *late, lambda t: 9.0 * t):
-        loads = (*system.loads, AppliedLoad(system.loads[0].vector, other, "base"))
+        loads = (*system.loads, sj.AppliedLoad(system.loads[0].vector, other, "base"))
         with pytest.raises(sj.InputError, match=r"that on 'base' does not after 0\.002 s"):
             sj.integrate(replace(system, loads=loads), until="steady", steps_per_cycle=100)
     with pytest.raises(sj.InputError, match="no checkpoints"):

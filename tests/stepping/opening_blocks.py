@@ -6,8 +6,6 @@ import numpy as np
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.ground.loads import Harmonic
-from skfem_joint.system.normal import NormalPart
 
 STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)
 SIZE = 0.04
@@ -35,8 +33,8 @@ def block(pressure: float = 50e6, order: int = 1, elements: int = 3, **joint: An
 def loads(up: float = 185e3, across: float = 200e3, frequency: float = 2000.0) -> list[sj.Load]:
     """A force that lifts the block's top and presses it in turn, and one on its left side."""
     return [
-        sj.Load("top", Harmonic(up, frequency), (0.0, 1.0)),
-        sj.Load("left", Harmonic(across, frequency), (1.0, 0.0)),
+        sj.Load("top", sj.Harmonic(up, frequency), (0.0, 1.0)),
+        sj.Load("left", sj.Harmonic(across, frequency), (1.0, 0.0)),
     ]
 
 
@@ -53,10 +51,10 @@ def oscillator(frequency: float, damping: float, contact: float, pressed: float 
     """
     omega = 2.0 * np.pi
     one = sparse.csr_array(np.eye(1))
-    opening = NormalPart(
+    opening = sj.NormalPart(
         one, np.zeros(1), np.array([pressed]), np.array([contact * omega**2]), np.ones(1)
     )  # fmt: skip
     wall = sj.Contact(sparse.csr_array((0, 1)), np.zeros(0), np.zeros(0), normal=opening)
-    load = sj.AppliedLoad(np.ones(1), Harmonic(1.0, frequency), "mass")
+    load = sj.AppliedLoad(np.ones(1), sj.Harmonic(1.0, frequency), "mass")
     C, K = 2.0 * damping * omega * one, omega**2 * one
     return sj.System(one, C, K, wall, loads=(load,), P=one, points=("mass",))

@@ -9,24 +9,16 @@ import numpy as np
 from bodies import MU, STEEL, THICKNESS, WIDTH, pressed, structure
 from scipy import sparse
 
-from skfem_joint.ground.loads import Amplitude, Harmonic
-from skfem_joint.joint.joints import Joint
-from skfem_joint.mesh import build_bar, build_plate
-from skfem_joint.runs.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.structure.load import Load
-from skfem_joint.structure.structure import Structure
-from skfem_joint.system.contacts import Contact
-from skfem_joint.system.system import AppliedLoad, System
+import skfem_joint as sj
 
-FIELDS = Save(fields=True)
+FIELDS = sj.Save(fields=True)
 
 
-def struts(mesh: Any, joints: Sequence[Joint] = (), **changes: Any) -> Structure:
+def struts(mesh: Any, joints: Sequence[sj.Joint] = (), **changes: Any) -> sj.Structure:
     """Bars of the paper's material and section, held at ``fixed``."""
     values = {"width": WIDTH, "thickness": THICKNESS, "fixed": ("fixed",), "joints": joints,
               "stiffness_damping": 1e-5}  # fmt: skip
-    return Structure(mesh, STEEL, **{**values, **changes})
+    return sj.Structure(mesh, STEEL, **{**values, **changes})
 
 
 @dataclass(frozen=True)
@@ -51,60 +43,62 @@ class LapJoint:
 
     @property
     def amplitude(self) -> Any:
-        return self.load or Harmonic(self.force, self.frequency)
+        return self.load or sj.Harmonic(self.force, self.frequency)
 
     @property
-    def joint(self) -> Joint:
-        return Joint("joint", self.pressure, self.friction, beta=self.beta,
+    def joint(self) -> sj.Joint:
+        return sj.Joint("joint", self.pressure, self.friction, beta=self.beta,
                      normal_force=self.normal_force)  # fmt: skip
 
     @property
-    def system(self) -> System:
+    def system(self) -> sj.System:
         ends = {"fixed": 0.0, "free_end": self.length}
-        bar = build_bar([("joint", self.length, self.elements)], ends)
+        bar = sj.build_bar([("joint", self.length, self.elements)], ends)
         made = struts(bar, [self.joint], **(self.options or {}))
-        return made.system([Load("free_end", self.amplitude)])
+        return made.system([sj.Load("free_end", self.amplitude)])
 
 
 CASE_I = LapJoint(length=0.5, pressure=50e6, force=437.5e3, frequency=2000.0)
 
 
-def oscillator(load: Amplitude, frequency: float = 1.0, damping_ratio: float = 0.05) -> System:
+def oscillator(
+    load: sj.Amplitude, frequency: float = 1.0, damping_ratio: float = 0.05
+) -> sj.System:
     """Single mass on a spring without friction, observed as ``mass``."""
     omega, one = 2.0 * np.pi * frequency, np.ones((1, 1))
-    return System(
+    return sj.System(
         M=one,
         C=2.0 * damping_ratio * omega * one,
         K=omega**2 * one,
-        contact=Contact(np.zeros((0, 1)), np.zeros(0), np.zeros(0)),
-        loads=(AppliedLoad(np.ones(1), load, "mass"),),
+        contact=sj.Contact(np.zeros((0, 1)), np.zeros(0), np.zeros(0)),
+        loads=(sj.AppliedLoad(np.ones(1), load, "mass"),),
         P=one,
         points=("mass",),
     )
 
 
 def arm(
-    load: Any = None, joint: Joint | None = None, elements: tuple[int, int] = (40, 40),
+    load: Any = None, joint: sj.Joint | None = None, elements: tuple[int, int] = (40, 40),
     **changes: Any,
-) -> System:  # fmt: skip
+) -> sj.System:  # fmt: skip
     """Bar of 0.7 m in contact on its first 0.2 m, loaded at its far ``end``: 2.5 kHz if stuck."""
     regions = [("joint", 0.2, elements[0]), ("free", 0.5, elements[1])]
-    mesh = build_bar(regions, {"fixed": 0.0, "end": 0.7})
-    joint = joint or Joint("joint", 50e6, MU, beta=inf)
+    mesh = sj.build_bar(regions, {"fixed": 0.0, "end": 0.7})
+    joint = joint or sj.Joint("joint", 50e6, MU, beta=inf)
     made = struts(mesh, [joint], **{"stiffness_damping": 0.0, **changes})
-    return made.system([Load("end", load)] if load else [], ["end"])
+    return made.system([sj.Load("end", load)] if load else [], ["end"])
 
 
 def reference_plate(
     beta: float = 1e5, elements: tuple[int, int] = (20, 4), load: Any = None
-) -> System:
+) -> sj.System:
     """The paper's reference system as a plate, pulled along it and a little across."""
-    mesh = build_plate([("joint", 0.25, elements[0])], WIDTH, elements[1])
+    mesh = sj.build_plate([("joint", 0.25, elements[0])], WIDTH, elements[1])
     made = structure(mesh, [pressed(beta=beta)], stiffness_damping=1e-5)
-    return made.system([Load("right", load or Harmonic(60e3, 1000.0), (1.0, 0.2))])
+    return made.system([sj.Load("right", load or sj.Harmonic(60e3, 1000.0), (1.0, 0.2))])
 
 
-def dense_system(singles: int = 0, pairs: int = 6, **changes: Any) -> System:
+def dense_system(singles: int = 0, pairs: int = 6, **changes: Any) -> sj.System:
     """Dense system with random points that slip in two directions and in one."""
     generator, n = np.random.default_rng(7), 4
     A = generator.standard_normal((n, n))
@@ -113,52 +107,53 @@ def dense_system(singles: int = 0, pairs: int = 6, **changes: Any) -> System:
         "M": np.eye(n),
         "C": 0.02 * (A @ A.T + n * np.eye(n)),
         "K": 4.0 * (A @ A.T + n * np.eye(n)),
-        "contact": Contact(
+        "contact": sj.Contact(
             generator.standard_normal((int(directions.sum()), n)),
             generator.uniform(0.05, 0.3, pairs + singles),
             np.full(pairs + singles, 1e3),
             directions,
         ),
         "loads": tuple(
-            AppliedLoad(generator.standard_normal(n), Harmonic(4.0, f, f), f"{f}") for f in (0.3, 1)
+            sj.AppliedLoad(generator.standard_normal(n), sj.Harmonic(4.0, f, f), f"{f}")
+            for f in (0.3, 1)
         ),
         "P": np.eye(n),
         "points": tuple("abcdefgh"[:n]),
     }
-    return System(**{**values, **changes})
+    return sj.System(**{**values, **changes})
 
 
-def relative_slips(n: int = 30, beta: float = 1e3, load: Any = None) -> System:
+def relative_slips(n: int = 30, beta: float = 1e3, load: Any = None) -> sj.System:
     """Two equal bars side by side that slip against each other: rows of B with two entries."""
     bar = LapJoint(elements=n, beta=1.0).system
     both = [sparse.csr_array(sparse.block_diag([A, A])) for A in (bar.M, bar.C, bar.K)]
     rows = sparse.csr_array(sparse.hstack([sparse.eye_array(n), -sparse.eye_array(n)]))
     vector = np.zeros(2 * n)
     vector[n - 1] = 1.0
-    pull = AppliedLoad(vector, load or Harmonic(63e3, 1000.0), "end")
+    pull = sj.AppliedLoad(vector, load or sj.Harmonic(63e3, 1000.0), "end")
     P = sparse.csr_array(np.eye(2 * n)[[n - 1, 2 * n - 1]])
     M, C, K = both
-    return System(
+    return sj.System(
         M,
         C,
         K,
-        Contact(rows, bar.contact.w, np.full(n, beta)),
+        sj.Contact(rows, bar.contact.w, np.full(n, beta)),
         loads=(pull,),
         P=P,
         points=("one", "other"),
     )
 
 
-def not_a_chain(system: System) -> System:
+def not_a_chain(system: sj.System) -> sj.System:
     """The chain with its ends coupled, too weakly to matter: it is stepped as contact is."""
     K = system.K.tolil()
     K[0, -1] = K[-1, 0] = 1e-14 * system.K.diagonal().max()
     return replace(system, K=sparse.csr_array(K))
 
 
-def run_of(system: System, n_steps: int = 100, **changes: Any) -> Run:
+def run_of(system: sj.System, n_steps: int = 100, **changes: Any) -> sj.Run:
     """Steps of 10 µs, with fields."""
-    return integrate(system, **{"step": 1e-5, "n_steps": n_steps, "save": FIELDS, **changes})
+    return sj.integrate(system, **{"step": 1e-5, "n_steps": n_steps, "save": FIELDS, **changes})
 
 
 def order_of(errors: Sequence[float], steps: Sequence[float]) -> float:
@@ -181,11 +176,11 @@ def differing(one: Any, other: Any, where: str = "") -> list[str]:
     return [] if one == other else [where]
 
 
-def of_stepper(kind: str, load: Any = None) -> System:
+def of_stepper(kind: str, load: Any = None) -> sj.System:
     """System for one of the steppers, or for one of the ways into it."""
     joint = LapJoint(elements=30, load=load)
     basis = np.linalg.qr(np.vander(np.linspace(1 / 30, 1.0, 30), 6)[:, :5])[0]  # zero at the wall
-    make: dict[str, Callable[[], System]] = {
+    make: dict[str, Callable[[], sj.System]] = {
         "chain": lambda: joint.system,
         "Coulomb": lambda: replace(joint, beta=inf).system,
         "dense": lambda: joint.system.project(basis),

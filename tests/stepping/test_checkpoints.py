@@ -17,7 +17,6 @@ from stepping_systems import STEPPERS, LapJoint, differing, of_stepper, oscillat
 import skfem_joint as sj
 from skfem_joint.minimise import touching
 from skfem_joint.stepping.checkpoint import Checkpoint, Checkpoints, fingerprint
-from skfem_joint.stepping.schemes import generalized_alpha
 
 JOINT = LapJoint(elements=30)
 TIMING: dict[str, Any] = {
@@ -25,7 +24,7 @@ TIMING: dict[str, Any] = {
     "n_steps": 120,
     "cycle_steps": 10,
     "save": sj.Save(every=3, fields=True, fields_every=7, slips=True),
-    "scheme": generalized_alpha(0.8),
+    "scheme": sj.generalized_alpha(0.8),
 }
 
 
@@ -117,7 +116,7 @@ def test_what_is_integrated_must_be_the_same(tmp_path):
         (system, {"n_steps": 121}),
         (system, {"cycle_steps": None}),
         (system, {"save": sj.Save()}),
-        (system, {"scheme": generalized_alpha(0.9)}),
+        (system, {"scheme": sj.generalized_alpha(0.9)}),
         (system, {"tolerance": 1e-12}),
         (system, {"initial": (np.zeros(30), np.full(30, 1e-9))}),
     ]

@@ -15,12 +15,11 @@ from skfem_joint.minimise.condensed_newton import CondensedNewton
 from skfem_joint.minimise.contact_newton import ContactNewton
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.stepping.arrangement import step_problem
-from skfem_joint.stepping.recording import Run
 
 LAWS = [1e3, 1e5, 1e9, np.inf]
 
 
-def run(system: sj.System, steps: int = 50, **changes: Any) -> Run:
+def run(system: sj.System, steps: int = 50, **changes: Any) -> sj.Run:
     values = {"step": 1e-3 / steps, "n_steps": steps, "save": sj.Save(fields=True)} | changes
     return sj.integrate(system, **values)
 

@@ -6,17 +6,11 @@ import numpy as np
 import pytest
 from stepping_systems import LapJoint, dense_system
 
-from skfem_joint import reduce
+import skfem_joint as sj
 from skfem_joint.ground.arrays import slip_norms
-from skfem_joint.ground.loads import Harmonic
 from skfem_joint.minimise import law
 from skfem_joint.minimise.primal_dual_newton import PrimalDualNewton
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.runs.integrate import integrate
-from skfem_joint.stepping.recording import Run, Save
-from skfem_joint.stepping.schemes import generalized_alpha
-from skfem_joint.system.contacts import Contact
-from skfem_joint.system.system import AppliedLoad, System
 
 STEP = 0.02  # s
 
@@ -25,8 +19,8 @@ def turn(angle: float) -> np.ndarray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def run_of(s: System, steps: int = 200, **options: Any) -> Run:
-    return integrate(s, step=STEP, n_steps=steps, save=Save(fields=True), **options)
+def run_of(s: sj.System, steps: int = 200, **options: Any) -> sj.Run:
+    return sj.integrate(s, step=STEP, n_steps=steps, save=sj.Save(fields=True), **options)
 
 
 @pytest.mark.parametrize(("beta", "iterations"), [(1.0, 1.1), (1e3, 1.5), (1e5, 1.8)])
@@ -75,13 +69,13 @@ def test_what_is_not_finite_is_never_accepted_and_its_unknown_is_named(unknown, 
 
 def test_points_out_of_the_steep_part_of_a_law_are_found_back():
     """The law's slope alone takes 13 iterations a step, and 75 evaluations of friction."""
-    small = reduce(LapJoint().system, modes=12).with_beta(1e7)
-    counters = integrate(small, step=5e-6, n_steps=400).counters
+    small = sj.reduce(LapJoint().system, modes=12).with_beta(1e7)
+    counters = sj.integrate(small, step=5e-6, n_steps=400).counters
     assert counters.newton_iterations <= 9 * counters.steps
     assert counters.friction_evaluations <= 40 * counters.steps
 
 
-def assert_same(one: Run, other: Run) -> None:
+def assert_same(one: sj.Run, other: sj.Run) -> None:
     np.testing.assert_allclose(other.point_u, one.point_u, rtol=0, atol=1e-12 * one.peak.max())
     np.testing.assert_allclose(other.friction_work, one.friction_work, rtol=1e-9)
     np.testing.assert_allclose(other.slip_peak, one.slip_peak, rtol=1e-9)
@@ -98,7 +92,7 @@ def test_turned_slip_rows_change_nothing(singles):
     assert_same(run_of(s), run_of(s.with_contact(B=B)))
 
 
-@pytest.mark.parametrize("scheme", [generalized_alpha(1.0), generalized_alpha(0.6)])
+@pytest.mark.parametrize("scheme", [sj.generalized_alpha(1.0), sj.generalized_alpha(0.6)])
 def test_energy_and_works_of_each_point_add_up(scheme):
     s = dense_system(singles=5)
     run = run_of(s, scheme=scheme, tolerance=1e-13)
@@ -127,20 +121,20 @@ def test_steady_circular_sliding_is_exact():
     F = (K - rate**2 * M) * r + 1j * (C * rate * r + w * normalised)
     phase, one = float(np.angle(F)), np.eye(2)
     loads = tuple(
-        AppliedLoad(e, Harmonic(abs(F), frequency, phase + shift))
+        sj.AppliedLoad(e, sj.Harmonic(abs(F), frequency, phase + shift))
         for e, shift in zip(one, (np.pi / 2.0, 0.0), strict=True)
     )
-    s = System(
+    s = sj.System(
         M * one,
         C * one,
         K * one,
-        Contact(one, [w], beta, directions=np.array([2])),
+        sj.Contact(one, [w], beta, directions=np.array([2])),
         loads=loads,
         P=one,
         points=("x", "y"),
     )
     start = (np.array([r, 0.0]), np.array([0.0, rate * r]))
-    run = integrate(s, cycles=3, steps_per_cycle=steps, initial=start)
+    run = sj.integrate(s, cycles=3, steps_per_cycle=steps, initial=start)
     np.testing.assert_allclose(np.hypot(*run.point_u.T), r, rtol=1e-9)
     chord = steps * np.sin(2.0 * np.pi / steps)  # 2 pi for small steps: 2 pi r mu N a cycle
     np.testing.assert_allclose(run.cycles.friction, chord * r * w * normalised, rtol=1e-9)

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from stepping_systems import LapJoint, not_a_chain, run_of
 
-from skfem_joint.stepping.recording import Run
-from skfem_joint.stepping.schemes import generalized_alpha
+import skfem_joint as sj
 
-SCHEMES = [generalized_alpha(1.0), generalized_alpha(0.5)]
+SCHEMES = [sj.generalized_alpha(1.0), sj.generalized_alpha(0.5)]
 
 
-def assert_same(one: Run, other: Run, rtol: float = 1e-9) -> None:
+def assert_same(one: sj.Run, other: sj.Run, rtol: float = 1e-9) -> None:
     """Equal histories, works and peaks, in the whole and in each cycle."""
     scale, energy = other.peak.max(), np.abs(other.input_work).sum()
     np.testing.assert_allclose(one.point_u, other.point_u, rtol=0.0, atol=rtol * scale)

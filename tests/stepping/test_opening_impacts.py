@@ -11,7 +11,6 @@ from scipy import optimize, sparse
 
 import skfem_joint as sj
 from skfem_joint.mesh import named
-from skfem_joint.stepping.schemes import generalized_alpha
 
 
 @pytest.mark.parametrize("rho", [1.0, 0.8])
@@ -87,7 +86,7 @@ def test_normal_forces_of_random_impacts_never_do_work(seed):
     start = np.zeros(system.n), np.linalg.lstsq(T, v.ravel())[0]
     run = sj.integrate(
         system, step=float(rng.choice([2e-6, 1e-5])), n_steps=200, initial=start,
-        scheme=generalized_alpha(float(rng.choice([1.0, 0.8, 0.0]))), save=sj.Save(fields=True),
+        scheme=sj.generalized_alpha(float(rng.choice([1.0, 0.8, 0.0]))), save=sj.Save(fields=True),
     )  # fmt: skip
     contact = system.contact.normal
     assert (run.normal_force > 0.0).any()
@@ -120,7 +119,7 @@ def _point(friction, speed, *, gap=1e-4, pressed=0.0, loads=(), **law):
 def _after_impact(step, rho, *point, **law):
     system, start = _point(*point, **law)
     return sj.integrate(
-        system, step=step, n_steps=int(3e-4 / step), initial=start, scheme=generalized_alpha(rho)
+        system, step=step, n_steps=int(3e-4 / step), initial=start, scheme=sj.generalized_alpha(rho)
     )
 
 
@@ -173,7 +172,7 @@ def test_friction_under_a_smooth_normal_force_is_of_second_order(rho):
     errors = []
     for n in (200, 400, 800):
         run = sj.integrate(
-            system, step=end / n, n_steps=n, initial=start, scheme=generalized_alpha(rho)
+            system, step=end / n, n_steps=n, initial=start, scheme=sj.generalized_alpha(rho)
         )
         errors.append(abs(run.final[1][0] - known))
     np.testing.assert_allclose(np.log2(np.divide(errors[:-1], errors[1:])), 2.0, atol=0.1)

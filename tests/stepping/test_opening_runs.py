@@ -7,22 +7,8 @@ import pytest
 from opening_blocks import block, loads, opening_system
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
 
 SPRUNG = {"tangential_stiffness": 2e13}
-
-
-@pytest.mark.parametrize("make", [opening_system, lambda: sj.condense(opening_system(order=2))])
-def test_a_loaded_system_integrates_to_the_same_bits(make, tmp_path):
-    model = make()
-    again = sj.load(sj.save(model, tmp_path / "model.npz"))
-    for name in ("gap", "force", "stiffness", "area"):
-        assert np.array_equal(
-            getattr(again.contact.normal, name), getattr(model.contact.normal, name)
-        )
-    a, b = (sj.integrate(s, cycles=1, steps_per_cycle=60) for s in (model, again))
-    assert np.array_equal(a.point_u, b.point_u)
-    assert a.impact_work == b.impact_work
 
 
 @pytest.mark.parametrize(
@@ -38,13 +24,13 @@ def test_damaged_contact_is_refused(name, value, problem):
     system = opening_system()
     normal = system.contact.normal
     value = value if np.ndim(value) else np.full(normal.gap.size, value)
-    with pytest.raises(InputError, match=problem):
+    with pytest.raises(sj.InputError, match=problem):
         system.with_contact(normal=replace(normal, **{name: value}))
 
 
 def test_gains_that_are_negative_are_refused():
     system = opening_system()
-    with pytest.raises(InputError, match="gain: must be finite and not negative"):
+    with pytest.raises(sj.InputError, match="gain: must be finite and not negative"):
         system.with_contact(gain=-system.contact.gain)
 
 
@@ -59,14 +45,6 @@ def test_the_closed_system_is_that_of_constant_contact(order):
         a, b = (sj.natural_modes(s, 4, joints=joints).frequencies for s in (opens, constant))
         assert a == pytest.approx(b, rel=1e-9)
     assert opens.contact.w.sum() == pytest.approx(constant.contact.w.sum())
-
-
-def test_natural_modes_do_not_move_what_is_pressed():
-    system = opening_system()
-    modes = sj.natural_modes(system, 3, joints="stuck").modes
-    assert np.all(system.contact.normal.N @ modes == 0.0)
-    assert np.all(system.contact.B @ modes == 0.0)
-    assert np.diag(modes.T @ (system.M @ modes)) == pytest.approx(np.ones(3))
 
 
 def test_damping_ratios_take_contact_as_closed():

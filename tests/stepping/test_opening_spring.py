@@ -5,7 +5,6 @@ import pytest
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.system.normal import NormalPart
 
 MASS, STIFFNESS, GAP, SPEED = 2.0, 8e4, 1e-3, 0.5
 #: Angular frequency in contact, rad/s, and time from the start to the first touch, s.
@@ -14,7 +13,7 @@ OMEGA, TOUCH = np.sqrt(STIFFNESS / MASS), GAP / SPEED
 
 def _system(loads=(), held=0.0, gap=GAP, force=0.0):
     """Mass that an elastic base stops at the gap; a spring may hold it."""
-    contact = NormalPart(
+    contact = sj.NormalPart(
         sparse.csr_array(np.eye(1)), np.array([gap]), np.array([force]),
         np.array([STIFFNESS]), np.ones(1),
     )  # fmt: skip

@@ -10,7 +10,6 @@ import pytest
 from stepping_systems import not_a_chain
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.arrangement import arranged
 
@@ -182,15 +181,9 @@ def test_condensed_and_reduced_models_keep_springs():
     assert every.friction_work.sum() == pytest.approx(full.friction_work.sum(), rel=0.01)
 
 
-def test_systems_keep_springs_in_files_and_sums(tmp_path):
-    system = bar(1e12)
-    again = sj.load(sj.save(system, tmp_path / "system.npz"))
-    np.testing.assert_array_equal(again.contact.stiffness, system.contact.stiffness)
+def test_sums_keep_springs():
     both = sj.point_friction([1.0, 0.0], 1.0) + sj.point_friction([0.0, 1.0], 1.0, stiffness=5.0)
     assert both.stiffness.tolist() == [inf, 5.0]
-    for wrong in (0.0, -1.0, np.nan):
-        with pytest.raises(InputError, match=r"stiffness: found .*must be > 0"):
-            sj.point_friction([1.0], 1.0, stiffness=wrong)
 
 
 def test_stiffness_of_points_is_that_of_the_area():

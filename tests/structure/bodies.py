@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 import skfem
 
-from skfem_joint.body.body import Material
-from skfem_joint.joint.joints import Joint
+import skfem_joint as sj
 from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged, named
-from skfem_joint.structure.structure import Structure
 
 E, DENSITY, NU, MU = 200e9, 8000.0, 0.3, 0.7
 WIDTH, THICKNESS = 0.05, 0.01
 EA = E * WIDTH * THICKNESS
-STEEL = Material(E, DENSITY, NU)
+STEEL = sj.Material(E, DENSITY, NU)
 #: Shape and order of the elements.
 ELEMENTS = [("line", 1), ("tri", 1), ("tri", 2), ("quad", 1), ("quad", 2),
             ("tet", 1), ("tet", 2), ("hex", 1), ("hex", 2)]  # fmt: skip
@@ -84,16 +82,16 @@ def section(body: NamedMesh) -> dict[str, float]:
 
 def structure(
     body: NamedMesh, joints: Any = (), fixed: Any = ("left",), **changes: Any
-) -> Structure:
+) -> sj.Structure:
     """Structure of steel, computed with the order that its mesh has."""
     values = {"material": STEEL, "order": body.order, "fixed": fixed, "joints": joints}
     values |= {**section(body), **changes}
-    return Structure(body, **values)
+    return sj.Structure(body, **values)
 
 
-def pressed(on: str = "joint", **changes: Any) -> Joint:
+def pressed(on: str = "joint", **changes: Any) -> sj.Joint:
     """Joint with the paper's pressure and friction."""
-    return Joint(on, **{"pressure": 8e6, "friction": MU, **changes})
+    return sj.Joint(on, **{"pressure": 8e6, "friction": MU, **changes})
 
 
 def lap(elements: tuple[int, int] = (5, 3), order: int = 1, kind: Any = "quadrilateral",
@@ -129,7 +127,7 @@ SIDE = pressed("contact", against="face")
 
 
 def two_bars(above: int = 20, below: int = 20, *, beta: float = 1e5, arm: int = 20,
-             **changes: Any) -> Structure:  # fmt: skip
+             **changes: Any) -> sj.Structure:  # fmt: skip
     """Fig. 18(a): two bars of 0.7 m over each other on 0.2 m, the lower one held at its end."""
     upper = build_bar(
         [("upper_arm", 0.5, arm), ("upper_joint", 0.2, above)], {"upper_end": 0.0, "upper_in": 0.5}

@@ -6,8 +6,6 @@ from typing import Any
 from bodies import STEEL, two_bars
 
 import skfem_joint as sj
-from skfem_joint.ground.loads import Harmonic, Triangle
-from skfem_joint.mesh import NamedMesh, build_box, build_plate, merged
 
 HEIGHT, DEEP = 0.01, 0.03
 JOINT = sj.Joint("contact", "preload", 0.3, against="face")
@@ -15,20 +13,20 @@ STIFF = {"tangential_stiffness": 3e12}
 BOLTS = [sj.Clamp(9e3, "head_1", "nut_1"), sj.Clamp(7e3, "head_2", "nut_2")]
 
 
-def plates(solid: bool, order: int = 1) -> NamedMesh:
+def plates(solid: bool, order: int = 1) -> sj.NamedMesh:
     """Two plates over each other along x, of unlike elements, with places for two bolts on each."""
 
-    def one(prefix: str, y: float, n: int, sides: dict[str, Any]) -> NamedMesh:
+    def one(prefix: str, y: float, n: int, sides: dict[str, Any]) -> sj.NamedMesh:
         strips = [("a", 0.03, 3), ("1", 0.02, 2), ("b", 0.05, n), ("2", 0.02, 2), ("c", 0.03, 3)]
         named = [(prefix + name, length, count) for name, length, count in strips]
         how: dict[str, Any] = {"boundaries": sides, "order": order}
         if solid:
-            return build_box(named, (HEIGHT, DEEP), (1, 3), origin=(0.0, y, 0.0), **how)
-        return build_plate(named, HEIGHT, 2, origin=(0.0, y), **how)
+            return sj.build_box(named, (HEIGHT, DEEP), (1, 3), origin=(0.0, y, 0.0), **how)
+        return sj.build_plate(named, HEIGHT, 2, origin=(0.0, y), **how)
 
     upper = {"contact": "bottom", "right": "right"} | {f"head_{k}": ("top", f"u{k}") for k in "12"}
     lower = {"face": "top", "left": "left"} | {f"nut_{k}": ("bottom", f"l{k}") for k in "12"}
-    return merged([one("u", HEIGHT, 5, upper), one("l", 0.0, 4, lower)])
+    return sj.merged([one("u", HEIGHT, 5, upper), one("l", 0.0, 4, lower)])
 
 
 def bolted(solid: bool = False, order: int = 1, joint: Any = None, **changes: Any) -> sj.Structure:
@@ -38,7 +36,7 @@ def bolted(solid: bool = False, order: int = 1, joint: Any = None, **changes: An
 
 
 def loads(on: str, dim: int, frequency: float | None = 300.0) -> list[sj.Load]:
-    amplitude = Triangle(1.0, 1e-3) if frequency is None else Harmonic(1.0, frequency)
+    amplitude = sj.Triangle(1.0, 1e-3) if frequency is None else sj.Harmonic(1.0, frequency)
     return [sj.Load(on, amplitude, (*[0.0] * (dim - 1), 1.0))]
 
 
@@ -61,10 +59,10 @@ def lapped(**joint: Any) -> sj.Structure:
         bolts = {f"{bolt}_{k}": (side, f"{name}{k}") for k in "12"}
         named = [(name + strip, length, count) for strip, length, count in strips]
         sizes = (0.01, 0.02), (1, 2)
-        parts.append(build_box(named, *sizes, origin=(x, y, 0.0), boundaries=sides | bolts))
+        parts.append(sj.build_box(named, *sizes, origin=(x, y, 0.0), boundaries=sides | bolts))
     bolts = [sj.Clamp(3e3, "head_1", "nut_1"), sj.Clamp(4e3, "head_2", "nut_2")]
     joints = [sj.Joint("contact", "preload", 0.5, against="face", **joint)]
     steel = sj.Material(200e9, 7800.0, 0.3)
     return sj.Structure(
-        merged(parts), steel, fixed=["fixed"], joints=joints, bolts=bolts, damping_ratio=2e-3
+        sj.merged(parts), steel, fixed=["fixed"], joints=joints, bolts=bolts, damping_ratio=2e-3
     )

@@ -7,7 +7,6 @@ import pytest
 from scipy import sparse
 
 import skfem_joint as sj
-from skfem_joint.structure.matrices import MatrixModel
 
 N = 5
 K = 2.0 * np.eye(N) - np.eye(N, k=1) - np.eye(N, k=-1)
@@ -30,11 +29,11 @@ def test_complex_matrices_are_refused_and_never_made_real(name, form):
     with pytest.raises(sj.InputError, match=rf"^{name}: found complex128 values, must be real"):
         system_of(**{name: form(K * LOSS)})
     with pytest.raises(sj.InputError, match=rf"^{name}: found complex128 values, must be real"):
-        MatrixModel(**({"M": np.eye(N), "K": K} | {name: form(K * LOSS)}))
+        sj.MatrixModel(**({"M": np.eye(N), "K": K} | {name: form(K * LOSS)}))
 
 
 LAP = sj.Joint("lap", pressure=1.0, friction=0.3)
-SEEN = MatrixModel(np.eye(N), K, points={"end": END * LOSS})
+SEEN = sj.MatrixModel(np.eye(N), K, points={"end": END * LOSS})
 
 
 @pytest.mark.parametrize(
@@ -47,7 +46,7 @@ SEEN = MatrixModel(np.eye(N), K, points={"end": END * LOSS})
         (lambda: sj.Table([0.0, 1.0], [LOSS, 0.0]), "forces"),
         (lambda: sj.integrate(system_of(), step=0.1, n_steps=1, initial=(LOSS * END, END)),
          "initial"),
-        (lambda: MatrixModel(np.eye(N), K, contacts={"lap": PAIR * LOSS}, joints=[LAP]),
+        (lambda: sj.MatrixModel(np.eye(N), K, contacts={"lap": PAIR * LOSS}, joints=[LAP]),
          "contact.lap"),
         (lambda: SEEN.system([sj.Load("end", FORCE)]), "load on 'end'"),
     ],
@@ -89,7 +88,7 @@ def test_damping_that_would_create_energy_is_refused(C, form):
     with pytest.raises(sj.InputError, match=r"^C: is negative somewhere.*create energy"):
         system_of(C=form(C))
     with pytest.raises(sj.InputError, match=r"^C: is negative somewhere.*create energy"):
-        MatrixModel(np.eye(N), K, form(C))
+        sj.MatrixModel(np.eye(N), K, form(C))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -108,4 +107,4 @@ def test_matrices_that_say_they_are_huge_take_no_memory(name):
     with pytest.raises(sj.InputError, match=r"found shape \(\d+, \d+\), must be"):
         system_of(**{name: huge})
     with pytest.raises(sj.InputError, match=r"^M: .*found 1 entries, for 1000000000000 unknowns"):
-        MatrixModel(huge, huge)
+        sj.MatrixModel(huge, huge)

@@ -8,7 +8,6 @@ from benchmarks.slider import HOLDS, MASS, MU, PRESSED, SPRING, X, followed, loo
 from opening_blocks import block, loads
 
 import skfem_joint as sj
-from skfem_joint.structure.matrices import MatrixModel
 
 ONE = np.ones(1)
 
@@ -86,7 +85,7 @@ def test_condensed_sliders_share_a_slip():
     assert runs[1].friction_work == pytest.approx(runs[0].friction_work, rel=1e-8)
 
 
-def as_pairs(structure: sj.Structure, **joint: Any) -> MatrixModel:
+def as_pairs(structure: sj.Structure, **joint: Any) -> sj.MatrixModel:
     """Matrices of a plane structure with the nodes of its joint on the base as pairs."""
     M, K = structure.matrices()
     (patch,) = structure.patches
@@ -99,7 +98,7 @@ def as_pairs(structure: sj.Structure, **joint: Any) -> MatrixModel:
     for load in loads():
         shares = structure.body.even_shares(str(load.on))
         points[str(load.on)] = np.outer(shares, load.unit(2)).ravel()
-    return MatrixModel(
+    return sj.MatrixModel(
         M,
         K,
         contacts={"base": rows},
@@ -130,10 +129,10 @@ def test_a_block_given_by_its_matrices_opens_as_its_mesh(joint):
 PAIR = np.array([[0.0, 1.0, np.nan, np.nan, np.nan, np.nan, 0.0, 1.0, 0.0, 2.0, 0.0]])
 
 
-def model(pairs: Any = PAIR, fixed: Any = (), **joint: Any) -> MatrixModel:
+def model(pairs: Any = PAIR, fixed: Any = (), **joint: Any) -> sj.MatrixModel:
     values = {"pressure": 5.0, "friction": 0.5, "contact": "unilateral"} | joint
     joints, unit = [sj.Joint("foot", **values)], np.eye(3)
-    return MatrixModel(
+    return sj.MatrixModel(
         unit, unit, contacts={"foot": np.array(pairs)}, fixed=np.array(fixed, int), joints=joints
     )
 

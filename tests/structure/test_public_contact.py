@@ -137,8 +137,6 @@ def test_matrices_that_would_be_wrong_in_silence_are_refused(changes, match):
     [
         (np.zeros(4), 1.0, 1.0, "a"),
         (np.ones((3, 4)), 1.0, 1.0, "a"),
-        (np.ones(4), -1.0, 1.0, "a"),
-        (np.ones(4), 1.0, 0.0, "a"),
         (np.ones(4), 1.0, 1.0, 3),
     ],
 )

@@ -1,10 +1,12 @@
 """Scenes of bars and plates for the tests of analysis, in SI units; changes are by table."""
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged
+from skfem_joint.mesh import NamedMesh, build_bar, build_plate, merged, write_mesh
 from skfem_joint.scene import Scene, scene_from
+from skfem_joint.study.premises import scene_text
 
 WIDTH, THICKNESS, MU = 0.05, 0.01, 0.7
 LENGTH, ELEMENTS = 0.25, 25
@@ -59,6 +61,14 @@ def bar_tables(*run: str, **changes: Any) -> dict[str, Any]:
 def bar_scene(*run: str, bar: str | NamedMesh = "structure", **changes: Any) -> Scene:
     mesh = build_bar(*BARS[bar]) if isinstance(bar, str) else bar
     return scene_from(bar_tables(*run, **changes), mesh)
+
+
+def scene_file(folder: Path, scene: Scene) -> Path:
+    """File of a scene, with its mesh beside it."""
+    write_mesh(scene.named_mesh, folder / str(scene.mesh.file))
+    path = folder / "scene.toml"
+    path.write_text(scene_text(scene), encoding="utf-8")
+    return path
 
 
 def lap_joint(

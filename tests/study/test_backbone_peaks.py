@@ -1,17 +1,16 @@
 """Peaks of a response lie on the backbone where vibration is that of one mode, and only there."""
 
-import csv
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from joint_scenes import bar_scene, joint
+from scene_texts import csv_rows
 from scipy.integrate import quad
 
-from skfem_joint.mesh import build_bar
+import skfem_joint as sj
 from skfem_joint.output.damping import response_lines, write_response
-from skfem_joint.scene import Scene
 from skfem_joint.study.backbone_peaks import backbone_errors, backbone_peaks
 from skfem_joint.study.scene_backbone import given_backbones
 from skfem_joint.study.scene_response import scene_response
@@ -39,13 +38,13 @@ def test_the_error_of_a_backbone_is_that_of_its_first_harmonic():
     assert found[39] > 5.0 * found[10] > 0.0
 
 
-def bar(tip: bool, low: float, high: float) -> Scene:
+def bar(tip: bool, low: float, high: float) -> sj.Scene:
     """Bar of 0.6 m on a base over 0.1 m, maybe with a heavy tip."""
     strips = [("joint", 0.1, 30), ("linear", 0.48, 16), ("tip", 0.02, 1)]
     regions = {"regions": {"tip": {"density": 320e3}}} if tip else {}
     return bar_scene(
         "full",
-        bar=build_bar(strips, {"fixed": 0.0, "free_end": 0.6}),
+        bar=sj.build_bar(strips, {"fixed": 0.0, "free_end": 0.6}),
         material={"E": 200e9, "density": 8000.0} | regions,
         joint=[joint(law="coulomb", normal_force="consistent")],
         damping={"ratio": 0.002},
@@ -115,7 +114,7 @@ def test_an_end_of_the_frequencies_is_no_peak_and_what_is_not_known_is_left_out(
     lost = replace(curve.points[0], slip=np.full_like(curve.points[0].slip, np.nan))
     curve = replace(curve, points=(lost, *curve.points[1:]))
     write_response(tmp_path, replace(response, models=(replace(model, curves=(curve,)),)))
-    with (tmp_path / "response.csv").open(newline="") as file:
-        lost, *others = (row["active_length_joint_m"] for row in csv.DictReader(file))
+    rows = csv_rows(tmp_path / "response.csv")
+    lost, *others = (row["active_length_joint_m"] for row in rows)
     assert lost == ""
     assert all(0.0 <= float(length) < 0.1 for length in others)

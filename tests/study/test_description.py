@@ -12,29 +12,26 @@ from scipy import sparse
 from scipy.integrate import trapezoid
 
 import skfem_joint as sj
-from skfem_joint.mesh import build_bar, build_plate, merged
 from skfem_joint.output.damping import backbone_lines, write_backbone
 from skfem_joint.reduction.stuck import Stuck
 from skfem_joint.results.gross_slip import sticking_share
 from skfem_joint.results.normal_force import normal_change_of_mode
-from skfem_joint.scene import Scene, load_scene
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.study.description import alike, description_of
 from skfem_joint.study.scene_backbone import scene_backbone
-from skfem_joint.study.study import run_scene
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.toml"))
 STEEL = {"E": 200e9, "density": 8000.0}
 STRIPS, POINTS = BARS["structure"]
-IN_MILLIMETRES = build_bar(
+IN_MILLIMETRES = sj.build_bar(
     [(name, 1e3 * x, n) for name, x, n in STRIPS], {name: 1e3 * x for name, x in POINTS.items()}
 )
 
 
-def block_scene(load: dict[str, Any], **changes: Any) -> Scene:
+def block_scene(load: dict[str, Any], **changes: Any) -> sj.Scene:
     """Block of 0.1 m on its base, of triangles of second order, loaded on its top."""
     sides = {"base": "bottom", "top": "top"}
-    block = build_plate([("all", 0.1, 4)], 0.1, 4, kind="triangle", order=2, boundaries=sides)
+    block = sj.build_plate([("all", 0.1, 4)], 0.1, 4, kind="triangle", order=2, boundaries=sides)
     values: dict[str, Any] = {
         "material": STEEL | {"poisson": 0.0},
         "joint": [{"on": "base", "pressure": 1e6, "friction": MU, "law": "coulomb"}],
@@ -45,7 +42,7 @@ def block_scene(load: dict[str, Any], **changes: Any) -> Scene:
     return plate_scene("full", mesh=block, **values | changes)
 
 
-def said(scene: Scene) -> list[str]:
+def said(scene: sj.Scene) -> list[str]:
     return [*scene.system().notes, *description_of(scene).doubts]
 
 
@@ -99,7 +96,7 @@ def test_moments_count_and_friction_alone_may_hold_a_body(law):
     About a point c beyond the middle: F = 2 t c and F a = t (L²/4 - c²), t the limit by length.
     """
     length, width, limit = 0.1, 0.005, 100.0
-    arm = build_plate([("joint", length, 60), ("rest", length, 20)], width, 2)
+    arm = sj.build_plate([("joint", length, 60), ("rest", length, 20)], width, 2)
     pressed = {"on": "joint", "pressure": limit / (MU * length * width), "friction": MU} | law
     scene = plate_scene(
         "full",
@@ -118,14 +115,14 @@ def test_moments_count_and_friction_alone_may_hold_a_body(law):
     assert "Friction alone holds the body with the regions 'joint', 'rest'" in "\n".join(
         found.facts
     )
-    assert run_scene(scene).models["full"].run.energy_residual < 1e-9
+    assert sj.run_scene(scene).models["full"].run.energy_residual < 1e-9
 
 
 @pytest.mark.parametrize("shares", [(1.0, 1.0), (0.2, 1.0), (1.0, 0.2)])
 def test_of_a_body_held_by_two_joints_the_stated_level_is_that_of_the_first_that_slips(shares):
     """On the path to it 99 % of that joint's limit slip, and just below of no joint."""
     strips = [("one", 0.04, 8), ("middle", 0.08, 16), ("two", 0.04, 8)]
-    feet = build_plate(strips, 0.03, 6)
+    feet = sj.build_plate(strips, 0.03, 6)
     scene = plate_scene(
         "full",
         mesh=feet,
@@ -189,7 +186,9 @@ def test_a_damping_curve_says_how_its_highest_level_changes_the_normal_force(tmp
 
 
 def test_a_scene_says_the_error_by_the_mesh_that_its_structure_has():
-    scene = plate_scene("full", mesh=build_plate([("joint", 0.05, 5), ("rest", 0.2, 8)], 0.01, 1))
+    scene = plate_scene(
+        "full", mesh=sj.build_plate([("joint", 0.05, 5), ("rest", 0.2, 8)], 0.01, 1)
+    )
     structure, found = scene.structure(), description_of(scene)
     for error in (structure.mesh_error, structure.loose_mesh_error):
         assert found.values["mesh"][error.joints]["frequencies_Hz"] == error.frequencies.tolist()
@@ -209,7 +208,7 @@ def test_a_scene_says_the_error_by_the_mesh_that_its_structure_has():
 )
 def test_sound_scenes_raise_no_doubt(path):
     """But where lapped solids are bent, and where few points rub."""
-    scene = load_scene(path)
+    scene = sj.load_scene(path)
     told = ("Damping of ratio", "The pressure on", "The base is")  # no doubts
     raised = [text for text in said(scene) if not text.startswith(told)]
     known = []
@@ -251,24 +250,24 @@ def test_what_is_implausible_is_said_and_runs(changes, sentence):
     scene = bar_scene("full", **({"time": {"cycles": 1}} | changes))
     notes = said(scene)
     assert any(re.search(sentence, note) for note in notes)
-    assert set(notes) <= set(run_scene(scene).notes)
+    assert set(notes) <= set(sj.run_scene(scene).notes)
 
 
 def test_what_depends_on_the_mesh_of_a_bent_lap_is_said_with_the_figures_of_this_case():
     """On each finer mesh a node at the border changes more, the mean of all less so."""
     shares, means, over, said = [], [], [], ""
     for n, layers in ((5, 2), (10, 3), (20, 6)):
-        lower = build_plate(
+        lower = sj.build_plate(
             [("held", 0.1, n), ("under", 0.1, n)], 0.01, layers, order=2,
             boundaries={"left": "left", "top": "top"},
         )  # fmt: skip
-        upper = build_plate(
+        upper = sj.build_plate(
             [("lap", 0.1, n)], 0.01, layers, order=2, origin=(0.1, 0.01), prefix="upper_",
             boundaries={"foot": "bottom", "right": "right"},
         )  # fmt: skip
         contact = {"on": "foot", "against": "top", "pressure": 8e6, "friction": 0.3}
         scene = plate_scene(
-            "full", mesh=merged([lower, upper]), support={"fixed": ["left"]},
+            "full", mesh=sj.merged([lower, upper]), support={"fixed": ["left"]},
             material=STEEL | {"poisson": 0.3}, joint=[contact | {"law": "coulomb"}],
             load=[harmonic("right", 40.0, 50.0) | {"direction": [0.0, 1.0]}],
             time={"cycles": 1, "steps_per_cycle": 40},

@@ -9,11 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from joint_scenes import BARS, LENGTH, harmonic, joint, lap_joint, plate, plate_scene
 
-from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.mesh import build_bar
+import skfem_joint as sj
 from skfem_joint.output.folder import write_error_time
 from skfem_joint.results.history import difference, results
-from skfem_joint.scene import Scene
 from skfem_joint.study import error_time as et
 from skfem_joint.study.certificate import Reference, make_reference
 
@@ -22,8 +20,8 @@ TINY["reduced_parts"] = (2,)
 MESH = "full, coarser mesh"
 
 
-def small(elements: int = 10, **changes: Any) -> Scene:
-    bar = build_bar([("joint", LENGTH, elements)], BARS["lap_joint"][1])
+def small(elements: int = 10, **changes: Any) -> sj.Scene:
+    bar = sj.build_bar([("joint", LENGTH, elements)], BARS["lap_joint"][1])
     time, reduction = {"cycles": 2, "steps_per_cycle": 50}, {"reference": "paper"}
     options: dict[str, Any] = {"beta": 200.0, "time": time, "reduction": reduction}
     return lap_joint(bar=bar, **(options | changes))
@@ -137,7 +135,7 @@ def test_scenes_without_cycles_and_of_plates_are_compared_too(kind):
 
 def test_what_does_not_converge_is_a_point_all_the_same(truth):
     def fail():
-        raise ConvergenceError("step 3")
+        raise sj.ConvergenceError("step 3")
 
     (found,) = et.measure([et.Job(et.FULL, {}, fail)], truth, repeats=2)
     assert found.outcome.status == "step 3"
@@ -154,7 +152,7 @@ def test_what_does_not_converge_is_a_point_all_the_same(truth):
     ],
 )
 def test_wrong_options_and_scenes_without_friction_or_load_are_refused(changes, options, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(sj.InputError, match=words):
         et.error_time(small(**changes), **options)
 
 

@@ -10,7 +10,6 @@ from joint_scenes import bar_scene, plate, plate_scene
 from scipy.linalg import subspace_angles
 
 import skfem_joint as sj
-from skfem_joint.scene import Scene
 from skfem_joint.study.description import description_of
 from skfem_joint.study.models import model_of
 from skfem_joint.study.scene_backbone import scene_backbone
@@ -29,17 +28,17 @@ def same(one: sj.System, other: sj.System) -> bool:
     )
 
 
-def bar(*run: str, **changes: Any) -> Scene:
+def bar(*run: str, **changes: Any) -> sj.Scene:
     return bar_scene(*run, reduction={"reference": "static"}, **changes)
 
 
-def pulse() -> Scene:
+def pulse() -> sj.Scene:
     load = {"on": "free_end", "kind": "half_sine", "peak": 5e4, "rise_time": 5e-4}
     time = {"duration": 4e-3, "step": 1e-5}
     return bar("reduced", load=[load], time=time)
 
 
-def damped() -> Scene:
+def damped() -> sj.Scene:
     """Steps that damp the highest frequencies."""
     scene = pulse()
     return scene.changed(time={"rho_infinity": 0.3})

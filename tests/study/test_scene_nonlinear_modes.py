@@ -1,21 +1,17 @@
 """Nonlinear modes of a scene are those of Python, beside its slow curves, and are written."""
 
-import csv
 import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import pytest
-from joint_scenes import bar_scene, joint
+from joint_scenes import bar_scene, joint, scene_file
+from scene_texts import csv_rows
 
 import skfem_joint as sj
 from skfem_joint.cli import main
-from skfem_joint.ground.errors import ConvergenceError, InputError
-from skfem_joint.mesh import build_bar, write_mesh
 from skfem_joint.output.nonlinear_modes import nonlinear_lines, write_nonlinear_modes
-from skfem_joint.scene import Scene
-from skfem_joint.study.premises import scene_text
 from skfem_joint.study.scene_backbone import nonlinear_table, scene_nonlinear_modes
 
 LEVELS = [2.2e-4, 3.2e-4, 4.5e-4]
@@ -26,13 +22,13 @@ HEAVY_TIP = ("joint", 0.1, 2), ("linear", 0.48, 3), ("tip", 0.02, 1), 320e3
 UNIFORM = ("joint", 0.1, 6), ("linear", 0.48, 12), ("tip", 0.02, 1), 8e3
 
 
-def bar(parts: Sequence[Any] = HEAVY_TIP, **table: object) -> Scene:
+def bar(parts: Sequence[Any] = HEAVY_TIP, **table: object) -> sj.Scene:
     """Bar on springs in series with the friction of a few elements."""
     *strips, density = parts
     regions = {"regions": {"tip": {"density": density}}}
     return bar_scene(
         "full",
-        bar=build_bar(strips, {"fixed": 0.0, "free_end": 0.6}),
+        bar=sj.build_bar(strips, {"fixed": 0.0, "free_end": 0.6}),
         material={"E": 200e9, "density": 8000.0} | regions,
         joint=[joint(law="coulomb", normal_force="consistent", tangential_stiffness=1e13)],
         damping={"ratio": 0.002},
@@ -71,8 +67,7 @@ def test_table_picture_and_page_have_the_curves_beside(tmp_path):
     files = {path.name for path in write_nonlinear_modes(tmp_path, found)}
     assert files == {"nonlinear_modes.csv", "nonlinear_modes.png", "summary.json"}
     assert (tmp_path / "nonlinear_modes.png").stat().st_size > 10_000
-    with (tmp_path / "nonlinear_modes.csv").open(newline="") as file:
-        rows = [*csv.DictReader(file)]
+    rows = csv_rows(tmp_path / "nonlinear_modes.csv")
     curve = found.curves[1]
     for name in ("damping_ratio", "quasi_static_damping_ratio"):  # the same where all stick
         assert float(rows[0][name]) == pytest.approx(curve.viscous_damping[0], rel=1e-6)
@@ -88,18 +83,18 @@ def test_table_picture_and_page_have_the_curves_beside(tmp_path):
 
 def test_a_mode_that_ends_early_is_written_with_the_reason_and_status_3(tmp_path, capsys):
     """A uniform bar: a harmonic meets a higher mode."""
-    scene, file = bar(UNIFORM, amplitudes=[1e-4, 1e-2], confirm=True), tmp_path / "bar.toml"
-    write_mesh(scene.named_mesh, tmp_path / "bar.msh")
-    file.write_text(scene_text(scene), encoding="utf-8")
+    file = scene_file(tmp_path, bar(UNIFORM, amplitudes=[1e-4, 1e-2], confirm=True))
     out = tmp_path / "out"
     assert main(["check", str(file)]) == 0
-    assert main(["nonlinear-modes", str(file), "--out", str(out)]) == ConvergenceError.exit_status
+    assert (
+        main(["nonlinear-modes", str(file), "--out", str(out)]) == sj.ConvergenceError.exit_status
+    )
     assert "Note: nonlinear_modes: mode 1 is not found at an amplitude" in capsys.readouterr().out
-    (row,) = csv.DictReader((out / "nonlinear_modes.csv").read_text().splitlines())
+    (row,) = csv_rows(out / "nonlinear_modes.csv")
     assert float(row["amplitude_m"]) == pytest.approx(1e-4)
     text = file.read_text(encoding="utf-8")
     file.write_text(text[: text.index("[nonlinear_modes]")], encoding="utf-8")
-    assert main(["nonlinear-modes", str(file), "--out", str(out)]) == InputError.exit_status
+    assert main(["nonlinear-modes", str(file), "--out", str(out)]) == sj.InputError.exit_status
     assert "nonlinear_modes: missing" in capsys.readouterr().err
 
 
@@ -114,5 +109,5 @@ def test_a_mode_that_ends_early_is_written_with_the_reason_and_status_3(tmp_path
     ],
 )
 def test_wrong_input_is_refused_by_its_key(table, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(sj.InputError, match=words):
         scene_nonlinear_modes(bar(**table))

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from joint_scenes import two_plates
 
-from skfem_joint.ground.errors import InputError
+import skfem_joint as sj
 from skfem_joint.results.contact_history import contact_history
 from skfem_joint.study.description import description_of
 from skfem_joint.study.scene_backbone import scene_backbone
 from skfem_joint.study.scene_response import scene_response
-from skfem_joint.study.study import run_scene
 
 TABLES = {
     "backbone": {"modes": [1, 2], "levels": 4},
@@ -28,8 +27,8 @@ def parts():
 
 
 def test_a_run_in_parts_is_that_of_the_whole(parts):
-    study = run_scene(parts)
-    own, whole = study.models["condensed"], run_scene(scene()).models["condensed"]
+    study = sj.run_scene(parts)
+    own, whole = study.models["condensed"], sj.run_scene(scene()).models["condensed"]
     assert own.run.system.n == whole.run.system.n
     assert own.run.peak == pytest.approx(whole.run.peak, rel=1e-8)
     assert own.run.friction_work == pytest.approx(whole.run.friction_work, rel=1e-6)
@@ -40,7 +39,7 @@ def test_a_run_in_parts_is_that_of_the_whole(parts):
 
 
 def test_what_takes_a_factor_of_the_whole_is_left_out_with_a_note(parts):
-    study = run_scene(parts)
+    study = sj.run_scene(parts)
     assert study.models["condensed"].estimate is None
     assert any("not estimated" in note and "by parts" in note for note in study.notes)
     (stiff,) = (note for note in study.notes if "How much too stiff" in note)
@@ -82,5 +81,5 @@ def test_curves_and_responses_in_parts_are_those_of_the_whole(parts):
     ],
 )
 def test_tables_that_need_the_whole_are_refused(parts, changes, message):
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(sj.InputError, match=message):
         parts.changed(**changes)

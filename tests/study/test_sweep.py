@@ -14,17 +14,15 @@ from typing import Any, ClassVar
 import pytest
 from joint_scenes import bar_scene, harmonic, joint
 
-from skfem_joint.ground.errors import InputError
+import skfem_joint as sj
 from skfem_joint.ground.files import holding
-from skfem_joint.scene import Scene
-from skfem_joint.study.study import run_scene
 from skfem_joint.study.sweep import Row, executors, processes, sweep
 
 FRICTION = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
 PEAK = "full.peak_displacement_whole_run_m.free_end"
 
 
-def scene(friction: float, *run: str, **changes: Any) -> Scene:
+def scene(friction: float, *run: str, **changes: Any) -> sj.Scene:
     short: dict[str, Any] = {"time": {"cycles": 2}, "accuracy": {"estimate": False}}
     values = short | {"joint": [joint(friction=friction)]} | changes
     return bar_scene(*(run or ("full",)), bar="coarse", **values)
@@ -35,12 +33,12 @@ def scenes():
     return [scene(friction) for friction in FRICTION]
 
 
-def assert_all_there(rows: list[Row], scenes: list[Scene]) -> None:
+def assert_all_there(rows: list[Row], scenes: list[sj.Scene]) -> None:
     """One row for each scene, with the results of its own run."""
     assert sorted(row.number for row in rows) == list(range(len(scenes)))
     assert not any(row.failure for row in rows)
     for row in rows:
-        run = run_scene(scenes[row.number]).models["full"].run
+        run = sj.run_scene(scenes[row.number]).models["full"].run
         assert row.results[PEAK] == run.peak_of("free_end")
 
 
@@ -51,7 +49,7 @@ class Recording(ThreadPoolExecutor):
         super().__init__(workers)
         self.gives, self.ran = gives, list[float]()
 
-    def submit(self, _: Any, scene: Scene, folder: Any) -> Future[Any]:
+    def submit(self, _: Any, scene: sj.Scene, folder: Any) -> Future[Any]:
         return super().submit(self._give, scene.joint[0].friction)
 
     def _give(self, friction: float) -> Any:
@@ -110,7 +108,7 @@ def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(scene
         ran = executor.ran
         with closing(sweep(scenes, executor, journal)) as rows:
             stopped = [next(rows) for _ in range(4)]
-            with pytest.raises(InputError, match="another run"), holding(journal.parent):
+            with pytest.raises(sj.InputError, match="another run"), holding(journal.parent):
                 pass
         with journal.open("ab") as file:
             file.write(b'{"scene": "torn')
@@ -127,7 +125,7 @@ def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(scene
     assert len(marks) == len(set(marks)) == 6
     for others in ("{}\n", "notes of the user", "{}\n{"):
         journal.write_text(others)
-        with pytest.raises(InputError, match="line 1: is not that"):
+        with pytest.raises(sj.InputError, match="line 1: is not that"):
             next(sweep(scenes, executor, journal))
         assert journal.read_text() == others
 
@@ -171,7 +169,7 @@ def test_a_killed_worker_of_dask_costs_no_row():
 
 
 def test_a_number_of_processes_that_there_cannot_be():
-    with pytest.raises(InputError, match="--workers: found 0"), executors(0):
+    with pytest.raises(sj.InputError, match="--workers: found 0"), executors(0):
         pass
 
 
@@ -183,7 +181,7 @@ def test_a_joint_that_slides_away_is_a_row_with_the_warnings_of_its_run(tmp_path
         (again,) = sweep([slides], executor, journal)
     assert any("not reached a steady state" in text for text in row.notes)
     assert any(text.startswith("Every point of joint") for text in row.notes)
-    assert tuple(row.notes) == run_scene(slides).notes
+    assert tuple(row.notes) == sj.run_scene(slides).notes
     assert not row.steady
     assert row.results["full.steady_state_reached"] is False
     assert (again.results, list(again.notes)) == (row.results, list(row.notes))

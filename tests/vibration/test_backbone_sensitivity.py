@@ -13,15 +13,9 @@ from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.loads import Harmonic
 from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.structure.parameters import value_of, with_values
-from skfem_joint.structure.sensitivities import sensitivities
-from skfem_joint.system.sensitivity import OpeningSensitivity, SystemSensitivity
 from skfem_joint.vibration import backbone as curves
-from skfem_joint.vibration.backbone import Backbone, backbone
-from skfem_joint.vibration.backbone_sensitivity import BackboneSensitivity, backbone_sensitivity
 from skfem_joint.vibration.mode_rates import mode_rates
 
 CURVES = "amplitude", "frequency", "friction_damping", "viscous_damping", "displacement"
@@ -49,7 +43,7 @@ class Case(NamedTuple):
 
 
 def along(on: str, *direction: float) -> list[sj.Load]:
-    return [sj.Load(on, Harmonic(1.0, 300.0), direction)]
+    return [sj.Load(on, sj.Harmonic(1.0, 300.0), direction)]
 
 
 def plates(solid: bool, contact: str, **joint: float) -> Callable[[], sj.Structure]:
@@ -97,24 +91,24 @@ CASES = {
 
 
 def with_rates(
-    system: sj.System, parameters: list[SystemSensitivity], *how: Any, **more: Any
-) -> tuple[Backbone, BackboneSensitivity]:
+    system: sj.System, parameters: list[sj.SystemSensitivity], *how: Any, **more: Any
+) -> tuple[sj.Backbone, sj.BackboneSensitivity]:
     """A curve and its derivatives."""
-    (found,) = backbone(system, *how, keep_path=True, **more)
-    return found, backbone_sensitivity(found, parameters)
+    (found,) = sj.backbone(system, *how, keep_path=True, **more)
+    return found, sj.backbone_sensitivity(found, parameters)
 
 
 @cache
-def differentiated(name: str) -> tuple[sj.Structure, Backbone, BackboneSensitivity]:
+def differentiated(name: str) -> tuple[sj.Structure, sj.Backbone, sj.BackboneSensitivity]:
     """Structure of a case, its curve, and the derivatives."""
     case = CASES[name]
     given = case.given()
     system = given.system(case.loads)
-    parameters = sensitivities(given, case.keys, system)
+    parameters = sj.sensitivities(given, case.keys, system)
     return given, *with_rates(system, parameters, case.modes, case.levels, 0.6)
 
 
-def sets(curve: Backbone) -> np.ndarray:
+def sets(curve: sj.Backbone) -> np.ndarray:
     """What slips at each level, is at its limit, and how much opens."""
     parts = [curve.slip > 1e-9 * curve.slip.max()]
     if curve.friction is not None:
@@ -124,14 +118,14 @@ def sets(curve: Backbone) -> np.ndarray:
     return np.hstack(parts)
 
 
-def beside(name: str, key: str | None, moves: Any = 0.0) -> list[Backbone]:
+def beside(name: str, key: str | None, moves: Any = 0.0) -> list[sj.Backbone]:
     """Curves with a value a little above and below its own, and levels that move by the step."""
     case, (given, found, _) = CASES[name], differentiated(name)
     ends = []
     for step in (STEP, -STEP):
         values = {} if key is None else {key: value_of(given, key) * (1.0 + step)}
         system = with_values(given, values).system(case.loads)
-        ends += backbone(system, case.modes, found.level * np.exp(step * moves))
+        ends += sj.backbone(system, case.modes, found.level * np.exp(step * moves))
     return ends
 
 
@@ -179,14 +173,14 @@ def test_derivatives_from_a_thousandth_of_slip_on(joint):
     """At each level by itself: where nothing slips, and where very little does, too."""
     given, loads = lapped(**LAPPED[joint]), along("end", 0.0, 1.0, 0.0)
     system = given.system(loads)
-    (whole,) = backbone(system, levels=1, up_to=0.1)
+    (whole,) = sj.backbone(system, levels=1, up_to=0.1)
     level = np.append(np.geomspace(1e-3, 0.3, 16), np.linspace(0.35, 0.7, 11)) * whole.slips_at
-    parameters = sensitivities(given, [FRICTION], system)
+    parameters = sj.sensitivities(given, [FRICTION], system)
     found, rates = with_rates(system, parameters, levels=level)
     ends = []
     for step in (STEP, -STEP):
         changed = with_values(given, {FRICTION: 0.5 * (1.0 + step)}).system(loads)
-        ends += backbone(changed, levels=found.level)
+        ends += sj.backbone(changed, levels=found.level)
     assert (found.friction_damping < 1e-9).sum() > 8
     assert (found.friction_damping > 1e-7).sum() > 3
     noise = {"frequency": 2e-6 * found.frequency, "friction_damping": 1e-9}
@@ -206,7 +200,7 @@ def test_derivatives_from_a_thousandth_of_slip_on(joint):
 @pytest.mark.parametrize("name", ["bar", "open"])
 def test_derivatives_do_not_change_the_curve(name):
     case, (given, found, _) = CASES[name], differentiated(name)
-    (plain,) = backbone(given.system(case.loads), case.modes, case.levels, 0.6)
+    (plain,) = sj.backbone(given.system(case.loads), case.modes, case.levels, 0.6)
     assert plain.path is None
     for kind in CURVES:
         np.testing.assert_allclose(getattr(plain, kind), getattr(found, kind), rtol=1e-12)
@@ -251,9 +245,9 @@ def quarter_wave(elements: int) -> sj.System:
     return arm(None, joint, (elements, 100))
 
 
-def by_friction(system: sj.System) -> SystemSensitivity:
+def by_friction(system: sj.System) -> sj.SystemSensitivity:
     """Derivative by the logarithm of friction."""
-    return SystemSensitivity("friction", w=system.contact.w)
+    return sj.SystemSensitivity("friction", w=system.contact.w)
 
 
 def test_derivatives_by_friction_converge_to_the_closed_form():
@@ -281,7 +275,7 @@ def test_derivatives_by_friction_converge_to_the_closed_form():
 def test_a_front_exactly_at_a_node_is_said_to_turn():
     """There the derivative is that to one side."""
     system = quarter_wave(40)
-    (mode,) = backbone(system, levels=1)
+    (mode,) = sj.backbone(system, levels=1)
     # The loaded node has half of the limit of the others.
     points = np.array([8.7, 9.7, 10.49, 10.5, 10.51, 11.7, 12.7, 13.7, 14.7, 15.7])
     level = points * system.contact.w.max() / np.abs(system.M @ mode.shape).sum()
@@ -306,16 +300,16 @@ def square_beam() -> sj.Structure:
 def test_modes_of_one_frequency_have_derivatives_unless_they_are_mixed():
     given = square_beam()
     system = given.system()
-    parameters = sensitivities(given, [E, FRICTION], system)
+    parameters = sj.sensitivities(given, [E, FRICTION], system)
     found, rates = with_rates(system, parameters, levels=3)
     ratio = rates.stuck_frequency[0] * value_of(given, E) / found.stuck_frequency
     assert ratio == pytest.approx(0.5, rel=1e-7)
     diagonal = np.zeros(system.n)
     rows = np.flatnonzero(np.abs(found.shape) > 0.5 * np.abs(found.shape).max())
     diagonal[rows[::2]] = 1e6
-    mixing = SystemSensitivity("springs", K=sparse.csr_array(sparse.diags_array(diagonal)))
-    with pytest.raises(InputError, match=r"modes 1 and 2 have the same frequency"):
-        backbone_sensitivity(found, [mixing])
+    mixing = sj.SystemSensitivity("springs", K=sparse.csr_array(sparse.diags_array(diagonal)))
+    with pytest.raises(sj.InputError, match=r"modes 1 and 2 have the same frequency"):
+        sj.backbone_sensitivity(found, [mixing])
 
 
 def test_rates_of_modes_of_one_frequency():
@@ -330,7 +324,7 @@ def test_rates_of_modes_of_one_frequency():
         change = np.zeros((4, 4))
         for (i, j), value in entries.items():
             change[i, j] = change[j, i] = value
-        parameter = SystemSensitivity("p", K=sparse.csr_array(change))
+        parameter = sj.SystemSensitivity("p", K=sparse.csr_array(change))
         return mode_rates(StuckMode(1, frequencies, shapes, Stuck(system)), [parameter])
 
     of_frequency, of_shape = rates({(0, 0): 1.0, (1, 1): 3.0, (0, 2): 0.6})
@@ -347,22 +341,25 @@ def test_rates_of_modes_of_one_frequency():
         ({"w": np.ones(3)}, r"parameter p: w: found shape \(3,\), must be"),
         ({"K": sparse.eye_array(3)}, r"K: found shape \(3, 3\)"),
         ({"stiffness": np.ones(2)}, r"stiffness: found shape \(2,\)"),
-        ({"opening": OpeningSensitivity(gap=np.ones(2))}, r"gap: found shape \(2,\)"),
-        ({"opening": OpeningSensitivity(force=np.ones(2))}, r"force: found shape \(2,\)"),
-        ({"opening": OpeningSensitivity(stiffness=np.ones(2))}, r"stiffness: found shape \(2,\)"),
+        ({"opening": sj.OpeningSensitivity(gap=np.ones(2))}, r"gap: found shape \(2,\)"),
+        ({"opening": sj.OpeningSensitivity(force=np.ones(2))}, r"force: found shape \(2,\)"),
+        (
+            {"opening": sj.OpeningSensitivity(stiffness=np.ones(2))},
+            r"stiffness: found shape \(2,\)",
+        ),
     ],
 )
 def test_derivatives_of_another_system_are_refused(part, words):
     system = bolted(joint={"contact": "unilateral"}).system()
-    (found,) = backbone(system, levels=2, up_to=0.1, keep_path=True)
-    with pytest.raises(InputError, match=words):
-        backbone_sensitivity(found, [SystemSensitivity("p", **part)])
+    (found,) = sj.backbone(system, levels=2, up_to=0.1, keep_path=True)
+    with pytest.raises(sj.InputError, match=words):
+        sj.backbone_sensitivity(found, [sj.SystemSensitivity("p", **part)])
 
 
 def test_a_curve_without_its_path_has_no_derivatives():
-    (found,) = backbone(bolted().system(), levels=2)
-    with pytest.raises(InputError, match="found no path; give backbone keep_path = True"):
-        backbone_sensitivity(found, [])
+    (found,) = sj.backbone(bolted().system(), levels=2)
+    with pytest.raises(sj.InputError, match="found no path; give backbone keep_path = True"):
+        sj.backbone_sensitivity(found, [])
 
 
 def test_sliders_that_share_a_slip_add_up():

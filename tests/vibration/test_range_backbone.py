@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bodies import structure
 
 import skfem_joint as sj
 
@@ -11,17 +12,11 @@ RANGE = {"slip": (0.05, 0.95), "frequency": (500.0, 3000.0)}
 def bar(count: int, tip: float, load: sj.Load) -> sj.System:
     """Bar clamped by a joint; elements in joint and arm, and density of its last 20 mm."""
     regions = [("joint", 0.1, count), ("arm", 0.48, count), ("tip", 0.02, 2)]
-    structure = sj.Structure(
-        sj.build_bar(regions, {"fixed": 0.0, "end": 0.6}),
-        sj.Material(200e9, 8000.0),
-        width=0.05,
-        thickness=0.01,
-        regions={"tip": {"density": tip}},
-        fixed=["fixed"],
-        joints=[sj.Joint("joint", 50e6, 0.7)],
-        damping_ratio=0.002,
-    )
-    return structure.system([load], points=["end"])
+    made = structure(
+        sj.build_bar(regions, {"fixed": 0.0, "end": 0.6}), [sj.Joint("joint", 50e6, 0.7)],
+        ["fixed"], regions={"tip": {"density": tip}}, damping_ratio=0.002,
+    )  # fmt: skip
+    return made.system([load], points=["end"])
 
 
 @pytest.fixture(scope="module", params=["force", pytest.param("base", marks=pytest.mark.slow)])

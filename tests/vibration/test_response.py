@@ -12,8 +12,6 @@ from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
-from skfem_joint.ground.rows import Rows
-from skfem_joint.mesh import build_bar
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
 from skfem_joint.vibration.linear_response import linear_response
@@ -136,7 +134,6 @@ def test_a_curve_says_where_its_peak_may_be_missing_and_where_its_step_is_coarse
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"frequencies": [0.0, 1.0]}, r"frequencies\[0\]: found 0.0, must be > 0"),
         ({"frequencies": [2.0, 1.0]}, "rise"),
         ({"levels": ()}, "levels"),
         ({"system": at_frequency(bar(), 1.0, 0.0)}, "no load acts"),
@@ -172,7 +169,7 @@ def test_each_point_knows_the_error_of_its_step():
 def pressed_bar(*regions: tuple[str, float, int]) -> sj.System:
     """Bar that friction alone holds, pulled at its end."""
     joint = sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)
-    mesh = build_bar(regions, {"end": sum(length for _, length, _ in regions)})
+    mesh = sj.build_bar(regions, {"end": sum(length for _, length, _ in regions)})
     made = structure(mesh, [joint], (), stiffness_damping=1e-6)
     return made.system([sj.Load("end", sj.Harmonic(1e4, 1000.0))])
 
@@ -231,10 +228,10 @@ def test_what_finished_beside_a_worker_that_fails_is_kept(tmp_path):
                 future.set_result(function(*arguments, **keywords))
             return future
 
-    kept, levels = Rows(tmp_path / "rows.jsonl", RESPONSE_ROWS), (1.0, 2.0, 3.0, 4.0, 5.0)
+    kept, levels = sj.Rows(tmp_path / "rows.jsonl", RESPONSE_ROWS), (1.0, 2.0, 3.0, 4.0, 5.0)
     with pytest.raises(sj.InputError, match="the first cannot"):
         sj.response(bar(), [500.0], levels, executor=Workers(), rows=kept, refined=False)
-    assert Rows(kept.path, RESPONSE_ROWS).known == len(levels) - 1
+    assert sj.Rows(kept.path, RESPONSE_ROWS).known == len(levels) - 1
 
 
 def test_a_linear_response_is_exact_at_few_steps_whatever_the_damping():
@@ -278,7 +275,7 @@ def test_light_damping_has_a_steady_vibration_below_and_above_the_first_slip(sha
 
 def test_errors_of_the_step_are_those_of_friction_alone():
     """A stuck bar with light damping has none; friction's harmonics that meet a mode have."""
-    mesh = build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
+    mesh = sj.build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
     pressed = joint(law="coulomb", normal_force="consistent")
 
     def said(level: float, low: float, high: float, steps: int, **changes: Any) -> str:

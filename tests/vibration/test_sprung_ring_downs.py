@@ -11,7 +11,6 @@ from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.study.scene_backbone import scene_backbone
-from skfem_joint.vibration.backbone import Backbone
 
 LIGHT = {"up": 1e3, "across": 1e3}
 
@@ -23,7 +22,7 @@ def sprung(stiffness: float) -> sj.System:
     return replace(block(**given), incompatible=False).system(loads(**LIGHT))
 
 
-def left_at_release(system: sj.System, curve: Backbone) -> tuple[np.ndarray, np.ndarray]:
+def left_at_release(system: sj.System, curve: sj.Backbone) -> tuple[np.ndarray, np.ndarray]:
     """Forces that nothing balances at the release, over the largest load, and normal forces, N."""
     u, v, sigma, limits = curve.release
     assert not v.any()

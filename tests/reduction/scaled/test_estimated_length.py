@@ -5,17 +5,13 @@ import pytest
 from bodies import EA
 from reduced_joints import TAU, case, case_i, fig_18
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.loads import HalfSine, Harmonic, MultiHarmonic
+import skfem_joint as sj
 from skfem_joint.reduction.scaled.estimated_length import (
     DAMPING_RATIO,
     ActiveLengthEstimate,
     estimate_active_length,
 )
 from skfem_joint.reduction.scaled.zones import active_zones, zone_lengths
-from skfem_joint.structure.load import Load
-from skfem_joint.structure.structure import Structure
-from skfem_joint.system.system import System
 
 
 def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does():
@@ -27,7 +23,7 @@ def test_damping_ratio_dissipates_what_the_pseudo_static_loop_does():
     assert np.sin(np.arctan(2.0 * zeta)) == pytest.approx(loop / (np.pi * force * peak), rel=1e-14)
 
 
-def estimated(structure: Structure, system: System) -> ActiveLengthEstimate:
+def estimated(structure: sj.Structure, system: sj.System) -> ActiveLengthEstimate:
     (zone,) = active_zones(structure, system)
     return estimate_active_length(system, zone)
 
@@ -65,19 +61,19 @@ def test_structure_at_resonance_is_reported_by_its_frequency_ratio():
 def test_static_length_is_the_force_over_tau_wherever_the_loads_act():
     structure, _ = fig_18()
     for on in ("end", "linear", "after joint"):
-        system = structure.system([Load(on, Harmonic(60e3, 1.0))])
+        system = structure.system([sj.Load(on, sj.Harmonic(60e3, 1.0))])
         assert estimated(structure, system).length == pytest.approx(60e3 / TAU, rel=1e-4)
-    both = MultiHarmonic((Harmonic(12e3, 1.0), Harmonic(-8e3, 2.0)))
-    loads = [Load("end", both), Load("after joint", Harmonic(-30e3, 1.0))]
+    both = sj.MultiHarmonic((sj.Harmonic(12e3, 1.0), sj.Harmonic(-8e3, 2.0)))
+    loads = [sj.Load("end", both), sj.Load("after joint", sj.Harmonic(-30e3, 1.0))]
     found = estimated(structure, structure.system(loads))
     assert found.length == pytest.approx(50e3 / TAU, rel=1e-4)
 
 
 def test_what_has_no_estimate_is_refused():
     structure, _ = fig_18()
-    pulse = structure.system([Load("end", HalfSine(1e4, 1e-3))])
+    pulse = structure.system([sj.Load("end", sj.HalfSine(1e4, 1e-3))])
     for s, system in ((structure, pulse), case("strip")[:2]):
         zones = active_zones(s, system)
         assert estimate_active_length(system, zones[0]) is None
-        with pytest.raises(InputError, match="'estimate' needs a bar under harmonic loads"):
+        with pytest.raises(sj.InputError, match="'estimate' needs a bar under harmonic loads"):
             zone_lengths(system, zones, "estimate", system.contact.w)

@@ -12,7 +12,6 @@ from skfem_joint.reduction.models import reduced_on
 from skfem_joint.reduction.scaled.basis import ScaledBasis, paper_basis
 from skfem_joint.reduction.scaled.gauss import gauss_points, gauss_rule
 from skfem_joint.stepping.plan import Plan
-from skfem_joint.stepping.recording import Run
 
 ACTIVE = 0.0526  # m, of the structure of Fig. 18 at 87.5 kN
 
@@ -53,7 +52,7 @@ def on_a_line() -> tuple[sj.System, ScaledBasis, np.ndarray, np.ndarray]:
     return system.project(basis.V), basis, points, position
 
 
-def harmonic_run(system: sj.System) -> Run:
+def harmonic_run(system: sj.System) -> sj.Run:
     return sj.integrate(system, step=1e-5, n_steps=400, cycle_steps=200)
 
 

@@ -8,19 +8,13 @@ import pytest
 from bodies import structure
 from reduced_joints import TAU, bar, case, fig_18
 
-from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.loads import Harmonic
-from skfem_joint.joint.joints import Joint
-from skfem_joint.mesh import build_bar, build_box, merged
+import skfem_joint as sj
 from skfem_joint.reduction.scaled.zones import active_zones, zone_lengths
-from skfem_joint.structure.load import Load
-from skfem_joint.structure.structure import Structure
-from skfem_joint.system.system import System
 
-PULL = Harmonic(1e5, 500.0)
+PULL = sj.Harmonic(1e5, 500.0)
 
 
-def ends(structure: Structure, system: System) -> list[tuple[str, float, float]]:
+def ends(structure: sj.Structure, system: sj.System) -> list[tuple[str, float, float]]:
     """Name of each zone, and where along its axis its loaded end and its other end are."""
     found = []
     for zone in active_zones(structure, system):
@@ -31,7 +25,9 @@ def ends(structure: Structure, system: System) -> list[tuple[str, float, float]]
     return found
 
 
-def bar_of(regions: str, on: str, fixed: tuple[str, ...] = ("start",)) -> tuple[Structure, System]:
+def bar_of(
+    regions: str, on: str, fixed: tuple[str, ...] = ("start",)
+) -> tuple[sj.Structure, sj.System]:
     """Bar of regions, of which those with long names are joints, loaded on one or at a point."""
     lengths = {"left": 0.1, "right": 0.1, "joint": 0.1, "a": 0.2, "b": 0.2}
     parts = [(name, lengths[name], round(100 * lengths[name])) for name in regions.split()]
@@ -39,20 +35,24 @@ def bar_of(regions: str, on: str, fixed: tuple[str, ...] = ("start",)) -> tuple[
     return bar(parts, joints, [(on, PULL)], fixed=fixed)
 
 
-def two_bars() -> tuple[Structure, System]:
-    lower = build_bar([("under", 0.1, 10), ("rest", 0.2, 10)], {"held": 0.3})
-    upper = build_bar([("arm", 0.2, 10), ("joint", 0.1, 15)], {"end": 0.0}, origin=(-0.2, 0.0, 0.0))
-    made = structure(merged([lower, upper]), [Joint("joint", 50e6, 0.7, against="under")], ["held"])
-    return made, made.system([Load("end", PULL)])
+def two_bars() -> tuple[sj.Structure, sj.System]:
+    lower = sj.build_bar([("under", 0.1, 10), ("rest", 0.2, 10)], {"held": 0.3})
+    upper = sj.build_bar(
+        [("arm", 0.2, 10), ("joint", 0.1, 15)], {"end": 0.0}, origin=(-0.2, 0.0, 0.0)
+    )
+    made = structure(
+        sj.merged([lower, upper]), [sj.Joint("joint", 50e6, 0.7, against="under")], ["held"]
+    )
+    return made, made.system([sj.Load("end", PULL)])
 
 
-def solid() -> tuple[Structure, System]:
+def solid() -> tuple[sj.Structure, sj.System]:
     """Box on its foot, whose arm is pulled along; its axis is named."""
     sides = {"left": "left", "right": "right", "joint": ("bottom", "foot")}
     strips = [("foot", 0.1, 5), ("arm", 0.2, 4)]
-    box = build_box(strips, (0.05, 0.02), (2, 2), boundaries=sides)
-    made = structure(box, [Joint("joint", 8e6, 0.7, axis=(2.0, 0.0, 0.0))])
-    return made, made.system([Load("right", PULL, (1.0, 0.0, 0.0))])
+    box = sj.build_box(strips, (0.05, 0.02), (2, 2), boundaries=sides)
+    made = structure(box, [sj.Joint("joint", 8e6, 0.7, axis=(2.0, 0.0, 0.0))])
+    return made, made.system([sj.Load("right", PULL, (1.0, 0.0, 0.0))])
 
 
 ONE_END, BOTH_ENDS = [("joint", 0.1, 0.0)], [("joint", 0.0, 0.1), ("joint", 0.1, 0.0)]
@@ -102,14 +102,14 @@ def test_numbering_of_the_mesh_does_not_matter():
     )
     other = replace(structure, mesh=mesh)
     (zone,), (expected,) = (
-        active_zones(s, s.system([Load("end", PULL)])) for s in (other, structure)
+        active_zones(s, s.system([sj.Load("end", PULL)])) for s in (other, structure)
     )
     np.testing.assert_allclose(zone.distance, expected.distance, atol=1e-15)
     assert np.array_equal(shuffled[zone.nodes], expected.nodes)
     assert zone.tau == pytest.approx(expected.tau, rel=1e-12)
 
 
-def changed(name: str, **joint: Any) -> tuple[Structure, System]:
+def changed(name: str, **joint: Any) -> tuple[sj.Structure, sj.System]:
     made, system = fig_18() if name == "fig 18" else case(name)[:2]
     return replace(made, joints=[replace(one, **joint) for one in made.joints]), system
 
@@ -125,7 +125,7 @@ def changed(name: str, **joint: Any) -> tuple[Structure, System]:
     ],
 )
 def test_scaled_modes_that_cannot_follow_are_refused(make, words):
-    with pytest.raises(InputError, match=words):
+    with pytest.raises(sj.InputError, match=words):
         active_zones(*make())
 
 
@@ -134,7 +134,7 @@ def test_active_length_outside_the_joint_is_refused(length):
     structure, system = fig_18()
     zones = active_zones(structure, system)
     for asked in (length, {"joint": length}):
-        with pytest.raises(InputError, match="active length of joint 'joint'"):
+        with pytest.raises(sj.InputError, match="active length of joint 'joint'"):
             zone_lengths(system, zones, asked, np.zeros(system.contact.w.size))
 
 
