@@ -29,4 +29,4 @@ def _numbers_are_printed_as_numpy_does() -> Iterator[None]:
 @pytest.fixture
 def few_may_move(monkeypatch):
     """Steps work on the points that move, however few unknowns a model has."""
-    monkeypatch.setattr("skfem_joint.minimise.condensed_newton.FEWEST", 0)
+    monkeypatch.setattr("skfem_joint.minimise.condensed_newton.FEWEST_MOVING", 0)

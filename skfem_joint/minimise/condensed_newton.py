@@ -65,8 +65,6 @@ from skfem_joint.minimise.problem import (
     StepProblem,
 )
 
-#: Fewest unknowns of which those that move are separated.
-FEWEST = FEWEST_MOVING
 #: Largest share of unknowns that move for which it pays.
 MOST = 0.6
 #: Share of its limit from which on the friction of a point at rest may soon reach it.
@@ -254,7 +252,7 @@ class MovingNewton(ContactNewton):
     ) -> Minimum:
         """See `ContactNewton`."""
         others = tolerance, beta, offset, pressed, force
-        few, touching = g.size < FEWEST, None if pressed is None else pressed.touching
+        few, touching = g.size < FEWEST_MOVING, None if pressed is None else pressed.touching
         if not self.dense or (few and (touching is None or not touching.some_apart)):
             return super().minimise(g, start, *others)
         contact = self.contact_of(beta, offset, pressed)

@@ -33,6 +33,7 @@ from skfem_joint.reduction.joint_slides import joint_slides
 from skfem_joint.reduction.missing_modes import acceleration
 from skfem_joint.reduction.pod import orthonormal, proper_decomposition
 from skfem_joint.runs.integrate import TOLERANCE, integrate_plan
+from skfem_joint.runs.resolution import check_resolution
 from skfem_joint.runs.slow_run import slow_run
 from skfem_joint.slow.quasi_static import QuasiStatic
 from skfem_joint.stepping.plan import Plan
@@ -324,7 +325,8 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
         steps = steps_of_a_period(small, loads.period, cycles, highest, whole, vibrates)
         step = loads.period / steps
     if plan.quasi_static:
-        return _slow(small, Plan(step, min(cycles, 2) * steps, save=Save(fields=True)))
+        count, save = min(cycles, 2) * steps, Save(fields=True)
+        return _slow(small, Plan(step, count, save=save, quasi_static=True))
     while True:
         whole_run = Plan(step, cycles * steps, plan.scheme, Save(fields=True))
         run = integrate_plan(small, whole_run).finished()
@@ -338,6 +340,7 @@ def _preliminary(system: System, V: FloatArray, loads: Excitation, path: FloatAr
 
 def _slow(small: System, plan: Plan) -> Run:
     """Quasi-static run of the preliminary model, as far as friction holds the loads."""
+    check_resolution(small, plan)
     try:
         return slow_run(small, plan, tolerance=TOLERANCE).finished()
     except ConvergenceError as error:

@@ -18,7 +18,7 @@ from scipy.linalg import lstsq, lu_factor, lu_solve
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import GrossSlipError, InputError
 from skfem_joint.ground.loads import common_period
-from skfem_joint.runs.resolution import check_jumps, check_resolution
+from skfem_joint.runs.resolution import check_resolution
 from skfem_joint.steady.advanced import Springs, advanced, state_of
 from skfem_joint.steady.correction import Correction
 from skfem_joint.steady.marching import MAY_DEPEND, Marching, opening_norm
@@ -320,7 +320,6 @@ def steady_run(
     """
     _check_steady(given, plan)
     check_resolution(given, plan)
-    check_jumps(given, plan)
     driver, begin = Driver(given, plan, start, tolerance, ending), time.perf_counter()
     system, stepper, changes = driver.system, driver.stepper, list[float]()
 
