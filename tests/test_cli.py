@@ -327,7 +327,10 @@ def test_steady_vibration_leaves_a_table_a_picture_and_a_summary(name, scene, tm
     path.write_text(text.replace("[output]", "[output]\nuff = true"), encoding="utf-8")
     assert cli.main([name, str(path), "--out", str(out)]) == 0
     # The scene has a backbone too, which a response is drawn over.
-    others = {"backbone": {"ring_down.csv"}, "response": {"peaks.csv", "backbone_response.png"}}
+    others = {
+        "backbone": {"ring_down.csv", "shapes.png"},
+        "response": {"peaks.csv", "backbone_response.png"},
+    }
     ours = {f"{name}.csv", f"{name}.png", f"{name}.uff", "summary.json"} | others[name]
     assert set(files_below(out)) == ours | {"notes.txt"}
     rows = (out / f"{name}.csv").read_text(encoding="utf-8").splitlines()

@@ -358,6 +358,15 @@ def _named_mesh(raw: meshio.Mesh, path: str, scale: float) -> NamedMesh:
             f"the bar is disconnected: no element joins {spot(*mesh.coordinates[ends])}"
         )
     notes = [f"group {name!r} of lines in a solid is left out" for name in left_out]
+    held = np.concatenate([nodes.ravel() for _, nodes in elements.blocks])
+    for block in raw.cells:
+        lower = 0 < block.dim < cell.dim
+        apart = ~np.isin(block.data, held).all(axis=1) if lower else np.zeros(0)
+        if apart.any():
+            notes.append(
+                f"{np.count_nonzero(apart)} cells of type {block.type} have nodes that no "
+                f"{cell.name} has: they are left out, with their mass and stiffness"
+            )
     if elements.order == 2:
         straight = cell.mesh(p, t, sort_t=False)
         curved = [(kind, position.T[: cell.dim, nodes]) for kind, nodes in elements.blocks]

@@ -19,15 +19,18 @@ from skfem_joint.output.backbone_peaks import (
     peak_lines,
     peaks_figure,
 )
+from skfem_joint.output.drawing.shapes import shapes_figure
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import adding, writing
 from skfem_joint.output.tables import Table, by_columns, write_table
 from skfem_joint.output.universal import over_one_force, scene_uff
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.results.history import QUANTITIES
+from skfem_joint.results.loss import over
 from skfem_joint.results.places import JointPlaces, PlaceResults, places_of
 from skfem_joint.scene import Scene
 from skfem_joint.structure.model import AnyStructure
+from skfem_joint.structure.structure import Structure
 from skfem_joint.study.backbone_peaks import backbone_peaks
 from skfem_joint.study.description import made_of
 from skfem_joint.study.premises import (
@@ -97,6 +100,9 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         for model in backbone.models
     }
     figures = {"backbone.png": backbone_figure(backbone.models, backbone.largest)}
+    if isinstance(structure, Structure):
+        titles = [shape.partition(", moves")[0] for shape in backbone.shapes]
+        figures["shapes.png"] = shapes_figure(structure, backbone.moved, titles)
     scene, notes, first = backbone.scene, [*backbone.notes], backbone.models[0]
     if scene.output.uff and first.name != "full":
         notes.append("backbone.uff has stuck modes alone: shapes at levels are of the full model.")
@@ -111,12 +117,15 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
 
 def _curve_rows(model: str, c: Backbone, names: Sequence[str]) -> Iterator[dict[str, Any]]:
     """Rows of the table of a curve, without what comes from elsewhere."""
+    # At points that the mode leaves at rest no force drives it.
+    moves = np.where(c.displacement > 1e-9 * c.amplitude[:, np.newaxis], c.displacement, 0.0)
     for k in range(c.level.size):
         yield {
             "model": model, "mode": c.mode, "level": c.level[k] / c.slips_at,
             "modal_amplitude": c.amplitude[k], "frequency_Hz": c.frequency[k],
             "damping_ratio": c.damping_ratio[k],
             **_named("displacement_{}_m", names, c.displacement[k]),
+            **_named("force_{}_N", names, over(c.losses.lost[k], np.pi * moves[k])),
             "slipping_share": c.share[k], "friction_damping_ratio": c.friction_damping[k],
             "viscous_damping_ratio": c.viscous_damping[k],
             "state": c.state[k], "doubt": c.doubts[k],

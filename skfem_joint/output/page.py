@@ -34,7 +34,7 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
         *("loss_share_", "slipping_share_", "largest_slip_", "state", "doubt"),
     ),
     "backbone.csv": (
-        *("model", "mode", "level", "displacement_", "frequency_Hz", "damping_ratio"),
+        *("model", "mode", "level", "force_", "displacement_", "frequency_Hz", "damping_ratio"),
         *("loss_factor", "slipping_share_", "state", "doubt", "mesh_error_"),
     ),
     "nonlinear_modes.csv": (
@@ -62,6 +62,7 @@ _TABLES = {
 #: What columns of these tables mean whose names begin so.
 _WORDS = {
     "level": "Inertia that loads the mode, over that at which the first joint slips as a whole.",
+    "force_": "Amplitude of a harmonic force at the point that keeps the mode at its resonance.",
     "loss_factor": "Energy lost in a cycle over 2π times the largest strain energy in it; half of "
     "it is the equivalent viscous damping ratio. By friction and by damping are its parts.",
     "quality_factor": "Q, one over the loss factor.",
@@ -97,6 +98,7 @@ _CAPTIONS = {
     "backbone": "Frequency and damping over amplitude",
     "nonlinear_modes": "Frequency and damping of modes into gross slip, over amplitude",
     "response": "Amplitude over frequency",
+    "shapes": "Shapes of the modes with the joints stuck",
     "random": "Spectral density of displacement and acceleration",
 }
 _KINDS = {".png": "image/png", ".gif": "image/gif"}

@@ -77,7 +77,7 @@ class JointPlaces:
         if not energies(run)[0]:
             work = np.zeros_like(work)
         slip = slips_of_all(run.system, run.slip_peak)
-        slid = self.system.contact.slid(work) if cycles else slipped
+        slid = self._slid(work, slip) if cycles else slipped
         return self.of(work, slip, self.system.slipping(slid, period))
 
     def of_curve(
@@ -93,9 +93,18 @@ class JointPlaces:
         period : ndarray, shape (cycles,), or float
             Time that a point has to creep in, s; 0 for slow cycles.
         """
-        slid, periods = self.system.contact.slid(work), np.broadcast_to(period, len(work))
+        slid, periods = self._slid(work, slip), np.broadcast_to(period, len(work))
         both = zip(slid, periods.tolist(), strict=True)
         return self.of(work, slip, np.array([self.system.slipping(*one) for one in both]))
+
+    def _slid(self, work: FloatArray, slip: FloatArray) -> FloatArray:
+        """Slip of each point in a cycle, (..., m), m, from its work, J, and its largest slip, m.
+
+        The work is on the limit at rest; where there is none, as in open gaps, the largest slip
+        stands for it.
+        """
+        contact = self.system.contact
+        return np.where(contact.w > 0.0, contact.slid(work), np.where(work > 0.0, slip, 0.0))
 
     def of(self, work: FloatArray, slip: FloatArray, slips: BoolArray) -> PlaceResults:
         """Results of all places.

@@ -54,7 +54,7 @@ from skfem_joint.linalg.schur import SchurComplement, condensing_pays
 from skfem_joint.minimise.problem import ContactPoints, Minimum, Pressed, StepProblem
 from skfem_joint.slow.floating import STILL, Still, held, pushes
 from skfem_joint.slow.levels import Level, NoLevelError, Walk
-from skfem_joint.stepping.arrangement import Arranged, arranged, picks_unknowns, step_problem
+from skfem_joint.stepping.arrangement import Arranged, arranged, step_problem
 from skfem_joint.system.contacts import Contact
 from skfem_joint.system.modes import ROUND_OFF
 from skfem_joint.system.rigid import floats, rigid_of
@@ -207,22 +207,18 @@ class QuasiStatic:
     def _still(self) -> Still | None:
         """Motions in which nothing slips and nothing is strained, and what holds them.
 
-        None where they are not known, and where slips or approaches are no unknowns.
+        None where they are not known, where slips are no unknowns, and of contact that opens: its
+        levels are repeated until the shift carries nothing, or refused.
         """
         inner = self.to.system
         rigid = rigid_of(inner) if self.shift else None
-        if rigid is None or self.dense or self.to.kind == "linear":
+        if rigid is None or self.dense or self.opens or self.to.kind == "linear":
             return None
-        points = ContactPoints.of(inner)
-        if not self.opens:
-            return Still.of(rigid, points.limited, self.M)
-        N = sparse.csr_array(self.contact.N)
-        contact = np.union1d(points.unknowns, N.indices)
-        return Still.of(rigid, contact, self.M) if picks_unknowns(N) else None
+        return Still.of(rigid, ContactPoints.of(inner).limited, self.M)
 
     def _condenses(self) -> bool:
-        """Whether a problem that does not open is condensed to the contact."""
-        if self.opens or self.to.kind != "contact" or isinstance(self.K, np.ndarray):
+        """Whether the problem is condensed to the contact."""
+        if self.to.kind != "contact" or isinstance(self.K, np.ndarray):
             return False
         return condensing_pays(self.K, ContactPoints.of(self.to.system).limited)
 

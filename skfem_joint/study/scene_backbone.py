@@ -124,9 +124,9 @@ class SceneBackbone:
     Attributes
     ----------
     scene : Scene
-    largest : list of float
-        Of each mode the displacement, for a modal amplitude of 1 m kg^1/2, of the node that it
-        moves most, kg^(-1/2); empty where nodes are not known.
+    moved : list of ndarray, shape (N, dim)
+        Of each mode the displacements of all nodes for a modal amplitude of 1 m kg^1/2, kg^(-1/2);
+        empty where nodes are not known.
     models : list of ModelBackbone
     notes : tuple of str
         Of the structure, the full model's curves, and the smaller models.
@@ -142,12 +142,17 @@ class SceneBackbone:
     """
 
     scene: Scene
-    largest: list[float]
+    moved: list[FloatArray]
     models: list[ModelBackbone]
     notes: tuple[str, ...]
     normal: dict[int, NormalChange]
     mesh: dict[int, MeshOfCurve] = field(default_factory=dict)
     shapes: tuple[str, ...] = ()
+
+    @property
+    def largest(self) -> list[float]:
+        """Of each mode the displacement of the node that it moves most, kg^(-1/2)."""
+        return [float(np.linalg.norm(u, axis=1).max()) for u in self.moved]
 
 
 def scene_backbone(
@@ -226,8 +231,8 @@ def scene_backbone(
                 warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
                 warnings += _doubts(model, curve.mode)
         models.append(model)
-    largest, shapes = _shapes(scene, system, full)
-    return SceneBackbone(scene, largest, models, tuple(warnings), normal, mesh, shapes)
+    displaced, shapes = _shapes(scene, system, full)
+    return SceneBackbone(scene, displaced, models, tuple(warnings), normal, mesh, shapes)
 
 
 def _amplitudes(scene: Scene) -> Amplitudes | None:
@@ -558,22 +563,22 @@ def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:
 
 def _shapes(
     scene: Scene, system: System, curves: list[Backbone]
-) -> tuple[list[float], tuple[str, ...]]:
-    """Displacement of the node that each mode moves most, and a sentence about its direction."""
-    body, largest, said = scene.structure().body, [], []
+) -> tuple[list[FloatArray], tuple[str, ...]]:
+    """Displacements of the nodes in each mode, (N, dim), and a sentence about its direction."""
+    body, shapes, said = scene.structure().body, [], []
     if body is None:
         return [], ()
     for curve in curves:
         moved = body.unpacked(system.expand(curve.shape))
         size, squares = np.linalg.norm(moved, axis=1), (moved**2).sum(axis=0)
         place = ", ".join(f"{x:.4g}" for x in body.positions[size.argmax()])
-        largest.append(float(size.max()))
+        shapes.append(moved)
         said.append(
             f"Mode {curve.mode} with the joints stuck: {curve.stuck_frequency:.6g} Hz, moves along "
             f"{'xyz'[squares.argmax()]} ({100.0 * squares.max() / squares.sum():.3g} % of its "
             f"squared displacement), most at ({place}) m."
         )
-    return largest, tuple(said)
+    return shapes, tuple(said)
 
 
 def _released(scene: Scene, system: System) -> State | None:

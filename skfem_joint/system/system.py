@@ -731,9 +731,9 @@ def _definite(system: System, damped: bool) -> System:
     if found is None:
         return system
     loose, few = found
-    K, M = system.K, system.M
-    rows = sparse.vstack([sparse.csr_array(system.contact.B), system.contact.normal.N])
-    more = [*notes_of_weak_springs(K, M, loose[:, :few]), *notes_of_shift(K, M, loose, rows)]
+    K, M, contact = system.K, system.M, system.contact
+    rubs = sparse.csr_array(contact.B)[np.flatnonzero(contact.on_rows(contact.w))]
+    more = [*notes_of_weak_springs(K, M, loose[:, :few]), *notes_of_shift(K, M, loose, rubs)]
     notes = *system.notes, *more
     return replace(system, loose=sparse.csr_array(loose), notes=notes)
 

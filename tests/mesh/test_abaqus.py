@@ -377,3 +377,10 @@ def test_numbers_that_a_range_leaves_out_are_not_in_the_set(tmp_path):
     assert bar.regions["A"].tolist() == [10, 11]
     assert "'NONE' with no members: left out" in bar.notes[-1]
     assert np.all(sizes(bar) > 0.0)
+
+
+def test_a_set_that_lists_another_one_twice_has_its_members_once(tmp_path):
+    """Forty in a row would list each element 2^40 times."""
+    rows = [[f"*ELSET, ELSET=S{k + 1}", f"S{k}, S{k}"] for k in range(40)]
+    mesh = read(tmp_path, PLATE, SQUARES, ["*ELSET, ELSET=S0", "2"], *rows)
+    np.testing.assert_array_equal(mesh.regions["S40"], mesh.regions["S0"])

@@ -59,6 +59,14 @@ def test_groups_of_all_kinds_are_regions_sides_and_points(tmp_path):
     assert "group 'edge' of lines in a solid is left out" in said
 
 
+def test_cells_of_a_lower_dimension_beside_the_elements_are_left_out_with_a_note(tmp_path):
+    cells = [("tetra", [[0, 1, 2, 3]]), ("triangle", [[0, 1, 2], [1, 2, 4]]), ("line", [[0, 1]])]
+    mesh = meshlane.Mesh(np.array(PLACES), [(kind, np.array(rows)) for kind, rows in cells])
+    meshlane.write(tmp_path / "mesh.med", mesh)
+    (note,) = sj.load_meshes(tmp_path / "mesh.med").notes
+    assert "1 cells of type triangle have nodes that no tetrahedron has: they are left out" in note
+
+
 def test_a_name_of_several_kinds_gets_its_kinds(tmp_path):
     sets = {"part": [[0, 1], [0], [], []], "face": [[], [0], [], []], "end": [[0], [], [], []]}
     mesh = sj.load_meshes(write(tmp_path, sets, {"face": [0, 1, 2], "tip": [4]}))

@@ -9,6 +9,7 @@ from scene_texts import csv_rows
 
 import skfem_joint as sj
 from skfem_joint.output.damping import backbone_figure, backbone_lines, write_backbone
+from skfem_joint.output.drawing.shapes import shapes_figure
 from skfem_joint.study.scene_backbone import scene_backbone
 
 
@@ -39,7 +40,7 @@ def test_a_mode_across_the_load_is_drawn_over_where_it_moves_most(tmp_path):
         assert x == pytest.approx(1e6 * found.largest[0] * curve.amplitude, rel=1e-12)
         assert x[-1] == pytest.approx(1e6 * moved.max(), rel=0.1)  # but for a change of its shape
     assert {path.name for path in write_backbone(tmp_path, found)} == {
-        "backbone.csv", "backbone.png", "summary.json"
+        "backbone.csv", "backbone.png", "shapes.png", "summary.json"
     }  # fmt: skip
     figure.draw_without_rendering()
     for panel in figure.axes:  # nothing is cut at the edges
@@ -70,3 +71,16 @@ def test_what_not_to_rely_on_is_said_in_table_print_and_picture(tmp_path):
     assert {panel.get_xlabel() for panel in panels} == {"modal amplitude, m·√kg"}
     labels = panels[0].get_legend_handles_labels()[1]
     assert {"gross slip: not to be relied on", "ring-down differs"} <= set(labels)
+
+
+@pytest.mark.parametrize("kind", ["tetrahedron", "hexahedron", "prism"])
+def test_a_shape_of_solids_has_all_faces_with_their_displacement_over_the_largest(kind):
+    """A box of which one end moves and the other does not."""
+    mesh = sj.build_box([("a", 0.1, 4)], (0.02, 0.02), (2, 2), kind=kind)
+    box = sj.Structure(mesh, sj.Material(E=200e9, density=8e3, poisson=0.3), free=True)
+    panel, _ = shapes_figure(box, [box.nodes[:, :1] * np.array([0.0, 0.0, 3.0])], ["mode"]).axes
+    faces = panel.collections[1]
+    drawn = mesh.mesh.facets[:, mesh.mesh.boundary_facets()]
+    right = mesh.mesh.p[0, drawn].mean(axis=0) / 0.1
+    np.testing.assert_allclose(np.sort(faces.get_array()), np.sort(right))
+    assert len(faces.get_paths()) == drawn.shape[1]

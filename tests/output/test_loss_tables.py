@@ -65,6 +65,10 @@ def test_one_command_says_loss_factor_error_and_bolt(answered):
     (begins,) = [line for line in lines if line.startswith("  joint_bolt_2 begins to slip")]
     low, high = (float(x) for x in re.search(r"force of (\S+) to (\S+) N", begins).groups())
     shares = [row for row in csv_rows(folder / "backbone.csv") if row["model"] == "full"]
+    for row in shares:
+        lost = float(row["lost_by_friction_J"]) + float(row["lost_by_damping_J"])
+        work = np.pi * float(row["force_right_N"]) * float(row["displacement_right_m"])
+        assert work == pytest.approx(lost, rel=1e-6)
     forces = [
         (float(row["lost_by_friction_J"]) + float(row["lost_by_damping_J"]))
         / (np.pi * float(row["displacement_right_m"]))

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from bodies import pressed, structure
 from clamped_plates import BOLTS, bolted, lapped, loads
+from scipy import sparse
 from stepping_systems import FIELDS, STEPPERS, arm, of_stepper, oscillator
 
 import skfem_joint as sj
@@ -279,3 +280,16 @@ def test_losses_of_joints_add_up_in_steady_vibration_at_each_frequency():
     np.testing.assert_allclose(found.by_joint.sum(axis=1), found.friction)
     np.testing.assert_allclose(found.joint_shares.sum(axis=1), 1.0)
     np.testing.assert_allclose(found.lost, curve.column("input_energy"), rtol=1e-3)
+
+
+def test_a_joint_whose_gap_is_open_at_rest_slips_as_its_points_do():
+    """It has no limit at rest, on which its work would be a way."""
+    gap = sj.point_contact([1.0, 0.0, 0.0], [0.0, 1.0, 0.0], friction=0.3, gap=1e-3, stiffness=1e6)
+    contact = gap + sj.point_friction([0.0, 0.0, 1.0], 1.0, name="pressed")
+    system = sj.System.from_matrices(np.eye(3), 1e4 * np.eye(3), contact=contact)
+    J = system.contact.J
+    names = tuple(system.contact.joints)
+    places = sj.JointPlaces(names, 2, (0, 1), sparse.csr_array(J), J @ system.contact.w, system)
+    slip, work = np.array([[1e-2, 5e-3]]), np.array([[1e-9, 2e-2]])
+    np.testing.assert_allclose(places.of_curve(work, slip).slipping_share, 1.0)
+    np.testing.assert_allclose(places.of_curve(0.0 * work, slip).slipping_share, 0.0)

@@ -107,7 +107,7 @@ class NameSet:
     name: str
     card: Card
     internal: bool = False
-    parts: list[Listed | NodesOf | Below] = field(default_factory=list)
+    parts: list[Listed | NodesOf | Below | NameSet] = field(default_factory=list)
     used: int | None = None  # line of a card that has listed it
     found: IntArray | None = None
 
@@ -306,9 +306,7 @@ class Scope:
             )
         return Listed(self, kind, card, line, np.array([first, last, step]), range=True)
 
-    def _members(
-        self, kind: str, word: str, card: Card, line: int
-    ) -> Iterable[Listed | NodesOf | Below]:
+    def _members(self, kind: str, word: str, card: Card, line: int) -> Iterable[Listed | NameSet]:
         """Parts that a word of a set's card stands for: a number or the name of a set."""
         word = bare(word)
         for name, scope in self.others.items():
@@ -317,7 +315,7 @@ class Scope:
                 return [Listed(scope, kind, card, line, np.array([_single(number, card, line)]))]
         if word.isdecimal():
             return [Listed(self, kind, card, line, np.array([_single(word, card, line)]))]
-        return self._found(kind, word, card, line).parts
+        return [self._found(kind, word, card, line)]
 
     def _found(self, kind: str, word: str, card: Card, line: int) -> NameSet:
         """Set with a name, which may stand further below."""

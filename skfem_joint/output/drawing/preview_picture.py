@@ -28,7 +28,7 @@ _COLOURS = {"joint": "#b35900", "support": "#1e7a34", "load": "#1f4fb4", "bolt":
             "part": "#4a4f55"}  # fmt: skip
 _BODIES = np.array(["#dfe3e8", "#c9d6e2", "#e4dccb", "#d3e0d1"])
 #: Unit vectors of the picture of a solid: to the eye; to the right and upwards.
-_EYE, _PAPER = np.array([0.48, -0.64, 0.6]), np.array([[0.8, 0.6, 0.0], [-0.36, 0.48, 0.8]])
+EYE, _PAPER = np.array([0.48, -0.64, 0.6]), np.array([[0.8, 0.6, 0.0], [-0.36, 0.48, 0.8]])
 _WIDTH, _PER_ROW = 14.0, 7  # inches, labels
 
 
@@ -64,7 +64,7 @@ def preview_figure(preview: Preview) -> Figure:
     from matplotlib import cm, colors
 
     structure, marks, notes = preview.structure, preview.marks, [*preview.notes]
-    nodes, joints = _on_paper(structure, structure.nodes), preview.of_kind("joint")
+    nodes, joints = on_paper(structure, structure.nodes), preview.of_kind("joint")
     if structure.dim == 1:
         nodes[:, 1] = structure.body.body_of_node
         notes.append("The thickness of bars is not to scale.")
@@ -112,13 +112,13 @@ def preview_figure(preview: Preview) -> Figure:
     return figure
 
 
-def _on_paper(structure: Structure, x: FloatArray) -> FloatArray:
+def on_paper(structure: Structure, x: FloatArray) -> FloatArray:
     """Points (k, dim), m, on the paper (k, 2), mm; solids are seen obliquely from above."""
     axes = _PAPER if structure.dim == 3 else np.eye(2, structure.dim)
     return np.asarray(1e3 * x @ axes.T)
 
 
-def _add(panel: Any, shapes: FloatArray, **how: Any) -> Any:
+def add_shapes(panel: Any, shapes: FloatArray, **how: Any) -> Any:
     """Add lines (k, 2, 2) or polygons (k, corners, 2) to a panel."""
     from matplotlib.collections import LineCollection, PolyCollection
 
@@ -141,7 +141,7 @@ def _draw_bodies(panel: Any, structure: Structure, nodes: FloatArray) -> None:
         colours = _BODIES[structure.mesh.body[body.cell_element] % len(_BODIES)]
         how = {"facecolors": colours, "edgecolors": "#8a929b"} if structure.dim > 1 else {
             "colors": colours}  # fmt: skip
-        _add(panel, nodes[body.cells], linewidths=0.5 if structure.dim > 1 else 16.0, **how)
+        add_shapes(panel, nodes[body.cells], linewidths=0.5 if structure.dim > 1 else 16.0, **how)
         return
     low, size = nodes.min(axis=0), np.ptp(nodes, axis=0)
     low, high = low - 0.05 * size.max(), low + size + 0.05 * size.max()
@@ -156,7 +156,7 @@ def _image(structure: Structure, low: FloatArray, high: FloatArray) -> Any:
     """Image of solids between corners of the paper, mm."""
     low, high = 1e-3 * low, 1e-3 * high
     with offscreen():
-        plotter = plotter_of(np.vstack([_PAPER, _EYE]), low, high, np.max(high - low) / 1800.0)
+        plotter = plotter_of(np.vstack([_PAPER, EYE]), low, high, np.max(high - low) / 1800.0)
         try:
             for block, colour in zip(blocks_of(structure), cycle(_BODIES), strict=False):
                 surface = block.grid.extract_surface(algorithm="dataset_surface")
@@ -172,24 +172,24 @@ def _draw_mark(
 ) -> FloatArray:
     """Draw a joint, support, bolt or load; return the place of its label."""
     colour, cells = _COLOURS[mark.kind], mark.cells
-    place = _on_paper(structure, mark.at) if mark.kind == "bolt" else nodes[mark.nodes[0]]
+    place = on_paper(structure, mark.at) if mark.kind == "bolt" else nodes[mark.nodes[0]]
     if mark.pressure is not None:
         down = (0.0, 0.25 if structure.dim == 1 else 0.0)
-        drawn = _add(
+        drawn = add_shapes(
             panel, nodes[cells] - down, cmap=pressures.cmap, norm=pressures.norm, alpha=0.8
         )
         drawn.set(array=1e-6 * np.mean(mark.pressure, axis=1), linewidth=7.0 if cells.shape[1] == 2
                   else 0.3, zorder=2)  # fmt: skip
     if len(cells) and structure.dim > 1:
         width = 1.8 if mark.pressure is not None or structure.dim == 3 else 4.0
-        _add(panel, nodes[_border(cells)], colors=colour, linewidths=width, zorder=3)
+        add_shapes(panel, nodes[_border(cells)], colors=colour, linewidths=width, zorder=3)
     elif mark.kind == "support":
         few = nodes[np.sort(mark.nodes)[:: 1 + len(mark.nodes) // 50]]
         panel.scatter(*few.T, marker="^", s=60, color=colour, edgecolors="white", zorder=6)
     for line in mark.lines:
-        panel.plot(*_on_paper(structure, line).T, color=colour, linewidth=1.5, zorder=6)
+        panel.plot(*on_paper(structure, line).T, color=colour, linewidth=1.5, zorder=6)
     if mark.direction is not None:
-        along = _on_paper(structure, mark.direction) / 1e3
+        along = on_paper(structure, mark.direction) / 1e3
         panel.quiver(*place, *along, color=colour, scale=12.0, width=0.004, zorder=8, clip_on=False)
     return place
 
