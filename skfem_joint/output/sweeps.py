@@ -104,11 +104,14 @@ def write(swept: Swept, rows: Sequence[Row], folder: Path, drawn: bool = True) -
     pictures = {folder / f"sweep_{name}.png": figure for name, figure in names}
     parquet = [folder / "sweep.parquet"] if find_spec("pyarrow") else []
     files = [folder / TABLE, *parquet, *pictures]
-    failures = {str(row.number): row.failure for row in rows if row.failure}
-    warnings = {str(row.number): list(row.notes) for row in rows if row.notes}
-    content = {"scenes": len(swept.scenes), "ended": len(rows), "failures": failures}
-    content |= {**doubtful(rows), "warnings": warnings}
-    content |= {"results_without_column": without_column(swept, rows)}
+    content = {
+        "scenes": len(swept.scenes),
+        "ended": len(rows),
+        "failures": {str(row.number): row.failure for row in rows if row.failure},
+        **doubtful(rows),
+        "warnings": {str(row.number): list(row.notes) for row in rows if row.notes},
+        "results_without_column": without_column(swept, rows),
+    }
     with writing(folder, content) as summary:
         write_csv(files[0], [list(cells), *zip(*cells.values(), strict=True)])
         for path in parquet:

@@ -212,7 +212,8 @@ def full_jobs(
     """Full models: the scene's law, and others."""
     system, parts = reference.system, wanted["parts"]
     own = COULOMB if isinf(system.contact.beta.max()) else FULL
-    yield from at_steps(reference, parts, own, system, {}, own=reference.results)
+    made = _details(system)
+    yield from _jobs(reference, parts, own, lambda: system, made, own=reference.results)
     if own == FULL:
         for factor in wanted["factors"]:
             other = system.with_contact(beta=factor * system.contact.beta)
@@ -232,7 +233,8 @@ def other_jobs(
     grid, finest, rows = reference.grid, min(OWN, reference.parts), rows or Rows()
     mark = rows.mark("own reference", system, grid, finest)
     own = rows.row(mark, lambda: results(grid.integrate(system, finest)))
-    return at_steps(reference, parts, family, system, what, own=own)
+    details = {**what, **_details(system)}
+    return _jobs(reference, parts, family, lambda: system, details, own=own)
 
 
 @dataclass
@@ -257,6 +259,10 @@ class _Reduction:
                 small = reduced_on(self.system, basis, friction_points=points, beta=given.beta)
             made[family] = small, offline + time.perf_counter() - begin
         return made
+
+    def model(self, family: str) -> System:
+        """Model of a family."""
+        return self.models[family][0]
 
     def facts(self) -> dict[str, Any]:
         """By family: what its models are, and how long they took to make, s; or why none is."""
@@ -286,7 +292,7 @@ def reduced_jobs(
                 reference,
                 wanted["reduced_parts"],
                 family,
-                partial(_made, reduction, family),
+                partial(reduction.model, family),
                 {"modes": what["unknowns"], **what},
                 offline_s=spent,
             )
@@ -295,10 +301,6 @@ def reduced_jobs(
 def _families(scene: Scene) -> dict[str, str]:
     """Friction points of reduced models, by family; with contact that opens all are kept."""
     return {REDUCED: "all"} | ({} if scene.opens else {FEW_POINTS: "auto"})
-
-
-def _made(reduction: _Reduction, family: str) -> System:
-    return reduction.models[family][0]
 
 
 def _details(system: System) -> dict[str, Any]:
@@ -310,19 +312,6 @@ def _details(system: System) -> dict[str, Any]:
     }
 
 
-def at_steps(
-    reference: Reference,
-    parts: Sequence[int],
-    family: str,
-    system: System,
-    what: Mapping[str, Any],
-    **more: Any,
-) -> Iterator[Job]:
-    """Runs of one model at several steps an interval."""
-    details = {**what, **_details(system)}
-    return _jobs(reference, parts, family, lambda: system, details, **more)
-
-
 def _jobs(
     reference: Reference,
     parts: Sequence[int],
@@ -331,7 +320,7 @@ def _jobs(
     what: Mapping[str, Any],
     **more: Any,
 ) -> Iterator[Job]:
-    """As `at_steps`, of a model that is made when the first of them is run."""
+    """Runs of one model, made when the first of them is run, at several steps an interval."""
     for count in parts:
         if 4 * count <= reference.parts:
             step = reference.grid.duration / (count * reference.grid.intervals)

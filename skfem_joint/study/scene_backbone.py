@@ -32,7 +32,7 @@ from skfem_joint.study.models import (
     options_of,
     other_reference,
 )
-from skfem_joint.study.scene_range import of_scene, range_model, served_scene
+from skfem_joint.study.scene_range import model_in_range
 from skfem_joint.system.system import System
 from skfem_joint.vibration.amplitudes import Amplitudes
 from skfem_joint.vibration.backbone import Backbone, backbone
@@ -203,11 +203,12 @@ def scene_backbone(
     models = []
     for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])
+        in_range = model_in_range(scene, folder) if name == "reduced" else None
         for curve in full:
             small, own, notes = system, curve, tuple[str, ...]()
             report = partial(progress, f"{name} model, mode {curve.mode}")
-            if name == "reduced" and scene.reduction.range is not None:
-                small, own, notes = _of_range_model(scene, curve, report, folder)
+            if in_range is not None:
+                small, own, notes = _of_range_model(scene, in_range, curve, report)
             elif name != "full" and scene.parts is None:
                 small, own, notes = _of_small_model(name, scene, curve, report)
             warnings += notes
@@ -491,16 +492,12 @@ def _curves(
 
 
 def _of_range_model(
-    scene: Scene, curve: Backbone, report: Progress, folder: Path | None
+    scene: Scene, model: System, curve: Backbone, report: Progress
 ) -> tuple[System, Backbone, tuple[str, ...]]:
     """Model for the range of a scene, its curve of a mode of the full model, and a note.
 
     InputError if the mode or its levels are outside the range.
     """
-    served = served_scene(scene)
-    if served is None:
-        raise InputError("reduction.range: missing")
-    model = of_scene(scene, range_model(served, folder))
     (own,) = _curves(scene, model, (curve.mode,), report, curve.slips_at)
     shown = " and ".join(
         f"its {name.replace('_', ' ')} by {100.0 * error:.2g} %"
@@ -535,14 +532,13 @@ def _doubts(model: ModelBackbone, mode: int) -> list[str]:
     last = model.ring_downs[-1]
     notes = [f"Ring-down of the {model.name} model: {note}" for note in last.notes]
     error = last.step_error["damping_ratio"]
-    if error <= DOUBTFUL_STEP:
-        return notes
-    return [
-        *notes,
-        f"Mode {mode}: the damping of the {model.name} model's ring-down errs by an estimated "
-        f"{100.0 * error:.2g} % from its time step: give more time.steps_per_cycle, and leave "
-        "out time.rho_infinity or set it below 1.",
-    ]
+    if error > DOUBTFUL_STEP:
+        notes.append(
+            f"Mode {mode}: the damping of the {model.name} model's ring-down errs by an estimated "
+            f"{100.0 * error:.2g} % from its time step: give more time.steps_per_cycle, and leave "
+            "out time.rho_infinity or set it below 1."
+        )
+    return notes
 
 
 def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:

@@ -143,6 +143,12 @@ def of_scene(scene: Scene, model: System) -> System:
     return replace(placed(model, here), serves=changed)
 
 
+def model_in_range(scene: Scene, folder: Path | None) -> System | None:
+    """Model for the range of a scene as by `of_scene`; None for a scene that has no range."""
+    served = served_scene(scene)
+    return None if served is None else of_scene(scene, range_model(served, folder))
+
+
 @lru_cache(maxsize=1)
 def range_model(served: ServedScene, folder: Path | None) -> System:
     """Reduced model for a range: loaded from a folder, or made and saved there.

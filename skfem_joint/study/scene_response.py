@@ -35,7 +35,7 @@ from skfem_joint.study.models import (
     other_reference,
     with_friction,
 )
-from skfem_joint.study.scene_range import of_scene, range_model, served_scene
+from skfem_joint.study.scene_range import model_in_range
 from skfem_joint.system.system import System
 from skfem_joint.vibration.coarse_model import CoarseModel
 from skfem_joint.vibration.linear_response import linear_response
@@ -277,10 +277,9 @@ def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
             frequency=_highest(system, table.frequencies.to),
             contact_points=scene.models.contact_points,
         )
-    served = served_scene(scene)
-    if served is not None:
-        folder = None if rows.path is None else rows.path.parent
-        return of_scene(scene, range_model(served, folder))
+    in_range = model_in_range(scene, None if rows.path is None else rows.path.parent)
+    if in_range is not None:
+        return in_range
     options = options_of(scene, "static")
     return reduced_for_response(system, resonance, max(table.levels), options)
 

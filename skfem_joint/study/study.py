@@ -215,12 +215,10 @@ def make_model(
 def _ended_by(error: ConvergenceError, name: str, study: Study) -> Study:
     """Study with a model whose quasi-static run has no further level, with the levels before."""
     run: Run = error.run
-    model = Model(name, run, run.preparation_s, {}, compilation_s=run.compilation_s)
+    active: tuple[_ByJoint, _ByJoint, _ByJoint] = ({}, {}, {})
     if name == "full":
-        length, area, points = _active(study, run.slip_peak, run.slider_peak)
-        model = replace(
-            model, active_length=length, active_area_fraction=area, slipping_fraction=points
-        )
+        active = _active(study, run.slip_peak, run.slider_peak)
+    model = Model(name, run, run.preparation_s, *active, compilation_s=run.compilation_s)
     note = f"The results of the {name} model end with its last level. {error}."
     return replace(study.holding(model).noting(note), failure=Failure(name, error))
 
