@@ -12,6 +12,7 @@ from reduced_joints import fig_18
 from scipy.sparse import csr_array
 
 import skfem_joint as sj
+from skfem_joint.accuracy.against_coulomb import _apart
 from skfem_joint.output.report import estimate_table, summary
 from skfem_joint.results.history import QUANTITIES, difference, results
 
@@ -99,6 +100,15 @@ def test_results_of_coulombs_law_are_compared_with_nothing_and_of_a_steep_one_wi
     )
     assert "coulomb" not in coulomb.parts
     assert 0.0 < steep.of("coulomb", "friction_energy") < 0.01
+
+
+def test_energy_where_coulombs_law_loses_none_is_all_apart():
+    system, times = CASES["bar"]()
+    own = results(sj.integrate(system, **times))
+    none = replace(own, friction_energy=0.0, loop_energy=0.0)
+    parts = _apart(none, own)
+    assert (parts["friction_energy"], parts["loop_energy"]) == (1.0, 1.0)
+    assert parts["peak_displacement"] == 0.0
 
 
 def bar(*betas: float) -> sj.System:

@@ -202,6 +202,8 @@ def test_the_active_share_of_the_area_is_in_the_title_and_the_region_is_outlined
     contours = [c for c in panel.collections if len(getattr(c, "levels", [])) == 1]
     outline = np.vstack([path.vertices for path in contours[-1].get_paths()])
     np.testing.assert_allclose(outline[:, 0], 270.0)  # half way between the columns
+    for beyond, said in ((-1.0, "all of it active"), (9.0, "faded: nothing is active")):
+        assert active_figure(lap(), 1e-6 * x, x > beyond).axes[0].get_title() == said
 
 
 def joint_of(length: float, width: float) -> sj.Structure:

@@ -87,3 +87,9 @@ def test_fewer_points_than_asked_for_are_reported():
     system, small = of_run("strip", 5, friction_points=10_000, beta=1e4)
     assert "instead of 10000" in notes_of(small)[0]
     assert np.array_equal(np.sort(small.contact.w), np.sort(system.contact.w))  # each by itself
+
+
+def test_a_system_without_friction_is_refused():
+    system = case("lap")[1]
+    with pytest.raises(sj.InputError, match="needs friction in a joint"):
+        sj.reduce(system.with_contact(given=0.0 * system.contact.w), run=full("lap"))

@@ -66,6 +66,12 @@ def test_the_force_of_a_slider_is_cut_to_the_limit_and_let_go_where_contact_open
     assert run.energy_residual < 1e-9
 
 
+def test_steady_vibration_that_is_slow_has_the_loop_of_the_closed_form():
+    run = sj.integrate(slider(150.0, 0.0), until="steady", steps_per_cycle=400, scheme=SCHEME)
+    assert run.cycles.friction[-1] == pytest.approx(loop_energy(150.0), rel=5e-3)
+    assert run.stored_energy[1] == pytest.approx(run.stored_energy[0], rel=1e-6)
+
+
 def test_sparse_matrices_whose_slip_and_approach_share_unknowns_are_stepped_as_dense_ones():
     system = slider(150.0, 0.0)
     rigid = system.project(TURNED)
