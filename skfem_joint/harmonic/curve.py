@@ -196,7 +196,7 @@ def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Ite
             "ring-down."
         )
     highest = getattr(origin, "highest", np.inf) if system.made_for else np.inf
-    beyond = values["frequency"] ** 2 * np.exp(levels.parameters) * levels.equations.modal
+    beyond = values["frequency"] ** 2 * levels.amplitudes * levels.equations.modal
     if (beyond > highest).any():
         yield (
             f"from the level number {int(np.argmax(beyond > highest)) + 1} on amplitudes are "

@@ -70,8 +70,8 @@ def test_loss_of_a_jenkins_oscillator_has_its_closed_form():
 def test_time_steps_that_do_not_converge_are_told_and_cost_no_level():
     balance = Balance.of(jenkins(), FourierSeries(15, 512, True), 2.0, 1.0)
     equations = ModeEquations(balance, 1, np.ones(1), np.ones(1), 1.0)
-    levels, failure = climbed(equations, np.log([0.1, 0.5]), Tally(silent))
-    assert failure is None
+    levels, why = climbed(equations, np.array([0.1, 0.5]), Tally(silent))
+    assert not why
     broken = levels.u.copy()
     broken[1] = np.nan
     marched = march(replace(levels, u=broken), np.arange(2))
