@@ -18,7 +18,7 @@ the damping was 0.5 to 3 times the true one on 13, that of the frequency, below 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -41,6 +41,8 @@ LADDER = (3, 128), (7, 256), (15, 512), (31, 1024), (63, 2048)
 #: Those with which a mode is followed, one after the other until it reaches all levels: where
 #: points slip one by one its way has kinks, fewer with more samples and without inner loops.
 STARTS = LADDER[0], (3, 2048), (1, 512)
+#: Those with which it is then followed anew.
+FOLLOWED = LADDER[1]
 #: Springs of rigid sticking, by one over what they take off the square of the stuck frequency:
 #: levels are climbed with the first, and extrapolated from the last two.
 FACTORS = 200.0, 1400.0, 10000.0
@@ -144,20 +146,30 @@ def _mode(
         tries.append(climbed(equations, amplitudes, tally))
         if tries[-1][0].omega.size == amplitudes.size:
             break
-    levels, why = max(tries, key=lambda one: one[0].omega.size)
-    stages = [levels]
-    for factor in FACTORS[1:] if rigid else ():
-        series = levels.series.highest, levels.series.samples
-        levels, found = resolved(levels, _equations(system, number, at, factor, series), tally)
-        if not found.all() and STIFFER not in why:
-            why += STIFFER
-        stages = [stage.only(found) for stage in (*stages, levels)]
-        levels = stages[-1]
-    if not rigid:
-        stages = []
+    first, why = max(tries, key=lambda one: one[0].omega.size)
+    best: tuple[list[Levels], dict[str, FloatArray]] | None = None
+    for levels, errors in _followed(first, tally):
+        stages = [levels]
+        for factor in FACTORS[1:] if rigid else ():
+            levels = stages[-1]
+            series = levels.series.highest, levels.series.samples
+            equations = _equations(system, number, at, factor, series)
+            levels, found = resolved(levels, equations, tally)
+            errors = {name: error[found] for name, error in errors.items()}
+            stages = [stage.only(found) for stage in (*stages, levels)]
+        if best is None or stages[-1].omega.size > best[0][-1].omega.size:
+            best = stages, errors
+        if stages[-1].omega.size == first.omega.size:
+            break
+    assert best is not None
+    stages, errors = best
+    levels = stages[-1]
+    if levels.omega.size < first.omega.size:
+        why += STIFFER
+    stages = stages if rigid else []
     lacking = amplitudes[~np.isin(amplitudes, levels.amplitudes)]
     if levels.omega.size:
-        levels, errors = _settled(levels, tally)
+        levels, errors = _settled(levels, errors, tally)
         curve = _finished(levels, errors, stages, confirm and not lacking.size, tally)
         if not lacking.size:
             return curve
@@ -211,15 +223,35 @@ def _equations(
     return ModeEquations(balance, number, shape, looked_at, modal, point)
 
 
-def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray]]:
-    """Levels with as many harmonics as it takes, and the relative errors left.
+def _followed(levels: Levels, tally: Tally) -> Iterator[tuple[Levels, dict[str, FloatArray]]]:
+    """Levels followed anew with `FOLLOWED` harmonics, and their relative errors; then as they are.
+
+    With more harmonics a mode may turn where another one takes part. Errors of levels as they are
+    are not known. Where the mode is lost these are all.
+    """
+    balance, (highest, samples) = levels.equations.balance, FOLLOWED
+    series = FourierSeries(highest, max(samples, levels.series.samples), levels.series.odd)
+    if levels.omega.size and series.size * balance.frequencies.size <= MOST:
+        equations = replace(levels.equations, balance=balance.refined(series))
+        finer, _ = climbed(equations, levels.amplitudes, tally)
+        if finer.omega.size == levels.omega.size:
+            left = {name: SHARE_LEFT * x for name, x in changes(finer, levels).items()}
+            yield finer, left
+    yield levels, {name: np.full(levels.omega.size, np.nan) for name in SETTLED}
+
+
+def _settled(
+    levels: Levels, errors: dict[str, FloatArray], tally: Tally
+) -> tuple[Levels, dict[str, FloatArray]]:
+    """Levels with as many harmonics as it takes, and the relative errors left, from those so far.
 
     A level that is not found with more harmonics keeps its own, and the largest error of all.
     Errors are nan where more harmonics were never found, or would make too large a derivative.
     """
-    errors = {name: np.full(levels.omega.size, np.nan) for name in SETTLED}
     for highest, samples in LADDER:
         balance, last = levels.equations.balance, levels.series
+        if all((errors[name] <= bound).all() for name, bound in SETTLED.items()):
+            break
         if highest <= last.highest:
             continue
         series = FourierSeries(highest, max(samples, last.samples), last.odd)
@@ -233,8 +265,6 @@ def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray
             largest = np.maximum(errors[name], np.nan_to_num(new).max())
             errors[name] = np.where(found, new, largest)
         levels = finer
-        if all((errors[name] <= bound).all() for name, bound in SETTLED.items()):
-            break
     return levels, errors
 
 

@@ -28,8 +28,8 @@ TOLERANCE = 1e-6
 #: Norm that will do where the iteration ends: points that just begin to slip between two samples
 #: may leave so much.
 ENOUGH = 1e-5
-#: Most iterations, and halvings of a step.
-ITERATIONS, HALVINGS = 40, 8
+#: Most iterations, those of a step along a branch, and halvings of an iteration's step.
+ITERATIONS, QUICK, HALVINGS = 40, 12, 8
 #: Shares of a residual that vanish one after the other. More of them cost more than they find.
 EASED = 0.25, 0.5, 0.75, 1.0
 #: Change of the motion, relative, that is an arc of length 1.
@@ -37,12 +37,12 @@ CHANGE = 0.2
 #: Longest and shortest step in arc length.
 LONGEST, SHORTEST = 2.0, 1e-4
 #: Most steps: so many, and so many for each parameter asked for.
-LEAST_STEPS, MOST_STEPS = 100, 20
+LEAST_STEPS, MOST_STEPS = 100, 10
 #: A point may lie so far from where it was expected, over the step: else it may be another branch.
 ASTRAY = 1.0
-#: Cosine of a turn below which the determinant tells where a branch goes, and the longest step
-#: after which this may be elsewhere than the angle tells.
-SHARP, SHORT = 0.8, 0.05
+#: Longest step after which the determinant may tell another side than the angle does, and cosine
+#: of the angle below which the determinant is right then.
+SHORT, SHARP = 0.05, 0.8
 #: Distances beyond a kink at which it is looked for how a branch goes on, and the step there.
 BEYOND, AFTER = (1e-4, 1e-3, 1e-2), 0.01
 #: Relative distance of parameters that are the same.
@@ -141,10 +141,12 @@ def by_parameter(size: int) -> FloatArray:
     return np.append(np.zeros(size - 1), 1.0)
 
 
-def solved(equations: Equations, x: FloatArray, normal: FloatArray) -> Solution:
+def solved(
+    equations: Equations, x: FloatArray, normal: FloatArray, most: int = ITERATIONS
+) -> Solution:
     """Solution near ``x`` in the plane through it, by Newton's iteration.
 
-    Its steps are halved until residuals fall.
+    Its steps are halved until residuals fall. There are ``most`` of them.
 
     Raises
     ------
@@ -152,14 +154,14 @@ def solved(equations: Equations, x: FloatArray, normal: FloatArray) -> Solution:
         If it is not found.
     """
     share, rows = 1.0, equations.rows(x)
-    for iteration in range(ITERATIONS):
+    for iteration in range(most):
         values, derivative = equations(x, True)
         residual = rows * values
         size = float(np.linalg.norm(residual))
         if not np.isfinite(size):
             break
         factor = _factor(rows[:, np.newaxis] * derivative, normal)
-        if size <= TOLERANCE or (size <= ENOUGH and iteration == ITERATIONS - 1):
+        if size <= TOLERANCE or (size <= ENOUGH and iteration == most - 1):
             return Solution(x, *_tangent(factor), iteration)
         step = -linalg.lu_solve(factor, np.append(residual, 0.0), check_finite=False)
         if not np.isfinite(step).all():
@@ -218,7 +220,7 @@ def branch(equations: Equations, place: BranchPoint, targets: FloatArray) -> Ite
             length = ahead if lands else step
             normal = by_parameter(x.size) if lands else weights * along
             try:
-                point = solved(equations, x + length * along, normal)
+                point = solved(equations, x + length * along, normal, QUICK)
                 turned, sense = _onwards(point, place.sense, along, weights, length)
                 if _length(point.x - x - length * along, weights) > ASTRAY * length:
                     raise ConvergenceError("the next point lies far from where it was expected")
@@ -252,15 +254,15 @@ def _onwards(
 ) -> tuple[FloatArray, float]:
     """Direction onwards from a point after a step ``along``, with its sense.
 
-    ConvergenceError if angle and determinant tell two sides of a sharp turn after a long step.
+    ConvergenceError if angle and determinant tell two sides after a long step.
     """
     ahead = point.tangent / _length(point.tangent, weights)
     cosine = float(ahead @ (weights * along))
     side = float(np.sign(cosine))
-    if abs(cosine) < SHARP and side != point.sense * sense:
+    if side != point.sense * sense:  # another sheet, a kink, or another branch that crosses
         if length > SHORT:
             raise ConvergenceError("it turns too sharply")
-        side = -side
+        side *= 1.0 if abs(cosine) > SHARP else -1.0
     return side * ahead, side * point.sense
 
 
