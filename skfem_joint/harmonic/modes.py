@@ -4,11 +4,11 @@ A mode is the periodic motion that the force 2 zeta omega M du/dt keeps up (exte
 concept, M. Krack, Comput. Struct. 154, 2015), by harmonic balance with exact Coulomb friction. Its
 shape may change, joints may slip as a whole, contact may open.
 
-Levels follow each other from a linear mode on, with soft springs where contact sticks rigidly, and
-are found again with stiffer ones. Then harmonics and samples are raised at the levels that have not
-settled; half of what the last rise changed is stated as their error. Values are extrapolated from
-the two stiffest springs to rigid ones by the first order, and what that would add by the order that
-all three show is stated, too.
+A mode is followed along its branch from where it is linear, through turns in its amplitude, with
+soft springs where contact sticks rigidly; its levels are found again with stiffer ones. Then
+harmonics and samples are raised at the levels that have not settled; half of what the last rise
+changed is stated as their error. Values are extrapolated from the two stiffest springs to rigid
+ones by the first order, and what that would add by the order that all three show is stated, too.
 
 Harmonics are doubled. Raised from 11 to 15 they changed the damping of a bar by 0.4 % where 2 %
 was missing, because a mode that lies near a multiple of the frequency does not show
