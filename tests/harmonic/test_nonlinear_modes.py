@@ -222,7 +222,8 @@ def test_time_steps_agree_where_limits_follow_normal_forces():
     K = np.array([[2.0, 0.8], [0.8, 3.0]])
     system = sj.System(np.eye(2), 0.01 * K, K, contact, P=B, points=("mass",))
     (mode,) = sj.nonlinear_modes(system, amplitudes=[0.05, 0.5, 2.0])
-    assert mode.state == ("stick", "gross", "gross")
+    assert mode.state == ("stick", "stick", "partial")
+    assert mode.displacement[:, 0] == pytest.approx([0.1, 0.5, 5.0], rel=1e-6)
     assert mode.opened.tolist() == [0.0, 0.0, 1.0]
     assert np.abs(mode.marched.frequency).max() < 1e-3
     assert np.abs(mode.marched.damping_ratio).max() < 1e-2
@@ -282,11 +283,13 @@ def test_a_curve_passes_turns_in_its_amplitude_and_says_which_levels_it_meets_ag
     assert any("more than once, the numbers 2:" in note for note in mode.notes)
 
 
+@pytest.mark.slow
 def test_harmonics_near_higher_modes_end_no_curve():
-    """A chain with frequencies nearly as 1 : 3 : 5, up to gross slip of all sliders."""
+    """A chain with frequencies nearly as 1 : 3 : 5: its highest amplitude was lost before."""
     uniform = replace(chain(), M=np.eye(12))
     (mode,) = sj.nonlinear_modes(uniform, amplitudes=[0.1, 0.5, 5.0], confirm=False)
-    assert mode.state == ("stick", "gross", "gross")
+    assert mode.state == ("stick", "stick", "partial")
+    assert mode.displacement[:, 0] == pytest.approx([0.1, 0.5, 5.0], rel=1e-6)
 
 
 @pytest.mark.parametrize(
