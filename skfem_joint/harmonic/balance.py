@@ -143,6 +143,16 @@ class Balance:
         """Frequencies, (n,), that residuals are over and unknowns times, rad/s."""
         return np.maximum(self.frequencies, self.reference)
 
+    def rows(self, size: float) -> FloatArray:
+        """What makes residuals (nh n,) of motions with the norm ``size`` by the mass of size 1."""
+        return np.tile(1.0 / (self.scale * size * self.reference), self.series.size)
+
+    def metric(self, size: float) -> FloatArray:
+        """Weights (nh n,) of squares of changes over ``size``, by the mass, without the mean."""
+        weights = np.full((self.series.size, self.frequencies.size), size**-2)
+        weights[: self.series.first] = 0.0
+        return weights.ravel()
+
     def inner(self, u: FloatArray) -> FloatArray:
         """Coefficients (nh, n) of q, from those of the unknowns of the system."""
         return np.asarray(u @ as_dense(self.system.M) @ self.Phi)

@@ -184,7 +184,7 @@ def curve_of(
 
 
 def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Iterator[str]:
-    """Notes of the law, of soft springs with their largest force, and of a model's range."""
+    """Notes of the law, of soft springs, of turns, and of a model's range."""
     system = levels.equations.balance.system
     contact, origin = system.contact, system.origin
     yield from notes_of_law(contact)
@@ -195,8 +195,14 @@ def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Ite
             "where there are none of the normal forces or the inertia; support it, or see a "
             "ring-down."
         )
+    if (several := np.flatnonzero(levels.met > 1) + 1).size:
+        yield (
+            "it turns back in its amplitude and meets some levels more than once, the numbers "
+            f"{', '.join(map(str, several))}: there are several motions of that amplitude, of "
+            "which these are the first on the way from small ones."
+        )
     highest = getattr(origin, "highest", np.inf) if system.made_for else np.inf
-    beyond = values["frequency"] ** 2 * np.exp(levels.parameters) * levels.equations.modal
+    beyond = values["frequency"] ** 2 * levels.amplitudes * levels.equations.modal
     if (beyond > highest).any():
         yield (
             f"from the level number {int(np.argmax(beyond > highest)) + 1} on amplitudes are "

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import numpy as np
 
-from skfem_joint.ground.arrays import BoolArray, FloatArray
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Tally
 from skfem_joint.harmonic.mode_equations import ModeEquations
-from skfem_joint.harmonic.newton import TOLERANCE, Solution, followed, solved
+from skfem_joint.harmonic.newton import SAME, TOLERANCE, BranchPoint, branch, by_parameter, solved
 from skfem_joint.harmonic.series import FourierSeries
 
-#: Amplitude, over the first one, from which levels start if the first one is not found at once.
-BELOW = 1e-3
-#: Least step in the logarithm of the amplitude, and most steps to a level that is found again.
-LEAST_STEP, FEW = 0.01, 4
+#: Amplitudes over the first one from which a mode is followed: the first at which contact sticks
+#: and stays closed, or the last.
+BELOW = 1.0, 0.3, 0.1, 1e-2, 1e-3
+#: Size of a motion over that at the start below which a branch is not followed downwards, and most
+#: steps to a level that is found again.
+LOWEST, FEW = 0.3, 50
 #: Damping below this share of the largest counts as so large, where its relative change is taken.
 LEAST = 0.02
 #: Damping ratio below which there is none: Newton's iteration finds no smaller one for sure.
@@ -31,24 +35,27 @@ class Levels:
     ----------
     equations : ModeEquations
         Which they solve.
-    parameters : ndarray, shape (levels,)
-        Logarithms of the amplitudes.
+    amplitudes : ndarray, shape (levels,)
+        m, or m kg^1/2.
     u : ndarray, shape (levels, nh, n)
         Coefficients of the unknowns of the system, m.
     omega, zeta : ndarray, shape (levels,)
         Angular frequency, rad/s, and damping ratio.
+    met : ndarray of int, shape (levels,)
+        How often the branch has met each amplitude; values are those of the first time.
     """
 
     equations: ModeEquations
-    parameters: FloatArray
+    amplitudes: FloatArray
     u: FloatArray
     omega: FloatArray
     zeta: FloatArray
+    met: IntArray
 
-    def up_to(self, count: int) -> Levels:
-        """The first levels alone."""
-        values = self.parameters, self.u, self.omega, self.zeta
-        return Levels(self.equations, *(x[:count] for x in values))
+    def only(self, rows: BoolArray) -> Levels:
+        """Some levels alone."""
+        a, u, omega, zeta = (x[rows] for x in (self.amplitudes, self.u, self.omega, self.zeta))
+        return Levels(self.equations, a, u, omega, zeta, self.met[rows])
 
     @property
     def series(self) -> FourierSeries:
@@ -61,50 +68,52 @@ class Levels:
         return {"frequency": self.omega, "damping_ratio": self.zeta}
 
 
-def _levels(equations: ModeEquations, parameters: FloatArray, points: list[Solution]) -> Levels:
-    """From solutions at parameters."""
-    motions = [
-        equations.motion(point.y, at) for point, at in zip(points, parameters.tolist(), strict=True)
-    ]
-    u = np.array([equations.balance.outer(q) for q, _, _ in motions])
-    omega, zeta = (np.array([motion[k] for motion in motions]) for k in (1, 2))
-    return Levels(equations, parameters, u, omega, zeta)
+def _levels(equations: ModeEquations, points: Sequence[FloatArray], met: IntArray) -> Levels:
+    """From unknowns at amplitudes."""
+    parts = [equations.parts(x) for x in points]
+    shape = len(parts), equations.balance.series.size, equations.balance.system.n
+    u = np.array([equations.balance.outer(q) for q, *_ in parts]).reshape(shape)
+    omega, zeta, amplitudes = np.array([x for _, *x in parts]).reshape(-1, 3).T
+    return Levels(equations, amplitudes, u, omega, zeta, met)
 
 
-def _arrived(
-    equations: ModeEquations, point: Solution, start: float, end: float, least: float = LEAST_STEP
-) -> Solution:
-    """Solution at the parameter ``end``, followed from that at ``start`` in steps of ``least``."""
-    *_, (_, last) = followed(equations, point, start, end, least, equations.near)
-    return last
+def climbed(equations: ModeEquations, amplitudes: FloatArray, tally: Tally) -> tuple[Levels, str]:
+    """Levels that the branch of a linear mode meets; and why it does not meet the others."""
+    points, met, why = dict[float, FloatArray](), dict.fromkeys(amplitudes.tolist(), 0), ""
+    lost = "the linear mode is not found below the first one"
+    try:
+        start = _linear(equations, float(amplitudes[0]))
+        # a node of the mode may pass the point, which moves the other way from there on
+        ahead = branch(equations, start, np.append(-amplitudes, amplitudes))
+        for place in chain([start], ahead):
+            omega, _, amplitude = np.abs(place.rest).tolist()
+            level = float(amplitudes[np.abs(amplitudes - amplitude).argmin()])
+            if place.asked and abs(level - amplitude) <= SAME * level:
+                tally.add(int(met[level] == 0))
+                met[level] += 1
+                points.setdefault(level, equations.upright(place.x))
+            if met[float(amplitudes[-1])]:
+                break
+            if np.linalg.norm(place.q) < LOWEST * np.linalg.norm(start.q):
+                why = "its branch turns back, and comes down to small amplitudes in another mode"
+                break
+            lost = f"its branch is lost at {amplitude:.4g}, {omega / (2.0 * np.pi):.6g} Hz"
+    except ConvergenceError as error:
+        why = f"{lost}: {error}"
+    found = sorted(points)
+    return _levels(equations, [points[a] for a in found], np.array([met[a] for a in found])), why
 
 
-def climbed(
-    equations: ModeEquations, parameters: FloatArray, tally: Tally
-) -> tuple[Levels, ConvergenceError | None]:
-    """Levels one after the other, from a linear mode on; and why they end before the last one.
-
-    Raises
-    ------
-    ConvergenceError
-        If the first level is not found.
-    """
-    first = float(parameters[0])
-    point = _solved_near(equations, equations.linear(first), first)
-    if point is None:
-        low = first + float(np.log(BELOW))
-        point = _arrived(equations, solved(equations, equations.linear(low), low), low, first)
-    points, error = [point], None
-    tally.add()
-    for before, after in zip(parameters[:-1].tolist(), parameters[1:].tolist(), strict=True):
-        try:
-            point = _arrived(equations, points[-1], before, after)
-        except ConvergenceError as failure:
-            error = failure
+def _linear(equations: ModeEquations, first: float) -> BranchPoint:
+    """Point at the first amplitude, or at a lower one if contact slips or opens there."""
+    balance = equations.balance
+    for below in BELOW:
+        x = equations.linear(below * first)
+        q = equations.parts(x)[0]
+        sampled = balance.contact.sampled(balance.series, q, False)
+        if not (sampled.moves.any() or sampled.opened.any()):
             break
-        points.append(point)
-        tally.add()
-    return _levels(equations, parameters[: len(points)], points), error
+    return BranchPoint.of(solved(equations, x, by_parameter(x.size)), q.shape)
 
 
 def resolved(
@@ -116,45 +125,47 @@ def resolved(
     from the linear mode: springs of sticking that are several times as stiff may slip where the
     former ones stuck. One that is not found so either keeps its former state.
     """
-    points, found = list[Solution](), list[bool]()
-    balance, parameters = equations.balance, levels.parameters.tolist()
-    asked = np.ones(len(parameters), np.bool_) if rows is None else rows
+    points, found = list[FloatArray](), list[bool]()
+    balance, amplitudes = equations.balance, levels.amplitudes.tolist()
+    asked = np.ones(len(amplitudes), np.bool_) if rows is None else rows
     tally.total += int(asked.sum())
-    for k, (at, wanted) in enumerate(zip(parameters, asked.tolist(), strict=True)):
+    for k, (amplitude, wanted) in enumerate(zip(amplitudes, asked.tolist(), strict=True)):
         q = balance.inner(balance.series.of(levels.u[k], levels.series))
-        y = equations.scaled(q, float(levels.omega[k]), float(levels.zeta[k]), at)
-        point: Solution | None = Solution(y, np.zeros_like(y), 0)
+        x = np.append(q, [levels.omega[k], levels.zeta[k], amplitude])
+        point: FloatArray | None = x
         if wanted:
-            point = _solved_near(equations, y, at)
+            point = _solved_near(equations, x)
             if point is None and k > 0 and found[-1]:
-                point = _followed_from(equations, points[-1].y, parameters[k - 1], at)
+                point = _followed_from(equations, points[-1], amplitude)
             if point is None:
-                point = _solved_near(equations, equations.linear(at), at)
-                point = point if point and equations.near(point.y, y) else None
+                point = _solved_near(equations, equations.linear(amplitude))
+                point = None if point is None or not equations.near(point, x) else point
             tally.add()
         found.append(point is not None)
-        points.append(point or Solution(y, np.zeros_like(y), 0))
-    return _levels(equations, levels.parameters, points), np.array(found)
+        points.append(x if point is None else point)
+    return _levels(equations, points, levels.met), np.array(found, np.bool_)
 
 
-def _solved_near(equations: ModeEquations, y: FloatArray, at: float) -> Solution | None:
-    """Solution of the mode of ``y``, if it is found."""
+def _solved_near(equations: ModeEquations, x: FloatArray) -> FloatArray | None:
+    """Solution of the mode and amplitude of ``x``, if it is found."""
     try:
-        point = solved(equations, y, at)
+        point = solved(equations, x, by_parameter(x.size))
     except ConvergenceError:
         return None
-    return point if equations.near(point.y, y) else None
+    return point.x if equations.near(point.x, x) else None
 
 
-def _followed_from(
-    equations: ModeEquations, y: FloatArray, start: float, end: float
-) -> Solution | None:
-    """Solution that is followed from ``y`` at another parameter, if it is found in few steps."""
-    point = _solved_near(equations, y, start)
+def _followed_from(equations: ModeEquations, x: FloatArray, amplitude: float) -> FloatArray | None:
+    """Solution at an amplitude that a branch from near ``x`` meets, if it does in few steps."""
     try:
-        return point and _arrived(equations, point, start, end, least=(end - start) / FEW)
+        start = solved(equations, x, by_parameter(x.size))
+        place = BranchPoint.of(start, equations.parts(x)[0].shape)
+        for ahead in islice(branch(equations, place, np.array([amplitude])), FEW):
+            if ahead.asked:
+                return ahead.x
     except ConvergenceError:
-        return None
+        pass
+    return None
 
 
 def relative(change: FloatArray, values: FloatArray) -> FloatArray:

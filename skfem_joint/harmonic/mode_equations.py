@@ -1,12 +1,14 @@
 """Equations of a nonlinear mode: periodic motion of a given amplitude, kept up by its own inertia.
 
-Unknowns are the coefficients of q over the amplitude, the angular frequency omega and the damping
-ratio zeta; two more equations fix the amplitude and the phase of a displacement that is looked at,
+Unknowns are the coefficients of q, the angular frequency omega, the damping ratio zeta, and the
+amplitude a, which is the parameter. Two more equations fix the amplitude and the phase of a
+displacement that is looked at,
 
     l c_1 = a,   l s_1 = 0.
 
-All are scaled to be of size 1, and divided by the amplitude: a linear mode does not change with it.
-The parameter is the logarithm of the amplitude.
+A mode is followed by its arc length in a metric of the relative changes of the motion, by the mass
+and without its mean, and of omega, and of the change of zeta. The amplitude has no part in it: it
+may vanish where a node of the mode passes the point.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.harmonic.balance import Balance
+from skfem_joint.harmonic.newton import CHANGE
 
 #: Least correlation of the first harmonics, and largest relative difference in frequency, of
 #: neighbouring solutions: others are of another mode, to which the iteration went over.
@@ -37,7 +40,7 @@ class ModeEquations:
     looked_at : ndarray, shape (n,)
         Displacement l whose first harmonic is the amplitude, from the unknowns of the system.
     modal : float
-        Modal amplitude, m kg^1/2, of a displacement of 1 m, by which unknowns are scaled.
+        Modal amplitude, m kg^1/2, of a displacement of 1 m, by which residuals are scaled.
     point : int or None
         Number of the named point that is looked at; None for the modal amplitude.
     """
@@ -49,68 +52,65 @@ class ModeEquations:
     modal: float
     point: int | None = None
 
-    def __call__(
-        self, y: FloatArray, parameter: float, tangents: bool
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Residual of ``y`` at the logarithm of an amplitude, and derivatives by both."""
-        balance = self.balance
-        series, n, reference = balance.series, balance.frequencies.size, balance.reference
-        q, omega, zeta = self.motion(y, parameter)
+    @property
+    def unique(self) -> bool:
+        """See `Equations`: a mode may turn in its amplitude."""
+        return False
+
+    def __call__(self, x: FloatArray, tangents: bool) -> tuple[FloatArray, FloatArray]:
+        """See `Equations`."""
+        balance, (q, omega, zeta, amplitude) = self.balance, self.parts(x)
         if omega <= 0.0:  # too far away: the line search comes back
-            return np.full(y.size, np.inf), np.zeros((0, 0)), np.zeros(0)
-        residual = balance.residual(q, omega, zeta, tangents=tangents)
-        weights, size = 1.0 / balance.scale, series.size * n
-        by = 1.0 / (float(np.exp(parameter)) * self.modal * reference)
-        functional = (balance.Phi.T @ self.looked_at) * weights * self.modal * reference
-        first = series.first * n
-        values = np.empty(size + 2)
-        values[:size] = (residual.values * weights).ravel() * by
-        values[size:] = y[first : first + 2 * n].reshape(2, n) @ functional - [1.0, 0.0]
-        if residual.derivative is None:
-            return values, np.zeros((0, 0)), np.zeros(0)
-        derivative, by_parameter = np.zeros((size + 2, size + 2)), np.zeros(size + 2)
-        own = residual.derivative
-        own *= weights[:, np.newaxis, np.newaxis]
-        own *= weights
-        derivative[:size, :size] = own.reshape(size, size)
-        derivative[:size, size] = (residual.by_omega * weights).ravel() * (by * reference)
-        derivative[:size, size + 1] = (residual.by_zeta * weights).ravel() * by
-        derivative[size, first : first + n] = functional
-        derivative[size + 1, first + n : first + 2 * n] = functional
-        by_parameter[:size] = derivative[:size, :size] @ y[:size] - values[:size]
-        return values, derivative, by_parameter
+            return np.full(x.size - 1, np.inf), np.zeros((0, 0))
+        found = balance.residual(q, omega, zeta, tangents=tangents)
+        size, first, seen = q.size, balance.series.first, balance.Phi.T @ self.looked_at
+        values = np.append(found.values, q[first : first + 2] @ seen - [amplitude, 0.0])
+        if found.derivative is None:
+            return values, np.zeros((0, 0))
+        derivative = np.zeros((x.size - 1, x.size))
+        derivative[:size, :size] = found.derivative.reshape(size, size)
+        derivative[:size, size] = found.by_omega.ravel()
+        derivative[:size, size + 1] = found.by_zeta.ravel()
+        for row in range(2):
+            a = (first + row) * seen.size
+            derivative[size + row, a : a + seen.size] = seen
+        derivative[size, -1] = -1.0
+        return values, derivative
 
-    def motion(self, y: FloatArray, parameter: float) -> tuple[FloatArray, float, float]:
-        """Coefficients (nh, n) of q, omega (rad/s) and zeta of scaled unknowns."""
-        balance = self.balance
-        by = float(np.exp(parameter)) * self.modal * balance.reference
-        q = y[:-2].reshape(balance.series.size, -1) * (by / balance.scale)
-        return q, float(y[-2]) * balance.reference, float(y[-1])
+    def rows(self, x: FloatArray) -> FloatArray:
+        """See `Equations`."""
+        size = float(np.linalg.norm(x[:-3]))
+        return np.append(self.balance.rows(size), np.full(2, self.modal / size))
 
-    def scaled(self, q: FloatArray, omega: float, zeta: float, parameter: float) -> FloatArray:
-        """Scaled unknowns of a motion: the inverse of `motion`."""
-        balance = self.balance
-        by = float(np.exp(parameter)) * self.modal * balance.reference
-        return np.concatenate(
-            [(q * (balance.scale / by)).ravel(), [omega / balance.reference, zeta]]
-        )
+    def metric(self, x: FloatArray) -> FloatArray:
+        """See `Equations`."""
+        of_motion = self.balance.metric(CHANGE * float(np.linalg.norm(x[:-3])))
+        return np.append(of_motion, [(CHANGE * x[-3]) ** -2, CHANGE**-2, 0.0])
 
-    def linear(self, parameter: float) -> FloatArray:
-        """Scaled unknowns of the linear mode with stuck and closed contact."""
+    def parts(self, x: FloatArray) -> tuple[FloatArray, float, float, float]:
+        """Coefficients (nh, n) of q, omega (rad/s), zeta and amplitude of all unknowns."""
+        return x[:-3].reshape(self.balance.series.size, -1), *x[-3:].tolist()
+
+    def upright(self, x: FloatArray) -> FloatArray:
+        """Same motion with a positive amplitude, by half of a period later if need be."""
+        q, *rest, amplitude = self.parts(x)
+        if amplitude >= 0.0:
+            return x
+        sign = (-1.0) ** self.balance.series.coefficient_orders[:, np.newaxis]
+        return np.append(sign * q, [*rest, -amplitude])
+
+    def linear(self, amplitude: float) -> FloatArray:
+        """Unknowns of the linear mode with stuck and closed contact."""
         balance, mass = self.balance, as_dense(self.balance.system.M)
         mode = int(np.abs(balance.Phi.T @ (mass @ self.shape)).argmax())
         q = np.zeros((balance.series.size, balance.frequencies.size))
-        moved = float(self.looked_at @ balance.Phi[:, mode])
-        q[balance.series.first, mode] = float(np.exp(parameter)) / moved
+        q[balance.series.first, mode] = amplitude / float(self.looked_at @ balance.Phi[:, mode])
         omega = float(balance.frequencies[mode])
-        return self.scaled(q, omega, 0.5 * float(balance.C[mode, mode]) / omega, parameter)
+        return np.append(q, [omega, 0.5 * float(balance.C[mode, mode]) / omega, amplitude])
 
-    def near(self, y: FloatArray, other: FloatArray) -> bool:
+    def near(self, x: FloatArray, other: FloatArray) -> bool:
         """Whether two solutions are of one mode: alike in frequency and in the first harmonic."""
-        n, first = self.balance.frequencies.size, self.balance.series.first
-        one, two = (
-            x[first * n : (first + 2) * n] * np.tile(1.0 / self.balance.scale, 2)
-            for x in (y, other)
-        )
+        first = self.balance.series.first
+        one, two = (self.parts(y)[0][first : first + 2].ravel() for y in (x, other))
         alike = float(one @ two) > ALIKE * float(np.linalg.norm(one) * np.linalg.norm(two))
-        return alike and abs(float(y[-2] / other[-2]) - 1.0) < APART
+        return alike and abs(float(x[-3] / other[-3]) - 1.0) < APART

@@ -4,11 +4,11 @@ A mode is the periodic motion that the force 2 zeta omega M du/dt keeps up (exte
 concept, M. Krack, Comput. Struct. 154, 2015), by harmonic balance with exact Coulomb friction. Its
 shape may change, joints may slip as a whole, contact may open.
 
-Levels follow each other from a linear mode on, with soft springs where contact sticks rigidly, and
-are found again with stiffer ones. Then harmonics and samples are raised at the levels that have not
-settled; half of what the last rise changed is stated as their error. Values are extrapolated from
-the two stiffest springs to rigid ones by the first order, and what that would add by the order that
-all three show is stated, too.
+A mode is followed along its branch from where it is linear, through turns in its amplitude, with
+soft springs where contact sticks rigidly; its levels are found again with stiffer ones. Then
+harmonics and samples are raised at the levels that have not settled; half of what the last rise
+changed is stated as their error. Values are extrapolated from the two stiffest springs to rigid
+ones by the first order, and what that would add by the order that all three show is stated, too.
 
 Harmonics are doubled. Raised from 11 to 15 they changed the damping of a bar by 0.4 % where 2 %
 was missing, because a mode that lies near a multiple of the frequency does not show
@@ -18,7 +18,7 @@ the damping was 0.5 to 3 times the true one on 13, that of the frequency, below 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,6 +38,11 @@ from skfem_joint.system.system import System
 
 #: Harmonics and samples, raised until values settle.
 LADDER = (3, 128), (7, 256), (15, 512), (31, 1024), (63, 2048)
+#: Those with which a mode is followed, one after the other until it reaches all levels: where
+#: points slip one by one its way has kinks, fewer with more samples and without inner loops.
+STARTS = LADDER[0], (3, 2048), (1, 512)
+#: Those with which it is then followed anew.
+FOLLOWED = LADDER[1]
 #: Springs of rigid sticking, by one over what they take off the square of the stuck frequency:
 #: levels are climbed with the first, and extrapolated from the last two.
 FACTORS = 200.0, 1400.0, 10000.0
@@ -48,6 +53,11 @@ ORDERS = 0.5, 1.0
 SHARE_LEFT = 0.5
 #: Relative error of the damping by which it has settled, and of the frequency.
 SETTLED = {"frequency": 3e-4, "damping_ratio": 5e-3}
+#: Why a level is not found that was there with softer springs.
+STIFFER = (
+    "; with stiffer springs in place of rigid friction, found again from softer ones one by one, "
+    "some are lost where points slip in another way"
+)
 #: Least and largest amplitude, whose squares and products with frequencies are numbers.
 AMPLITUDES = 1e-30, 1e30
 #: Displacement of a point, over the largest, below which a mode does not move it.
@@ -130,41 +140,62 @@ def _mode(
     """One mode; ConvergenceError if an amplitude is not found."""
     rigid = bool(np.any(system.contact.rubs & ~system.contact.sprung))
     tally = Tally(progress, amplitudes.size)
-    levels, failure = climbed(_equations(system, number, at, FACTORS[0]), np.log(amplitudes), tally)
-    stages = [levels]
-    for factor in FACTORS[1:] if rigid else ():
-        levels, found = resolved(levels, _equations(system, number, at, factor), tally)
-        if not found.all():
-            failure = failure or ConvergenceError("with stiffer springs of sticking")
-            levels = levels.up_to(int(np.argmin(found)))
-        stages.append(levels)
-    stages = [stage.up_to(levels.omega.size) for stage in stages] if rigid else []
-    if not levels.omega.size:
-        raise ConvergenceError(
-            f"nonlinear_modes: mode {number} is not found at the first amplitude; ask for lower "
-            "ones"
-        )
-    levels, errors = _settled(levels, tally)
-    if failure is None:
-        return _finished(levels, errors, stages, confirm, tally)
-    curve = _finished(levels, errors, stages, False, tally)
-    where = f"{amplitudes[levels.omega.size]:.4g} m" + (f" of {curve.point!r}" * bool(curve.point))
+    tries = list[tuple[Levels, str]]()
+    for start in STARTS if rigid else STARTS[:2]:
+        equations = _equations(system, number, at, FACTORS[0], start)
+        tries.append(climbed(equations, amplitudes, tally))
+        if tries[-1][0].omega.size == amplitudes.size:
+            break
+    first, why = max(tries, key=lambda one: one[0].omega.size)
+    best: tuple[list[Levels], dict[str, FloatArray]] | None = None
+    for levels, errors in _followed(first, tally):
+        stages = [levels]
+        for factor in FACTORS[1:] if rigid else ():
+            levels = stages[-1]
+            series = levels.series.highest, levels.series.samples
+            equations = _equations(system, number, at, factor, series)
+            levels, found = resolved(levels, equations, tally)
+            errors = {name: error[found] for name, error in errors.items()}
+            stages = [stage.only(found) for stage in (*stages, levels)]
+        if best is None or stages[-1].omega.size > best[0][-1].omega.size:
+            best = stages, errors
+        if stages[-1].omega.size == first.omega.size:
+            break
+    assert best is not None
+    stages, errors = best
+    levels = stages[-1]
+    if levels.omega.size < first.omega.size:
+        why += STIFFER
+    stages = stages if rigid else []
+    lacking = amplitudes[~np.isin(amplitudes, levels.amplitudes)]
+    if levels.omega.size:
+        levels, errors = _settled(levels, errors, tally)
+        curve = _finished(levels, errors, stages, confirm and not lacking.size, tally)
+        if not lacking.size:
+            return curve
+    point = levels.equations.point
+    unit = "m kg^1/2" if point is None else f"m of {system.points[point]!r}"
     raise ConvergenceError(
-        f"nonlinear_modes: mode {number} is not found at an amplitude of {where} ({failure}); the "
-        f"{levels.omega.size} levels below are in the error's run. Ask for levels up to there, or "
-        "see a ring-down",
-        run=curve,
+        f"nonlinear_modes: mode {number} is not found at {lacking.size} of {amplitudes.size} "
+        f"amplitudes, {', '.join(f'{a:.4g}' for a in lacking)} {unit} ({why.lstrip('; ')}); "
+        + (
+            "the others are in the error's run. Ask for these, or see a ring-down"
+            if levels.omega.size
+            else "ask for lower ones, or see a ring-down"
+        ),
+        run=curve if levels.omega.size else None,
     )
 
 
-def _equations(system: System, number: int, at: str | None, factor: float) -> ModeEquations:
-    """Equations of a mode with springs of a factor, in the first series.
+def _equations(
+    system: System, number: int, at: str | None, factor: float, series: tuple[int, int]
+) -> ModeEquations:
+    """Equations of a mode with springs of a factor, in a series of harmonics and samples.
 
     InputError if there is no such mode, it is a rigid motion, or does not move the point.
     """
-    highest, samples = LADDER[0]
-    series = FourierSeries(highest, samples, not system.contact.opens)
-    check_size(system, series)
+    fourier = FourierSeries(*series, not system.contact.opens)
+    check_size(system, fourier)
     frequencies, shapes = stuck_modes(system, max(MODES, number))
     if number > frequencies.size:
         raise InputError(
@@ -177,7 +208,7 @@ def _equations(system: System, number: int, at: str | None, factor: float) -> Mo
             f"nonlinear_modes: mode {number} moves the structure as a rigid body; support it, or "
             "choose a higher mode"
         )
-    balance = Balance.of(system, series, reference, factor)
+    balance = Balance.of(system, fourier, reference, factor)
     if not system.points:
         return ModeEquations(balance, number, shape, as_dense(system.M) @ shape, 1.0)
     moved = np.asarray(system.P @ shape)
@@ -192,16 +223,38 @@ def _equations(system: System, number: int, at: str | None, factor: float) -> Mo
     return ModeEquations(balance, number, shape, looked_at, modal, point)
 
 
-def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray]]:
-    """Levels with as many harmonics as it takes, and the relative errors left.
+def _followed(levels: Levels, tally: Tally) -> Iterator[tuple[Levels, dict[str, FloatArray]]]:
+    """Levels followed anew with `FOLLOWED` harmonics, and their relative errors; then as they are.
+
+    With more harmonics a mode may turn where another one takes part. Errors of levels as they are
+    are not known. Where the mode is lost these are all.
+    """
+    balance, (highest, samples) = levels.equations.balance, FOLLOWED
+    series = FourierSeries(highest, max(samples, levels.series.samples), levels.series.odd)
+    if levels.omega.size and series.size * balance.frequencies.size <= MOST:
+        equations = replace(levels.equations, balance=balance.refined(series))
+        finer, _ = climbed(equations, levels.amplitudes, tally)
+        if finer.omega.size == levels.omega.size:
+            left = {name: SHARE_LEFT * x for name, x in changes(finer, levels).items()}
+            yield finer, left
+    yield levels, {name: np.full(levels.omega.size, np.nan) for name in SETTLED}
+
+
+def _settled(
+    levels: Levels, errors: dict[str, FloatArray], tally: Tally
+) -> tuple[Levels, dict[str, FloatArray]]:
+    """Levels with as many harmonics as it takes, and the relative errors left, from those so far.
 
     A level that is not found with more harmonics keeps its own, and the largest error of all.
     Errors are nan where more harmonics were never found, or would make too large a derivative.
     """
-    errors = {name: np.full(levels.omega.size, np.nan) for name in SETTLED}
-    for highest, samples in LADDER[1:]:
-        balance = levels.equations.balance
-        series = FourierSeries(highest, samples, balance.series.odd)
+    for highest, samples in LADDER:
+        balance, last = levels.equations.balance, levels.series
+        if all((errors[name] <= bound).all() for name, bound in SETTLED.items()):
+            break
+        if highest <= last.highest:
+            continue
+        series = FourierSeries(highest, max(samples, last.samples), last.odd)
         if series.size * balance.frequencies.size > MOST:
             break
         open_ = ~np.all([errors[name] <= bound for name, bound in SETTLED.items()], axis=0)
@@ -209,10 +262,9 @@ def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray
         finer, found = resolved(levels, equations, tally, open_)
         for name, change in changes(finer, levels).items():
             new = np.where(open_ & found, SHARE_LEFT * change, errors[name])
-            errors[name] = np.where(found, new, new.max())
+            largest = np.maximum(errors[name], np.nan_to_num(new).max())
+            errors[name] = np.where(found, new, largest)
         levels = finer
-        if all((errors[name] <= bound).all() for name, bound in SETTLED.items()):
-            break
     return levels, errors
 
 

@@ -1,9 +1,20 @@
-"""Newton's iteration on scaled residuals, and continuation along a parameter."""
+"""Newton's iteration, and the way along a branch of solutions through its turning points.
+
+Equations are one fewer than their unknowns: the harmonics of a motion, and what else is not given,
+such as its frequency; the last one is the parameter. A solution is looked for in a plane that a
+branch crosses: of one parameter, or at one length of arc. The length has a metric of the equations.
+
+Friction that is sampled has kinks, at which a branch may turn back by more than a right angle. So
+the sign of the determinant of derivatives and plane, which stays the same along a branch, tells
+forwards from backwards there, and where steps become too short the derivatives a little beyond
+say where a branch goes on.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy import linalg
@@ -17,91 +28,287 @@ TOLERANCE = 1e-6
 #: Norm that will do where the iteration ends: points that just begin to slip between two samples
 #: may leave so much.
 ENOUGH = 1e-5
-#: Most iterations, and halvings of a step.
-ITERATIONS, HALVINGS = 40, 8
+#: Most iterations, those of a step along a branch, and halvings of an iteration's step.
+ITERATIONS, QUICK, HALVINGS = 40, 12, 8
+#: Shares of a residual that vanish one after the other. More of them cost more than they find.
+EASED = 0.25, 0.5, 0.75, 1.0
+#: Change of the motion, relative, that is an arc of length 1.
+CHANGE = 0.2
+#: Longest and shortest step in arc length.
+LONGEST, SHORTEST = 2.0, 1e-4
+#: Most steps: so many, and so many for each parameter asked for.
+LEAST_STEPS, MOST_STEPS = 100, 10
+#: A point may lie so far from where it was expected, over the step: else it may be another branch.
+ASTRAY = 1.0
+#: Longest step after which the determinant may tell another side than the angle does, and cosine
+#: of the angle below which the determinant is right then.
+SHORT, SHARP = 0.05, 0.8
+#: Distances beyond a kink at which it is looked for how a branch goes on, and the step there.
+BEYOND, AFTER = (1e-4, 1e-3, 1e-2), 0.01
+#: Relative distance of parameters that are the same.
+SAME = 1e-9
+
+
+class Equations(Protocol):
+    """Equations of unknowns x (N,), the last of which is the parameter."""
+
+    @property
+    def unique(self) -> bool:
+        """Whether there is one solution for each parameter, so that nothing turns."""
+
+    def __call__(self, x: FloatArray, tangents: bool) -> tuple[FloatArray, FloatArray]:
+        """Residual (N - 1,) and its derivative, which is empty where it is not wanted."""
+
+    def rows(self, x: FloatArray) -> FloatArray:
+        """What makes residuals of unknowns near ``x`` of size 1, (N - 1,)."""
+
+    def metric(self, x: FloatArray) -> FloatArray:
+        """Weights (N,) of the squares of changes in the square of the length of arc."""
 
 
 class Solution(NamedTuple):
-    """Solution of a problem at a parameter.
+    """Solution in a plane.
 
     Attributes
     ----------
-    y : ndarray
-        Scaled unknowns.
+    x : ndarray
+        Unknowns.
     tangent : ndarray
-        Their derivative by the parameter.
+        Their change along the branch, to the side of the normal.
+    sense : float
+        Sign of the determinant of derivatives and normal.
     iterations : int
     """
 
-    y: FloatArray
+    x: FloatArray
     tangent: FloatArray
+    sense: float
     iterations: int
 
 
-#: Residual, with its derivatives by the unknowns and the parameter, all scaled to size 1; the last
-#: argument is whether the derivatives are wanted, which else are empty.
-Equations = Callable[[FloatArray, float, bool], tuple[FloatArray, FloatArray, FloatArray]]
+class BranchPoint(NamedTuple):
+    """A point of a branch.
+
+    Attributes
+    ----------
+    q : ndarray, shape (nh, n)
+        Coefficients of the motion.
+    rest : ndarray
+        Other unknowns.
+    along : ndarray
+        Change of q and the others along the branch.
+    sense : float
+        Of ``along``, see `Solution`.
+    asked : bool
+        Whether its parameter was asked for.
+    arc : float
+        Length of the arc from the place before.
+    """
+
+    q: FloatArray
+    rest: FloatArray
+    along: FloatArray
+    sense: float = 1.0
+    asked: bool = True
+    arc: float = 0.0
+
+    @classmethod
+    def of(cls, point: Solution, shape: tuple[int, ...]) -> BranchPoint:
+        """Point of an asked parameter, whose motion has a ``shape``; along its tangent."""
+        size = int(np.prod(shape))
+        q, rest = point.x[:size].reshape(shape), point.x[size:]
+        return cls(q, rest, point.tangent, point.sense)
+
+    @property
+    def x(self) -> FloatArray:
+        """All unknowns."""
+        return np.append(self.q, self.rest)
+
+    @property
+    def omega(self) -> float:
+        """Angular frequency, rad/s, the first of the other unknowns."""
+        return float(self.rest[0])
+
+    def mapped(self, change: Callable[[FloatArray], FloatArray]) -> BranchPoint:
+        """Same point with other coefficients of motions."""
+        size = self.q.size
+        along = change(self.along[:size].reshape(self.q.shape))
+        return self._replace(q=change(self.q), along=np.append(along, self.along[size:]))
 
 
-def solved(equations: Equations, y: FloatArray, parameter: float) -> Solution:
-    """Solution near ``y``, by Newton's iteration with steps that are halved until residuals fall.
+def by_parameter(size: int) -> FloatArray:
+    """Normal of the plane of one parameter, for a number of unknowns."""
+    return np.append(np.zeros(size - 1), 1.0)
+
+
+def solved(
+    equations: Equations, x: FloatArray, normal: FloatArray, most: int = ITERATIONS
+) -> Solution:
+    """Solution near ``x`` in the plane through it, by Newton's iteration.
+
+    Its steps are halved until residuals fall. There are ``most`` of them.
 
     Raises
     ------
     ConvergenceError
         If it is not found.
     """
-    share = 1.0
-    for iteration in range(ITERATIONS):
-        residual, derivative, by_parameter = equations(y, parameter, True)
+    share, rows = 1.0, equations.rows(x)
+    for iteration in range(most):
+        values, derivative = equations(x, True)
+        residual = rows * values
         size = float(np.linalg.norm(residual))
         if not np.isfinite(size):
             break
-        factor = linalg.lu_factor(derivative, overwrite_a=True, check_finite=False)
-        if size <= TOLERANCE or (size <= ENOUGH and iteration == ITERATIONS - 1):
-            return Solution(y, -linalg.lu_solve(factor, by_parameter), iteration)
-        step, share = -linalg.lu_solve(factor, residual), min(1.0, 2.0 * share)
+        factor = _factor(rows[:, np.newaxis] * derivative, normal)
+        if size <= TOLERANCE or (size <= ENOUGH and iteration == most - 1):
+            return Solution(x, *_tangent(factor), iteration)
+        step = -linalg.lu_solve(factor, np.append(residual, 0.0), check_finite=False)
+        if not np.isfinite(step).all():
+            break
+        share = min(1.0, 2.0 * share)
         for _ in range(HALVINGS):
-            tried = float(np.linalg.norm(equations(y + share * step, parameter, False)[0]))
+            tried = float(np.linalg.norm(rows * equations(x + share * step, False)[0]))
             if tried < (1.0 - 0.1 * share) * size:
                 break
             share *= 0.5
-        y = y + share * step
+        x = x + share * step
     raise ConvergenceError(f"Newton's iteration ends at a residual of {size:.2g}")
 
 
-def followed(
-    equations: Equations,
-    point: Solution,
-    start: float,
-    end: float,
-    least: float,
-    near: Callable[[FloatArray, FloatArray], bool] = lambda *_: True,
-) -> Iterator[tuple[float, Solution]]:
-    """Solutions on the way of the parameter from ``start``, where ``point`` is, to ``end``.
+def _factor(derivative: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    whole = np.vstack([derivative, normal])
+    lu, pivots = linalg.lu_factor(whole, overwrite_a=True, check_finite=False)
+    return lu, pivots
 
-    The way is one step if that is found, else steps that are halved, down to ``least``, and doubled
-    again, each of which goes out along the tangent. ``near`` tells whether a solution goes on from
-    the one before.
+
+def _tangent(factor: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, float]:
+    """Change of unknowns by a step along the normal, and the sign of the determinant."""
+    lu, pivots = factor
+    swaps = np.count_nonzero(pivots != np.arange(pivots.size))
+    ahead = linalg.lu_solve(factor, by_parameter(pivots.size), check_finite=False)
+    return ahead, float(np.prod(np.sign(np.diag(lu)))) * (-1.0) ** swaps
+
+
+def branch(equations: Equations, place: BranchPoint, targets: FloatArray) -> Iterator[BranchPoint]:
+    """Points of a branch from one on, until no target is ahead.
+
+    Parameters
+    ----------
+    equations : Equations
+    place : BranchPoint
+    targets : ndarray
+        Parameters asked for: there is a point wherever the branch meets one.
 
     Raises
     ------
     ConvergenceError
-        If steps become too small.
+        If steps become too short, or too many.
     """
-    step, at = end - start, start
-    while at != end:
-        step = min(step, end - at, key=abs)
-        to = end if abs(end - at - step) < 1e-12 * abs(end - start) else at + step
-        try:
-            found = solved(equations, point.y + (to - at) * point.tangent, to)
-            if not near(found.y, point.y):
-                raise ConvergenceError("the iteration goes over to another mode")
-        except ConvergenceError:
-            step *= 0.5
-            if abs(step) < least:
-                raise
-        else:
-            point, at = found, to
-            step *= 2.0
-            yield at, point
+    step, shape, most = 1.0, place.q.shape, LEAST_STEPS + MOST_STEPS * targets.size
+    for _ in range(most):
+        x, weights = place.x, equations.metric(place.x)
+        along = place.along / _length(place.along, weights)
+        kinked = False
+        while True:
+            away = (targets - x[-1]) * np.sign(along[-1])
+            away = away[away > SAME * np.abs(targets)]
+            if not away.size:
+                return
+            ahead = float(away.min() / np.abs(along[-1])) if along[-1] else np.inf
+            lands = ahead <= 1.2 * step
+            length = ahead if lands else step
+            normal = by_parameter(x.size) if lands else weights * along
+            try:
+                point = solved(equations, x + length * along, normal, QUICK)
+                turned, sense = _onwards(point, place.sense, along, weights, length)
+                if _length(point.x - x - length * along, weights) > ASTRAY * length:
+                    raise ConvergenceError("the next point lies far from where it was expected")
+                if equations.unique and not turned[-1] * along[-1] > 0.0:
+                    raise ConvergenceError("it turns where nothing turns")
+                if not lands and abs(point.x[-1] - x[-1]) >= away.min() * (1.0 - SAME):
+                    raise ConvergenceError("a parameter that was asked for is passed")
+            except ConvergenceError:
+                step = 0.5 * min(step, length)
+                if step >= SHORTEST:
+                    continue
+                if kinked or equations.unique:
+                    raise
+                along, step, kinked = _beyond(equations, place, along, weights), AFTER, True
+                continue
+            break
+        arc = _length(point.x - x, weights)
+        new = BranchPoint.of(point, shape)
+        place = new._replace(along=turned, sense=sense, asked=lands, arc=arc)
+        step = min(LONGEST, step * (1.5 if point.iterations <= 6 else 0.7))
+        yield place
+    raise ConvergenceError(f"it has not ended after {most} steps")
+
+
+def _length(change: FloatArray, weights: FloatArray) -> float:
+    return float(np.sqrt(change @ (weights * change)))
+
+
+def _onwards(
+    point: Solution, sense: float, along: FloatArray, weights: FloatArray, length: float
+) -> tuple[FloatArray, float]:
+    """Direction onwards from a point after a step ``along``, with its sense.
+
+    ConvergenceError if angle and determinant tell two sides after a long step.
+    """
+    ahead = point.tangent / _length(point.tangent, weights)
+    cosine = float(ahead @ (weights * along))
+    side = float(np.sign(cosine))
+    if side != point.sense * sense:  # another sheet, a kink, or another branch that crosses
+        if length > SHORT:
+            raise ConvergenceError("it turns too sharply")
+        side *= 1.0 if abs(cosine) > SHARP else -1.0
+    return side * ahead, side * point.sense
+
+
+def _beyond(
+    equations: Equations, place: BranchPoint, along: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Direction in which a branch goes on beyond a kink; ConvergenceError if it is not found."""
+    rows = equations.rows(place.x)[:, np.newaxis]
+    for distance in BEYOND:
+        _, derivative = equations(place.x + distance * along, True)
+        tangent, sense = _tangent(_factor(rows * derivative, weights * along))
+        turned = tangent * (sense * place.sense / _length(tangent, weights))
+        if turned @ (weights * along) < 0.9:
+            return np.asarray(turned)
+    raise ConvergenceError("steps along the branch become too short")
+
+
+def eased(equations: Equations, x: FloatArray, normal: FloatArray) -> Solution:
+    """Solution as `solved`, in steps in which the residual at ``x`` vanishes, if need be."""
+    try:
+        return solved(equations, x, normal)
+    except ConvergenceError:
+        residual = equations(x, False)[0]
+        for share in EASED:
+            point = solved(_Easing(equations, (1.0 - share) * residual), x, normal)
+            x = point.x
+        return point
+
+
+@dataclass(frozen=True)
+class _Easing:
+    """Equations less a residual."""
+
+    equations: Equations
+    residual: FloatArray
+
+    @property
+    def unique(self) -> bool:
+        return self.equations.unique
+
+    def __call__(self, x: FloatArray, tangents: bool) -> tuple[FloatArray, FloatArray]:
+        values, derivative = self.equations(x, tangents)
+        return values - self.residual, derivative
+
+    def rows(self, x: FloatArray) -> FloatArray:
+        return self.equations.rows(x)
+
+    def metric(self, x: FloatArray) -> FloatArray:
+        return self.equations.metric(x)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
 from skfem_joint.harmonic.balance import MOST
-from skfem_joint.harmonic.forced import BranchPoint
+from skfem_joint.harmonic.newton import BranchPoint
 from skfem_joint.harmonic.points import notes_of_law, state_of
 from skfem_joint.harmonic.search import OF_WORK, STEPS, Search, Settled, change
 from skfem_joint.harmonic.series import FourierSeries
@@ -281,12 +280,15 @@ def _slips(point: SteadyPoint) -> bool:
 
 
 def _turns(places: Sequence[BranchPoint]) -> Iterator[float]:
-    """Frequencies, Hz, at which a branch turns: the vertex of omega over the arc between places."""
-    for here, there in pairwise(places):
-        before, after = float(here.along[-1]), float(there.along[-1])
-        if before * after < 0.0:
-            rise = 0.5 * there.arc * before**2 / (before - after)
-            yield (here.omega + rise) / (2.0 * np.pi)
+    """Frequencies, Hz, at which a branch turns: the vertex of omega over the arc of three places.
+
+    Tangents tell less: those of sampled contact change their side several times at a turn.
+    """
+    omega, arc = np.array([x.omega for x in places]), np.cumsum([x.arc for x in places])
+    for k in np.flatnonzero(np.diff(omega)[:-1] * np.diff(omega)[1:] < 0.0) + 1:
+        three = slice(k - 1, k + 2)
+        a, b, c = np.polyfit(arc[three] - arc[k], omega[three], 2)
+        yield float(c - b**2 / (4.0 * a)) / (2.0 * np.pi)
 
 
 def _judged(curve: BalancedCurve, settled: Mapping[int, Settled]) -> list[int]:

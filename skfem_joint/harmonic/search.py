@@ -9,6 +9,7 @@ marched to, and the branch is followed on from there, if Newton's method finds i
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +18,8 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Tally
 from skfem_joint.harmonic.balance import MOST, Balance
-from skfem_joint.harmonic.forced import BranchPoint, ByFrequency, ByLevel, Forced, branch, corrected
-from skfem_joint.harmonic.newton import followed, solved
+from skfem_joint.harmonic.forced import Forced, Raised, corrected
+from skfem_joint.harmonic.newton import BranchPoint, branch, by_parameter, solved
 from skfem_joint.harmonic.points import point_of
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.reduction.ranges.points import period_of
@@ -107,18 +108,20 @@ class Search:
         loaded = max(round(part.frequency * period) for part in parts)
         rungs = [FourierSeries(max(highest, loaded), samples, odd) for highest, samples in LADDER]
         reference = 2.0 * np.pi * float(np.sqrt(frequencies[0] * frequencies[-1]))
+        grid = 2.0 * np.pi * float(np.ptp(frequencies)) / (frequencies.size - 1)
         used = [rungs[0], *(x for x in rungs[1:] if x.size * system.n <= MOST)]
         balances = [
             Balance.of(system, rungs[0], reference, factor)
             for factor in (sticking, sticking / SOFTER)
         ]
         forced, softer = (
-            [Forced.of(balance.refined(series), system, period) for series in used]
+            [Forced.of(balance.refined(series), system, period, grid) for series in used]
             for balance in balances
         )
         rest = np.zeros((rungs[0].size, system.n))
-        at_rest = ByLevel(forced[0], 2.0 * np.pi * float(frequencies[0]), 1.0)
-        linear = forced[0].motion(solved(at_rest, rest.ravel(), 0.0).tangent)
+        raised = Raised(forced[0], 2.0 * np.pi * float(frequencies[0]))
+        at_rest = solved(raised, np.zeros(rest.size + 1), by_parameter(rest.size + 1))
+        linear = at_rest.tangent[:-1].reshape(rest.shape)
         coulomb = balances[0].system.with_beta(np.inf)
         rigid = bool(np.any(system.contact.rubs & ~system.contact.sprung))
         return cls(coulomb, forced, softer, frequencies, tally, rigid, linear, rest)
@@ -127,11 +130,6 @@ class Search:
     def targets(self) -> FloatArray:
         """Angular frequencies asked for, rad/s."""
         return 2.0 * np.pi * self.frequencies
-
-    @property
-    def grid(self) -> float:
-        """Mean distance of these, rad/s."""
-        return float(np.ptp(self.targets)) / (self.targets.size - 1)
 
     def branches(self, level: float) -> tuple[list[BranchPoint | SteadyPoint], list[str]]:
         """Points of a level above those before, some of them marched to, and why these are."""
@@ -145,14 +143,15 @@ class Search:
             if place is not None:
                 found.append(place)
                 try:
-                    ahead = branch(self.forced[0], level, place, self.targets, self.grid)
-                    for place in ahead:
+                    for ahead in branch(self.forced[0].at(level), place, self.targets):
+                        place = ahead
                         found.append(place)
                         self.tally.add(int(place.asked))
                     if place.omega < self.targets[-1] * (1.0 - 1e-9):
                         why.append("the branch turns back below the first frequency")
                 except ConvergenceError as error:
-                    why.append(str(error))
+                    at = place.omega / (2.0 * np.pi)
+                    why.append(f"the branch is lost beyond {at:.6g} Hz: {error}")
                 reached = max(x.omega for x in found if isinstance(x, BranchPoint))
                 after = max(after, int(np.searchsorted(self.targets, reached * (1.0 + 1e-9))))
             if after >= self.targets.size:
@@ -167,20 +166,19 @@ class Search:
 
     def _raised(self, level: float) -> BranchPoint:
         """Place at the first frequency; ConvergenceError if it is not found."""
-        omega, forced = float(self.targets[0]), self.forced[0].sized(level * self.linear)
-        equations, at = ByLevel(forced, omega, level), self.level / level
-        below = solved(equations, forced.scaled(self.start), at)
-        *_, (_, point) = followed(equations, below, at, 1.0, least=1e-3)
-        self.start, self.level = forced.motion(point.y), level
-        return self._placed(self.start, level, omega)
+        omega, size = float(self.targets[0]), level * float(np.linalg.norm(self.linear))
+        raised, x = Raised(self.forced[0], omega, size), np.append(self.start, self.level)
+        start = BranchPoint.of(solved(raised, x, by_parameter(x.size)), self.start.shape)
+        *_, place = start, *branch(raised, start, np.array([level]))
+        if not place.asked:
+            raise ConvergenceError("the load turns back before")
+        self.start, self.level = place.q, level
+        return self._placed(place.q, level, omega)
 
     def _placed(self, q: FloatArray, level: float, omega: float) -> BranchPoint:
         """Place at an asked frequency near a motion; ConvergenceError if there is none."""
-        forced = self.forced[0].sized(q)
-        reference = forced.balance.reference
-        point = solved(ByFrequency(forced, level), forced.scaled(q), omega / reference)
-        along = np.append(forced.motion(point.tangent).ravel(), reference)
-        return BranchPoint(forced.motion(point.y), omega, along, True)
+        x = np.append(q, omega)
+        return BranchPoint.of(solved(self.forced[0].at(level), x, by_parameter(x.size)), q.shape)
 
     def _taken_up(self, marched: SteadyPoint, level: float) -> BranchPoint | None:
         """Place at a vibration that was marched to; None if it is not found from there."""
@@ -203,14 +201,14 @@ class Search:
 
         Its errors are nan where none beyond the fewest harmonics are found.
         """
-        found = Settled(place, 0, _point(self.forced[0], place, level), (np.nan, np.nan))
+        found = Settled(place, 0, _point(self.forced[0].at(level), place), (np.nan, np.nan))
         for rung, finer in enumerate(self.forced[1:], start=1):
+            balances = finer.balance, self.forced[rung - 1].balance
             try:
-                start = finer.refined(self.forced[rung - 1], found.place)
-                place = corrected(finer, level, start, self.grid)
+                place = corrected(finer.at(level), found.place.mapped(partial(_refined, *balances)))
             except ConvergenceError:
                 break
-            point, before = _point(finer, place, level), found.point
+            point, before = _point(finer.at(level), place), found.point
             errors = (
                 change(float(point.amplitude.max()), float(before.amplitude.max())),
                 change(
@@ -230,21 +228,14 @@ class Search:
         By softer springs: distances fall with the root of the stiffness, as marches with springs
         up to 1e9 N/m show. nan where these have no solution.
         """
-        stiff, soft, place = self.forced[found.rung], self.softer[found.rung], found.place
-        q, along = (
-            soft.balance.inner(stiff.balance.outer(x))
-            for x in (place.q, place.along[:-1].reshape(place.q.shape))
-        )
+        stiff, soft = self.forced[found.rung].balance, self.softer[found.rung].at(level)
         try:
             place = corrected(
-                soft,
-                level,
-                BranchPoint(q, place.omega, np.append(along, place.along[-1]), True),
-                self.grid,
+                soft, found.place.mapped(lambda q: soft.balance.inner(stiff.outer(q)))
             )
         except ConvergenceError:
             return np.nan, np.nan
-        point, other = found.point, _point(soft, place, level)
+        point, other = found.point, _point(soft, place)
         amplitudes = float(point.amplitude.max()), float(other.amplitude.max())
         energies = point.friction_energy, other.friction_energy
         least = OF_WORK * point.input_energy
@@ -252,6 +243,11 @@ class Search:
         return change(*amplitudes) / by, change(*energies, least) / by
 
 
-def _point(forced: Forced, place: BranchPoint, level: float) -> SteadyPoint:
+def _refined(finer: Balance, coarser: Balance, q: FloatArray) -> FloatArray:
+    """Coefficients of a finer series."""
+    return finer.series.of(q, coarser.series)
+
+
+def _point(forced: Forced, place: BranchPoint) -> SteadyPoint:
     """Results of a place, without its stability."""
-    return point_of(forced.balance, place.q, place.omega, level * forced.force, None)
+    return point_of(forced.balance, place.q, place.omega, forced.force, None)

@@ -17,11 +17,14 @@ judged.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy import linalg
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray
 from skfem_joint.harmonic.balance import Balance
+from skfem_joint.harmonic.series import FourierSeries
 
 #: Modes up to so many times the highest harmonic keep their inertia, and so many at least.
 INERT, LEAST = 3.0, 3
@@ -29,6 +32,8 @@ INERT, LEAST = 3.0, 3
 ALL = 500
 #: Exponent of a growth that is told.
 MOST = 100.0
+#: Samples with which stability is judged, at least.
+SAMPLES = 2048
 #: Growth of a disturbance in a period beyond which a motion is not stable.
 GROWS = 1e-5
 #: Multiplier of a disturbance that changes sign in a period from which on friction may let it grow:
@@ -80,7 +85,10 @@ def stable(balance: Balance, q: FloatArray, omega: float, slips: bool) -> bool |
     """
     if not balance.system.contact.opens:
         return True
-    found = multipliers(balance, q, omega)
+    # samples make a turning point many small ones, between which multipliers go to and fro
+    series = balance.series
+    fine = FourierSeries(series.highest, max(series.samples, SAMPLES), series.odd)
+    found = multipliers(replace(balance, series=fine), q, omega)
     holds = bool(np.abs(found[0]) <= 1.0 + GROWS)
     if holds and slips and (found.real < -FLIPS).any():
         return None

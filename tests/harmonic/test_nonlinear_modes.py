@@ -8,12 +8,13 @@ from benchmarks.nonlinear_modes import DAMPING, FREQUENCY, TIP, friction_beam
 from scipy.integrate import quad
 
 import skfem_joint as sj
-from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.progress import Tally, silent
-from skfem_joint.harmonic.balance import Balance
-from skfem_joint.harmonic.levels import climbed
+from skfem_joint.harmonic.balance import Balance, stuck_modes
+from skfem_joint.harmonic.levels import Levels, climbed
 from skfem_joint.harmonic.marched import march
 from skfem_joint.harmonic.mode_equations import ModeEquations
+from skfem_joint.harmonic.newton import BranchPoint, branch, by_parameter, solved
 from skfem_joint.harmonic.series import FourierSeries
 
 
@@ -70,8 +71,8 @@ def test_loss_of_a_jenkins_oscillator_has_its_closed_form():
 def test_time_steps_that_do_not_converge_are_told_and_cost_no_level():
     balance = Balance.of(jenkins(), FourierSeries(15, 512, True), 2.0, 1.0)
     equations = ModeEquations(balance, 1, np.ones(1), np.ones(1), 1.0)
-    levels, failure = climbed(equations, np.log([0.1, 0.5]), Tally(silent))
-    assert failure is None
+    levels, why = climbed(equations, np.array([0.1, 0.5]), Tally(silent))
+    assert not why
     broken = levels.u.copy()
     broken[1] = np.nan
     marched = march(replace(levels, u=broken), np.arange(2))
@@ -221,7 +222,8 @@ def test_time_steps_agree_where_limits_follow_normal_forces():
     K = np.array([[2.0, 0.8], [0.8, 3.0]])
     system = sj.System(np.eye(2), 0.01 * K, K, contact, P=B, points=("mass",))
     (mode,) = sj.nonlinear_modes(system, amplitudes=[0.05, 0.5, 2.0])
-    assert mode.state == ("stick", "gross", "gross")
+    assert mode.state == ("stick", "stick", "partial")
+    assert mode.displacement[:, 0] == pytest.approx([0.1, 0.5, 5.0], rel=1e-6)
     assert mode.opened.tolist() == [0.0, 0.0, 1.0]
     assert np.abs(mode.marched.frequency).max() < 1e-3
     assert np.abs(mode.marched.damping_ratio).max() < 1e-2
@@ -241,15 +243,53 @@ def test_friction_of_a_slip_vector_does_not_depend_on_its_axes():
     assert modes[0].friction_damping.min() > 0.01
 
 
-def test_a_curve_that_ends_says_where_and_has_the_levels_below():
-    """A chain with frequencies as of a uniform bar: a harmonic meets a higher mode."""
-    system = chain()
-    uniform = replace(system, M=np.eye(12))
-    with pytest.raises(
-        ConvergenceError, match=r"not found at an amplitude of .* of 'end'"
-    ) as error:
-        sj.nonlinear_modes(uniform, amplitudes=[0.1, 0.5, 5.0], confirm=False)
-    assert error.value.run.state[0] == "stick"
+def resonant():
+    """Two masses, a slider on a spring at the first: as it slips, 3 : 1 of the modes is passed."""
+    turn = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
+    frequency, ratio = np.array([1.0, 3.05]), 0.03
+    K, C = (turn * x @ turn.T for x in (frequency**2, 2.0 * ratio * frequency))
+    contact = sj.Contact(np.eye(2)[:1], [1.0], np.inf, stiffness=np.ones(1))
+    return sj.System(np.eye(2), C, K, contact, P=np.eye(2)[:1], points=("first",))
+
+
+def test_motions_of_one_amplitude_between_two_turns_are_all_confirmed_in_time():
+    """The branch turns twice: three motions obey the equations, and time steps stay on each."""
+    system = resonant()
+    omegas, shapes = stuck_modes(system, 1)
+    balance = Balance.of(system, FourierSeries(7, 512, True), float(omegas[0]), 1.0)
+    seen = np.eye(2)[0] * np.sign(shapes[0, 0])
+    equations = ModeEquations(balance, 1, shapes[:, 0], seen, 1.0 / abs(shapes[0, 0]), 0)
+    size = equations.linear(0.3).size
+    start = solved(equations, equations.linear(0.3), by_parameter(size))
+    place = BranchPoint.of(start, (balance.series.size, 2))
+    places = list(branch(equations, place, np.array([0.5, 3.0, 10.0])))
+    asked = [p for p in places if p.asked and p.rest[-1] == pytest.approx(3.0)]
+    assert np.sign([p.along[-1] for p in asked]).tolist() == [1.0, -1.0, 1.0]
+    assert places[-1].rest[-1] == pytest.approx(10.0)
+    for p in places:
+        residual = balance.residual(p.q, *p.rest[:2], tangents=False).values
+        assert np.abs(residual).max() < 1e-4 * np.linalg.norm(p.q) * p.omega**2
+    omega, zeta, amplitude = np.array([p.rest for p in asked]).T
+    assert np.ptp(omega) > 1e-2 * omega.mean()
+    u = np.array([balance.outer(p.q) for p in asked])
+    marched = march(Levels(equations, amplitude, u, omega, zeta, np.ones(3)), np.arange(3))
+    assert np.abs(marched.frequency).max() < 1e-3
+    assert np.abs(marched.damping_ratio).max() < 1e-2
+
+
+def test_a_curve_passes_turns_in_its_amplitude_and_says_which_levels_it_meets_again():
+    (mode,) = sj.nonlinear_modes(resonant(), amplitudes=[1.0, 3.0, 10.0], confirm=False)
+    assert mode.displacement[:, 0] == pytest.approx([1.0, 3.0, 10.0], rel=1e-6)
+    assert any("more than once, the numbers 2:" in note for note in mode.notes)
+
+
+@pytest.mark.slow
+def test_harmonics_near_higher_modes_end_no_curve():
+    """A chain with frequencies nearly as 1 : 3 : 5: its highest amplitude was lost before."""
+    uniform = replace(chain(), M=np.eye(12))
+    (mode,) = sj.nonlinear_modes(uniform, amplitudes=[0.1, 0.5, 5.0], confirm=False)
+    assert mode.state == ("stick", "stick", "partial")
+    assert mode.displacement[:, 0] == pytest.approx([0.1, 0.5, 5.0], rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -82,14 +82,16 @@ def test_table_picture_and_page_have_the_curves_beside(tmp_path):
 
 
 def test_a_mode_that_ends_early_is_written_with_the_reason_and_status_3(tmp_path, capsys):
-    """A uniform bar: a harmonic meets a higher mode."""
-    file = scene_file(tmp_path, bar(UNIFORM, amplitudes=[1e-4, 1e-2], confirm=True))
+    """A uniform bar, asked for an amplitude that is more steps away than a branch may have."""
+    file = scene_file(tmp_path, bar(UNIFORM, amplitudes=[1e-4, 1e19], confirm=True))
     out = tmp_path / "out"
     assert main(["check", str(file)]) == 0
     assert (
         main(["nonlinear-modes", str(file), "--out", str(out)]) == sj.ConvergenceError.exit_status
     )
-    assert "Note: nonlinear_modes: mode 1 is not found at an amplitude" in capsys.readouterr().out
+    assert (
+        "Note: nonlinear_modes: mode 1 is not found at 1 of 2 amplitudes" in capsys.readouterr().out
+    )
     (row,) = csv_rows(out / "nonlinear_modes.csv")
     assert float(row["amplitude_m"]) == pytest.approx(1e-4)
     text = file.read_text(encoding="utf-8")
