@@ -33,6 +33,8 @@ LONGEST, SHORTEST, MOST_STEPS = 2.0, 1e-4, 60
 EASED = 0.25, 0.5, 0.75, 1.0
 #: A point may lie so far from where it was expected, over the step: else it may be another branch.
 ASTRAY = 1.0
+#: Share of the frequency in a step of length 1 below which a branch is about to turn.
+STEEP = 0.05
 
 
 class BranchPoint(NamedTuple):
@@ -347,7 +349,7 @@ class _Easing:
 
 
 def corrected(forced: Forced, level: float, place: BranchPoint, grid: float) -> BranchPoint:
-    """Point of other equations near a place, of its frequency if asked for or if nothing turns.
+    """Point of other equations near a place, of its frequency unless the branch turns about there.
 
     ConvergenceError if there is none.
     """
@@ -355,14 +357,14 @@ def corrected(forced: Forced, level: float, place: BranchPoint, grid: float) -> 
     reference = here.balance.reference
     y = here.scaled(place.q)
     turns = here.balance.system.contact.opens
-    if place.asked or not turns:
+    metric, start, along = _frame(here, place, grid)
+    if place.asked or not turns or abs(along[-1]) * reference > STEEP * grid:
         try:
             point = eased(ByFrequency(here, level), y, place.omega / reference)
             return place._replace(q=here.motion(point.y))
         except ConvergenceError:  # beyond the turning point of a coarser series
             if not turns:
                 raise
-    metric, start, along = _frame(here, place, grid)
     point = eased(ByArc(here, level, start, metric.weights * along), start, 0.0)
     return place._replace(
         q=here.motion(point.y[:-1]), omega=float(point.y[-1]) * reference, asked=False

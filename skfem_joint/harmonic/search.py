@@ -28,8 +28,8 @@ from skfem_joint.vibration.response import steady_point
 from skfem_joint.vibration.response_curve import SteadyPoint
 
 #: Harmonics and samples, raised until amplitude and friction energy settle.
-LADDER = (5, 128), (9, 256), (15, 512), (19, 1024), (31, 2048)
-#: Relative changes of amplitude and friction energy by which they have settled.
+LADDER = (5, 128), (9, 256), (15, 512), (19, 1024), (31, 1024)
+#: Relative errors of amplitude and friction energy with which they have settled.
 SETTLED = 1e-3, 1e-2
 #: Friction energies below these shares, of the largest so far and of the work of the loads, count
 #: as so large where their change is taken.
@@ -50,7 +50,8 @@ class Settled(NamedTuple):
         Number of the equations that it solves.
     point : SteadyPoint
     errors : tuple of float
-        Relative changes of amplitude and friction energy with the last rise of harmonics.
+        Relative ones of amplitude and friction energy by the number of harmonics: half of what the
+        last rise changed, or a quarter of the one before, as single changes vanish by chance.
     """
 
     place: BranchPoint
@@ -204,6 +205,7 @@ class Search:
         Its errors are nan where none beyond the fewest harmonics are found.
         """
         found = Settled(place, 0, _point(self.forced[0], place, level), (np.nan, np.nan))
+        earlier: tuple[float, ...] = ()
         for rung, finer in enumerate(self.forced[1:], start=1):
             try:
                 start = finer.refined(self.forced[rung - 1], found.place)
@@ -211,17 +213,19 @@ class Search:
             except ConvergenceError:
                 break
             point, before = _point(finer, place, level), found.point
-            errors = (
+            least = max(LEAST * most, OF_WORK * point.input_energy)
+            changes = (
                 change(float(point.amplitude.max()), float(before.amplitude.max())),
-                change(
-                    point.friction_energy,
-                    before.friction_energy,
-                    max(LEAST * most, OF_WORK * point.input_energy),
-                ),
+                change(point.friction_energy, before.friction_energy, least),
             )
-            found = Settled(place, rung, point, errors)
-            if all(error <= bound for error, bound in zip(errors, SETTLED, strict=True)):
+            amplitude, energy = (
+                max(0.5 * a, 0.25 * b)
+                for a, b in zip(changes, earlier or 4.0 * np.array(changes), strict=True)
+            )
+            found = Settled(place, rung, point, (amplitude, energy))
+            if earlier and amplitude <= SETTLED[0] and energy <= SETTLED[1]:
                 break
+            earlier = changes
         return found
 
     def sticking(self, found: Settled, level: float) -> tuple[float, float]:
