@@ -82,6 +82,10 @@ class Forced:
         """From harmonic loads with a common ``period``, s."""
         return cls(balance, load_of(system, balance.series, period) @ balance.Phi)
 
+    def walking(self, walks: bool) -> Forced:
+        """Same equations, in which bodies walk that nothing holds, or do not."""
+        return replace(self, balance=replace(self.balance, walks=walks))
+
     def refined(self, other: Forced, place: BranchPoint) -> BranchPoint:
         """Place of other equations that differ in their series, with the coefficients of this."""
         own, before = self.balance.series, other.balance.series

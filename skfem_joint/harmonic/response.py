@@ -24,7 +24,7 @@ from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
 from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.forced import BranchPoint
 from skfem_joint.harmonic.points import notes_of_law, state_of
-from skfem_joint.harmonic.search import OF_WORK, STEPS, Search, Settled, change
+from skfem_joint.harmonic.search import HELD, OF_WORK, STEPS, Search, Settled, change
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import stable
 from skfem_joint.reduction.ranges.points import loaded_at, period_of
@@ -42,8 +42,6 @@ STIFF = Kind(">= 1 and finite", lambda x: 1.0 <= x < np.inf)
 NAMES = "amplitude", "friction_energy"
 #: Relative errors of these beyond which a note says so.
 DOUBTFUL = 0.01, 0.05
-#: Force that keeps bodies in place, over the friction limits, from which on a note says so.
-HELD = 1e-3
 
 
 @dataclass(frozen=True)
@@ -240,7 +238,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
             errors.append((np.nan, np.nan))
             continue
         found = search.settled(item, level, most)
-        balance = search.forced[found.rung].balance
+        balance = found.forced.balance
         holds = stable(balance, found.place.q, found.place.omega, _slips(found.point))
         held = max(held, balance.held_softly(found.place.q))
         settled[len(points)] = found
@@ -320,7 +318,7 @@ def _confirmed(search: Search, found: Settled, level: float) -> tuple[float, flo
 
     nan where these do not become steady.
     """
-    point, forced = found.point, search.forced[found.rung]
+    point, forced = found.point, found.forced
     loaded = loaded_at(search.system, point.frequency, level)
     plan = replace(steady_plan(loaded, suited_steps(loaded, STEPS)), save=Save())
     start = state_of(forced.balance, found.place.q, found.place.omega)

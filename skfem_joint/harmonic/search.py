@@ -36,6 +36,8 @@ SETTLED = 1e-3, 1e-2
 LEAST, OF_WORK = 0.02, 1e-3
 #: Steps in a period of vibration that is marched to.
 STEPS = 200
+#: Force that keeps bodies in place, over the friction limits, above which they are let go.
+HELD = 1e-3
 #: Springs of rigid sticking are this much softer where their error is judged.
 SOFTER = 10.0
 
@@ -47,7 +49,8 @@ class Settled(NamedTuple):
     ----------
     place : BranchPoint
     rung : int
-        Number of the equations that it solves.
+    forced : Forced
+        The equations that it solves, and their number.
     point : SteadyPoint
     errors : tuple of float
         Relative ones of amplitude and friction energy by the number of harmonics: half of what the
@@ -56,6 +59,7 @@ class Settled(NamedTuple):
 
     place: BranchPoint
     rung: int
+    forced: Forced
     point: SteadyPoint
     errors: tuple[float, float]
 
@@ -204,11 +208,13 @@ class Search:
 
         Its errors are nan where none beyond the fewest harmonics are found.
         """
-        found = Settled(place, 0, _point(self.forced[0], place, level), (np.nan, np.nan))
+        first, place = self._let_go(self.forced[0], place, level)
+        found = Settled(place, 0, first, _point(first, place, level), (np.nan, np.nan))
         earlier: tuple[float, ...] = ()
         for rung, finer in enumerate(self.forced[1:], start=1):
+            finer = finer.walking(first.balance.walks)
             try:
-                start = finer.refined(self.forced[rung - 1], found.place)
+                start = finer.refined(found.forced, found.place)
                 place = corrected(finer, level, start, self.grid)
             except ConvergenceError:
                 break
@@ -222,11 +228,29 @@ class Search:
                 max(0.5 * a, 0.25 * b)
                 for a, b in zip(changes, earlier or 4.0 * np.array(changes), strict=True)
             )
-            found = Settled(place, rung, point, (amplitude, energy))
+            found = Settled(place, rung, finer, point, (amplitude, energy))
             if earlier and amplitude <= SETTLED[0] and energy <= SETTLED[1]:
                 break
             earlier = changes
         return found
+
+    def _let_go(
+        self, forced: Forced, place: BranchPoint, level: float
+    ) -> tuple[Forced, BranchPoint]:
+        """Equations in which bodies walk, if soft springs hold them and all of their points slip.
+
+        They are solved near a place; both are the given ones if they have no solution there.
+        """
+        if forced.balance.held_softly(place.q) <= HELD:
+            return forced, place
+        walking = forced.walking(True)
+        still, _ = walking.balance.parted(place.q)
+        try:
+            found = corrected(walking, level, place._replace(q=still), self.grid)
+        except ConvergenceError:
+            return forced, place
+        all_slip = walking.balance.sampled(found.q, False).moves.all()
+        return (walking, found) if all_slip else (forced, place)
 
     def sticking(self, found: Settled, level: float) -> tuple[float, float]:
         """Relative distances of amplitude and friction energy from rigid sticking.
@@ -234,7 +258,8 @@ class Search:
         By softer springs: distances fall with the root of the stiffness, as marches with springs
         up to 1e9 N/m show. nan where these have no solution.
         """
-        stiff, soft, place = self.forced[found.rung], self.softer[found.rung], found.place
+        stiff, place = found.forced, found.place
+        soft = self.softer[found.rung].walking(stiff.balance.walks)
         q, along = (
             soft.balance.inner(stiff.balance.outer(x))
             for x in (place.q, place.along[:-1].reshape(place.q.shape))
