@@ -168,6 +168,11 @@ class Balance:
         still[0] -= way
         return still, way
 
+    def walked(self, q: FloatArray) -> float:
+        """Largest way of an unknown in a period, m."""
+        way = self.parted(q)[1]
+        return 0.0 if way is None else float(np.abs(self.outer(way)).max())
+
     def sampled(self, q: FloatArray, tangents: bool) -> Sampled:
         """Contact in the motion with coefficients ``q``, (nh, n)."""
         still, way = self.parted(q)

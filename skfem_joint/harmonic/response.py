@@ -75,7 +75,10 @@ class BalancedCurve(Curve):
         Frequencies, Hz, at which the branch turns.
     held : float
         Largest mean force that keeps bodies in place which friction alone holds, over the friction
-        limits. It stands for none.
+        limits. It stands for none. Where all of their points slip there is no such force, and they
+        walk.
+    walks : float
+        Largest way, m, of bodies that walk in a period.
     """
 
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -86,6 +89,7 @@ class BalancedCurve(Curve):
     law: tuple[str, ...] = ()
     turns: tuple[float, ...] = ()
     held: float = 0.0
+    walks: float = 0.0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -105,6 +109,11 @@ class BalancedCurve(Curve):
             yield (
                 f"a mean force of {100.0 * self.held:.2g} % of the friction limits, or without "
                 "these of the normal forces at rest, keeps bodies in place that nothing else holds."
+            )
+        if self.walks > 0.0:
+            yield (
+                f"bodies that friction alone holds walk by up to {self.walks:.2g} m in a period. "
+                "This is in no result, and the stability of such points is not known."
             )
         if self.turns:
             at = ", ".join(f"{f:.6g}" for f in self.turns)
@@ -231,7 +240,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
     """Curve of a level that is higher than those before."""
     items, why = search.branches(level)
     points, errors, settled = list[SteadyPoint](), [], dict[int, Settled]()
-    most = held = 0.0  # friction energy so far, J, and mean force
+    most = held = walks = 0.0  # friction energy so far, J, mean force, and way, m
     for item in items:
         if isinstance(item, SteadyPoint):
             points.append(item)
@@ -241,6 +250,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         balance = found.forced.balance
         holds = stable(balance, found.place.q, found.place.omega, _slips(found.point))
         held = max(held, balance.held_softly(found.place.q))
+        walks = max(walks, balance.walked(found.place.q))
         settled[len(points)] = found
         points.append(replace(found.point, stable=holds))
         errors.append(found.errors)
@@ -268,6 +278,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         if search.system.contact.opens
         else (),
         held=held,
+        walks=walks,
         sticking=_sticking(search, settled, judged, level),
         confirmed=confirmed,
     )
