@@ -236,9 +236,8 @@ def print_random(quick, systems):
         f"\nOf {found} points of {len(costs)} systems {100.0 * (1.0 - marched / found):.1f} % were "
         f"found without marching, at a median of {each:.2f} s each; the search in time takes "
         f"{searched_in:.2f} s and finds nothing in {np.isnan(off[:, 0]).sum()} systems. "
-        f"Amplitudes are {np.nanmedian(off[:, 0]):.2g} % apart, "
-        f"{np.nanmax(off[:, 0]):.2g} % at most, friction energies {np.nanmedian(off[:, 1]):.2g} % and "
-        f"{np.nanmax(off[:, 1]):.2g} %. What was lost: {'; '.join(reasons) or 'nothing'}."
+        f"Amplitudes are {np.nanmedian(off[:, 0]):.2g} % apart, {np.nanmax(off[:, 0]):.2g} % at "
+        f"most, friction energies {np.nanmedian(off[:, 1]):.2g} % and {np.nanmax(off[:, 1]):.2g} %. What was lost: {'; '.join(reasons) or 'nothing'}."
     )
 
 

@@ -25,7 +25,7 @@ def point_of(
     series, system = balance.series, balance.system
     contact, first = system.contact, series.first
     work, slip, strain = contact_of(balance, q, balance.sampled(q, False))
-    start = state_of(balance, q, omega)[:2]
+    place, speed, *_ = state_of(balance, q, omega)
     q, way = balance.parted(q)
     u = balance.outer(q)
     angle = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)[:, np.newaxis] * series.orders
@@ -34,9 +34,9 @@ def point_of(
     course = waves @ seen[first:] + (0.0 if series.odd else seen[0])
     high, low = course.max(axis=0), course.min(axis=0)
     harmonics = np.zeros((len(system.points), HARMONICS), dtype=complex)
-    for place, order in enumerate(series.orders.tolist()):
+    for number, order in enumerate(series.orders.tolist()):
         if order <= HARMONICS:
-            a = first + 2 * place
+            a = first + 2 * number
             harmonics[:, order - 1] = seen[a] - 1j * seen[a + 1]
     rate = series.rate(q)
     viscous = float(omega * series.work(rate @ balance.C, q).sum())
@@ -62,7 +62,7 @@ def point_of(
             np.asarray(contact.J @ work),
         ),
         friction_work=work,
-        state=start,
+        state=(place, speed),
         course=np.vstack([motion, motion[:1]]) if not series.odd else None,
         stable=stable,
     )
