@@ -232,12 +232,13 @@ def print_random(quick, systems):
         )  # fmt: skip
         sys.stdout.flush()
     (each, searched_in), off = np.median(costs, axis=0), np.array(apart_all)
+    middle, most = np.nanmedian(off, axis=0), np.nanmax(off, axis=0)
     print(
         f"\nOf {found} points of {len(costs)} systems {100.0 * (1.0 - marched / found):.1f} % were "
         f"found without marching, at a median of {each:.2f} s each; the search in time takes "
         f"{searched_in:.2f} s and finds nothing in {np.isnan(off[:, 0]).sum()} systems. "
-        f"Amplitudes are {np.nanmedian(off[:, 0]):.2g} % apart, {np.nanmax(off[:, 0]):.2g} % at "
-        f"most, friction energies {np.nanmedian(off[:, 1]):.2g} % and {np.nanmax(off[:, 1]):.2g} %. What was lost: {'; '.join(reasons) or 'nothing'}."
+        f"Amplitudes are {middle[0]:.2g} % apart, {most[0]:.2g} % at most, friction energies "
+        f"{middle[1]:.2g} % and {most[1]:.2g} %. What was lost: {'; '.join(reasons) or 'nothing'}."
     )
 
 
