@@ -119,14 +119,17 @@ def test_multipliers_are_those_of_the_map_of_a_period(curve):
     system = oscillator()
     for k in (11, 19):
         point = curve.points[k]
-        u, v = (float(x[0]) for x in point.state)
-        step = 1e-5
-        ends = [
-            path(point.frequency, (u + a, v + b), 1)[:, -1]
-            for a, b in ((step, 0.0), (-step, 0.0), (0.0, step), (0.0, -step))
-        ]
-        J = np.column_stack([ends[0] - ends[1], ends[2] - ends[3]])
-        exact = np.linalg.eigvals(J / (2.0 * step))
+        state, step = np.array([float(x[0]) for x in point.state]), 1e-5
+        for _ in range(2):  # the second time from where the period ends as it began
+            ends = [
+                path(point.frequency, state + sign * change, 1)[:, -1]
+                for change in step * np.eye(2)
+                for sign in (1.0, -1.0)
+            ]
+            J = np.column_stack([ends[0] - ends[1], ends[2] - ends[3]]) / (2.0 * step)
+            exact = np.linalg.eigvals(J)
+            left = path(point.frequency, state, 1)[:, -1] - state
+            state = state - np.linalg.solve(J - np.eye(2), left)
         harmonics = 31
         balance = balance_of(system, harmonics)
         course = np.fft.rfft(point.course[:-1, 0]) / (len(point.course) - 1)
