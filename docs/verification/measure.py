@@ -327,6 +327,15 @@ CLAIMS = {
         short=f"{BENCHMARKS}/nonlinear_modes.py beam",
         timed=True,
     ),
+    "responses-fold": Claim(
+        f"{BENCHMARKS}/harmonic_response.py fold", 10, {"responses-fold": printed}
+    ),
+    "responses-random": Claim(
+        f"{BENCHMARKS}/harmonic_response.py random --systems 10",
+        300,
+        {"responses-random": lines(r"^Of \d+ points")},
+        timed=True,
+    ),
     "random": Claim(f"{BENCHMARKS}/noise.py", 600, {"random": printed}, timed=True),
     "random-plate": Claim(f"{BENCHMARKS}/noise.py plate", 300, {"random-plate": printed}),
     "laws": Claim(f"{BENCHMARKS}/laws.py", 30, {"laws": printed}),

@@ -1,15 +1,16 @@
 """Responses by harmonic balance beside time steps: two bolted plates, a fold, random systems.
 
-    python examples/benchmarks/harmonic_response.py [PART ...] [--quick]
+    python examples/benchmarks/harmonic_response.py [PART ...] [--systems N] [--quick]
 
-Parts are plates, springs and random, all if none is named. The plates are those of
+Parts are plates, fold, springs and random, all if none is named. The plates are those of
 ``solid_lap_joint.toml`` with a free lower end, bent by a force there, with contact that opens: a
 reduced model of 33 unknowns, up to full slip. *plates* compares its responses at four levels with
-time steps of 800 in a period, which have the same springs of sticking and start on the motion that
-harmonic balance found; those with 400 steps show the error of the step. *springs* shows at one
-frequency what the springs, the step and the law of friction do to the friction energy. *random*
-draws reduced systems with contact that opens and counts the points that harmonic balance finds
-without marching. Times are of one thread's processor.
+time steps of 800 in a period, which have the same springs of sticking, start on the motion that
+harmonic balance found and forget it. *fold* passes the turning points of an oscillator with a gap,
+beside time steps up and down. *springs* shows at one frequency what the springs, the step and the
+law of friction do to the friction energy. *random* draws reduced systems with contact that opens
+and counts the points that harmonic balance finds without marching. Times are of one thread's
+processor.
 """
 
 import os
@@ -33,11 +34,13 @@ from skfem_joint.ground.progress import Tally, silent
 from skfem_joint.harmonic.points import state_of
 from skfem_joint.harmonic.response import STICKING
 from skfem_joint.harmonic.search import Search
-from skfem_joint.vibration.response import steady_point
+from skfem_joint.reduction.ranges.points import loaded_at
+from skfem_joint.runs.integrate import integrate_plan
+from skfem_joint.vibration.response import steady_plan, steady_point
 
 #: Loads of the plates, N: from micro-slip to full slip; and frequencies, Hz.
 LEVELS, BAND = (2.0, 8.0, 20.0, 40.0), (84.0, 89.0)
-#: Periods that time steps follow from the motion of harmonic balance; the last half is used.
+#: Periods that time steps follow from the motion of harmonic balance; the last third is used.
 PERIODS = 40
 
 
@@ -54,16 +57,11 @@ def plates():
 
 
 def followed(system, frequency, level, start, steps, periods=PERIODS):
-    """Amplitude (m) and friction energy (J) by time steps from a state, means of the last half."""
-    loads = [
-        replace(x, amplitude=sj.Harmonic(level * x.amplitude.amplitude, frequency))
-        for x in system.loads
-    ]
-    run = sj.integrate(
-        replace(system, loads=tuple(loads)), cycles=periods, steps_per_cycle=steps, initial=start,
-        scheme=sj.generalized_alpha(1.0),
-    )  # fmt: skip
-    later = range(periods // 2, periods)
+    """Amplitude (m) and friction energy (J) by time steps from a state, means of the last third."""
+    loaded = loaded_at(system, frequency, level)
+    plan = replace(steady_plan(loaded, steps), until="end", n_steps=periods * steps)
+    run = integrate_plan(loaded, plan, initial=start)
+    later = range(2 * periods // 3, periods)
     reach = [np.ptp(run.point_u[k * steps : (k + 1) * steps + 1, 0]) for k in later]
     return 0.5 * float(np.mean(reach)), float(np.mean(run.cycles.friction[-len(later) :]))
 
@@ -73,59 +71,91 @@ def settled(search, level, shares):
     begin = time.process_time()
     places = [item for item in search.branches(level)[0] if not isinstance(item, sj.SteadyPoint)]
     each, begin = (time.process_time() - begin) / len(places), time.process_time()
-    reach = np.array([np.linalg.norm(place.q) for place in places])
+    reach = np.array([np.linalg.norm(place.q[1:]) for place in places])
     found = []
     for share in shares:
         one = search.settled(places[int(np.abs(reach - share * reach.max()).argmin())], level, 0.0)
-        balance = search.forced[one.rung].balance
-        state = state_of(balance, one.place.q, one.place.omega)
+        state = state_of(one.forced.balance, one.place.q, one.place.omega)
         now = time.process_time()
-        found.append((one.point, state, each, now - begin))
+        found.append((one, state, each, now - begin))
         begin = now
     return found
 
 
-def print_plates(quick):
+def print_plates(quick, _systems):
     """Largest amplitude and half of it at each level beside time steps."""
     system = plates()
     search = Search.of(system, np.linspace(*BAND, 3 if quick else 7), STICKING, Tally(silent, 0))
     head(
-        *("load, N", "Hz", "amplitude, mm", "friction, mJ", "gross slip", "amplitude, off by %"),
-        *("friction, off by %", "400 steps, off by %", "s a point of the branch"),
-        *("s with all harmonics", "s by 800 steps"),
+        *("load, N", "Hz", "amplitude, mm", "friction, mJ", "walks", "harmonics"),
+        *("amplitude: off by %", "stated", "friction: off by %", "stated"),
+        *("s a point of the branch", "s with all harmonics", "s by steps"),
     )
     for level in LEVELS[: 4 - 3 * quick]:
-        for point, state, *spent in settled(search, level, (1.0, 0.5)[: 2 - quick]):
-            at, begin = (search.system, point.frequency, level, state), time.process_time()
-            fine = followed(*at, 40 if quick else 800)
+        for one, state, *spent in settled(search, level, (1.0, 0.5)[: 2 - quick]):
+            point, begin = one.point, time.process_time()
+            steps = followed(
+                search.system, point.frequency, level, state, 40 if quick else 800,
+                6 if quick else PERIODS,
+            )  # fmt: skip
             by_steps = time.process_time() - begin
-            coarse = followed(*at, 20 if quick else 400)
             row(
-                f"{level:g}", f"{point.frequency:.3f}", f"{1e3 * fine[0]:.4f}",
-                f"{1e3 * fine[1]:.4f}", point.gross,
-                f"{100.0 * (point.amplitude[0] / fine[0] - 1.0):+.3f}",
-                f"{100.0 * (point.friction_energy / fine[1] - 1.0):+.2f}",
-                f"{100.0 * (coarse[1] / fine[1] - 1.0):+.2f}",
+                f"{level:g}", f"{point.frequency:.3f}", f"{1e3 * steps[0]:.4f}",
+                f"{1e3 * steps[1]:.4f}", "yes" if one.forced.balance.walks else "no",
+                one.forced.balance.series.highest,
+                f"{100.0 * (point.amplitude[0] / steps[0] - 1.0):+.3f}",
+                f"{100.0 * one.errors[0]:.3f}",
+                f"{100.0 * (point.friction_energy / steps[1] - 1.0):+.2f}",
+                f"{100.0 * one.errors[1]:.2f}",
                 *(f"{x:.2f}" for x in (*spent, by_steps)),
             )  # fmt: skip
             sys.stdout.flush()
 
 
-def print_springs(quick):
+def oscillator():
+    """Mass of 1 kg on 1 N/m, damped by 2 %, that meets a spring of 3 N/m at a gap of 1 m."""
+    one = np.ones(1)
+    normal = sj.NormalPart(np.eye(1), one, 0.0 * one, 3.0 * one, one)
+    contact = sj.Contact(np.eye(1), [0.0], np.inf, normal=normal, gain=np.zeros((1, 1)))
+    load = sj.AppliedLoad(one, sj.Harmonic(0.1, 0.1), "mass")
+    return sj.System(np.eye(1), 0.04 * np.eye(1), np.eye(1), contact, (load,), np.eye(1), ("mass",))
+
+
+def print_fold(quick, _systems):
+    """Branches of an oscillator with a gap beside time steps from one frequency to the next."""
+    system, frequencies = oscillator(), np.linspace(0.16, 0.2, 3 if quick else 9)
+    (curve,) = sj.harmonic_response(system, frequencies, confirm=False)
+    swept = []
+    for way in (frequencies, frequencies[::-1]):
+        state, reach = None, {}
+        for frequency in way:
+            point = steady_point(system, frequency, 1.0, 400, state)
+            state, reach[frequency] = point.state, point.amplitude.max()
+        swept.append(reach)
+    head("Hz", "stable, m", "unstable, m", "steps, rising, m", "steps, falling, m")
+    for frequency in frequencies:
+        points = [p for p in curve.points if abs(p.frequency / frequency - 1.0) < 1e-9]
+        reaches = [sorted(p.amplitude[0] for p in points if p.stable is x) for x in (True, False)]
+        shown = [", ".join(f"{x:.4f}" for x in reach) for reach in reaches]
+        row(f"{frequency:.3f}", *shown, *(f"{reach[frequency]:.4f}" for reach in swept))
+    print(f"\nThe branch turns at {' and '.join(f'{f:.4f}' for f in curve.turns)} Hz.")
+
+
+def print_springs(quick, _systems):
     """Friction energy at 84 Hz and 40 N by springs, steps and laws."""
     small = plates()
     head("friction", "harmonic balance, mJ", *(f"{n} steps" for n in (200, 400, 800)))
     state = None
     for factor in (3000.0,) if quick else (300.0, 3000.0, 30000.0):
         search = Search.of(small, np.array([84.0, 84.5]), factor, Tally(silent, 0))
-        ((point, state, *_),) = settled(search, 40.0, (0.0,))
+        ((one, state, *_),) = settled(search, 40.0, (0.0,))
         energies = [
             followed(search.system, 84.0, 40.0, state, steps)[1]
             for steps in ((20,) if quick else (200, 400, 800))
         ]
         row(
             f"springs of {factor:g}",
-            *(f"{1e3 * e:.2f}" for e in (point.friction_energy, *energies)),
+            *(f"{1e3 * e:.2f}" for e in (one.point.friction_energy, *energies)),
         )
     energies = [
         followed(small, 84.0, 40.0, state, steps)[1]
@@ -164,14 +194,15 @@ def drawn(seed):
     return sj.reduce(system, modes=8, frequency=frequency, level=1.0), frequency
 
 
-def print_random(quick):
+def print_random(quick, systems):
     """Points of random reduced models found without marching, beside the search in time."""
     head(
         *("seed", "unknowns", "points", "marched", "turns", "unstable", "s a point", "why"),
         *("search in time, s", "amplitude apart, %", "friction apart, %"),
     )
     found = marched = 0
-    for seed in range(2 if quick else 40):
+    costs, apart_all, reasons = [], [], []
+    for seed in range(2 if quick else systems):
         system, frequency = drawn(seed)
         band, begin = frequency * np.linspace(0.9, 1.1, 5), time.process_time()
         curves = sj.harmonic_response(system, band, (0.5, 1.0), confirm=False)
@@ -190,6 +221,9 @@ def print_random(quick):
         ]
         by_steps = sum(point.periods > 0 or point.failure is not None for point in points)
         found, marched = found + len(points), marched + by_steps
+        costs.append((spent / len(points), searched_in))
+        apart_all.append(apart)
+        reasons += [reason for curve in curves for reason in curve.why]
         row(
             seed, system.n, len(points), by_steps, sum(len(curve.turns) for curve in curves),
             sum(point.stable is False for point in points), f"{spent / len(points):.2f}",
@@ -197,19 +231,33 @@ def print_random(quick):
             f"{searched_in:.2f}" + "!" * (other.failure is not None), *(f"{x:.2g}" for x in apart),
         )  # fmt: skip
         sys.stdout.flush()
-    print(f"\n{found} points, {100.0 * (1.0 - marched / found):.1f} % without marching")
+    (each, searched_in), off = np.median(costs, axis=0), np.array(apart_all)
+    middle, most = np.nanmedian(off, axis=0), np.nanmax(off, axis=0)
+    print(
+        f"\nOf {found} points of {len(costs)} systems {100.0 * (1.0 - marched / found):.1f} % were "
+        f"found without marching, at a median of {each:.2f} s each; the search in time takes "
+        f"{searched_in:.2f} s and finds nothing in {np.isnan(off[:, 0]).sum()} systems. "
+        f"Amplitudes are {middle[0]:.2g} % apart, {most[0]:.2g} % at most, friction energies "
+        f"{middle[1]:.2g} % and {most[1]:.2g} %. What was lost: {'; '.join(reasons) or 'nothing'}."
+    )
 
 
-PARTS = {"plates": print_plates, "springs": print_springs, "random": print_random}
+PARTS = {
+    "plates": print_plates,
+    "fold": print_fold,
+    "springs": print_springs,
+    "random": print_random,
+}
 
 
 def main(arguments):
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="few points and steps")
+    parser.add_argument("--systems", type=int, default=40, help="random ones (default 40)")
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     options = parser.parse_args(arguments)
     for part in options.parts or PARTS:
-        PARTS[part](options.quick)
+        PARTS[part](options.quick, options.systems)
         print()
 
 

@@ -82,6 +82,9 @@ class Balance:
     contact : ContactForces
     reference : float
         rad/s.
+    walks : bool
+        Whether motions that nothing holds go on by the same way in each period, in place of the
+        soft springs. Their mean in q is that way then, and friction without a mean force tells it.
     """
 
     system: System
@@ -92,6 +95,7 @@ class Balance:
     soft: FloatArray
     contact: ContactForces
     reference: float
+    walks: bool = False
 
     @classmethod
     def of(cls, system: System, series: FourierSeries, reference: float, factor: float) -> Balance:
@@ -161,6 +165,29 @@ class Balance:
         """Coefficients (nh, n) of the unknowns of the system, m."""
         return np.asarray(q @ self.Phi.T)
 
+    @property
+    def free(self) -> FloatArray:
+        """Projector (n, n) on the motions that soft springs hold."""
+        return self.soft / (SOFT * self.reference) ** 2
+
+    def parted(self, q: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+        """Periodic part (nh, n) of a motion, and its way in a period, (n,), if it walks."""
+        if not self.walks:
+            return q, None
+        still, way = q.copy(), self.free @ q[0]
+        still[0] -= way
+        return still, way
+
+    def walked(self, q: FloatArray) -> float:
+        """Largest way of an unknown in a period, m."""
+        way = self.parted(q)[1]
+        return 0.0 if way is None else float(np.abs(self.outer(way)).max())
+
+    def sampled(self, q: FloatArray, tangents: bool) -> Sampled:
+        """Contact in the motion with coefficients ``q``, (nh, n)."""
+        still, way = self.parted(q)
+        return self.contact.sampled(self.series, still, tangents, way)
+
     def residual(
         self,
         q: FloatArray,
@@ -184,19 +211,24 @@ class Balance:
             Whether the derivative by q is wanted.
         """
         series, n = self.series, q.shape[1]
-        sampled = self.contact.sampled(series, q, tangents)
+        sampled, (still, way) = self.sampled(q, tangents), self.parted(q)
         order = series.coefficient_orders[:, np.newaxis]
         rate = series.rate(q)
         damped = rate @ self.C
-        values = (self.frequencies**2 - (order * omega) ** 2) * q + sampled.force
+        values = (self.frequencies**2 - (order * omega) ** 2) * still + sampled.force
         values += omega * damped - 2.0 * zeta * omega**2 * rate
         if force is not None:
             values -= force
-        if not series.odd:
+        by_omega = -2.0 * omega * order**2 * q + damped - 4.0 * zeta * omega * rate
+        if way is not None:
+            by_omega[0] += self.C @ way / (2.0 * np.pi)
+            values[0] += omega * (self.C @ way) / (2.0 * np.pi)
+        elif not series.odd:
             values[0] += self.soft @ q[0]
         derivative = sampled.derivative
         if derivative is not None:
             own = np.arange(n)
+            derivative, by_way = derivative[:, :, : series.size], derivative[:, :, series.size :]
             for a, k in enumerate(series.coefficient_orders.tolist()):
                 derivative[a, own, a, own] += self.frequencies**2 - (k * omega) ** 2
             damping = omega * self.C - 2.0 * zeta * omega**2 * np.eye(n)
@@ -204,9 +236,12 @@ class Balance:
                 a = series.first + 2 * place
                 derivative[a, :, a + 1] += k * damping
                 derivative[a + 1, :, a] -= k * damping
-            if not series.odd:
+            if way is not None:
+                derivative = derivative.copy()
+                derivative[:, :, 0] += (by_way[:, :, 0] - derivative[:, :, 0]) @ self.free
+                derivative[0, :, 0] += omega * (self.C @ self.free) / (2.0 * np.pi)
+            elif not series.odd:
                 derivative[0, :, 0] += self.soft
-        by_omega = -2.0 * omega * order**2 * q + damped - 4.0 * zeta * omega * rate
         return MotionResidual(values, derivative, by_omega, -2.0 * omega**2 * rate, sampled)
 
     def held_softly(self, q: FloatArray) -> float:
@@ -214,7 +249,7 @@ class Balance:
 
         Where there are none it is over the normal forces at rest, or else over the inertia.
         """
-        if self.series.odd or not self.soft.any():
+        if self.series.odd or self.walks or not self.soft.any():
             return 0.0
         by_mass = as_dense(self.system.M) @ self.Phi
         force, inertia = by_mass @ self.soft @ q[0], self.reference**2 * by_mass @ q[1]

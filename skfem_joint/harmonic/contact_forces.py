@@ -27,7 +27,8 @@ class Sampled(NamedTuple):
     force : ndarray, shape (nh, n)
         Coefficients of the forces on the unknowns beyond linear contact, N.
     derivative : ndarray, shape (nh, n, nh, n), or None
-        Of each coefficient by each one of the motion.
+        Of each coefficient by each one of the motion; where it walks, by its way in the last place
+        of nh + 1.
     slip : ndarray, shape (rows, nh)
         Coefficients of the slip, m.
     moved, friction : ndarray, shape (rows, samples)
@@ -113,8 +114,13 @@ class ContactForces:
         first, second, third = (np.concatenate([*none, *x]) for x in (left, right, of))
         return first, second, third
 
-    def sampled(self, series: FourierSeries, q: FloatArray, tangents: bool) -> Sampled:
-        """Forces of a motion with coefficients ``q``, (nh, n)."""
+    def sampled(
+        self, series: FourierSeries, q: FloatArray, tangents: bool, way: FloatArray | None = None
+    ) -> Sampled:
+        """Forces of a motion with coefficients ``q``, (nh, n).
+
+        ``way``, (n,), is what it goes on in a period beside, where nothing comes closer.
+        """
         coefficients = self.rows @ q.T
         values = coefficients @ series.basis.T
         slips = int(self.points.first_row[-1])
@@ -129,16 +135,23 @@ class ContactForces:
         beyond[slips:] = normal - self.rest[:, np.newaxis] - linear * approach
         # A point that stays pressed is linear to the last bit.
         beyond[slips:][(slopes == linear).all(axis=1)] = 0.0
-        nh, last = series.size, int(self.points.first_block[-1])
+        basis = np.vstack([series.basis, series.basis[-1:]])
+        walked = np.zeros(slips)
+        if way is not None:
+            walked = self.rows[:slips] @ way
+            over = np.append(np.arange(len(basis) - 1.0), -1.0) / (len(basis) - 1.0)
+            basis = np.column_stack([basis, over])
+        nh, wide, last = series.size, basis.shape[1], int(self.points.first_block[-1])
         width = 2 + int(np.diff(self.points.first_gain).max(initial=0))
         moves = np.zeros(self.given.size, np.bool_)
-        blocks = np.empty((last if tangents else 0, nh, nh))
+        blocks = np.empty((last if tangents else 0, nh, wide))
         friction(
             self.points,
             slip,
             limits,
             slopes,
-            series.basis,
+            walked,
+            basis,
             series.projection,
             4 if series.odd else 2,
             -1.0 if series.odd else 1.0,
@@ -146,7 +159,7 @@ class ContactForces:
             beyond[:slips],
             blocks,
             moves,
-            np.empty((2, width, nh)),
+            np.empty((2, width, wide)),
         )
         force = (beyond @ series.projection).T @ self.rows
         derivative = None
@@ -154,11 +167,12 @@ class ContactForces:
             left, right, of = self.columns
             used = np.flatnonzero(moves[of])
             bent = np.flatnonzero((slopes != linear).any(axis=1))
-            more = (slopes - linear)[bent] @ series.products
+            more = ((slopes - linear)[bent] @ series.products).reshape(-1, nh, nh)
+            more = np.pad(more, ((0, 0), (0, 0), (0, wide - nh)))
             derivative = self._assembled(
                 np.concatenate([left[used], slips + bent]),
                 np.concatenate([right[used], slips + bent]),
-                np.concatenate([blocks[used], more.reshape(-1, nh, nh)]),
+                np.concatenate([blocks[used], more]),
             )
         opened = pressed & (normal == 0.0).any(axis=1)
         held = np.repeat(self.points.linear, self.directions)[:, np.newaxis]
@@ -167,8 +181,8 @@ class ContactForces:
 
     def _assembled(self, left: IntArray, right: IntArray, blocks: FloatArray) -> FloatArray:
         """Derivative in the unknowns, from blocks of one row by another, sorted by the first."""
-        n, nh = self.rows.shape[1], blocks.shape[1]
-        derivative = np.zeros((nh, n, nh, n))
+        n, (_, nh, wide) = self.rows.shape[1], blocks.shape
+        derivative = np.zeros((nh, n, wide, n))
         if not left.size:
             return derivative
         starts = np.flatnonzero(np.diff(left, prepend=-1))
@@ -176,5 +190,5 @@ class ContactForces:
         for k in range(nh):  # one coefficient at a time keeps the products in the cache
             weighted = blocks[:, k, :, np.newaxis] * into
             sums = np.add.reduceat(weighted, starts, axis=0)
-            derivative[k] = (out @ sums.reshape(starts.size, -1)).reshape(n, nh, n)
+            derivative[k] = (out @ sums.reshape(starts.size, -1)).reshape(n, wide, n)
         return derivative

@@ -72,6 +72,7 @@ def friction(
     slip,
     limits,
     slopes,
+    walked,
     basis,
     projection,
     passes,
@@ -91,7 +92,12 @@ def friction(
     limits : ndarray, shape (m, samples)
     slopes : ndarray, shape (q, samples)
         Slope of each normal force over its approach, N/m.
-    basis, projection : ndarray, shape (samples, nh)
+    walked : ndarray, shape (rows,)
+        Way that each slip goes on in a period beside, m.
+    basis : ndarray, shape (samples + 1, nh)
+        Of `FourierSeries`; the last row is that of the sample before the first one. It may have one
+        more column, the share of the period that is over, by which ways go on.
+    projection : ndarray, shape (samples, nh)
         Of `FourierSeries`.
     passes : int
         Times that the loop goes over the samples.
@@ -101,14 +107,14 @@ def friction(
         Whether blocks are wanted.
     force : ndarray, shape (rows, samples)
         Result, N.
-    blocks : ndarray, shape (blocks, nh, nh)
+    blocks : ndarray, shape (blocks, nh of projection, nh of basis)
         Result: derivative of each coefficient of the force by each one of the column.
     moves : ndarray of bool, shape (m,)
         Result: whether each point slips; the others have no force and no blocks.
     now : ndarray, shape (2, columns, nh)
         Worked in: derivative of the friction now; as many columns as any point has.
     """
-    count, nh = basis.shape
+    (count, kept), nh = projection.shape, basis.shape[1]
     for i in range(limits.shape[0]):
         row, k, linear = points.first_row[i], points.stiffness[i], points.linear[i]
         pair = points.first_row[i + 1] - row == 2
@@ -132,6 +138,8 @@ def friction(
                 y *= sign
                 t *= sign
                 s *= sign
+                x -= walked[row]
+                y -= walked[row + 1] if pair else 0.0
                 if tangents and sign != 1.0:
                     for r in range(rows):
                         for c in range(columns):
@@ -139,13 +147,14 @@ def friction(
                                 now[r, c, j] *= sign
             if last and tangents:
                 for b in range(first_block, first_block + rows * columns):
-                    for a in range(nh):
+                    for a in range(kept):
                         for j in range(nh):
                             blocks[b, a, j] = 0.0
             for n in range(count):
                 w = limits[i, n]
-                x_next = slip[row, n]
-                y_next = slip[row + 1, n] if pair else 0.0
+                over = n / count
+                x_next = slip[row, n] + over * walked[row]
+                y_next = slip[row + 1, n] + over * walked[row + 1] if pair else 0.0
                 t += k * (x_next - x)
                 s += k * (y_next - y)
                 x, y = x_next, y_next
@@ -154,7 +163,7 @@ def friction(
                 slides = w <= 0.0 or slider(size, inf, soft)[0] > 0.0
                 if tangents:
                     # basis at the sample before: zero at rest, before the first one
-                    before = n - 1 if n > 0 else count - 1
+                    before = n - 1 if n > 0 else count
                     factor = k if n > 0 else (0.0 if turn == 0 else k * sign)
                     for j in range(nh):
                         change = k * basis[n, j] - factor * basis[before, j]
@@ -179,14 +188,14 @@ def friction(
                                         now[1, c, j] += f * more * basis[n, j]
                     t, s = w * e, w * f
                 if last:
-                    force[row, n] = t - linear * x
+                    force[row, n] = t - linear * slip[row, n]
                     if pair:
-                        force[row + 1, n] = s - linear * y
+                        force[row + 1, n] = s - linear * slip[row + 1, n]
                     if tangents and not (slides and columns == 1):  # zero there
                         b = first_block
                         for r in range(rows):
                             for c in range(columns):
-                                for a in range(nh):
+                                for a in range(kept):
                                     p = projection[n, a]
                                     for j in range(nh):
                                         blocks[b, a, j] += p * now[r, c, j]
@@ -197,5 +206,5 @@ def friction(
                     force[r, n] = 0.0
         elif tangents:
             for r in range(rows):
-                for a in range(nh):
+                for a in range(kept):
                     blocks[first_block + r * columns + r, a, a] -= linear

@@ -23,6 +23,9 @@ from skfem_joint.harmonic.newton import CHANGE, BranchPoint, by_parameter, eased
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.system.system import System
 
+#: Share of the frequency in a step of length 1 below which a branch is about to turn.
+STEEP = 0.05
+
 
 @dataclass(frozen=True)
 class Forced:
@@ -48,6 +51,10 @@ class Forced:
     def of(cls, balance: Balance, system: System, period: float, grid: float) -> Forced:
         """From harmonic loads with a common ``period``, s."""
         return cls(balance, load_of(system, balance.series, period) @ balance.Phi, grid)
+
+    def walking(self, walks: bool) -> Forced:
+        """Same equations, in which bodies walk that nothing holds, or do not."""
+        return replace(self, balance=replace(self.balance, walks=walks))
 
     @property
     def unique(self) -> bool:
@@ -137,17 +144,19 @@ def load_of(system: System, series: FourierSeries, period: float) -> FloatArray:
 
 
 def corrected(forced: Forced, place: BranchPoint) -> BranchPoint:
-    """Point of other equations near a place, of its frequency if asked for or if nothing turns.
+    """Point of other equations near a place, of its frequency unless the branch turns about there.
 
     ConvergenceError if there is none.
     """
-    if place.asked or forced.unique:
+    weights = forced.metric(place.x)
+    steep = STEEP * forced.grid * np.sqrt(place.along @ (weights * place.along))
+    if place.asked or forced.unique or abs(place.along[-1]) > steep:
         try:
             point = eased(forced, place.x, by_parameter(place.x.size))
             return place._replace(q=point.x[:-1].reshape(place.q.shape))
         except ConvergenceError:  # beyond the turning point of a coarser series
             if forced.unique:
                 raise
-    point = eased(forced, place.x, forced.metric(place.x) * place.along)
+    point = eased(forced, place.x, weights * place.along)
     q, rest = point.x[:-1].reshape(place.q.shape), point.x[-1:]
     return place._replace(q=q, rest=rest, asked=False)

@@ -22,21 +22,26 @@ def point_of(
     balance: Balance, q: FloatArray, omega: float, force: FloatArray, stable: bool | None
 ) -> SteadyPoint:
     """Results of a motion with coefficients ``q`` (nh, n) under a ``force`` of the same shape."""
-    series, system, u = balance.series, balance.system, balance.outer(q)
+    series, system = balance.series, balance.system
     contact, first = system.contact, series.first
-    work, slip, strain = contact_of(balance, q, balance.contact.sampled(series, q, False))
+    work, slip, strain = contact_of(balance, q, balance.sampled(q, False))
+    place, speed, *_ = state_of(balance, q, omega)
+    q, way = balance.parted(q)
+    u = balance.outer(q)
     angle = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)[:, np.newaxis] * series.orders
     waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(SAMPLES, -1)
     seen = u @ as_dense(system.P).T
     course = waves @ seen[first:] + (0.0 if series.odd else seen[0])
     high, low = course.max(axis=0), course.min(axis=0)
     harmonics = np.zeros((len(system.points), HARMONICS), dtype=complex)
-    for place, order in enumerate(series.orders.tolist()):
+    for number, order in enumerate(series.orders.tolist()):
         if order <= HARMONICS:
-            a = first + 2 * place
+            a = first + 2 * number
             harmonics[:, order - 1] = seen[a] - 1j * seen[a + 1]
     rate = series.rate(q)
     viscous = float(omega * series.work(rate @ balance.C, q).sum())
+    if way is not None:
+        viscous += float(omega * (way @ balance.C @ way)) / (2.0 * np.pi)
     motion, moved = series.basis @ u, contact.slid(work)
     period = 2.0 * np.pi / omega
     return SteadyPoint(
@@ -57,7 +62,7 @@ def point_of(
             np.asarray(contact.J @ work),
         ),
         friction_work=work,
-        state=(motion[0], omega * (series.basis[0] @ series.rate(u))),
+        state=(place, speed),
         course=np.vstack([motion, motion[:1]]) if not series.odd else None,
         stable=stable,
     )
@@ -84,7 +89,10 @@ def contact_of(
     springs = contact.on_rows(contact.spring_constants)[rows, np.newaxis]
     moved, friction = sampled.moved, sampled.friction
     by_row, reach = np.zeros((2, rows.size))
+    q, way = balance.parted(q)
     by_row[rows] = series.work((friction @ series.projection).T, sampled.slip.T)
+    if way is not None:
+        by_row[rows] += friction.mean(axis=1) * (balance.contact.rows[: len(friction)] @ way)
     if series.odd:
         moved = np.hstack([moved, -moved])
     reach[rows] = np.ptp(moved, axis=1)
@@ -99,7 +107,7 @@ def contact_of(
 def state_of(balance: Balance, q: FloatArray, omega: float) -> tuple[FloatArray, ...]:
     """State at the start of the period, as `integrate` takes it, with friction and limits."""
     series, contact = balance.series, balance.system.contact
-    sampled = balance.contact.sampled(series, q, False)
+    sampled, (q, way) = balance.sampled(q, False), balance.parted(q)
     rows = contact.on_rows(contact.rubs)
     friction = np.zeros(rows.size)
     friction[rows] = sampled.friction[:, 0]
@@ -110,5 +118,8 @@ def state_of(balance: Balance, q: FloatArray, omega: float) -> tuple[FloatArray,
     sigma = np.divide(friction, over, out=np.zeros_like(friction), where=over > 0.0)
     size = contact.on_rows(contact.slip_norm(sigma)) * (1.0 + 1e-12)  # round-off is refused
     sigma /= np.maximum(size, 1.0)
-    state = start, omega * (series.basis[0] @ series.rate(u)), sigma
+    rate = series.basis[0] @ series.rate(u)
+    if way is not None:
+        rate = rate + balance.outer(way) / (2.0 * np.pi)
+    state = start, omega * rate, sigma
     return (*state, limits) if contact.opens else state

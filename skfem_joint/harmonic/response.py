@@ -23,7 +23,7 @@ from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
 from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.newton import BranchPoint
 from skfem_joint.harmonic.points import notes_of_law, state_of
-from skfem_joint.harmonic.search import OF_WORK, STEPS, Search, Settled, change
+from skfem_joint.harmonic.search import HELD, OF_WORK, STEPS, Search, Settled, change
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import stable
 from skfem_joint.reduction.ranges.points import loaded_at, period_of
@@ -41,8 +41,6 @@ STIFF = Kind(">= 1 and finite", lambda x: 1.0 <= x < np.inf)
 NAMES = "amplitude", "friction_energy"
 #: Relative errors of these beyond which a note says so.
 DOUBTFUL = 0.01, 0.05
-#: Force that keeps bodies in place, over the friction limits, from which on a note says so.
-HELD = 1e-3
 
 
 @dataclass(frozen=True)
@@ -76,7 +74,10 @@ class BalancedCurve(Curve):
         Frequencies, Hz, at which the branch turns.
     held : float
         Largest mean force that keeps bodies in place which friction alone holds, over the friction
-        limits. It stands for none.
+        limits. It stands for none. Where all of their points slip there is no such force, and they
+        walk.
+    walks : float
+        Largest way, m, of bodies that walk in a period.
     """
 
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -87,6 +88,7 @@ class BalancedCurve(Curve):
     law: tuple[str, ...] = ()
     turns: tuple[float, ...] = ()
     held: float = 0.0
+    walks: float = 0.0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -106,6 +108,11 @@ class BalancedCurve(Curve):
             yield (
                 f"a mean force of {100.0 * self.held:.2g} % of the friction limits, or without "
                 "these of the normal forces at rest, keeps bodies in place that nothing else holds."
+            )
+        if self.walks > 0.0:
+            yield (
+                f"bodies that friction alone holds walk by up to {self.walks:.2g} m in a period. "
+                "This is in no result, and the stability of such points is not known."
             )
         if self.turns:
             at = ", ".join(f"{f:.6g}" for f in self.turns)
@@ -232,16 +239,17 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
     """Curve of a level that is higher than those before."""
     items, why = search.branches(level)
     points, errors, settled = list[SteadyPoint](), [], dict[int, Settled]()
-    most = held = 0.0  # friction energy so far, J, and mean force
+    most = held = walks = 0.0  # friction energy so far, J, mean force, and way, m
     for item in items:
         if isinstance(item, SteadyPoint):
             points.append(item)
             errors.append((np.nan, np.nan))
             continue
         found = search.settled(item, level, most)
-        balance = search.forced[found.rung].balance
+        balance = found.forced.balance
         holds = stable(balance, found.place.q, found.place.omega, _slips(found.point))
         held = max(held, balance.held_softly(found.place.q))
+        walks = max(walks, balance.walked(found.place.q))
         settled[len(points)] = found
         points.append(replace(found.point, stable=holds))
         errors.append(found.errors)
@@ -269,6 +277,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         if search.system.contact.opens
         else (),
         held=held,
+        walks=walks,
         sticking=_sticking(search, settled, judged, level),
         confirmed=confirmed,
     )
@@ -322,7 +331,7 @@ def _confirmed(search: Search, found: Settled, level: float) -> tuple[float, flo
 
     nan where these do not become steady.
     """
-    point, forced = found.point, search.forced[found.rung]
+    point, forced = found.point, found.forced
     loaded = loaded_at(search.system, point.frequency, level)
     plan = replace(steady_plan(loaded, suited_steps(loaded, STEPS)), save=Save())
     start = state_of(forced.balance, found.place.q, found.place.omega)

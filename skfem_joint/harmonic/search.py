@@ -29,14 +29,16 @@ from skfem_joint.vibration.response import steady_point
 from skfem_joint.vibration.response_curve import SteadyPoint
 
 #: Harmonics and samples, raised until amplitude and friction energy settle.
-LADDER = (5, 128), (9, 256), (15, 512), (19, 1024), (31, 2048)
-#: Relative changes of amplitude and friction energy by which they have settled.
+LADDER = (5, 128), (9, 256), (15, 512), (19, 1024), (31, 1024)
+#: Relative errors of amplitude and friction energy with which they have settled.
 SETTLED = 1e-3, 1e-2
 #: Friction energies below these shares, of the largest so far and of the work of the loads, count
 #: as so large where their change is taken.
 LEAST, OF_WORK = 0.02, 1e-3
 #: Steps in a period of vibration that is marched to.
 STEPS = 200
+#: Force that keeps bodies in place, over the friction limits, above which they are let go.
+HELD = 1e-3
 #: Springs of rigid sticking are this much softer where their error is judged.
 SOFTER = 10.0
 
@@ -48,14 +50,17 @@ class Settled(NamedTuple):
     ----------
     place : BranchPoint
     rung : int
-        Number of the equations that it solves.
+    forced : Forced
+        The equations that it solves, and their number.
     point : SteadyPoint
     errors : tuple of float
-        Relative changes of amplitude and friction energy with the last rise of harmonics.
+        Relative ones of amplitude and friction energy by the number of harmonics: half of what the
+        last rise changed, or a quarter of the one before, as single changes vanish by chance.
     """
 
     place: BranchPoint
     rung: int
+    forced: Forced
     point: SteadyPoint
     errors: tuple[float, float]
 
@@ -201,26 +206,47 @@ class Search:
 
         Its errors are nan where none beyond the fewest harmonics are found.
         """
-        found = Settled(place, 0, _point(self.forced[0].at(level), place), (np.nan, np.nan))
+        first, place = self._let_go(self.forced[0].at(level), place)
+        found = Settled(place, 0, first, _point(first, place), (np.nan, np.nan))
+        earlier: tuple[float, ...] = ()
         for rung, finer in enumerate(self.forced[1:], start=1):
-            balances = finer.balance, self.forced[rung - 1].balance
+            finer = finer.at(level).walking(first.balance.walks)
+            balances = finer.balance, found.forced.balance
             try:
-                place = corrected(finer.at(level), found.place.mapped(partial(_refined, *balances)))
+                place = corrected(finer, found.place.mapped(partial(_refined, *balances)))
             except ConvergenceError:
                 break
-            point, before = _point(finer.at(level), place), found.point
-            errors = (
+            point, before = _point(finer, place), found.point
+            least = max(LEAST * most, OF_WORK * point.input_energy)
+            changes = (
                 change(float(point.amplitude.max()), float(before.amplitude.max())),
-                change(
-                    point.friction_energy,
-                    before.friction_energy,
-                    max(LEAST * most, OF_WORK * point.input_energy),
-                ),
+                change(point.friction_energy, before.friction_energy, least),
             )
-            found = Settled(place, rung, point, errors)
-            if all(error <= bound for error, bound in zip(errors, SETTLED, strict=True)):
+            amplitude, energy = (
+                max(0.5 * a, 0.25 * b)
+                for a, b in zip(changes, earlier or 4.0 * np.array(changes), strict=True)
+            )
+            found = Settled(place, rung, finer, point, (amplitude, energy))
+            if earlier and amplitude <= SETTLED[0] and energy <= SETTLED[1]:
                 break
+            earlier = changes
         return found
+
+    def _let_go(self, forced: Forced, place: BranchPoint) -> tuple[Forced, BranchPoint]:
+        """Equations in which bodies walk, if soft springs hold them and all of their points slip.
+
+        They are solved near a place; both are the given ones if they have no solution there.
+        """
+        if forced.balance.held_softly(place.q) <= HELD:
+            return forced, place
+        walking = forced.walking(True)
+        still, _ = walking.balance.parted(place.q)
+        try:
+            found = corrected(walking, place._replace(q=still))
+        except ConvergenceError:
+            return forced, place
+        all_slip = walking.balance.sampled(found.q, False).moves.all()
+        return (walking, found) if all_slip else (forced, place)
 
     def sticking(self, found: Settled, level: float) -> tuple[float, float]:
         """Relative distances of amplitude and friction energy from rigid sticking.
@@ -228,7 +254,8 @@ class Search:
         By softer springs: distances fall with the root of the stiffness, as marches with springs
         up to 1e9 N/m show. nan where these have no solution.
         """
-        stiff, soft = self.forced[found.rung].balance, self.softer[found.rung].at(level)
+        stiff = found.forced.balance
+        soft = self.softer[found.rung].at(level).walking(stiff.walks)
         try:
             place = corrected(
                 soft, found.place.mapped(lambda q: soft.balance.inner(stiff.outer(q)))

@@ -78,13 +78,15 @@ def _inert(balance: Balance, omega: float) -> BoolArray:
 
 
 def stable(balance: Balance, q: FloatArray, omega: float, slips: bool) -> bool | None:
-    """Whether no disturbance of a motion grows; None if that is not judged.
+    """Whether no disturbance of a motion grows; None if that is not judged, as where bodies walk.
 
     With constant contact none does: friction is monotone. Where contact opens and friction slips, a
     disturbance that changes sign from period to period is not judged unless it decays fast.
     """
     if not balance.system.contact.opens:
         return True
+    if balance.walks:
+        return None
     # samples make a turning point many small ones, between which multipliers go to and fro
     series = balance.series
     fine = FourierSeries(series.highest, max(series.samples, SAMPLES), series.odd)
