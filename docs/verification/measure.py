@@ -324,7 +324,7 @@ CLAIMS = {
         f"{BENCHMARKS}/nonlinear_modes.py estimates",
         150,
         {"nonlinear-estimates": printed},
-        short=f"{BENCHMARKS}/nonlinear_modes.py estimates 100 1",
+        short=f"{BENCHMARKS}/nonlinear_modes.py estimates 200 1",
     ),
     "nonlinear-bar": Claim(
         f"{BENCHMARKS}/nonlinear_modes.py bar", 60, {"nonlinear-bar": printed}, timed=True

@@ -51,8 +51,8 @@ RIGID, RIGID_ERROR = (
 SHARE_LEFT, SHARE_RIGID, SHARE_MET, MEETS = 0.1, 0.4, 0.6, 31
 #: Least stated errors, which Newton's iteration leaves.
 FLOOR = {"frequency": 1e-5, "damping_ratio": 1e-4}
-#: Relative errors of frequency and damping by which they have settled, if half of what the last rise
-#: of harmonics changed is below them, too.
+#: Relative errors of frequency and damping by which they have settled, if half of what the last
+#: rise of harmonics changed is below them, too.
 SETTLED = {"frequency": 3e-4, "damping_ratio": 5e-3}
 #: Least and largest amplitude, whose squares and products with frequencies are numbers.
 AMPLITUDES = 1e-30, 1e30
