@@ -15,7 +15,8 @@ constant contact, all reduced.
 The decrement of a ring-down is another damping ratio where a joint is soft: from peak to peak the
 energy of a body of Masing's loops goes as the force there, so that the ratio of a steady cycle is
 multiplied by force over amplitude over the slope of the force, 1 / (1 + 2 d ln omega / d ln a).
-With that it is compared.
+With that it is compared. The frequency of a slow curve is that of the force at its peak; compared
+is that of the first harmonic of the force, as steady vibration has it.
 """
 
 import os
@@ -41,6 +42,7 @@ from skfem_joint.harmonic.levels import Levels, relative, resolved
 from skfem_joint.harmonic.mode_equations import ModeEquations
 from skfem_joint.harmonic.modes import FACTORS, FLOOR
 from skfem_joint.harmonic.series import FourierSeries
+from skfem_joint.study.backbone_peaks import first_harmonic
 
 #: First harmonic of the beam's tip (m), frequency (Hz) and damping ratio (%), as published.
 TIP = 1e-6 * np.array([6.34, 10.05, 15.76, 24.77, 39.06, 61.76, 97.73, 154.8, 388.6])
@@ -173,10 +175,11 @@ def compared(joint):
     slope = PchipInterpolator(np.log(mode.amplitude), np.log(mode.frequency)).derivative()
     decrement = mode.damping_ratio / (1.0 + 2.0 * slope(np.log(mode.amplitude)))
     apart = {}
+    slow = {"frequency": first_harmonic(curve) * curve.frequency}
+    slow["damping_ratio"] = curve.damping_ratio
     for name, own in (("frequency", mode.frequency), ("damping_ratio", decrement)):
-        value = getattr(mode, name)
         apart[name] = (
-            beside(amplitudes, reach, getattr(curve, name)) / value - 1.0,
+            beside(amplitudes, reach, slow[name]) / getattr(mode, name) - 1.0,
             beside(mode.amplitude, down.amplitude, getattr(down, name)) / own - 1.0,
         )
     micro, peak = amplitudes <= 0.25 * reach[-1], int(mode.damping_ratio.argmax())
