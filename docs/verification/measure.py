@@ -322,7 +322,7 @@ CLAIMS = {
     ),
     "nonlinear-estimates": Claim(
         f"{BENCHMARKS}/nonlinear_modes.py estimates",
-        150,
+        400,
         {"nonlinear-estimates": printed},
         short=f"{BENCHMARKS}/nonlinear_modes.py estimates 200 1",
     ),
