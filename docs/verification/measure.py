@@ -310,6 +310,12 @@ CLAIMS = {
     "nonlinear-beam": Claim(
         f"{BENCHMARKS}/nonlinear_modes.py beam", 10, {"nonlinear-beam": printed}, timed=True
     ),
+    "nonlinear-estimates": Claim(
+        f"{BENCHMARKS}/nonlinear_modes.py estimates",
+        400,
+        {"nonlinear-estimates": printed},
+        short=f"{BENCHMARKS}/nonlinear_modes.py estimates 200 1",
+    ),
     "nonlinear-bar": Claim(
         f"{BENCHMARKS}/nonlinear_modes.py bar", 60, {"nonlinear-bar": printed}, timed=True
     ),

@@ -3,6 +3,8 @@
     python examples/benchmarks/nonlinear_modes.py beam       the public benchmark, seconds
     python examples/benchmarks/nonlinear_modes.py bar        joints: bar, lap or brake_reuss, some
                                                              minutes each
+    python examples/benchmarks/nonlinear_modes.py estimates  stated errors of random systems beside
+                                                             true ones, some minutes
 
 The virtual friction-damped beam is a public benchmark: an Euler-Bernoulli beam of 0.71 m x 60 mm x
 50 mm, clamped and free, of 15 nodes, with a Jenkins element at node 6, reduced to 3 modes with that
@@ -13,7 +15,8 @@ constant contact, all reduced.
 The decrement of a ring-down is another damping ratio where a joint is soft: from peak to peak the
 energy of a body of Masing's loops goes as the force there, so that the ratio of a steady cycle is
 multiplied by force over amplitude over the slope of the force, 1 / (1 + 2 d ln omega / d ln a).
-With that it is compared.
+With that it is compared. The frequency of a slow curve is that of the force at its peak; compared
+is that of the first harmonic of the force, as steady vibration has it.
 """
 
 import os
@@ -31,6 +34,15 @@ from scipy.interpolate import PchipInterpolator
 
 import skfem_joint as sj
 from benchmarks import EXAMPLES, head, row
+from skfem_joint.ground.arrays import as_dense
+from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.progress import Tally, silent
+from skfem_joint.harmonic.balance import Balance
+from skfem_joint.harmonic.levels import Levels, relative, resolved
+from skfem_joint.harmonic.mode_equations import ModeEquations
+from skfem_joint.harmonic.modes import FACTORS, FLOOR
+from skfem_joint.harmonic.series import FourierSeries
+from skfem_joint.study.backbone_peaks import first_harmonic
 
 #: First harmonic of the beam's tip (m), frequency (Hz) and damping ratio (%), as published.
 TIP = 1e-6 * np.array([6.34, 10.05, 15.76, 24.77, 39.06, 61.76, 97.73, 154.8, 388.6])
@@ -139,18 +151,18 @@ def largest(apart, rows):
 def beside(x, xs, ys):
     """Values at x of a curve over xs, on a logarithmic axis; nan outside."""
     order = np.argsort(xs)
-    return np.interp(np.log(x), np.log(xs[order]), ys[order], left=np.nan, right=np.nan)
+    return PchipInterpolator(np.log(xs[order]), ys[order], extrapolate=False)(np.log(x))
 
 
 def compared(joint):
     """A row for a structure: its mode beside the slow curve, a ring-down, and time steps."""
     (title, cycles), (full, number) = JOINTS[joint], joint()
-    (curve,) = sj.backbone(full, modes=[number], up_to=0.9)
+    (curve,) = sj.backbone(full, modes=[number], levels=77, up_to=0.9)
     model = sj.reduce(full, curve=curve)
     point = int(curve.displacement[-1].argmax())
     reach = curve.displacement[:, point]
     amplitudes = np.concatenate(
-        [np.geomspace(reach[2], reach[-1], 8), reach[-1] * np.geomspace(1.2, 5.0, 6)]
+        [np.geomspace(reach[8], reach[-1], 8), reach[-1] * np.geomspace(1.2, 5.0, 6)]
     )
     begin = time.process_time()
     (mode,) = sj.nonlinear_modes(
@@ -163,10 +175,11 @@ def compared(joint):
     slope = PchipInterpolator(np.log(mode.amplitude), np.log(mode.frequency)).derivative()
     decrement = mode.damping_ratio / (1.0 + 2.0 * slope(np.log(mode.amplitude)))
     apart = {}
+    slow = {"frequency": first_harmonic(curve) * curve.frequency}
+    slow["damping_ratio"] = curve.damping_ratio
     for name, own in (("frequency", mode.frequency), ("damping_ratio", decrement)):
-        value = getattr(mode, name)
         apart[name] = (
-            beside(amplitudes, reach, getattr(curve, name)) / value - 1.0,
+            beside(amplitudes, reach, slow[name]) / getattr(mode, name) - 1.0,
             beside(mode.amplitude, down.amplitude, getattr(down, name)) / own - 1.0,
         )
     micro, peak = amplitudes <= 0.25 * reach[-1], int(mode.damping_ratio.argmax())
@@ -180,9 +193,118 @@ def compared(joint):
     row(*cells, ", ".join(marched), ", ".join(stated))
 
 
+def beam_of(rng):
+    """Virtual beam with another spring and damping, in its first or second mode."""
+    system = friction_beam(10.0 ** rng.uniform(6.3, 8.3))
+    damped = replace(system, C=10.0 ** rng.uniform(-1.3, 0.0) * system.C)
+    return damped, int(rng.integers(1, 3)), 6e-6, 4e-4
+
+
+def chain_of(rng):
+    """Masses on springs, the last one heavy, up to three of them on friction."""
+    n, m = int(rng.integers(4, 9)), int(rng.integers(1, 4))
+    k = 10.0 ** rng.uniform(-0.3, 0.3, n + 1)
+    k[m] *= 3.0
+    K = np.diag(k[:-1] + k[1:]) - np.diag(k[1:-1], 1) - np.diag(k[1:-1], -1)
+    K[-1, -1] = k[-2]
+    M = np.diag(10.0 ** rng.uniform(-0.3, 0.3, n))
+    M[-1, -1] = 10.0 ** rng.uniform(1.0, 2.0)
+    springs = 10.0 ** rng.uniform(0.0, 1.0, m)
+    contact = sj.Contact(np.eye(n)[:m], rng.uniform(0.3, 1.0, m), np.inf, stiffness=springs)
+    damping = 10.0 ** rng.uniform(-2.5, -1.5) * K
+    return sj.System(M, damping, K, contact, P=np.eye(n)[-1:], points=("end",)), 1, 1.0, 10.0
+
+
+def block_of(rng):
+    """Four masses, one of which slides on a spring, another on a stop that opens."""
+    n, one = 4, np.ones(1)
+    A = rng.normal(size=(n, n))
+    K, M = np.diag(10.0 ** rng.uniform(0.0, 1.0, n)) + 0.15 * A @ A.T, np.eye(n)
+    M[0, 0] = 8.0
+    P, N = np.eye(n)[:1], np.eye(n)[1:2]
+    normal = sj.NormalPart(N, 0.0 * one, one, rng.uniform(1.0, 8.0) * one, one)
+    gain, spring = rng.uniform(0.2, 0.8, (1, 1)), rng.uniform(1.0, 8.0, 1)
+    B = P - np.eye(n)[2:3]
+    contact = sj.Contact(B, [0.0], np.inf, stiffness=spring, normal=normal, gain=gain)
+    return sj.System(M, 0.01 * K, K, contact, P=P, points=("mass",)), 1, 0.15, 3.0
+
+
+#: Random systems: how each is drawn, with its mode and lowest and highest amplitude.
+DRAWN = {
+    "virtual beam": beam_of,
+    "chain": chain_of,
+    "contact that opens": block_of,
+}
+
+
+def finer(system, mode):
+    """Frequency (Hz) and damping ratio with 63 harmonics, or twice the mode's, and 4,096 samples.
+
+    Levels that are not found so are nan. All friction has springs of its own.
+    """
+    point, first = system.points.index(mode.point), mode.series
+    looked_at = as_dense(system.P)[point]
+    moved, stuck = float(looked_at @ mode.shape), 2.0 * np.pi * mode.stuck_frequency
+    coarse = Balance.of(system, FourierSeries(1, 16, first.odd), stuck, FACTORS[-1])
+    fine = FourierSeries(max(63, 2 * first.highest + 1), 4096, first.odd)
+    first, fine = (
+        ModeEquations(
+            replace(coarse, series=series), mode.mode, mode.shape, np.sign(moved) * looked_at,
+            1.0 / abs(moved), point,
+        )
+        for series in (first, fine)
+    )  # fmt: skip
+    values = 2.0 * np.pi * mode.frequency, mode.damping_ratio
+    levels = Levels(first, np.log(mode.displacement[:, point]), mode.harmonics, *values)
+    levels, found = resolved(levels, fine, Tally(silent, 0))
+    return [np.where(found, x, np.nan) for x in (levels.omega / (2.0 * np.pi), levels.zeta)]
+
+
+def estimates(first=200, count=8):
+    """Largest stated errors of curves of random systems over the largest true ones."""
+    head(
+        "systems", "curves", "levels", "quantity", "true errors", "above the least stated",
+        "stated at 0.5 to 3 times the truth", "least, largest", "others: stated at most",
+    )  # fmt: skip
+    for title, draw in DRAWN.items():
+        found = {name: [] for name in FLOOR}
+        levels = 0
+        for seed in range(first, first + count):
+            system, number, low, high = draw(np.random.default_rng(seed))
+            amplitudes = np.geomspace(low, high, 8)
+            try:
+                (mode,) = sj.nonlinear_modes(system, [number], amplitudes=amplitudes, confirm=False)
+            except ConvergenceError as error:
+                mode = error.run
+            if mode is None:
+                continue
+            true = finer(system, mode)
+            known = np.isfinite(true[0])
+            if not known.any():
+                continue
+            levels += int(known.sum())
+            for name, value in zip(found, true, strict=True):
+                own = getattr(mode, name)
+                apart = relative((own - value)[known], own[known])
+                found[name].append((apart.max(), mode.error(name)[known].max()))
+        for name, pairs in found.items():
+            apart, stated = np.array(pairs).T
+            large = apart > FLOOR[name]
+            ratio = stated[large] / apart[large]
+            good = np.count_nonzero((ratio >= 0.5) & (ratio <= 3.0))
+            row(
+                title, len(pairs), levels, name.replace("_", " "),
+                f"{100 * apart.min():.2g} to {100 * apart.max():.2g} %", large.sum(),
+                good, f"{ratio.min():.2g}, {ratio.max():.2g}" if large.any() else "",
+                "" if large.all() else f"{100 * stated[~large].max():.2g} %",
+            )  # fmt: skip
+
+
 def main(arguments):
     if not arguments or "beam" in arguments:
         published()
+    if "estimates" in arguments:
+        estimates(*map(int, arguments[1:]))
     asked = [x for x in JOINTS if x.__name__ in arguments]
     if not asked:
         return

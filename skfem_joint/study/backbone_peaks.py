@@ -98,8 +98,8 @@ class BackbonePeak:
         return self.frequency_error + by_amplitude + self.backbone_error
 
 
-def backbone_errors(curve: Backbone) -> FloatArray:
-    """Estimated relative errors of a backbone's frequencies, (levels,)."""
+def first_harmonic(curve: Backbone) -> FloatArray:
+    """Frequencies of the first harmonic of the force, over those at its peak, (levels,)."""
     from scipy.interpolate import PchipInterpolator  # slow to load
 
     q, omega = curve.amplitude, 2.0 * np.pi * curve.stuck_frequency
@@ -109,8 +109,13 @@ def backbone_errors(curve: Backbone) -> FloatArray:
     x = 0.5 * q[:, np.newaxis] * (1.0 - np.cos(angle))
     force = curve.level[:, np.newaxis] - 2.0 * x * stiffness(x)
     first = (2.0 / np.pi) * np.trapezoid(force * np.cos(angle), angle, axis=1) / q
-    ratio = np.sqrt(np.maximum(first, 0.0) * q / curve.level)
-    return np.asarray(_OTHER_MODES * (np.abs(ratio - 1.0) + curve.damping_ratio**2))
+    return np.asarray(np.sqrt(np.maximum(first, 0.0) * q / curve.level))
+
+
+def backbone_errors(curve: Backbone) -> FloatArray:
+    """Estimated relative errors of a backbone's frequencies, (levels,)."""
+    apart = np.abs(first_harmonic(curve) - 1.0)
+    return np.asarray(_OTHER_MODES * (apart + curve.damping_ratio**2))
 
 
 def _peak(curve: Curve) -> tuple[float, float, float]:

@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.nonlinear_modes import DAMPING, FREQUENCY, TIP, friction_beam
+from benchmarks.nonlinear_modes import (
+    DAMPING,
+    FREQUENCY,
+    TIP,
+    beam_of,
+    block_of,
+    finer,
+    friction_beam,
+)
 from scipy.integrate import quad
 
 import skfem_joint as sj
@@ -315,3 +323,14 @@ def test_large_systems_are_refused_with_what_to_give_instead():
     n = 400
     with pytest.raises(InputError, match=r"must be at most 1300.*reduced model"):
         sj.nonlinear_modes(sj.System(np.eye(n), None, np.eye(n)), amplitudes=[1.0])
+
+
+@pytest.mark.parametrize(("draw", "seed"), [(beam_of, 2), (block_of, 5)])
+def test_stated_errors_are_half_to_three_times_those_beside_more_harmonics(draw, seed):
+    """Of the largest in a curve, with constant contact and with contact that opens."""
+    system, number, low, high = draw(np.random.default_rng(seed))
+    amplitudes = np.geomspace(low, high, 8)
+    (mode,) = sj.nonlinear_modes(system, [number], amplitudes=amplitudes, confirm=False)
+    for name, true in zip(("frequency", "damping_ratio"), finer(system, mode), strict=True):
+        apart = np.abs(getattr(mode, name) / true - 1.0).max()
+        assert 0.5 <= mode.error(name).max() / apart <= 3.0
