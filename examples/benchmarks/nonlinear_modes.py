@@ -254,8 +254,8 @@ def finer(system, mode):
         )
         for series in (first, fine)
     )  # fmt: skip
-    values = 2.0 * np.pi * mode.frequency, mode.damping_ratio
-    levels = Levels(first, np.log(mode.displacement[:, point]), mode.harmonics, *values)
+    values = 2.0 * np.pi * mode.frequency, mode.damping_ratio, np.ones(mode.frequency.size, int)
+    levels = Levels(first, mode.displacement[:, point], mode.harmonics, *values)
     levels, found = resolved(levels, fine, Tally(silent, 0))
     return [np.where(found, x, np.nan) for x in (levels.omega / (2.0 * np.pi), levels.zeta)]
 

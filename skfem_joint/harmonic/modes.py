@@ -289,7 +289,8 @@ def _left(finer: Levels, levels: Levels, rigid: bool) -> dict[str, FloatArray]:
 def _settles(levels: Levels, errors: dict[str, FloatArray], rigid: bool) -> BoolArray:
     """Which levels, (levels,), have settled: by their errors and by half of the last rise."""
     over = np.maximum(1.0, 0.5 / _share_left(levels, rigid))
-    return np.all([over * errors[name] <= bound for name, bound in SETTLED.items()], axis=0)
+    settle = [over * errors[name] <= bound for name, bound in SETTLED.items()]
+    return np.asarray(np.all(settle, axis=0))
 
 
 def _share_left(levels: Levels, rigid: bool) -> FloatArray:
