@@ -318,6 +318,14 @@ def backbone(
     """
     if slips_at is None:
         slips_at = getattr(system.origin, "slips_at", None)
+        if slips_at is not None and np.isnan(slips_at):  # of a curve at given levels
+            if isinstance(levels, Amplitudes) or np.ndim(levels) == 0:
+                raise InputError(
+                    "backbone: slips_at: not known, since the reduced model was made of a curve at "
+                    "given levels; give levels, up to the highest of that curve, or the full "
+                    "model's slips_at"
+                )
+            slips_at = None
     amplitudes, point = None, 0
     if isinstance(levels, Amplitudes):
         amplitudes, point = levels, levels.number(system.points)

@@ -231,6 +231,20 @@ def test_a_ring_down_does_not_depend_on_its_step_and_states_where_it_does():
     assert ringing.step_error["damping_ratio"] > 0.1
 
 
+def test_a_model_of_a_curve_at_given_levels_serves_these_and_asks_for_gross_slip_elsewhere():
+    system = bar()
+    (shares,) = backbone(system, levels=4, up_to=0.5)
+    (curve,) = backbone(system, levels=shares.level)
+    small = sj.reduce(system, curve=curve)
+    (own,) = backbone(small, levels=curve.level)
+    assert own.frequency == pytest.approx(curve.frequency, rel=1e-3)
+    for levels in (4, sj.Amplitudes("end", force=[10.0])):
+        with pytest.raises(sj.InputError, match="slips_at: not known.*give levels, up to the"):
+            backbone(small, levels=levels)
+    (other,) = backbone(small, levels=4, up_to=0.5, slips_at=shares.slips_at)
+    np.testing.assert_allclose(other.level, curve.level, rtol=1e-12)
+
+
 def test_too_few_cycles_are_refused():
     (curve,) = backbone(slider(), levels=1)
     with pytest.raises(sj.InputError, match="cycles: found 1, must be >= 4"):
