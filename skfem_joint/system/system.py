@@ -10,7 +10,7 @@ between models takes a system and returns a system.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -409,7 +409,7 @@ class System:
         C: Matrix = None,
         *,
         fixed: ArrayLike = (),
-        contact: SlipRows | None = None,
+        contact: SlipRows | Sequence[SlipRows] | None = None,
         loads: Mapping[str, tuple[ArrayLike, Callable[..., Any]]] | None = None,
         points: Mapping[str, ArrayLike] | None = None,
         stiffness_damping: float = 0.0,
@@ -427,9 +427,9 @@ class System:
             ``damping_ratio``, see `with_damping_ratio`.
         fixed : array_like of int
             Degrees of freedom that are supported, such as ``basis.get_dofs("wall")``.
-        contact : SlipRows, optional
-            From `contact`, `point_friction` or `point_contact`, or a sum of them. Each of their
-            names is a joint.
+        contact : SlipRows or sequence of SlipRows, optional
+            From `contact`, `point_friction`, `point_contact` or `iwan`, a sum or a list of them.
+            Each of their names is a joint.
         loads : mapping, optional
             By name: a vector of shape (N,) or the number of a degree of freedom, and the amplitude
             (N), a shape of :mod:`skfem_joint.ground.loads` or a plain function of time (s).
@@ -453,7 +453,7 @@ class System:
         square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
         n = square["M"].shape[0]
         fixed = dof_numbers(fixed, n)
-        joined = _joined(SlipRows.none(n) if contact is None else contact, n)
+        joined = _joined(contact, n)
         _check_enough_mass(square["M"], n - fixed.size - joined.closed.shape[0])
         joined = joined.without(fixed)
         M, K = sparse.csr_array(square["M"]), sparse.csr_array(square["K"])
@@ -631,8 +631,16 @@ def _square(given: Mapping[str, Any]) -> dict[str, Matrix]:
     return real
 
 
-def _joined(contact: SlipRows, n: int) -> SlipRows:
+def _joined(given: SlipRows | Sequence[SlipRows] | None, n: int) -> SlipRows:
     """Slip rows with real entries; InputError if they do not act on ``n`` unknowns."""
+    parts = [*given] if isinstance(given, list | tuple) else [] if given is None else [given]
+    refuse(
+        f"contact: found {type(part).__name__}, must be what contact, point_friction, point_contact "
+        "or iwan returns, or a list of these"
+        for part in parts
+        if not isinstance(part, SlipRows)
+    )
+    contact = sum(parts[1:], start=parts[0]) if parts else SlipRows.none(n)
     rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "closed")}
     refuse(wrong_shapes({f"contact: {name}": (A, (A.shape[0], n)) for name, A in rows.items()}))
     return replace(contact, **rows)

@@ -124,6 +124,8 @@ FORCE = sj.Harmonic(1.0, 1.0)
         ({"points": {"a": np.full(4, np.nan)}}, "point 'a': .* finite"),
         ({"contact": sj.SlipRows.none(3)}, "contact: B: found shape"),
         ({"contact": SAME + SAME}, "depend on each other"),
+        ({"contact": [SAME, SAME]}, "depend on each other"),
+        ({"contact": [SAME, "lap"]}, "contact: found str, must be what contact, .* or a list"),
     ],
 )
 def test_matrices_that_would_be_wrong_in_silence_are_refused(changes, match):
@@ -215,6 +217,9 @@ def test_contacts_of_a_sum_keep_their_names_and_energies_apart():
     parts = [sj.point_friction(rows[k], limits[k], 1e4, name=names[k]) for k in names]
     loads = {"tip": (rows[2], sj.Harmonic(50.0, 40.0))}
     system = sj.System.from_matrices(M, K, contact=parts[0] + parts[1] + parts[2], loads=loads)
+    listed = sj.System.from_matrices(M, K, contact=parts, loads=loads)
+    np.testing.assert_array_equal((listed.contact.B - system.contact.B).toarray(), 0.0)
+    assert listed.contact.w.tolist() == [1.0, 2.0, 4.0]
     assert system.contact.joints == ("left", "right")
     run = sj.integrate(system, cycles=1, steps_per_cycle=50)
     work = run.friction_work
