@@ -355,7 +355,7 @@ def test_random_vibration_leaves_tables_a_picture_and_a_summary(scene, tmp_path,
     path, out = scene(FULL_ONLY, asked, more=more), tmp_path / "out"
     assert cli.main(["random", str(path), "--out", str(out)]) == 0
     shown = capsys.readouterr().out
-    assert "Note: The command random takes no account of output.vtk, output.uff." in shown
+    assert "Note: The command random takes no account of output.uff." in shown
     assert "root mean square" in shown
     assert "friction does" in shown
     tables = {f"random{part}.csv" for part in ("", "_joints", "_points", "_psd")}

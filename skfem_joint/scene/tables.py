@@ -559,7 +559,7 @@ class RandomTable(SceneTable):
 class OutputTable(SceneTable):
     """``[output]``: what is written and how often."""
 
-    vtk: bool = key("fields for ParaView", False)
+    vtk: bool = key("fields for ParaView, by run", False)
     plots: bool = key("pictures as PNG", False)
     uff: bool = key(
         "universal file of geometry, modes (by backbone at each of its levels) and, by response, "
@@ -583,13 +583,11 @@ class OutputTable(SceneTable):
     history: bool = key("motion of the observed points, as history.npz", True)
 
 
-#: Commands that take account of keys which not all commands do.
+#: Commands that take account of keys which not all commands do. Keys of how the run is written, such
+#: as vtk, are not here: every scene has a run, so that they say nothing of what others shall do.
 SERVED_BY: Mapping[str, tuple[str, ...]] = {
-    "output.vtk": ("run",),
     "output.uff": ("run", "backbone", "response"),
-    "output.every": ("run", "sweep"),
     "output.stress": ("run", "sweep"),
-    "output.frames": ("run", "sweep"),
     "models.parts": ("run", "backbone", "response", "random", "sweep"),
 }
 

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from skfem_joint import cli
+from skfem_joint import cli, load_scene
 from skfem_joint.scene.shipped import QUESTIONS
 
 ROOT = Path(__file__).parents[2]
+COMMANDS = "backbone", "response", "nonlinear-modes", "random", "fit", "error-time", "sweep"
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -47,6 +48,15 @@ def test_each_written_scene_is_valid_and_differs_in_its_mesh_s_path_alone(name, 
     mesh = tomllib.loads(text)["mesh"]["file"]
     assert contents(tmp_path / name).keys() == {f"{name}.toml", mesh}
     assert (tmp_path / name / mesh).read_bytes() == (ROOT / "meshes" / mesh).read_bytes()
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_no_command_is_told_of_keys_that_are_for_another_one(name):
+    """They have ``vtk`` for ``run``, and serve other commands too."""
+    scene = load_scene(ROOT / "examples" / f"{name}.toml")
+    assert [scene.passed_over(command) for command in COMMANDS] == [[]] * len(COMMANDS)
+    asked = scene.changed(output={"uff": True})
+    assert "random takes no account of output.uff." in asked.passed_over("random")[0]
 
 
 @pytest.mark.parametrize("there", ["structure_impulse.toml", "structure.msh"])

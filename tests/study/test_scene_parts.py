@@ -57,7 +57,7 @@ def test_what_takes_a_factor_of_the_whole_is_left_out_with_a_note(parts):
 def test_a_command_that_has_no_parts_says_so(parts):
     assert not parts.passed_over("run")
     (note,) = parts.passed_over("fit")
-    assert "fit takes no account of output.vtk, output.frames, models.parts." in note
+    assert "fit takes no account of models.parts." in note
 
 
 def test_curves_and_responses_in_parts_are_those_of_the_whole(parts):
