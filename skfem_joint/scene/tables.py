@@ -583,8 +583,8 @@ class OutputTable(SceneTable):
     history: bool = key("motion of the observed points, as history.npz", True)
 
 
-#: Commands that take account of keys which not all commands do. Keys of how the run is written, such
-#: as vtk, are not here: every scene has a run, so that they say nothing of what others shall do.
+#: Commands that take account of keys which not all commands do. Keys of how the run is written, as
+#: vtk, are not here: every scene has a run, so that they say nothing of what others shall do.
 SERVED_BY: Mapping[str, tuple[str, ...]] = {
     "output.uff": ("run", "backbone", "response"),
     "output.stress": ("run", "sweep"),

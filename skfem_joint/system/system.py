@@ -10,6 +10,8 @@ between models takes a system and returns a system.
 
 from __future__ import annotations
 
+import functools
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -633,14 +635,15 @@ def _square(given: Mapping[str, Any]) -> dict[str, Matrix]:
 
 def _joined(given: SlipRows | Sequence[SlipRows] | None, n: int) -> SlipRows:
     """Slip rows with real entries; InputError if they do not act on ``n`` unknowns."""
-    parts = [*given] if isinstance(given, list | tuple) else [] if given is None else [given]
+    parts: list[Any] = [*given] if isinstance(given, list | tuple) else [given]
+    parts = [SlipRows.none(n)] if parts in ([], [None]) else parts
     refuse(
-        f"contact: found {type(part).__name__}, must be what contact, point_friction, point_contact "
-        "or iwan returns, or a list of these"
+        f"contact: found {type(part).__name__}, must be what contact, point_friction, "
+        "point_contact or iwan returns, or a list of these"
         for part in parts
         if not isinstance(part, SlipRows)
     )
-    contact = sum(parts[1:], start=parts[0]) if parts else SlipRows.none(n)
+    contact: SlipRows = functools.reduce(operator.add, parts)
     rows = {name: as_real(getattr(contact, name), f"contact: {name}") for name in ("B", "closed")}
     refuse(wrong_shapes({f"contact: {name}": (A, (A.shape[0], n)) for name, A in rows.items()}))
     return replace(contact, **rows)

@@ -239,7 +239,7 @@ def test_a_model_of_a_curve_at_given_levels_serves_these_and_asks_for_gross_slip
     (own,) = backbone(small, levels=curve.level)
     assert own.frequency == pytest.approx(curve.frequency, rel=1e-3)
     for levels in (4, sj.Amplitudes("end", force=[10.0])):
-        with pytest.raises(sj.InputError, match="slips_at: not known.*give levels, up to the"):
+        with pytest.raises(sj.InputError, match=r"slips_at: not known.*give levels, up to the"):
             backbone(small, levels=levels)
     (other,) = backbone(small, levels=4, up_to=0.5, slips_at=shares.slips_at)
     np.testing.assert_allclose(other.level, curve.level, rtol=1e-12)
