@@ -333,11 +333,14 @@ CLAIMS = {
         short=f"{BENCHMARKS}/nonlinear_modes.py beam",
         timed=True,
     ),
+    "responses-lap": Claim(
+        f"{BENCHMARKS}/harmonic_response.py plates", 200, {"responses-lap": printed}, timed=True
+    ),
     "responses-fold": Claim(
         f"{BENCHMARKS}/harmonic_response.py fold", 10, {"responses-fold": printed}
     ),
     "responses-random": Claim(
-        f"{BENCHMARKS}/harmonic_response.py random --systems 10",
+        f"{BENCHMARKS}/harmonic_response.py random --systems 40",
         300,
         {"responses-random": lines(r"^Of \d+ points")},
         timed=True,

@@ -238,7 +238,7 @@ def print_random(quick, systems):
         f"found without marching, at a median of {each:.2f} s each; the search in time takes "
         f"{searched_in:.2f} s and finds nothing in {np.isnan(off[:, 0]).sum()} systems. "
         f"Amplitudes are {middle[0]:.2g} % apart, {most[0]:.2g} % at most, friction energies "
-        f"{middle[1]:.2g} % and {most[1]:.2g} %. What was lost: {'; '.join(reasons) or 'nothing'}."
+        f"{middle[1]:.2g} % and {most[1]:.3g} %. What was lost: {'; '.join(reasons) or 'nothing'}."
     )
 
 

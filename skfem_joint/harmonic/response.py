@@ -55,8 +55,9 @@ class BalancedCurve(Curve):
         disturbances vanish, None where that is not known; points with ``point.periods`` above zero
         were marched to.
     errors : dict of str to ndarray, shape (points,)
-        Relative changes of ``amplitude`` and ``friction_energy`` with the last rise of harmonics
-        and samples; nan where there was none, and at points that were marched to.
+        Relative errors of ``amplitude`` and ``friction_energy`` by harmonics and samples: half of
+        what their last rise changed, or a quarter of what the one before did; nan where there was
+        none, and at points that were marched to.
     series : FourierSeries or None
         Largest one that a point took; None where all points were marched to.
     why : tuple of str
@@ -170,7 +171,8 @@ def harmonic_response(
         Whether three points of each curve that are not unstable are judged by time steps, with the
         same springs. Where these find nothing steady stability is not known.
     sticking : float
-        Springs of points that have none of their own, over the stiffness of the structure there.
+        Stiffness of the springs of points that have none of their own: they lower the square of the
+        nearest stuck frequency by one over it.
     progress : callable, optional
         Called with (points found, points asked for).
 

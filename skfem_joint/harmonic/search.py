@@ -107,7 +107,7 @@ class Search:
 
     @classmethod
     def of(cls, system: System, frequencies: FloatArray, sticking: float, tally: Tally) -> Search:
-        """At rest, with springs of ``sticking`` over the stiffness of the structure."""
+        """At rest, with springs of a factor ``sticking``, see `springs_of_sticking`."""
         odd, period = odd_loads(system), period_of(system)
         parts = [part for load in system.loads for part in load.amplitude.harmonics]
         loaded = max(round(part.frequency * period) for part in parts)
