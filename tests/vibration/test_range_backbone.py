@@ -52,6 +52,12 @@ def test_the_curve_of_a_model_for_a_range_is_as_accurate_as_asked_and_states_so(
         assert ours.estimated[name] < most
 
 
+def test_the_level_of_gross_slip_of_a_model_for_a_range_is_that_of_the_system(both):
+    """To what each is found to, 2 %, and to the thousandth of slip that counts as sticking."""
+    (truth,), (ours,) = (sj.backbone(model, levels=1) for model in both)
+    assert ours.slips_at == pytest.approx(truth.slips_at, rel=0.04)
+
+
 def test_levels_may_be_given_up_to_the_slip_of_the_range(both):
     (shares,) = sj.backbone(both[1], levels=3)
     (levels,) = sj.backbone(both[1], levels=shares.level)
