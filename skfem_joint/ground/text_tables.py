@@ -8,7 +8,7 @@ import math
 import re
 import unicodedata
 from array import array
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence, Set
 from itertools import takewhile
 from pathlib import Path
 
@@ -268,26 +268,38 @@ def _head(
 
 def _commented(
     content: str, columns: Sequence[Mapping[str, Mapping[str, float]]], path: Path
-) -> dict[str, str | None]:
-    """Units of two columns by their names in the last comment before numbers; {} of a remark.
+) -> Iterator[dict[str, str | None]]:
+    """Units of two columns by their names, of each comment before numbers that is a header.
 
-    InputError for units in brackets of which it is not clear whether they are those of columns.
+    Both of its cells begin with a name of their column or have a unit of it. InputError for one in
+    another form, and for units in brackets of which it is not clear whether they are those of
+    columns.
     """
     above = takewhile(lambda line: not re.match(r"\s*[-+.\d]", line), content.splitlines())
-    found = [(k, line.strip("\ufeff# \t")) for k, line in enumerate(above, 1) if "#" in line]
-    number, text = next((one for one in reversed(found) if one[1]), (0, ""))
-    where = f"{path}: line {number}"
-    cells = re.split(r"[,;\t]", text)
-    known = [unit for names in columns for units in names.values() for unit in units]
-    units = {plain_unit(unit) for unit in re.findall(r"[(\[]([^()\[\]]+)[)\]]", text)}
-    if len(cells) == 2 and ({plain_unit(cell) for cell in cells} | units).intersection(known):
-        return _head(cells, columns, where)
-    if units.intersection(known):
-        raise InputError(
-            f"{where}: found {text[:60]!r}, a comment with units in brackets; if the columns have "
-            "them, write 'name (unit), name (unit)', if not, leave the brackets out"
-        )
-    return {}
+    units = [{unit for units in names.values() for unit in units} for names in columns]
+    for number, line in enumerate(above, start=1):
+        text, where = line.partition("#")[2].strip("# \t"), f"{path}: line {number}"
+        cells = re.split(r"[,;\t]", text)
+        orders = (cells, cells[::-1]) if len(cells) == 2 else ()
+        if any(all(map(_belongs, order, columns, units)) for order in orders):
+            yield _head(cells, columns, where)
+        elif any(_bracketed(text) & known for known in units):
+            raise InputError(
+                f"{where}: found {text[:60]!r}, a comment with units in brackets; if the columns "
+                "have them, write 'name (unit), name (unit)', if not, leave the brackets out"
+            )
+
+
+def _belongs(cell: str, names: Container[str], units: Set[str]) -> bool:
+    """Whether a cell of a comment begins with a name of a column, or has a unit of it."""
+    first, words = re.match(r"\s*([^\W_]*)", cell), re.split(r"[\s_:=]+", cell)
+    found = {plain_unit(word) for word in (cell, *words)} | _bracketed(cell)
+    return (first is not None and first[1].casefold() in names) or not found.isdisjoint(units)
+
+
+def _bracketed(text: str) -> set[str]:
+    """What stands in brackets, as units are written."""
+    return {plain_unit(unit) for unit in re.findall(r"[(\[]([^()\[\]]+)[)\]]", text)}
 
 
 def read_pairs(
@@ -298,9 +310,10 @@ def read_pairs(
     """Two columns of a UTF-8 text file, of which the first one rises.
 
     They are separated by a comma, a semicolon or a tab. Lines of two words before the first number
-    are a header: names, with units or without, or units alone. So is the last comment after ``#``
-    above all numbers, if it has units. Other comments and empty lines are left out. Numbers are at
-    most 1e20 in size, so that slopes and energies do not overflow.
+    are a header: names, with units or without, or units alone. So are such comments after ``#``
+    above all numbers; a line that is no comment, or else the last one, counts. Other comments and
+    empty lines are left out. Numbers are at most 1e20 in size, so that slopes and energies do not
+    overflow.
 
     Parameters
     ----------
@@ -329,7 +342,7 @@ def read_pairs(
     rows: list[list[float]] = []
     mistakes = Mistakes(path)
     content, lines = read_rows(path)
-    heads = [_commented(content, (first, second), path)]
+    heads = [*_commented(content, (first, second), path)]
     for number, text, cells in lines:
         values = [number_in(cell) for cell in cells]
         if values == [None, None] and not rows and not mistakes:  # a header

@@ -352,7 +352,8 @@ class PrimalDualNewton(CompiledStepProblem):
         if self._stuck is None:
             B = as_dense(self.points.B)
             springs = (B.T * self.points.on_rows(self.points.w)) @ B
-            unit = np.trace(self.H) / np.trace(springs)
+            # No slip is seen where all sticks in the states that a model is made of.
+            unit = np.trace(self.H) / (np.trace(springs) or 1.0)
             stuck = self.H + unit * springs
             least = np.linalg.eigvalsh(stuck)[0]
             # Round-off would hide the structure's least stiffness if the law were steeper.

@@ -36,9 +36,9 @@ def held(
     squares, modes = linalg.eigh(K, M)
     loose = squares < ROUND_OFF * shift
     # The least modes have round-off of the highest ones, which a step of inverse iteration takes.
-    rigid = linalg.solve(K + shift * M, M @ modes[:, loose], assume_a="pos")
+    rigid = np.linalg.solve(K + shift * M, M @ modes[:, loose])
     rigid = rigid @ np.linalg.inv(np.linalg.cholesky(rigid.T @ (M @ rigid)).T)
-    _, values, turn = np.linalg.svd(rows @ rigid)
+    _, values, turn = np.linalg.svd(linalg.qr(rows @ rigid, mode="economic")[1])
     moves = np.count_nonzero(values > STILL * np.abs(rows @ modes).max(initial=0.0))
     momenta = M @ rigid @ turn[moves:].T
     return rigid, np.asarray(M + momenta @ momenta.T / shifts.LEAST)
@@ -71,7 +71,7 @@ class Still:
     def of(rigid: FloatArray, limited: IntArray, M: Matrix) -> Still:
         """Of rigid motions of unit mass, (n, k), by the unknowns of the contact."""
         sizes = np.abs(rigid).max(axis=0)
-        slips = linalg.qr(rigid[limited] / sizes, mode="r")[0]
+        slips = linalg.qr(rigid[limited] / sizes, mode="economic")[1]
         _, values, turn = np.linalg.svd(slips)
         sliding, still = np.split(
             rigid / sizes @ turn.T, [np.count_nonzero(values > STILL)], axis=1

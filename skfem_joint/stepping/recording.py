@@ -415,8 +415,7 @@ class Run(Tabular):
         """Largest energy in the balance, J."""
         energies = *self.stored_energy, self._dissipated
         in_play = max(float(np.abs(self.input_work).sum()), *map(abs, energies))
-        contact = self.system.contact
-        if self.loops is not None and (contact.has_springs or contact.opens):
+        if self.loops is not None:
             # A whole cycle in which all points stick or lift takes nothing: what it stored then.
             works = self.loops.load_force * self.loops.load_displacement
             in_play = max(in_play, 0.5 * float(np.abs(works).sum(axis=1).max()))

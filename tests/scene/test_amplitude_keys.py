@@ -302,6 +302,7 @@ def test_units_in_the_header_of_a_table_count(tmp_path):
     for head in (
         "time (ms),force (kN)", "Time [ms];Force [kN]", "ms,kN", "time,force\nms,kN",
         "# run (3)\n# time (ms), force (kN)", "time,force\n# ms,kN",
+        "# time (ms), force (kN)\n# from the laboratory", "# ms, kN\n# time, force",
     ):  # fmt: skip
         path.write_text(f"{head}\n" + "0,0\n2,5\n".replace(",", ";" if ";" in head else ","))
         load = read_table(path)
@@ -321,6 +322,10 @@ def test_units_in_the_header_of_a_table_count(tmp_path):
         (b"force (N),time (s)\n0,0\n1,2\n", ["line 1: found column 'force', must be time or t"]),
         (b"# force (N), time (s)\n0,0\n1,2\n", ["line 1: found column 'force', must be time"]),
         (b"# t [ms]  F [kN]\n0,0\n1,2\n", ["line 1: found 't [ms]  F [kN]', a comment with"]),
+        (b"# time (min), force (lbf)\n0,0\n1,2\n", ["line 1: column 'time (min)'", "(lbf)'"]),
+        (b"# time in ms, force in kN\n0,0\n1,2\n", ["column 'time in ms'", "force in kN'"]),
+        (b"# t/ms, F/kN\n0,0\n1,2\n", ["column 't/ms'", "F/kN'"]),
+        (b"# Zeit ms, Kraft kN\n0,0\n1,2\n", ["column 'Zeit ms'", "Kraft kN'"]),
         (b"time (h),force (N)\n0,0\n1,2\n", ["line 1: column 'time (h)': found unit 'h'"]),
         (b"time,mass\n0,0\n1,2\n", ["line 1: column 'mass': must be one of time"]),
         (b"0,0\n1,2,3\n2,1\n", ["line 2"]),

@@ -1,6 +1,7 @@
 """Levels of a structure that floats, found in the unknowns of the contact alone."""
 
 import logging
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -288,3 +289,27 @@ def test_a_stiff_part_that_friction_holds_leaves_a_soft_one_its_deflection():
     both = 0.25 * (a**3 / 3.0 + 2.0 * a**2 * (3.0 - a) / 6.0 + 1.0 / 3.0)
     run = sj.quasi_static(system, cycles=1, steps_per_cycle=40)
     assert run.peak[0] == pytest.approx(1e-3 * (both + 1.0 / 48e4), rel=1e-4)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_memory_for_what_friction_alone_holds_grows_with_its_points(turned):
+    """A square of the 2000 points would take 32 MB. A reduced model has some of its modes."""
+    n = 2000
+    force = np.eye(1, n)[0]
+    ends = np.r_[1.0, np.full(n - 2, 2.0), 1.0]
+    K = sparse.diags_array([ends, -np.ones(n - 1), -np.ones(n - 1)], offsets=[0, 1, -1])
+    B, ones, closed = sparse.eye_array(n, format="csr"), np.ones(n), sparse.csr_array((0, n))
+    contact = sj.SlipRows(B, ones, np.inf * ones, ones.astype(np.int64), closed)
+    system = sj.System.from_matrices(
+        B, K.tocsr(), contact=contact,
+        loads={"end": (force, sj.Harmonic(2.5, 1.0))}, stiffness_damping=1e-6,
+    )  # fmt: skip
+    if turned:
+        waves = np.cos(np.pi / n * np.outer(np.arange(n) + 0.5, np.arange(8)))
+        system = system.project(waves / np.linalg.norm(waves, axis=0))
+    QuasiStatic(system)  # loads the compiler
+    tracemalloc.start()
+    QuasiStatic(system)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 8e6

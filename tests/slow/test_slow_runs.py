@@ -261,6 +261,21 @@ def test_a_linear_system_is_solved_too():
     assert run.point("mass") == pytest.approx(run.amplitudes[:, 0] / 4e4, abs=1e-15)
 
 
+@pytest.mark.parametrize("model", ["full", "condensed", "mode"])
+def test_what_sticks_in_a_whole_cycle_is_linear_and_its_energies_balance(model):
+    """All that its input sums up to is round-off. A mode in which it sticks sees no slip at all."""
+    contact, loads = sj.point_friction([1.0, 0.0], 60.0), {"end": (1, sj.Harmonic(1.0, 1.0))}
+    K = np.array([[3e4, -3e4], [-3e4, 3.1e4]])
+    system = sj.System.from_matrices(np.eye(2), K, contact=contact, loads=loads)
+    if model == "mode":
+        system = system.project(np.array([[0.0], [1.0]]))
+    run = sj.quasi_static(smaller(system, model), cycles=1, steps_per_cycle=16)
+    assert run.peak[0] == pytest.approx(1.0 / 3.1e4, rel=1e-9)
+    assert run.energy_residual < 1e-9
+    assert not any("energy balance" in note for note in run.notes)
+    assert run.friction_work.sum() == 0.0
+
+
 def test_without_any_hold_there_is_no_level():
     system = free_bar(sj.Harmonic(1.0, 1.0)).with_contact(given=np.zeros(21))
     with pytest.raises(sj.ConvergenceError, match="neither a support nor friction") as caught:
