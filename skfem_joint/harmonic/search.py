@@ -233,7 +233,7 @@ class Search:
         return found
 
     def _let_go(self, forced: Forced, place: BranchPoint) -> tuple[Forced, BranchPoint]:
-        """Equations in which bodies walk, if soft springs hold them and all of their points slip.
+        """Equations in which bodies walk, if soft springs hold them and nothing is in their way.
 
         They are solved near a place; both are the given ones if they have no solution there.
         """
@@ -245,8 +245,7 @@ class Search:
             found = corrected(walking, place._replace(q=still))
         except ConvergenceError:
             return forced, place
-        all_slip = walking.balance.sampled(found.q, False).moves.all()
-        return (walking, found) if all_slip else (forced, place)
+        return (walking, found) if walking.balance.goes_on(found.q) else (forced, place)
 
     def sticking(self, found: Settled, level: float) -> tuple[float, float]:
         """Relative distances of amplitude and friction energy from rigid sticking.
