@@ -17,6 +17,7 @@ megahertz, and the plain norm of residuals stalls Newton's iteration.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -269,7 +270,7 @@ class Balance:
         """
         if self.series.odd or self.walks or not self.soft.any():
             return 0.0
-        inertia = np.hypot(*(self._force(self.reference**2 * x) for x in q[1:3]))
+        inertia = hypot(*(self._force(self.reference**2 * x) for x in q[1:3]))
         contact = self.system.contact
         wholes = contact.w.sum(), contact.normal.force.sum(), inertia
         return self._force(self.soft @ q[0]) / float(next((x for x in wholes if x > 0.0), np.inf))

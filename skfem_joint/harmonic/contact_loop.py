@@ -20,7 +20,6 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.compiling import compiled, compiled_inside
 from skfem_joint.minimise.law import slider, tangent_inside
 
-
 #: Change of friction from one pass to the next, relative, that ends the loop where a slip has two
 #: directions or goes on, and most passes then, over those of others.
 REPEATS, MOST = 1e-12, 50
