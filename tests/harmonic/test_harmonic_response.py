@@ -331,9 +331,10 @@ def block(push=6.0):
     )  # fmt: skip
 
 
-def test_a_block_walks_where_it_is_lifted_as_it_is_pushed():
+@pytest.mark.parametrize("push", [1.5, 6.0])
+def test_a_block_walks_where_it_is_lifted_as_it_is_pushed(push):
     """Time steps of a block that only friction holds go the same way in each period."""
-    system = block()
+    system = block(push)
     (curve,) = sj.harmonic_response(system, np.array([1.6, 1.61]), confirm=False)
     point, steps = curve.points[0], 1000
     loads = tuple(replace(x, amplitude=replace(x.amplitude, frequency=1.6)) for x in system.loads)
