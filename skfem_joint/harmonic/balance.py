@@ -17,6 +17,7 @@ megahertz, and the plain norm of residuals stalls Newton's iteration.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -41,6 +42,8 @@ SOFTENED, SCALINGS = 5e-3, 12
 SOFT = 0.1
 #: Squares of frequencies below this share of that of reference are those of free motions.
 FREE = 1e-6
+#: Ways at contact below this share of the largest slip are round-off.
+ALONG = 1e-6
 
 
 class MotionResidual(NamedTuple):
@@ -179,9 +182,24 @@ class Balance:
         return still, way
 
     def walked(self, q: FloatArray) -> float:
-        """Largest way of an unknown in a period, m."""
+        """Largest way of a degree of freedom in a period, m."""
         way = self.parted(q)[1]
-        return 0.0 if way is None else float(np.abs(self.outer(way)).max())
+        return 0.0 if way is None else self._reach(way)
+
+    def goes_on(self, q: FloatArray) -> bool:
+        """Whether a motion that walks may go on: points on its way slip, none comes closer."""
+        way, contact = self.parted(q)[1], self.contact
+        if way is None:
+            return False
+        slips = int(contact.points.first_row[-1])
+        along, closer = np.split(np.abs(contact.rows @ way), [slips])
+        least = ALONG * along.max(initial=0.0)
+        holds = np.repeat(~self.sampled(q, False).moves, contact.directions)
+        return not ((along > least) & holds).any() and not (closer > least).any()
+
+    def _reach(self, a: FloatArray) -> float:
+        """Largest change of a degree of freedom of the structure where q changes by ``a``, (n,)."""
+        return float(np.abs(self.system.expand(self.outer(a))).max())
 
     def sampled(self, q: FloatArray, tangents: bool) -> Sampled:
         """Contact in the motion with coefficients ``q``, (nh, n)."""
@@ -247,15 +265,19 @@ class Balance:
     def held_softly(self, q: FloatArray) -> float:
         """Force of the soft springs over the sum of friction limits at rest.
 
-        Where there are none it is over the normal forces at rest, or else over the inertia.
+        Where there are none it is over the normal forces at rest, or else over the inertia. Forces
+        are those on the degree of freedom that moves most whose power is that of all.
         """
         if self.series.odd or self.walks or not self.soft.any():
             return 0.0
-        by_mass = as_dense(self.system.M) @ self.Phi
-        force, inertia = by_mass @ self.soft @ q[0], self.reference**2 * by_mass @ q[1]
+        inertia = hypot(*(self._force(self.reference**2 * x) for x in q[1:3]))
         contact = self.system.contact
-        wholes = contact.w.sum(), contact.normal.force.sum(), np.abs(inertia).sum()
-        return float(np.abs(force).sum() / next((x for x in wholes if x > 0.0), np.inf))
+        wholes = contact.w.sum(), contact.normal.force.sum(), inertia
+        return self._force(self.soft @ q[0]) / float(next((x for x in wholes if x > 0.0), np.inf))
+
+    def _force(self, a: FloatArray) -> float:
+        """Force, N, of accelerations ``a`` of q, whatever the unknowns of the system are."""
+        return float(a @ a) / self._reach(a) if a.any() else 0.0
 
 
 def check_size(system: System, series: FourierSeries) -> None:

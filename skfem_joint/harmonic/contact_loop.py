@@ -3,8 +3,9 @@
 The spring k of a point is stretched by t / k. From one sample to the next the slip changes by
 dx, and the law of :mod:`skfem_joint.minimise.law` gives the friction t of the slip dx + t / k that
 the spring and the slider share. The loop goes over a period more than once, from springs without
-force at rest, and the last time counts. Forces are those beyond a spring that never slips, which
-has a place in the linear stiffness: a point that sticks all the time has none, and no tangent.
+force at rest, until friction repeats itself, and the last time counts. Forces are those beyond a
+spring that never slips, which has a place in the linear stiffness: a point that sticks all the time
+has none, and no tangent.
 """
 
 # numba infers the types of compiled functions:
@@ -18,6 +19,10 @@ from typing import Any, NamedTuple
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.compiling import compiled, compiled_inside
 from skfem_joint.minimise.law import slider, tangent_inside
+
+#: Change of friction from one pass to the next, relative, that ends the loop where a slip has two
+#: directions or goes on, and most passes then, over those of others.
+REPEATS, MOST = 1e-12, 50
 
 
 class FrictionPoints(NamedTuple):
@@ -100,7 +105,8 @@ def friction(
     projection : ndarray, shape (samples, nh)
         Of `FourierSeries`.
     passes : int
-        Times that the loop goes over the samples.
+        Times that the loop goes over the samples. After the first one friction along one direction
+        repeats itself. A vector of friction, and slip that goes on, take more until they do.
     sign : float
         Of the motion in the next pass over that in this one.
     tangents : bool
@@ -129,8 +135,9 @@ def friction(
                 for c in range(columns):
                     for j in range(nh):
                         now[r, c, j] = 0.0
-        for turn in range(passes):
-            last = turn == passes - 1
+        repeats = not pair and walked[row] == 0.0
+        turn, last, t_before, s_before = 0, False, 0.0, 0.0
+        while not last:
             if turn > 0:
                 if not moves[i]:
                     break
@@ -145,6 +152,9 @@ def friction(
                         for c in range(columns):
                             for j in range(nh):
                                 now[r, c, j] *= sign
+            settled = hypot(t - t_before, s - s_before) <= REPEATS * hypot(t, s)
+            last = turn >= passes - 1 and (repeats or settled or turn >= MOST * passes - 1)
+            turn, t_before, s_before = turn + 1, t, s
             if last and tangents:
                 for b in range(first_block, first_block + rows * columns):
                     for a in range(kept):

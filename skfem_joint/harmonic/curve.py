@@ -108,10 +108,8 @@ class NonlinearMode:
 
     def motion(self, level: int, samples: int = 100) -> FloatArray:
         """Displacement over a period at a level, (samples, n), m."""
-        fine = FourierSeries(
-            self.series.highest, 2 * samples if self.series.odd else samples, False
-        )
-        return np.asarray(fine.basis[:samples] @ fine.of(self.harmonics[level], self.series))
+        fine = FourierSeries(self.series.highest, samples, False)
+        return np.asarray(fine.basis @ fine.of(self.harmonics[level], self.series))
 
 
 def curve_of(

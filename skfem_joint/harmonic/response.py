@@ -107,8 +107,9 @@ class BalancedCurve(Curve):
             yield f"{', '.join(marched)} Hz were marched to, not found by harmonic balance."
         if self.held > HELD:
             yield (
-                f"a mean force of {100.0 * self.held:.2g} % of the friction limits, or without "
-                "these of the normal forces at rest, keeps bodies in place that nothing else holds."
+                f"a mean force of {100.0 * self.held:.2g} % of the friction limits, or where there "
+                "are none of the normal forces at rest or the inertia, keeps bodies in place that "
+                "nothing else holds."
             )
         if self.walks > 0.0:
             yield (

@@ -39,6 +39,9 @@ LEAST, OF_WORK = 0.02, 1e-3
 STEPS = 200
 #: Force that keeps bodies in place, over the friction limits, above which they are let go.
 HELD = 1e-3
+#: Ways in a period with which a walk is looked for, over what the soft springs' acceleration times
+#: the square of the period is: where points stick without a way there is no slope to follow.
+WAYS = 0.0, 0.01
 #: Springs of rigid sticking are this much softer where their error is judged.
 SOFTER = 10.0
 
@@ -233,7 +236,7 @@ class Search:
         return found
 
     def _let_go(self, forced: Forced, place: BranchPoint) -> tuple[Forced, BranchPoint]:
-        """Equations in which bodies walk, if soft springs hold them and all of their points slip.
+        """Equations in which bodies walk, if soft springs hold them and nothing is in their way.
 
         They are solved near a place; both are the given ones if they have no solution there.
         """
@@ -241,12 +244,17 @@ class Search:
             return forced, place
         walking = forced.walking(True)
         still, _ = walking.balance.parted(place.q)
-        try:
-            found = corrected(walking, place._replace(q=still))
-        except ConvergenceError:
-            return forced, place
-        all_slip = walking.balance.sampled(found.q, False).moves.all()
-        return (walking, found) if all_slip else (forced, place)
+        pushed = (2.0 * np.pi / place.omega) ** 2 * forced.balance.soft @ place.q[0]
+        for share in WAYS:
+            q = still.copy()
+            q[0] += share * pushed
+            try:
+                found = corrected(walking, place._replace(q=q))
+            except ConvergenceError:
+                continue
+            if walking.balance.goes_on(found.q):
+                return walking, found
+        return forced, place
 
     def sticking(self, found: Settled, level: float) -> tuple[float, float]:
         """Relative distances of amplitude and friction energy from rigid sticking.

@@ -71,3 +71,25 @@ def test_odd_series_and_whole_ones_have_the_same_residual():
     one = Balance.of(system, odd, 1.5, 3.0).residual(motion, 1.1, 0.02)
     other = Balance.of(system, whole, 1.5, 3.0).residual(whole.of(motion, odd), 1.1, 0.02)
     assert other.values == pytest.approx(whole.of(one.values, odd), abs=1e-10)
+
+
+@pytest.mark.parametrize("odd", [True, False])
+def test_a_vector_of_friction_repeats_itself(odd):
+    """It comes to its cycle in many periods where a point hardly slips, as in a loop of its own."""
+    contact = sj.Contact(np.eye(2), [1.0], np.inf, np.array([2]), np.ones(1))
+    system = sj.System(np.eye(2), None, np.eye(2), contact)
+    series = FourierSeries(3, 128, odd)
+    balance = Balance.of(system, series, 1.0, 3.0)
+    u = np.zeros((series.size, 2))
+    u[series.first : series.first + 2] = [[1.3, 0.2], [0.1, 0.5]]
+    whole = FourierSeries(3, 128, False)
+    motion, force, before = whole.basis @ whole.of(u, series), np.zeros(2), np.zeros(2)
+    for _ in range(300):
+        cycle = []
+        for now in motion:
+            force = force + now - before
+            force, before = force / max(1.0, np.linalg.norm(force)), now
+            cycle.append(force)
+    found = balance.sampled(balance.inner(u), False).friction
+    count = found.shape[1]
+    assert found == pytest.approx(np.array(cycle).T[:, :count], abs=1e-6)

@@ -320,15 +320,21 @@ def test_the_arctangent_law_is_noted(beta):
     assert any("beta = 3 s/m" in note for note in curve.notes) == np.isfinite(beta)
 
 
-def test_a_block_walks_where_it_is_lifted_as_it_is_pushed():
-    """Time steps of a block that only friction holds go the same way in each period."""
+def block(push=6.0):
+    """A block that only friction holds, lifted a little as it is pushed."""
     contact = sj.point_contact(
         [1.0, 0.0], [0.0, 1.0], friction=0.4, force=5.0, normal_stiffness=2e4, stiffness=8e3
     )
-    system = sj.System.from_matrices(
+    return sj.System.from_matrices(
         np.eye(2), np.zeros((2, 2)), np.diag([0.0, 20.0]), contact=contact, points={"x": 0},
-        loads={"push": (0, sj.Harmonic(6.0, 1.0)), "lift": (1, sj.Harmonic(2.0, 1.0, 0.7))},
+        loads={"push": (0, sj.Harmonic(push, 1.0)), "lift": (1, sj.Harmonic(2.0, 1.0, 0.7))},
     )  # fmt: skip
+
+
+@pytest.mark.parametrize("push", [1.5, 6.0])
+def test_a_block_walks_where_it_is_lifted_as_it_is_pushed(push):
+    """Time steps of a block that only friction holds go the same way in each period."""
+    system = block(push)
     (curve,) = sj.harmonic_response(system, np.array([1.6, 1.61]), confirm=False)
     point, steps = curve.points[0], 1000
     loads = tuple(replace(x, amplitude=replace(x.amplitude, frequency=1.6)) for x in system.loads)
@@ -342,3 +348,43 @@ def test_a_block_walks_where_it_is_lifted_as_it_is_pushed():
     assert point.friction_energy == pytest.approx(float(run.cycles.friction[-1]), rel=2e-3)
     assert any("walk by up to" in note for note in curve.notes)
     assert point.stable is None
+
+
+def test_the_way_of_a_walk_does_not_depend_on_the_unknowns():
+    """It is that of the structure, in m, in a model of any basis."""
+    ways = [
+        sj.harmonic_response(system, np.array([1.6, 1.61]), confirm=False)[0].walks
+        for system in (block(), block().project(1e3 * np.eye(2)))
+    ]
+    assert ways[1] == pytest.approx(ways[0], rel=1e-6)
+
+
+def between_stops(**friction):
+    """A free mass with damping between two stops that differ."""
+    one, N = np.ones(2), np.array([[1.0], [-1.0]])
+    normal = sj.NormalPart(N, 0.1 * one, 0.0 * one, np.array([3.0, 1.0]), one)
+    rows = np.ones((len(friction), 1))
+    gain, limits = np.zeros((len(friction), 2)), list(friction.values())
+    springs = np.ones(len(friction))
+    contact = sj.Contact(rows, limits, np.inf, stiffness=springs, normal=normal, gain=gain)
+    load = sj.AppliedLoad(np.ones(1), sj.Harmonic(1.0, 1.0), "mass")
+    return sj.System(np.eye(1), 0.3 * np.eye(1), 0.0 * np.eye(1), contact, (load,), np.eye(1), "m")
+
+
+def test_nothing_walks_through_a_stop():
+    """Marching finds the same vibration; the share of the springs that hold its mean is noted."""
+    system, frequencies = between_stops(), np.array([0.2, 0.21])
+    (curve,) = sj.harmonic_response(system, frequencies, confirm=False)
+    (marched,) = sj.response(system, frequencies[:1], steps_per_cycle=800, estimated=False)
+    assert curve.walks == 0.0
+    assert curve.points[0].amplitude[0] == pytest.approx(marched.points[0].amplitude[0], rel=5e-3)
+    assert any("keeps bodies in place" in note for note in curve.notes)
+
+
+def test_the_force_of_soft_springs_does_not_depend_on_the_unknowns():
+    """It is a force in N on the structure, over a friction limit here."""
+    system, frequencies = between_stops(limit=0.01), np.array([0.2, 0.21])
+    (curve,) = sj.harmonic_response(system, frequencies, confirm=False)
+    (other,) = sj.harmonic_response(system.project(10.0 * np.eye(1)), frequencies, confirm=False)
+    assert curve.held == pytest.approx(other.held, rel=1e-3)
+    assert curve.held > 0.1

@@ -106,6 +106,12 @@ def test_one_harmonic_has_the_describing_function():
     assert residual.values[:, 0] == pytest.approx(expected, rel=1e-5)
 
 
+def test_a_motion_has_a_whole_period_where_it_has_odd_harmonics_alone(beam):
+    """Its second half is the first one with the other sign."""
+    half, other = np.split(beam.motion(-1, 20), 2)
+    np.testing.assert_allclose(half, -other, atol=1e-9 * np.abs(half).max())
+
+
 def test_linear_modes_are_exact():
     """Contact that never slips leaves the modes of the stuck structure."""
     system = friction_beam()
