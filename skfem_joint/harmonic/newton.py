@@ -190,6 +190,28 @@ def _tangent(factor: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, float]:
     return ahead, float(np.prod(np.sign(np.diag(lu)))) * (-1.0) ** swaps
 
 
+def stepped(equations: Equations, point: Solution, end: float, least: float) -> Solution:
+    """Solution at the parameter ``end``, from one of another parameter.
+
+    The way is one step along the tangent if that is found, else steps that are halved, down to
+    ``least``, and doubled again. ConvergenceError if they become smaller.
+    """
+    normal = by_parameter(point.x.size)
+    step = end - point.x[-1]
+    while point.x[-1] != end:
+        step = min(step, end - point.x[-1], key=abs)
+        x = point.x + step * point.tangent
+        x[-1] = end if abs(end - x[-1]) < 1e-12 * abs(end) else x[-1]
+        try:
+            point = solved(equations, x, normal)
+            step *= 2.0
+        except ConvergenceError:
+            step *= 0.5
+            if abs(step) < least:
+                raise
+    return point
+
+
 def branch(equations: Equations, place: BranchPoint, targets: FloatArray) -> Iterator[BranchPoint]:
     """Points of a branch from one on, until no target is ahead.
 

@@ -19,7 +19,7 @@ from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Tally
 from skfem_joint.harmonic.balance import MOST, Balance
 from skfem_joint.harmonic.forced import Forced, Raised, corrected
-from skfem_joint.harmonic.newton import BranchPoint, branch, by_parameter, solved
+from skfem_joint.harmonic.newton import BranchPoint, branch, by_parameter, solved, stepped
 from skfem_joint.harmonic.points import point_of
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.reduction.ranges.points import period_of
@@ -176,10 +176,14 @@ class Search:
         """Place at the first frequency; ConvergenceError if it is not found."""
         omega, size = float(self.targets[0]), level * float(np.linalg.norm(self.linear))
         raised, x = Raised(self.forced[0], omega, size), np.append(self.start, self.level)
-        start = BranchPoint.of(solved(raised, x, by_parameter(x.size)), self.start.shape)
-        *_, place = start, *branch(raised, start, np.array([level]))
-        if not place.asked:
-            raise ConvergenceError("the load turns back before")
+        below = solved(raised, x, by_parameter(x.size))
+        try:
+            place = BranchPoint.of(stepped(raised, below, level, 1e-3 * level), self.start.shape)
+        except ConvergenceError:  # the load may turn back and rise again
+            start = BranchPoint.of(below, self.start.shape)
+            *_, place = start, *branch(raised, start, np.array([level]))
+            if not place.asked:
+                raise ConvergenceError("the load turns back before") from None
         self.start, self.level = place.q, level
         return self._placed(place.q, level, omega)
 
