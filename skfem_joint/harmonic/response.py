@@ -299,7 +299,7 @@ def _turns(places: Sequence[BranchPoint]) -> Iterator[float]:
     omega, arc = np.array([x.omega for x in places]), np.cumsum([x.arc for x in places])
     for k in np.flatnonzero(np.diff(omega)[:-1] * np.diff(omega)[1:] < 0.0) + 1:
         three = slice(k - 1, k + 2)
-        a, b, c = np.polyfit(arc[three] - arc[k], omega[three], 2)
+        a, b, c = np.polyfit((arc[three] - arc[k]) / np.ptp(arc[three]), omega[three], 2)
         yield float(c - b**2 / (4.0 * a)) / (2.0 * np.pi)
 
 

@@ -30,6 +30,8 @@ from skfem_joint.vibration.response_curve import SteadyPoint
 
 #: Harmonics and samples, raised until amplitude and friction energy settle.
 LADDER = (5, 128), (9, 256), (15, 512), (19, 1024), (31, 1024)
+#: Least samples where contact opens: with fewer a branch has many small turns beside each true one.
+SMOOTH = 1024
 #: Relative errors of amplitude and friction energy with which they have settled.
 SETTLED = 1e-3, 1e-2
 #: Friction energies below these shares, of the largest so far and of the work of the loads, count
@@ -114,7 +116,11 @@ class Search:
         odd, period = odd_loads(system), period_of(system)
         parts = [part for load in system.loads for part in load.amplitude.harmonics]
         loaded = max(round(part.frequency * period) for part in parts)
-        rungs = [FourierSeries(max(highest, loaded), samples, odd) for highest, samples in LADDER]
+        least = SMOOTH if system.contact.opens else 1
+        rungs = [
+            FourierSeries(max(highest, loaded), max(samples, least), odd)
+            for highest, samples in LADDER
+        ]
         reference = 2.0 * np.pi * float(np.sqrt(frequencies[0] * frequencies[-1]))
         grid = 2.0 * np.pi * float(np.ptp(frequencies)) / (frequencies.size - 1)
         used = [rungs[0], *(x for x in rungs[1:] if x.size * system.n <= MOST)]

@@ -65,6 +65,14 @@ def test_a_branch_passes_both_turning_points(curve):
     assert unstable.min() > low - 1e-4
 
 
+def test_turning_points_do_not_depend_on_how_many_frequencies_are_asked_for(curve):
+    """Close frequencies have short steps, for which each kink of sampled contact is a turn."""
+    low, high = curve.column("frequency")[[0, -1]]
+    frequencies = np.linspace(low, high, 97)
+    (fine,) = sj.harmonic_response(oscillator(), frequencies, confirm=False)
+    assert fine.turns == pytest.approx(curve.turns, rel=1e-3)
+
+
 @pytest.mark.parametrize("share", [0.2, 0.8])
 def test_both_stable_branches_attract_and_the_middle_one_does_not(curve, share):
     """Between the turning points time steps end on one of the outer ones."""
