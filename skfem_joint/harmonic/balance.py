@@ -229,7 +229,8 @@ class Balance:
             Whether the derivative by q is wanted.
         """
         series, n = self.series, q.shape[1]
-        sampled, (still, way) = self.sampled(q, tangents), self.parted(q)
+        still, way = self.parted(q)
+        sampled = self.contact.sampled(series, still, tangents, way)
         order = series.coefficient_orders[:, np.newaxis]
         rate = series.rate(q)
         damped = rate @ self.C

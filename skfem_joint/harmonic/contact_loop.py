@@ -174,7 +174,7 @@ def friction(
                 if tangents:
                     # basis at the sample before: zero at rest, before the first one
                     before = n - 1 if n > 0 else count
-                    factor = k if n > 0 else (0.0 if turn == 0 else k * sign)
+                    factor = k if n > 0 else (0.0 if turn == 1 else k * sign)
                     for j in range(nh):
                         change = k * basis[n, j] - factor * basis[before, j]
                         now[0, 0, j] += change

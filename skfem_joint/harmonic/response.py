@@ -114,7 +114,7 @@ class BalancedCurve(Curve):
         if self.walks > 0.0:
             yield (
                 f"bodies that friction alone holds walk by up to {self.walks:.2g} m in a period. "
-                "This is in no result, and the stability of such points is not known."
+                "This is in no result, and where contact opens their stability is not known."
             )
         if self.turns:
             at = ", ".join(f"{f:.6g}" for f in self.turns)

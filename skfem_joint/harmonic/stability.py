@@ -78,10 +78,11 @@ def _inert(balance: Balance, omega: float) -> BoolArray:
 
 
 def stable(balance: Balance, q: FloatArray, omega: float, slips: bool) -> bool | None:
-    """Whether no disturbance of a motion grows; None if that is not judged, as where bodies walk.
+    """Whether no disturbance of a motion grows; None if that is not judged.
 
-    With constant contact none does: friction is monotone. Where contact opens and friction slips, a
-    disturbance that changes sign from period to period is not judged unless it decays fast.
+    With constant contact none does: friction is monotone. Where contact opens bodies that walk are
+    not judged, nor, where friction slips, a disturbance that changes sign from period to period
+    unless it decays fast.
     """
     if not balance.system.contact.opens:
         return True
