@@ -124,6 +124,10 @@ def reduce(
         they are made of, or arguments are given that exclude each other.
     """
     check("modes", modes, COUNT, "auto")
+    if level != 1.0 and frequency is None:
+        raise InputError(
+            f"reduce: level: found {level} without frequency, for whose response it is; give both"
+        )
     if range is not None:
         automatic = interface_modes, friction_points, beta
         others = duration, step, scheme, run, frequency, curve
@@ -135,8 +139,23 @@ def reduce(
                 "leave them out, and quasi_static too"
             )
         return reduced_for_range(system, range, accuracy=accuracy, modes=modes)
-    if sum(x is not None for x in (run, frequency, curve)) > 1:
+    if accuracy != 0.01:
+        raise InputError(
+            f"reduce: accuracy: found {accuracy} without range, whose modes it chooses; give "
+            "modes in its place"
+        )
+    sources_given = {"run": run, "frequency": frequency, "curve": curve}
+    given = [name for name, x in sources_given.items() if x is not None]
+    if len(given) > 1:
         raise InputError("reduce: run, frequency and curve exclude each other; give one of them")
+    idle = {"step": step, "scheme": scheme} if given else {}
+    if given and run is None:
+        idle |= {"duration": duration, "quasi_static": quasi_static or None}
+    if found := [name for name, x in idle.items() if x is not None]:
+        raise InputError(
+            f"reduce: found {' and '.join(found)} beside {given[0]}, from which the modes are "
+            "made; leave out either of them"
+        )
     check("interface_modes", interface_modes, WHOLE, "auto")
     check("friction_points", friction_points, COUNT, "auto", "all")
     check("beta", beta, BETA, "auto")

@@ -107,6 +107,20 @@ def test_a_model_serves_what_it_was_made_for():
         sj.reduce(system, 4, frequency=500.0, curve=curve)
 
 
+def test_reduce_refuses_what_its_modes_do_not_depend_on():
+    system = bar_scene().system()
+    (curve,) = sj.backbone(system, levels=2)
+    for idle, beside in (
+        ({"level": 2.0}, "without frequency"),
+        ({"level": 2.0, "curve": curve}, "without frequency"),
+        ({"accuracy": 1e-3}, "without range"),
+        ({"quasi_static": True, "curve": curve}, "quasi_static beside curve"),
+        ({"duration": 0.1, "step": 1e-5, "frequency": 500.0}, "step and duration beside frequency"),
+    ):
+        with pytest.raises(sj.InputError, match=beside):
+            sj.reduce(system, 4, **idle)
+
+
 def test_a_model_serves_no_level_above_those_it_was_made_for():
     """With the default levels a model of a curve has those of the curve."""
     system = bar_scene().system()
