@@ -70,6 +70,14 @@ def as_dense(A: Matrix) -> FloatArray:
     return np.ascontiguousarray(A.toarray() if sparse.issparse(A) else A, dtype=float)
 
 
+def dense_rows(given: Any) -> Any:
+    """What is given; a sparse array as a dense one, of a single row or column as a vector."""
+    if not sparse.issparse(given):
+        return given
+    dense = given.toarray()
+    return dense.ravel() if 1 in dense.shape else dense
+
+
 def slip_norms(slip: FloatArray, directions: NDArray[np.int64]) -> FloatArray:
     """Norms of slip vectors.
 

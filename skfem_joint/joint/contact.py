@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.body.nodes import Nodes
-from skfem_joint.ground.arrays import BoolArray, as_real
+from skfem_joint.ground.arrays import BoolArray, as_real, dense_rows
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.values import BETA, NOT_NEGATIVE, POSITIVE, STIFFNESS, check, problems
 from skfem_joint.joint.doubts import doubtful_gaps, faces_apart
@@ -261,7 +261,7 @@ def point_friction(
 
     Parameters
     ----------
-    row : array_like, shape (N,) or (2, N)
+    row : array_like or sparse array, shape (N,) or (2, N)
         Slip from the degrees of freedom, in one direction or two: a beam's transverse slip, the
         motion of one body against another.
     limit : float
@@ -293,7 +293,7 @@ def _point_rows(
     where: str, argument: str, row: Any, limit: float, beta: float, stiffness: float, name: str
 ) -> SlipRows:
     """Rows of `point_friction`, whose messages begin with a function and its argument."""
-    rows = np.atleast_2d(as_real(row, f"{where}: {argument}"))
+    rows = np.atleast_2d(as_real(dense_rows(row), f"{where}: {argument}"))
     if rows.ndim != 2 or len(rows) > 2 or not np.isfinite(rows).all() or not rows.any(axis=1).all():
         raise InputError(
             f"{where}: found rows of shape {np.shape(row)}, must be (N,) or (2, N), finite "
@@ -364,7 +364,7 @@ def point_contact(
         gap, a force beside a gap, and a beta or stiffness that is not positive.
     """
     where = "point_contact"
-    row = np.asarray(as_real(approach, f"{where}: approach"))
+    row = np.asarray(as_real(dense_rows(approach), f"{where}: approach"))
     if row.ndim != 1 or not np.isfinite(row).all() or not row.any():
         raise InputError(
             f"{where}: approach: found a row of shape {np.shape(approach)}, must be (N,), finite "

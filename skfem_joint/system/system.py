@@ -28,6 +28,7 @@ from skfem_joint.ground.arrays import (
     Matrix,
     as_dense,
     as_real,
+    dense_rows,
     make_real,
     wrong_shapes,
 )
@@ -448,8 +449,9 @@ class System:
         ------
         InputError
             For shapes that do not fit, matrices that are complex, not symmetric (such as
-            gyroscopic damping) or indefinite, numbers that are no degrees of freedom, and slip rows
-            that depend on each other.
+            gyroscopic damping) or indefinite, numbers that are no degrees of freedom, slip rows
+            that depend on each other, more than one kind of damping, and a load and another point
+            of the same name.
         """
         _check_damping(C, stiffness_damping, mass_damping, damping_ratio)
         square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
@@ -464,7 +466,13 @@ class System:
             for on, (vector, amplitude) in (loads or {}).items()
         )
         rows = {load.on: load.vector for load in applied}
-        rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
+        for name, given in (points or {}).items():
+            row = vector_of(given, n, f"point {name!r}")
+            if not np.array_equal(row, rows.setdefault(name, row)):
+                raise InputError(
+                    f"points: found {name!r}, under which the load of this name is observed along "
+                    "its own vector; give one of them another name"
+                )
         outer = System(
             M=M,
             C=sparse.csr_array(square.get("C", stiffness_damping * K + mass_damping * M)),
@@ -601,6 +609,11 @@ def _all_from(T: Matrix, V: Matrix) -> Matrix:
 def _check_damping(C: Matrix, stiffness: float, mass: float, ratio: float | None) -> None:
     """Refuse wrong factors of the damping, and a ratio beside factors or a matrix ``C``."""
     check_some(NOT_NEGATIVE, stiffness_damping=stiffness, mass_damping=mass)
+    if C is not None and (stiffness or mass):
+        raise InputError(
+            "damping: found stiffness_damping or mass_damping beside C, which is the whole "
+            "damping matrix; leave them out, or add their part to C"
+        )
     if ratio is not None:
         others = {"C": C is not None, "stiffness": stiffness, "mass": mass}
         refuse(ratio_problems(ratio, others))
@@ -611,7 +624,7 @@ def vector_of(value: ArrayLike, n: int, what: str, first: int = 0) -> FloatArray
 
     Numbers count from ``first``.
     """
-    array = np.asarray(value)
+    array = np.asarray(dense_rows(value))
     real = as_real(array, what)
     # A list with a single whole number is a vector if there is a single unknown.
     if array.size == 1 and np.issubdtype(array.dtype, np.integer) and (n > 1 or array.ndim == 0):

@@ -91,6 +91,30 @@ def test_damping_that_would_create_energy_is_refused(C, form):
         sj.MatrixModel(np.eye(N), K, form(C))
 
 
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"C": K, "stiffness_damping": 1e-3}, "beside C"),
+        ({"C": K, "mass_damping": 1e-3}, "beside C"),
+        ({"points": {"end": END[::-1]}}, "'end', under which the load"),
+    ],
+)
+def test_what_would_have_no_effect_beside_another_value_is_refused(given, words):
+    with pytest.raises(sj.InputError, match=words):
+        system_of(**given)
+    assert system_of(points={"end": END}).points == ("end",)
+
+
+@pytest.mark.parametrize("form", FORMS[1:])
+def test_rows_may_be_sparse(form):
+    row, end = form(ROW[np.newaxis]), form(END[np.newaxis])
+    given = {"loads": {"end": (end, FORCE)}, "points": {"seen": row}}
+    found = system_of(contact=sj.point_friction(row, 1.0), **given)
+    dense = system_of(points={"seen": ROW})
+    for A, B in ((found.K, dense.K), (found.P, dense.P), (found.contact.B, dense.contact.B)):
+        np.testing.assert_array_equal(A.toarray(), B.toarray())
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_damping_that_takes_energy_is_taken_though_round_off_makes_it_negative(seed):
     """Single dashpots and dampings of few modes have no full rank, in any units."""
