@@ -94,7 +94,8 @@ def doubted(
         joint = patch.joint
         if not np.any(system.contact.rubs[patch.points]) or joint.friction == 0.0:
             sentences.append(
-                f"Joint '{joint.name}' carries no friction: its pressure or friction is 0."
+                f"Joint '{joint.name}' carries no friction: its pressure or friction is 0, or "
+                "supports hold all of it."
             )
         if isinstance(joint.pressure, Bolts) and body is not None:
             sentences += _bolt_doubts(body, patch, joint.pressure)

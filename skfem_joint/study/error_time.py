@@ -369,7 +369,7 @@ def advice(points: Sequence[Measured], level: float) -> str:
         return (
             f"{start}use {reduced}. A reduction pays {full.wall_s / reduced.wall_s:.2g} times in "
             f"run time against the fastest other model, {full}; its "
-            f"{_seconds(reduced.offline_s)} off-line come back after {runs} runs."
+            f"{_seconds(reduced.offline_s)} off-line come back after {runs} run{'s' * (runs > 1)}."
         )
     least = min((p.error() for p in small if p.counts), default=None)
     if least is None:

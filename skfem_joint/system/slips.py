@@ -250,15 +250,21 @@ class SlipRows:
                 rows[-1] = sparse.csr_array(left @ selection(moved, n))
         directions = np.array([own.shape[0] for own in rows], dtype=np.int64)
         keep = directions > 0
+        names = tuple(np.array(self.names, dtype=object)[keep])
+        held = [name for name in dict.fromkeys(self.names) if name not in names]
         return SlipRows(
             stacked(rows, n),
             self.w[keep],
             self.beta[keep],
             directions[keep],
             closed,
-            names=tuple(np.array(self.names, dtype=object)[keep]),
+            names=names,
             stiffness=self.stiffness[keep],
             normal=self.normal.without(free, keep),
+            notes=(
+                *self.notes,
+                *(f"Joint '{name}' carries no friction: supports hold all of it." for name in held),
+            ),
         )
 
 

@@ -658,9 +658,8 @@ def _notes_of_levels(asked: _Levels, state: Sequence[str], slipping: BoolArray) 
     count = count[count > 0]
     if count.size and count[0] < FEWEST:
         yield (
-            f"at the lowest level at which a point slips only {count[0]} do; below "
-            f"{FEWEST} the damping is rough. Use smaller elements in the joint to resolve "
-            "it."
+            f"few points slip at the lowest level with slip, {count[0]}; below {FEWEST} the "
+            "damping is rough. Use smaller elements in the joint to resolve it."
         )
 
 

@@ -102,6 +102,16 @@ def test_a_point_with_two_directions_keeps_the_norm_of_its_slip_beside_supports(
     )
 
 
+def test_notes_of_a_contact_outlive_a_support_that_touches_it():
+    M, K = chain(6)
+    touched = sj.point_friction(np.eye(6)[1] - np.eye(6)[0], 1.0, name="lap")
+    lost = sj.point_friction(np.eye(6)[0], 1.0, name="foot")
+    contact = replace(touched, notes=("Faces are apart.",)) + lost
+    system = sj.System.from_matrices(M, K, fixed=[0], contact=contact)
+    held = "Joint 'foot' carries no friction: supports hold all of it."
+    assert {"Faces are apart.", held} <= {*system.notes}
+
+
 M_4, K_4 = chain(4)
 CROOKED = K_4 - 0.1 * sparse.eye_array(4, k=1)
 SAME = sj.point_friction(np.eye(4)[1], 1.0)
