@@ -694,9 +694,9 @@ def _covariance(
 ) -> tuple[FloatArray, list[str]]:
     """Covariance of the variables of the fit, and sentences about undetermined directions.
 
-    ``J``, (r, k), are the derivatives of residuals over their (widened) deviations. There are no
-    sentences where the search ``stalls``, or where a value lies on its bound though another does
-    not fit as well.
+    ``J``, (r, k), are the derivatives of residuals over their (widened) deviations. Where the
+    search ``stalls``, sentences are about directions without any effect alone; there are none where
+    a value lies on its bound though another does not fit as well.
     """
     sentences, inner = list[str](), problem.inner(vector)
     width = 0.5 * (problem.high - problem.low)
@@ -707,7 +707,9 @@ def _covariance(
     factor = float(norm.ppf(0.5 + 0.5 * LEVEL))
     spread = 1.0 / np.maximum(size, factor)  # their standard deviations, at most that of bounds
     bound = problem.on_bound(vector)
-    for j in [] if stalls else np.flatnonzero(size <= factor).tolist():
+    # At a kink derivatives change, but those that vanish to round-off vanish on both sides.
+    least = min(factor, 1e-6 * size[0]) if stalls else factor
+    for j in np.flatnonzero(size <= least).tolist():
         k, *others = _members(axes[:, j])
         if others:
             if not bound[[k, *others]].any():

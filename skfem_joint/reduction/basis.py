@@ -75,6 +75,19 @@ class Options:
         return self.modes
 
     @property
+    def idle(self) -> list[str]:
+        """Sentences about options that were given and change nothing."""
+        wanted = {"active_length": ("paper",)} | dict.fromkeys(
+            ("snapshots", "inner_product"), ("self", "paper")
+        )
+        return [
+            f"reduction.{name} has no effect but beside reference = "
+            f"{' or '.join(map(repr, references))}."
+            for name, references in wanted.items()
+            if getattr(self, name) != getattr(Options, name) and self.reference not in references
+        ]
+
+    @property
     def friction(self) -> dict[str, Any]:
         """Friction points and steepness, as `reduced_on` takes them."""
         return {"friction_points": self.friction_points, "beta": self.beta}
@@ -232,13 +245,8 @@ class Basis:
         )
         if missed > 0.5 and not enriched:
             raise InputError(sentence)
-        notes = self.notes
-        if options.active_length != "auto" and options.reference != "paper":
-            notes = (
-                *notes,
-                "reduction.active_length has no effect but beside reference = 'paper'.",
-            )
-        return replace(self, notes=(*notes, sentence) if missed > 0.1 else notes)
+        notes = [*self.notes, *options.idle]
+        return replace(self, notes=(*notes, sentence) if missed > 0.1 else tuple(notes))
 
 
 @dataclass(frozen=True)

@@ -133,6 +133,23 @@ def test_friction_and_pressure_are_told_to_be_undetermined_together():
     assert found.deviations[RATIO] < 0.2e-3
 
 
+class NotSearched(sj.FitProblem):
+    """A problem whose search ends where it begins, as at a kink."""
+
+    def best(self, progress=None):
+        return self.start, 1, 1
+
+
+def test_a_product_is_named_as_undetermined_where_the_search_stalls():
+    free = {FRICTION: (0.1, 0.9), PRESSURE: (2e6, 3e7), RATIO: (1e-4, 1e-2)}
+    start = with_values(START, {SPRING: 6e11})
+    found = fit_module.solved(NotSearched(start, curve_of(GIVEN), free, LOADS))
+    assert any("derivatives promise" in note for note in found.notes)
+    (sentence,) = found.undetermined
+    assert FRICTION in sentence
+    assert "by its power -1.00" in sentence
+
+
 def test_what_the_data_do_not_depend_on_is_named():
     low = np.geomspace(1e-7, 1e-6, 6)  # all sticks
     found = fitted(curve_of(GIVEN, low), {FRICTION: (0.1, 0.9), RATIO: (1e-4, 1e-2)})

@@ -82,6 +82,13 @@ def test_own_modes_of_a_structure_come_from_its_first_three_cycles():
     assert note in study.notes
 
 
+def test_keys_without_effect_on_modes_of_the_static_path_are_named():
+    scene = strip(6, 1, 1.0, 0.0, reference="static", snapshots="rates", inner_product="mass")
+    for key in ("snapshots", "inner_product"):
+        note = f"reduction.{key} has no effect but beside reference = 'self' or 'paper'."
+        assert note in sj.run_scene(scene).notes
+
+
 def test_a_basis_that_cannot_follow_its_run_is_refused_or_doubted():
     study = sj.run_scene(strip(2, 3, 0.0, 1.0))
     assert any("cannot follow" in warning for warning in study.notes)
