@@ -292,6 +292,8 @@ def _value_problems(body: Body) -> Iterator[str]:
             yield f"section.{name}: found {value}, but {what} has none; leave it out"
         elif value is not None:
             yield from problems(f"section.{name}", value, POSITIVE)
+    if body.dim != 2 and body.plane == "strain":
+        yield f"section.plane: found 'strain', but {what} has none; leave it out"
     material = body.material
     yield from problems("material.E", material.E, POSITIVE)
     yield from problems("material.density", material.density, POSITIVE)

@@ -25,10 +25,10 @@ _PER_WAVELENGTH = 6
 
 def unusual_values(body: Body) -> Iterator[str]:
     """Sentences about material and sizes that suggest other units than SI."""
-    # From soft rubber to diamond, and from foam to osmium.
+    # From soft rubber to diamond, and from foam to osmium, which has 22.6 g/cm3.
     for name, (least, most), unit, steel in (
         ("E", (1e6, 2e12), "Pa", "2e11"),
-        ("density", (5.0, 3e4), "kg/m3", "7850"),
+        ("density", (25.0, 3e4), "kg/m3", "7850"),
     ):
         values = body.properties[name]
         if not least <= values.min() <= values.max() <= most:

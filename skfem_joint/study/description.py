@@ -205,6 +205,7 @@ def _moves(
     floats, stuck = _frequencies(structure, system, acting.size > 0, draft)
     frequency = max((load.amplitude.highest_frequency or 0.0 for load in system.loads), default=0.0)
     slow = plan.quasi_static
+    draft.doubts += () if slow else _heavy_damping(system, stuck)
     if frequency > 0.0 and structure.body is not None and not slow:
         speed, count = per_wavelength(structure.body, frequency)
         values |= {"wave_speed_m_per_s": speed, "elements_per_wavelength": count}
@@ -292,6 +293,18 @@ def _frequencies(
                 f"structure floats. {cure}"
             )
     return rigid[1] > 0, stuck
+
+
+def _heavy_damping(system: System, stuck: NaturalModes) -> Iterator[str]:
+    """Sentence about damping that was probably given in another unit."""
+    if stuck.frequencies.size:
+        first = stuck.modes[:, 0]
+        ratio = float(first @ (system.C @ first)) / (4.0 * np.pi * stuck.frequencies[0])
+        if ratio > 0.5:  # that of structures is below 0.1
+            yield (
+                f"Damping has {ratio:.3g} of the critical one in the first mode with the joints "
+                "stuck: is damping.stiffness in s, and damping.mass in 1/s? A share is a ratio."
+            )
 
 
 def _mesh(structure: AnyStructure, draft: Description) -> None:

@@ -86,6 +86,7 @@ WRONG: list[tuple[str, Change, list[str]]] = [
     (GOOD, ('fixed = ["fixed"]', 'fixed = ["fixd"]'), ["support.fixed", "did you mean 'fixed'"]),
     (GOOD, ('on = "free_end"', 'on = "free_end"\ndirection = [1, 0]'), ["direction"]),
     (GOOD, ("every = 1", 'points = ["fixed"]'), ["'fixed'", "does not move"]),
+    (GOOD, ("[section]", '[section]\nplane = "strain"'), ["section.plane", "a bar has none"]),
     (PLATES, ('fixed = ["left"]', 'fixed_x = ["left"]'), ["unsupported"]),
     (
         *(PLATES, ("cycles = 3", 'cycles = 3\n[reduction]\nreference = "paper"')),

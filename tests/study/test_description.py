@@ -234,6 +234,8 @@ def test_an_even_traction_changes_the_normal_force_by_its_share_of_the_pressure(
         ({"material": STEEL | {"E": 200e3}}, r"material\.E is 2e\+05 Pa"),
         ({"material": STEEL | {"E": 200.0}}, r"material\.E is 200 Pa"),
         ({"material": STEEL | {"density": 7.85e-9}}, r"material\.density is 7\.85e-09 kg/m3"),
+        ({"material": STEEL | {"density": 7.85}}, r"material\.density is 7\.85 kg/m3"),
+        ({"damping": {"stiffness": 0.02}}, r"Damping has \d+ of the critical one"),
         ({"joint": [joint(pressure=30.0)]}, "pressed by 30 Pa"),
         ({"joint": [joint(friction=30.0)]}, "is it in percent"),
         ({"section": {"width": 30.0, "thickness": 0.01}}, "0.6 m long, 30 m wide"),
