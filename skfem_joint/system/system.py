@@ -484,6 +484,11 @@ class System:
         )
         new = _unknowns(joined, fixed)
         system = replace(outer._with(new.forward), contact=joined.contact_in(new))
+        refuse(
+            f"load {load.on!r}: what holds the structure takes all of it; load a free part"
+            for load in system.loads
+            if not np.any(load.vector)
+        )
         system = _definite(system, C is not None)
         return system if damping_ratio is None else system.with_damping_ratio(damping_ratio)
 

@@ -34,7 +34,8 @@ PAIRS = [(lap(), LAP, "lower_left"), (side(), SIDE, "lower_left")]
 
 @pytest.mark.parametrize(("body", "joint", "fixed"), [*BLOCKS, *CELLS, *PAIRS])
 def test_contact_on_a_basis_is_that_of_the_structure(body, joint, fixed):
-    mine = structure(body, [joint], [fixed], plane="strain", incompatible=False).system()
+    plane = "strain" if body.dim == 2 else "stress"
+    mine = structure(body, [joint], [fixed], plane=plane, incompatible=False).system()
     basis, depth = basis_of(body), 0.01 if body.dim == 2 else 1.0
     rows = sj.contact(
         basis, joint.on, pressure=8e6, friction=0.7, against=joint.against, thickness=depth
