@@ -314,7 +314,9 @@ def springs_of_sticking(system: System, reference: float, factor: float) -> Floa
     closed = as_dense(system.closed().stuck_stiffness)
     soft = linalg.cho_solve(linalg.cho_factor(closed + reference**2 * M), B.T)
     flexibility = contact.by_point((B * soft.T).sum(axis=1)) / contact.directions
-    springs = np.where(rigid & (flexibility > 0.0), 1.0 / np.maximum(flexibility, 1e-300), 0.0)
+    # Rows of points that the modes do not move are round-off, which no spring shall resist.
+    least = max(1e-16 * flexibility[rigid].max(), 1e-300)
+    springs = np.where(rigid, 1.0 / np.maximum(flexibility, least), 0.0)
     frequencies, shapes = stuck_modes(system, MODES)
     mode = int(np.abs(frequencies - reference).argmin())
     acting = contact.on_rows(np.where(contact.w > 0.0, springs, 0.0))

@@ -438,7 +438,8 @@ class System:
             (N), a shape of :mod:`skfem_joint.ground.loads` or a plain function of time (s).
         points : mapping, optional
             Displacements to observe, by name: a row of shape (N,) or the number of a degree of
-            freedom. Loads are observed in any case, under their names.
+            freedom. Loads are observed in any case, under their names, along their
+            vectors unless a point of the same name says otherwise.
 
         Returns
         -------
@@ -450,8 +451,7 @@ class System:
         InputError
             For shapes that do not fit, matrices that are complex, not symmetric (such as
             gyroscopic damping) or indefinite, numbers that are no degrees of freedom, slip rows
-            that depend on each other, more than one kind of damping, and a load and another point
-            of the same name.
+            that depend on each other, and more than one kind of damping.
         """
         _check_damping(C, stiffness_damping, mass_damping, damping_ratio)
         square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
@@ -466,13 +466,7 @@ class System:
             for on, (vector, amplitude) in (loads or {}).items()
         )
         rows = {load.on: load.vector for load in applied}
-        for name, given in (points or {}).items():
-            row = vector_of(given, n, f"point {name!r}")
-            if not np.array_equal(row, rows.setdefault(name, row)):
-                raise InputError(
-                    f"points: found {name!r}, under which the load of this name is observed along "
-                    "its own vector; give one of them another name"
-                )
+        rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
         outer = System(
             M=M,
             C=sparse.csr_array(square.get("C", stiffness_damping * K + mass_damping * M)),

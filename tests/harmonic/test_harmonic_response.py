@@ -15,6 +15,7 @@ from skfem_joint.output.damping import response_figure
 from skfem_joint.scene.shipped import shipped_scene
 from skfem_joint.study.scene_response import scene_response
 
+JOINT = sj.Joint("joint", pressure=3e6, friction=0.4)
 #: Oscillator of unit mass and stiffness that meets a spring at a gap of 1.
 SPRING, DAMPING, FORCE = 3.0, 0.02, 0.1
 
@@ -396,3 +397,21 @@ def test_the_force_of_soft_springs_does_not_depend_on_the_unknowns():
     (other,) = sj.harmonic_response(system.project(10.0 * np.eye(1)), frequencies, confirm=False)
     assert curve.held == pytest.approx(other.held, rel=1e-3)
     assert curve.held > 0.1
+
+
+def test_friction_points_that_no_mode_moves_do_not_count():
+    """A plate pulled along its axis of symmetry: modes move points there along it alone."""
+    plate = sj.Structure(
+        sj.build_plate([("joint", 0.08, 6), ("arm", 0.22, 6)], 0.03, 2), joints=[JOINT],
+        material=sj.Material(70e9, 2700.0, 0.33), thickness=0.006, fixed=["left"],
+        damping_ratio=0.005,
+    )  # fmt: skip
+    pull = sj.Load("right", sj.Harmonic(300.0, 300.0), direction=(1.0, 0.0))
+    model = sj.reduce(plate.system([pull]), 4, frequency=300.0)
+    slips = model.contact.by_point(np.abs(model.contact.B).sum(axis=1))
+    assert slips.min() < 1e-12 * slips.max()
+    frequencies = np.array([2000.0, 2100.0])
+    (curve,) = sj.harmonic_response(model, frequencies, confirm=False)
+    (marched,) = sj.response(model, frequencies, estimated=False, refined=False)
+    balanced, stepped = (c.column("amplitude")[[0, -1], 0] for c in (curve, marched))
+    np.testing.assert_allclose(balanced, stepped, rtol=1e-3)
