@@ -50,8 +50,8 @@ def sensitivities(
     ----------
     structure : Structure
     keys : sequence of str
-        As for `skfem_joint.structure.parameters.with_values`; with ``[*]`` all entries of a list
-        have the same value, and change together.
+        As of a sweep, such as "joint[0].friction" or "bolt[*].force"; with ``[*]`` all entries of
+        a list have the same value, and change together.
     system : System
         What ``structure.system(loads)`` returned.
 
