@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any
@@ -114,6 +114,14 @@ def check_each(where: str, values: Any, kind: Kind) -> None:
         raise InputError(f"{where}: found {values!r}, must be a list of numbers, each {kind.words}")
     for number, value in enumerate(entries):
         check(f"{where}[{number}]", value, kind)
+
+
+def several(where: str, given: Any) -> tuple[Any, ...]:
+    """Tuple of what is given as a list; InputError for one of it, such as a name, in its place."""
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        one = repr(given) if isinstance(given, str) else f"one {type(given).__name__}"
+        raise InputError(f"{where}: found {one}, must be a list, also of a single one")
+    return tuple(given)
 
 
 def check_numbers(where: str, values: Any) -> None:

@@ -18,7 +18,7 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.loads import Scaled
 from skfem_joint.ground.progress import Progress, silent
-from skfem_joint.ground.values import NOT_NEGATIVE, problems
+from skfem_joint.ground.values import NOT_NEGATIVE, problems, several
 from skfem_joint.joint import doubts
 from skfem_joint.joint.clamps import Clamp, clamp_problems, cuts, unit_clamps
 from skfem_joint.joint.contact import contact_rows
@@ -148,7 +148,7 @@ class Structure:
         object.__setattr__(self, "mesh", mesh)
         self._order_notes.extend(notes)
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+            object.__setattr__(self, name, several(name, getattr(self, name)))
         wrong = parts_problems(self.parts)
         try:
             body = None if like is None else like._body_for(self)
@@ -504,6 +504,8 @@ class Structure:
         InputError
             For unknown names, directions that do not fit, and loads on parts that cannot move.
         """
+        loads = several("loads", loads)
+        points = None if points is None else several("points", points)
         refuse(load_problems(self.mesh, loads, points))
         T, (M, _) = self.T, self.matrices()
         wrong: list[str] = []

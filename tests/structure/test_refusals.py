@@ -347,3 +347,17 @@ def test_a_structure_takes_the_file_of_its_mesh_and_no_other_thing(tmp_path):
         sj.Structure(tmp_path / "nowhere.msh", STEEL, **section)
     with pytest.raises(sj.InputError, match="mesh: found int, must be a mesh of scikit-fem"):
         sj.Structure(3, STEEL, **section)
+
+
+def test_one_thing_in_place_of_a_list_is_refused_as_such():
+    """A name is no list of letters."""
+    given = structure(QUAD, [pressed("joint")], ["left"])
+    pull = sj.Load("right", sj.Harmonic(1.0, 1.0), direction=(1.0, 0.0))
+    for make, words in (
+        (lambda: replace(given, fixed="left"), "fixed: found 'left', must be a list"),
+        (lambda: replace(given, joints=pressed("joint")), "joints: found one Joint, must be a"),
+        (lambda: given.system(pull), "loads: found one Load, must be a list"),
+        (lambda: given.system([pull], points="right"), "points: found 'right', must be a list"),
+    ):
+        with pytest.raises(sj.InputError, match=words):
+            make()
