@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
@@ -75,6 +75,18 @@ def _levels(equations: ModeEquations, points: Sequence[FloatArray], met: IntArra
     u = np.array([equations.balance.outer(q) for q, *_ in parts]).reshape(shape)
     omega, zeta, amplitudes = np.array([x for _, *x in parts]).reshape(-1, 3).T
     return Levels(equations, amplitudes, u, omega, zeta, met)
+
+
+def chosen(rungs: Sequence[Levels], numbers: IntArray) -> Levels:
+    """Each level as in the rung of its number, (levels,), with the harmonics of the finest one."""
+    finest = rungs[int(numbers.max())]
+    own = [rungs[k] for k in numbers.tolist()]
+    u = [finest.series.of(levels.u[i], levels.series) for i, levels in enumerate(own)]
+    omega, zeta = (
+        np.array([getattr(levels, name)[i] for i, levels in enumerate(own)])
+        for name in ("omega", "zeta")
+    )
+    return replace(finest, u=np.array(u), omega=omega, zeta=zeta)
 
 
 def climbed(equations: ModeEquations, amplitudes: FloatArray, tally: Tally) -> tuple[Levels, str]:
