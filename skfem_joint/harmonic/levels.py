@@ -129,7 +129,11 @@ def _linear(equations: ModeEquations, first: float) -> BranchPoint:
 
 
 def resolved(
-    levels: Levels, equations: ModeEquations, tally: Tally, rows: BoolArray | None = None
+    levels: Levels,
+    equations: ModeEquations,
+    tally: Tally,
+    rows: BoolArray | None = None,
+    tolerance: float = TOLERANCE,
 ) -> tuple[Levels, BoolArray]:
     """Same levels by other equations, of ``rows`` (levels,) alone if given; and which are found.
 
@@ -146,7 +150,7 @@ def resolved(
         x = np.append(q, [levels.omega[k], levels.zeta[k], amplitude])
         point: FloatArray | None = x
         if wanted:
-            point = _solved_near(equations, x)
+            point = _solved_near(equations, x, tolerance)
             if point is None and k > 0 and found[-1]:
                 point = _followed_from(equations, points[-1], amplitude)
             if point is None:
@@ -158,10 +162,12 @@ def resolved(
     return _levels(equations, points, levels.met), np.array(found, np.bool_)
 
 
-def _solved_near(equations: ModeEquations, x: FloatArray) -> FloatArray | None:
+def _solved_near(
+    equations: ModeEquations, x: FloatArray, tolerance: float = TOLERANCE
+) -> FloatArray | None:
     """Solution of the mode and amplitude of ``x``, if it is found."""
     try:
-        point = solved(equations, x, by_parameter(x.size))
+        point = solved(equations, x, by_parameter(x.size), tolerance=tolerance)
     except ConvergenceError:
         return None
     return point.x if equations.near(point.x, x) else None

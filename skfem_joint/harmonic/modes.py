@@ -36,6 +36,7 @@ from skfem_joint.harmonic.curve import NonlinearMode, curve_of, notes_of_errors
 from skfem_joint.harmonic.levels import Levels, changes, chosen, climbed, relative, resolved
 from skfem_joint.harmonic.marched import march
 from skfem_joint.harmonic.mode_equations import ModeEquations
+from skfem_joint.harmonic.newton import ENOUGH, TOLERANCE
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.system.system import System
 
@@ -162,8 +163,8 @@ def _mode(
         why += STIFFER
     lacking = amplitudes[~np.isin(amplitudes, levels.amplitudes)]
     if levels.omega.size:
-        levels, errors = _settled(levels, tally)
-        curve = _finished(levels, errors, softer, confirm and not lacking.size, tally)
+        settled = _settled(levels, tally)
+        curve = _finished(*settled, softer, confirm and not lacking.size, tally)
         if not lacking.size:
             return curve
     point = levels.equations.point
@@ -244,8 +245,8 @@ def _followed(levels: Levels, tally: Tally) -> Iterator[Levels]:
     yield levels
 
 
-def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray]]:
-    """Levels with as many harmonics as it takes, and their relative errors.
+def _settled(levels: Levels, tally: Tally) -> tuple[list[Levels], IntArray, dict[str, FloatArray]]:
+    """Levels with more and more harmonics, which of these each takes, and relative errors.
 
     Harmonics are doubled. The error of a level is its difference from the one with four times as
     many, or where these are not found, or are too many, with twice as many. A level has the fewest
@@ -254,30 +255,38 @@ def _settled(levels: Levels, tally: Tally) -> tuple[Levels, dict[str, FloatArray
     rungs, taken = [levels], np.zeros(levels.omega.size, np.intp)
     errors = {name: np.full(taken.size, np.nan) for name in SETTLED}
     open_ = np.ones(taken.size, np.bool_)
+    known = [open_]
     while open_.any():
         last, series = rungs[-1], rungs[-1].series.doubled
-        balance = last.equations.balance
-        if series.highest > HIGHEST or balance.size(series) > LARGEST:
+        size = last.equations.balance.size
+        if series.highest > HIGHEST or size(series) > LARGEST:
             break
-        finer, found = resolved(last, last.equations.refined(series), tally, open_)
-        open_ &= found
-        ends = series.highest == HIGHEST or balance.size(series.doubled) > MOST
-        first = max(0, len(rungs) - 2)
-        for rung, coarser in enumerate(rungs[first:], start=first):
-            settles = np.ones(taken.size, np.bool_)
-            for name, value in finer.values.items():
-                apart = relative(value - coarser.values[name], value)
-                errors[name] = np.where(open_, np.maximum(apart, FLOOR[name]), errors[name])
-                settles &= apart <= SETTLED[name]
-            taken[open_] = rung
-            if ends or coarser is not last:
-                open_ &= ~settles
+        ends = series.highest == HIGHEST or size(series.doubled) > MOST
+        judges = series.highest == HIGHEST or size(series.doubled) > LARGEST  # no more
+        tolerance = ENOUGH if judges else TOLERANCE
+        finer, found = resolved(last, last.equations.refined(series), tally, open_, tolerance)
+        known.append(open_ & found)
+        for rung in range(max(0, len(rungs) - 2), len(rungs)):
+            rows = open_ & found & known[rung]
+            apart = {
+                name: relative(value - rungs[rung].values[name], value)
+                for name, value in finer.values.items()
+            }
+            for name, error in errors.items():
+                error[rows] = np.maximum(apart[name], FLOOR[name])[rows]
+            taken[rows] = rung
+            if ends or rung < len(rungs) - 1:
+                settles = np.all([apart[name] <= SETTLED[name] for name in SETTLED], axis=0)
+                open_ = open_ & ~(rows & settles)
+        if ends:
+            open_ = open_ & found
         rungs.append(finer)
-    return chosen(rungs, taken), errors
+    return rungs, taken, errors
 
 
 def _finished(
-    levels: Levels,
+    rungs: list[Levels],
+    taken: IntArray,
     errors: dict[str, FloatArray],
     softer: Levels | None,
     confirm: bool,
@@ -287,9 +296,15 @@ def _finished(
 
     Its errors of sticking are nan where a level is not found with the softer springs.
     """
+    levels = chosen(rungs, taken)
     by_source, values = {"harmonics": errors}, levels.values
     if softer is not None:
-        other, found = resolved(levels, softer.equations.refined(levels.series), tally)
+        others = [
+            resolved(rung, softer.equations.refined(rung.series), tally, taken == k)
+            for k, rung in enumerate(rungs[: taken.max() + 1])
+        ]
+        other = chosen([x for x, _ in others], taken)
+        found = np.array([others[k][1][i] for i, k in enumerate(taken.tolist())])
         kept = {name: np.where(found, other.values[name], new) for name, new in values.items()}
         other = replace(other, omega=kept["frequency"], zeta=kept["damping_ratio"])
         by_source["sticking"] = {
