@@ -37,7 +37,7 @@ from benchmarks import EXAMPLES, head, row
 from skfem_joint.ground.arrays import as_dense
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Tally, silent
-from skfem_joint.harmonic.balance import Balance
+from skfem_joint.harmonic.balance import MOST, Balance
 from skfem_joint.harmonic.levels import Levels, relative, resolved
 from skfem_joint.harmonic.mode_equations import ModeEquations
 from skfem_joint.harmonic.modes import FACTORS, FLOOR
@@ -238,15 +238,18 @@ DRAWN = {
 
 
 def finer(system, mode):
-    """Frequency (Hz) and damping ratio with 63 harmonics, or four times the mode's, 4,096 samples.
+    """Frequency (Hz) and damping ratio with eight times the mode's harmonics and 4,096 samples.
 
+    They are four times as many where eight times are too many, and 63 at least.
     Levels that are not found so are nan. All friction has springs of its own.
     """
     point, first = system.points.index(mode.point), mode.series
     looked_at = as_dense(system.P)[point]
     moved, stuck = float(looked_at @ mode.shape), 2.0 * np.pi * mode.stuck_frequency
     coarse = Balance.of(system, FourierSeries(1, 16, first.odd), stuck, FACTORS[-1])
-    fine = FourierSeries(max(63, 4 * first.highest + 3), 4096, first.odd)
+    fine = FourierSeries(max(63, 8 * first.highest + 7), 4096, first.odd)
+    if coarse.size(fine) > MOST:
+        fine = FourierSeries(max(63, 4 * first.highest + 3), 4096, first.odd)
     first, fine = (
         ModeEquations(
             replace(coarse, series=series), mode.mode, mode.shape, np.sign(moved) * looked_at,

@@ -34,7 +34,7 @@ LADDER = (5, 128), (9, 256), (19, 512), (39, 1024), (79, 2048)
 #: Least samples where contact opens: with fewer a branch has many small turns beside each true one.
 SMOOTH = 1024
 #: Relative errors of amplitude and friction energy with which they have settled.
-SETTLED = 1e-3, 1e-2
+SETTLED = 3e-4, 3e-3
 #: Friction energies below these shares, of the largest so far and of the work of the loads, count
 #: as so large where their change is taken.
 LEAST, OF_WORK = 0.02, 1e-3
