@@ -33,6 +33,8 @@ from skfem_joint.system.system import System
 #: Most unknowns of a balance, coefficients times unknowns of the system: an iteration with their
 #: dense derivative takes a quarter of a second.
 MOST = 1300
+#: Most of a balance that judges another one: an iteration takes some two seconds.
+LARGEST = 2700
 #: Stuck modes among which the one of reference is.
 MODES = 30
 #: Share of the square of a stuck frequency that springs of sticking are found to take off first,
@@ -141,9 +143,12 @@ class Balance:
         )
 
     def refined(self, series: FourierSeries) -> Balance:
-        """Same balance of another series."""
-        check_size(self.system, series)
+        """Same balance of another series, of any size."""
         return replace(self, series=series)
+
+    def size(self, series: FourierSeries) -> int:
+        """Unknowns of a balance of another series."""
+        return series.size * self.system.n
 
     @property
     def scale(self) -> FloatArray:

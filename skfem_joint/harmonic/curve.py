@@ -226,7 +226,7 @@ def notes_of_errors(curve: NonlinearMode, settled: Mapping[str, float]) -> Itera
                 f"its {what} has not settled with {curve.series.highest} harmonics: up to "
                 f"{100.0 * worst:.2g} % of it may be missing. See the errors of its levels."
             )
-        if np.isnan(curve.errors.get("sticking", curve.errors["harmonics"])[name]).any():
+        if np.isnan(curve.errors.get("sticking", {}).get(name, 0.0)).any():
             yield (
                 f"by how much springs that stand for rigid sticking change its {what} is not known "
                 "at all levels. See the errors of its levels."

@@ -52,6 +52,11 @@ class Forced:
         """From harmonic loads with a common ``period``, s."""
         return cls(balance, load_of(system, balance.series, period) @ balance.Phi, grid)
 
+    def refined(self, series: FourierSeries) -> Forced:
+        """Same equations of another series, which has the harmonics of the loads."""
+        load = series.of(self.load, self.balance.series)
+        return replace(self, balance=self.balance.refined(series), load=load)
+
     def walking(self, walks: bool) -> Forced:
         """Same equations, in which bodies walk that nothing holds, or do not."""
         return replace(self, balance=replace(self.balance, walks=walks))

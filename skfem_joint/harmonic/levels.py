@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 import numpy as np
@@ -77,6 +77,18 @@ def _levels(equations: ModeEquations, points: Sequence[FloatArray], met: IntArra
     return Levels(equations, amplitudes, u, omega, zeta, met)
 
 
+def chosen(rungs: Sequence[Levels], numbers: IntArray) -> Levels:
+    """Each level as in the rung of its number, (levels,), with the harmonics of the finest one."""
+    finest = rungs[int(numbers.max())]
+    own = [rungs[k] for k in numbers.tolist()]
+    u = [finest.series.of(levels.u[i], levels.series) for i, levels in enumerate(own)]
+    omega, zeta = (
+        np.array([getattr(levels, name)[i] for i, levels in enumerate(own)])
+        for name in ("omega", "zeta")
+    )
+    return replace(finest, u=np.array(u), omega=omega, zeta=zeta)
+
+
 def climbed(equations: ModeEquations, amplitudes: FloatArray, tally: Tally) -> tuple[Levels, str]:
     """Levels that the branch of a linear mode meets; and why it does not meet the others."""
     points, met, why = dict[float, FloatArray](), dict.fromkeys(amplitudes.tolist(), 0), ""
@@ -117,7 +129,11 @@ def _linear(equations: ModeEquations, first: float) -> BranchPoint:
 
 
 def resolved(
-    levels: Levels, equations: ModeEquations, tally: Tally, rows: BoolArray | None = None
+    levels: Levels,
+    equations: ModeEquations,
+    tally: Tally,
+    rows: BoolArray | None = None,
+    tolerance: float = TOLERANCE,
 ) -> tuple[Levels, BoolArray]:
     """Same levels by other equations, of ``rows`` (levels,) alone if given; and which are found.
 
@@ -134,7 +150,7 @@ def resolved(
         x = np.append(q, [levels.omega[k], levels.zeta[k], amplitude])
         point: FloatArray | None = x
         if wanted:
-            point = _solved_near(equations, x)
+            point = _solved_near(equations, x, tolerance)
             if point is None and k > 0 and found[-1]:
                 point = _followed_from(equations, points[-1], amplitude)
             if point is None:
@@ -146,10 +162,12 @@ def resolved(
     return _levels(equations, points, levels.met), np.array(found, np.bool_)
 
 
-def _solved_near(equations: ModeEquations, x: FloatArray) -> FloatArray | None:
+def _solved_near(
+    equations: ModeEquations, x: FloatArray, tolerance: float = TOLERANCE
+) -> FloatArray | None:
     """Solution of the mode and amplitude of ``x``, if it is found."""
     try:
-        point = solved(equations, x, by_parameter(x.size))
+        point = solved(equations, x, by_parameter(x.size), tolerance=tolerance)
     except ConvergenceError:
         return None
     return point.x if equations.near(point.x, x) else None

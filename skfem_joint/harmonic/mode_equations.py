@@ -13,13 +13,14 @@ may vanish where a node of the mode passes the point.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.harmonic.newton import CHANGE
+from skfem_joint.harmonic.series import FourierSeries
 
 #: Least correlation of the first harmonics, and largest relative difference in frequency, of
 #: neighbouring solutions: others are of another mode, to which the iteration went over.
@@ -51,6 +52,10 @@ class ModeEquations:
     looked_at: FloatArray
     modal: float
     point: int | None = None
+
+    def refined(self, series: FourierSeries) -> ModeEquations:
+        """Same equations of another series."""
+        return replace(self, balance=self.balance.refined(series))
 
     @property
     def unique(self) -> bool:

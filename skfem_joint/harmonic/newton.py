@@ -142,11 +142,15 @@ def by_parameter(size: int) -> FloatArray:
 
 
 def solved(
-    equations: Equations, x: FloatArray, normal: FloatArray, most: int = ITERATIONS
+    equations: Equations,
+    x: FloatArray,
+    normal: FloatArray,
+    most: int = ITERATIONS,
+    tolerance: float = TOLERANCE,
 ) -> Solution:
     """Solution near ``x`` in the plane through it, by Newton's iteration.
 
-    Its steps are halved until residuals fall. There are ``most`` of them.
+    Its steps are halved until residuals fall below a ``tolerance``. There are ``most`` of them.
 
     Raises
     ------
@@ -161,7 +165,7 @@ def solved(
         if not np.isfinite(size):
             break
         factor = _factor(rows[:, np.newaxis] * derivative, normal)
-        if size <= TOLERANCE or (size <= ENOUGH and iteration == most - 1):
+        if size <= tolerance or (size <= ENOUGH and iteration == most - 1):
             return Solution(x, *_tangent(factor), iteration)
         step = -linalg.lu_solve(factor, np.append(residual, 0.0), check_finite=False)
         if not np.isfinite(step).all():

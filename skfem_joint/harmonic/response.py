@@ -1,9 +1,9 @@
 """Steady vibration over frequency by harmonic balance, through turning points.
 
 A level begins at the first frequency, where the load is raised from the level below. Its branch is
-followed to the last frequency with few harmonics, then each of its points is found again with more
-of them until amplitude and friction energy settle, which states their error. What Newton's method
-does not find is marched to, as `skfem_joint.response` does.
+followed to the last frequency with few harmonics, then each of its points is found again with twice
+as many until amplitude and friction energy settle: what they differ by is their error. What
+Newton's method does not find is marched to, as `skfem_joint.response` does.
 
 Friction is Coulomb's, rigid sticking has stiff springs. Where contact opens stability is judged by
 Hill's method (:mod:`skfem_joint.harmonic.stability`).
@@ -55,9 +55,9 @@ class BalancedCurve(Curve):
         disturbances vanish, None where that is not known; points with ``point.periods`` above zero
         were marched to.
     errors : dict of str to ndarray, shape (points,)
-        Relative errors of ``amplitude`` and ``friction_energy`` by harmonics and samples: half of
-        what their last rise changed, or a quarter of what the one before did; nan where there was
-        none, and at points that were marched to.
+        Relative errors of ``amplitude`` and ``friction_energy`` by harmonics and samples: what a
+        point with about twice as many differs by; nan where there is none, and at points that were
+        marched to.
     series : FourierSeries or None
         Largest one that a point took; None where all points were marched to.
     why : tuple of str

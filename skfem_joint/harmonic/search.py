@@ -1,9 +1,10 @@
 """Search for the branches of a forced system at rising levels.
 
 A level begins at the first frequency, where the load is raised from the level below. Its branch is
-followed to the last frequency with few harmonics. Then each of its points is found again with more
-of them until amplitude and friction energy settle. Where the branch is lost the next frequency is
-marched to, and the branch is followed on from there, if Newton's method finds it.
+followed to the last frequency with few harmonics. Then each of its points is found again with twice
+as many until amplitude and friction energy settle: what they differ by is their error. Where the
+branch is lost the next frequency is marched to, and the branch is followed on from there, if
+Newton's method finds it.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Tally
-from skfem_joint.harmonic.balance import MOST, Balance
+from skfem_joint.harmonic.balance import LARGEST, Balance
 from skfem_joint.harmonic.forced import Forced, Raised, corrected
 from skfem_joint.harmonic.newton import BranchPoint, branch, by_parameter, solved, stepped
 from skfem_joint.harmonic.points import point_of
@@ -28,12 +29,12 @@ from skfem_joint.system.system import System
 from skfem_joint.vibration.response import steady_point
 from skfem_joint.vibration.response_curve import SteadyPoint
 
-#: Harmonics and samples, raised until amplitude and friction energy settle.
-LADDER = (5, 128), (9, 256), (15, 512), (19, 1024), (31, 1024)
+#: Harmonics and samples, raised until amplitude and friction energy settle; the last ones judge.
+LADDER = (5, 128), (9, 256), (19, 512), (39, 1024), (79, 2048)
 #: Least samples where contact opens: with fewer a branch has many small turns beside each true one.
 SMOOTH = 1024
 #: Relative errors of amplitude and friction energy with which they have settled.
-SETTLED = 1e-3, 1e-2
+SETTLED = 3e-4, 3e-3
 #: Friction energies below these shares, of the largest so far and of the work of the loads, count
 #: as so large where their change is taken.
 LEAST, OF_WORK = 0.02, 1e-3
@@ -59,8 +60,7 @@ class Settled(NamedTuple):
         The equations that it solves, and their number.
     point : SteadyPoint
     errors : tuple of float
-        Relative ones of amplitude and friction energy by the number of harmonics: half of what the
-        last rise changed, or a quarter of the one before, as single changes vanish by chance.
+        Relative ones of amplitude and friction energy: the differences from the next rung.
     """
 
     place: BranchPoint
@@ -117,26 +117,26 @@ class Search:
         parts = [part for load in system.loads for part in load.amplitude.harmonics]
         loaded = max(round(part.frequency * period) for part in parts)
         least = SMOOTH if system.contact.opens else 1
+        times = -(-loaded // LADDER[0][0])
         rungs = [
-            FourierSeries(max(highest, loaded), max(samples, least), odd)
+            FourierSeries(
+                max(highest, highest * loaded // LADDER[0][0]), max(times * samples, least), odd
+            )
             for highest, samples in LADDER
         ]
         reference = 2.0 * np.pi * float(np.sqrt(frequencies[0] * frequencies[-1]))
         grid = 2.0 * np.pi * float(np.ptp(frequencies)) / (frequencies.size - 1)
-        used = [rungs[0], *(x for x in rungs[1:] if x.size * system.n <= MOST)]
-        balances = [
-            Balance.of(system, rungs[0], reference, factor)
+        fewest = [
+            Forced.of(Balance.of(system, rungs[0], reference, factor), system, period, grid)
             for factor in (sticking, sticking / SOFTER)
         ]
-        forced, softer = (
-            [Forced.of(balance.refined(series), system, period, grid) for series in used]
-            for balance in balances
-        )
+        used = [x for x in rungs if x.size * system.n <= LARGEST]
+        forced, softer = ([first.refined(series) for series in used] for first in fewest)
         rest = np.zeros((rungs[0].size, system.n))
         raised = Raised(forced[0], 2.0 * np.pi * float(frequencies[0]))
         at_rest = solved(raised, np.zeros(rest.size + 1), by_parameter(rest.size + 1))
         linear = at_rest.tangent[:-1].reshape(rest.shape)
-        coulomb = balances[0].system.with_beta(np.inf)
+        coulomb = fewest[0].balance.system.with_beta(np.inf)
         rigid = bool(np.any(system.contact.rubs & ~system.contact.sprung))
         return cls(coulomb, forced, softer, frequencies, tally, rigid, linear, rest)
 
@@ -217,11 +217,11 @@ class Search:
     def settled(self, place: BranchPoint, level: float, most: float) -> Settled:
         """Point with as many harmonics as it takes; ``most`` is the largest energy so far, J.
 
-        Its errors are nan where none beyond the fewest harmonics are found.
+        It is the last one that a point with more harmonics judges. Its errors are nan where none
+        beyond the fewest harmonics are found.
         """
         first, place = self._let_go(self.forced[0].at(level), place)
-        found = Settled(place, 0, first, _point(first, place), (np.nan, np.nan))
-        earlier: tuple[float, ...] = ()
+        judged = found = Settled(place, 0, first, _point(first, place), (np.nan, np.nan))
         for rung, finer in enumerate(self.forced[1:], start=1):
             finer = finer.at(level).walking(first.balance.walks)
             balances = finer.balance, found.forced.balance
@@ -231,19 +231,13 @@ class Search:
                 break
             point, before = _point(finer, place), found.point
             least = max(LEAST * most, OF_WORK * point.input_energy)
-            changes = (
-                change(float(point.amplitude.max()), float(before.amplitude.max())),
-                change(point.friction_energy, before.friction_energy, least),
-            )
-            amplitude, energy = (
-                max(0.5 * a, 0.25 * b)
-                for a, b in zip(changes, earlier or 4.0 * np.array(changes), strict=True)
-            )
-            found = Settled(place, rung, finer, point, (amplitude, energy))
-            if earlier and amplitude <= SETTLED[0] and energy <= SETTLED[1]:
+            amplitude = change(float(point.amplitude.max()), float(before.amplitude.max()))
+            energy = change(point.friction_energy, before.friction_energy, least)
+            judged = found._replace(errors=(amplitude, energy))
+            if amplitude <= SETTLED[0] and energy <= SETTLED[1]:
                 break
-            earlier = changes
-        return found
+            found = Settled(place, rung, finer, point, (np.nan, np.nan))
+        return judged
 
     def _let_go(self, forced: Forced, place: BranchPoint) -> tuple[Forced, BranchPoint]:
         """Equations in which bodies walk, if soft springs hold them and nothing is in their way.

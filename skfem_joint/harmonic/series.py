@@ -9,6 +9,9 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 
+#: Most samples in a period that a finer series has.
+FINEST = 4096
+
 
 @dataclass(frozen=True)
 class FourierSeries:
@@ -50,6 +53,11 @@ class FourierSeries:
     def coefficient_orders(self) -> IntArray:
         """Number of the harmonic of each coefficient, (nh,)."""
         return np.concatenate([np.zeros(self.first, np.intp), np.repeat(self.orders, 2)])
+
+    @property
+    def doubled(self) -> FourierSeries:
+        """Twice the harmonics and one more, with twice the samples, up to `FINEST`."""
+        return FourierSeries(2 * self.highest + 1, min(2 * self.samples, FINEST), self.odd)
 
     @cached_property
     def basis(self) -> FloatArray:

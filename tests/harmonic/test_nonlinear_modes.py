@@ -13,7 +13,8 @@ from benchmarks.nonlinear_modes import (
     finer,
     friction_beam,
 )
-from scipy.integrate import quad
+from scipy.integrate import quad, trapezoid
+from scipy.optimize import brentq
 
 import skfem_joint as sj
 from skfem_joint.ground.errors import InputError
@@ -56,7 +57,7 @@ def test_what_a_cycle_loses_is_the_work_of_the_force_that_keeps_it_up(beam):
     squares = np.einsum("lhn,nm,lhm->l", order * beam.harmonics, M, order * beam.harmonics)
     omega = 2.0 * np.pi * beam.frequency
     work = 2.0 * np.pi * beam.damping_ratio * omega**2 * squares
-    assert beam.losses.lost == pytest.approx(work, rel=1e-4)
+    assert beam.losses.lost == pytest.approx(work, rel=3e-4)  # some levels have 256 samples
     assert beam.friction_work.sum(axis=1) == pytest.approx(beam.losses.friction)
 
 
@@ -168,8 +169,8 @@ def test_a_first_level_just_below_slip_is_found():
     assert 2.0 * np.pi * mode.frequency == pytest.approx(np.sqrt(1.2e4), rel=1e-6)
 
 
-def test_an_error_of_sticking_is_not_known_where_softer_springs_find_no_level():
-    """A light mass that sticks again as it turns: levels in gross slip are found with some springs.
+def test_an_error_is_not_known_where_more_harmonics_find_no_level():
+    """A light mass that sticks again as it turns, whose levels in gross slip get lost.
 
     Where the error is known it covers the distance from springs of 1e8 N/m, 1e4 times the others.
     """
@@ -179,13 +180,15 @@ def test_an_error_of_sticking_is_not_known_where_softer_springs_find_no_level():
         sj.nonlinear_modes(system, amplitudes=[1e-4, 5e-4, 1e-2], confirm=False)[0]
         for system in (light, stiff)
     )
-    known = np.isfinite(rigid.errors["sticking"]["frequency"])
-    assert known[0]
-    assert not known.all()
-    assert any("rigid sticking" in note for note in rigid.notes)
     apart = np.abs(rigid.frequency / sprung.frequency - 1.0)
     stated = rigid.error("frequency") + sprung.error("frequency") + 5e-4  # of the springs
+    known = np.isfinite(stated)
+    assert known[0]
+    assert not known.all()
     assert (apart <= stated)[known].all()
+    for mode in (rigid, sprung):
+        assert any("more than" in note and "is not known" in note for note in mode.notes)
+    assert not any("rigid sticking" in note for note in sprung.notes)
 
 
 def test_contact_that_opens_has_the_period_of_two_half_oscillators():
@@ -208,12 +211,20 @@ def test_a_mass_that_bounces_under_its_weight_flies_between_half_waves():
     (mode,) = sj.nonlinear_modes(system, amplitudes=[3e-3, 1e-2], confirm=False)
     # nothing damps it, and round-off of nothing is no error
     assert not any("damping" in note for note in mode.notes)
-    omega = np.sqrt(stop)
-    for level in range(2):
-        top = mode.motion(level, 4000).max()
-        leaves = omega * np.sqrt(top**2 - (weight / stop) ** 2)
-        period = 2.0 * np.arccos(-weight / stop / top) / omega + 2.0 * leaves / weight
-        assert mode.frequency[level] == pytest.approx(1.0 / period, rel=3e-4)
+    omega, rest = np.sqrt(stop), weight / stop
+
+    def bounce(depth):
+        """Period, and first harmonic, of a motion down to a depth below its rest."""
+        leaves, meets = np.arccos(-rest / depth) / omega, omega * np.sqrt(depth**2 - rest**2)
+        half = leaves + meets / weight
+        t = np.linspace(0.0, half, 20001)
+        flies = -rest - meets * (t - leaves) + 0.5 * weight * (t - leaves) ** 2
+        u = np.where(t < leaves, depth * np.cos(omega * t), flies)
+        return 2.0 * half, 2.0 / half * trapezoid(u * np.cos(np.pi * t / half), t)
+
+    for level, amplitude in enumerate([3e-3, 1e-2]):
+        depth = brentq(lambda x, a=amplitude: bounce(x)[1] - a, 2.0 * rest, 10.0 * amplitude)
+        assert mode.frequency[level] == pytest.approx(1.0 / bounce(depth)[0], rel=5e-5)
 
 
 def test_a_body_that_only_a_gap_holds_says_that_soft_springs_do():
