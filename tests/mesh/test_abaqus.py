@@ -14,7 +14,6 @@ STEEL = sj.Material(E=200e9, density=8000.0, poisson=0.3)
 NODES = [f"{i + 1}, {0.05 * i:.12g}, 0., 0." for i in range(13)]
 JOINT, ARM = ([f"{i}, {i}, {i + 1}" for i in range(*ends)] for ends in ((1, 5), (5, 13)))
 NODE, FIXED, TIP = ["*NODE", *NODES], ["*NSET, NSET=FIXED", "1"], ["*NSET, NSET=TIP", "13"]
-JOINT_SET, ARM_SET = ["*ELSET, ELSET=JOINT", "1, 2", "3, 4"], ["*ELSET, ELSET=ARM", *"5678"]
 ALL = ["*ELEMENT, TYPE=B31", *JOINT, *ARM]
 BLOCKS = ["*ELEMENT, TYPE=B31, ELSET=JOINT", *JOINT, "*ELEMENT, TYPE=B31, ELSET=ARM", *ARM]
 B32 = [f"{i}, {2 * i - 1}, {2 * i}, {2 * i + 1}" for i in range(1, 7)]
