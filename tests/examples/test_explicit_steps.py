@@ -4,9 +4,15 @@ import numpy as np
 import pytest
 from benchmarks.explicit import runge_kutta, stable_step
 from bodies import DENSITY, E
-from stepping_systems import LapJoint, dense_system, reference_plate
+from stepping_systems import LapJoint, dense_system, oscillator, reference_plate
 
 import skfem_joint as sj
+
+
+def test_stable_step_of_an_undamped_oscillator_is_the_textbook_s():
+    system = oscillator(sj.Harmonic(1.0, 1.0), frequency=3.0, damping_ratio=0.0)
+    # The region of the method holds the imaginary axis up to 2 sqrt(2).
+    assert stable_step(system) == pytest.approx(2 * np.sqrt(2) / (6 * np.pi), rel=1e-6)
 
 
 def test_bounds_for_large_systems_are_safe_and_near():

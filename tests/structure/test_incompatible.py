@@ -79,6 +79,28 @@ def test_stiffness_is_that_of_corners_and_modes_that_no_force_acts_on(shape, pla
         assert np.abs(found - expected).max() < 1e-13 * np.abs(expected).max()
 
 
+@pytest.mark.parametrize("plane", ["stress", "strain"])
+def test_a_single_row_of_rectangles_bends_as_the_beam_does(plane):
+    """Under an even moment exactly, with the bending across of Poisson's ratio.
+
+    The bending is u = k x y, v = -k x^2 / 2 - nu k y^2 / 2, with nu / (1 - nu) in plane strain.
+    """
+    body = Body(
+        sj.build_plate([("all", LONG, 6)], HIGH, 1, origin=(0.0, -HIGH / 2)),
+        STEEL, plane, thickness=WIDE,
+    )  # fmt: skip
+    across, modulus = (NU, E) if plane == "stress" else (NU / (1.0 - NU), E / (1.0 - NU**2))
+    x, y = body.nodes.T
+    exact = np.stack([x * y, -0.5 * x**2 - 0.5 * across * y**2], axis=1)
+    moment = modulus * WIDE * HIGH**3 / 12.0
+    force = np.zeros_like(exact)
+    for at, sign in ((0.0, -1.0), (LONG, 1.0)):
+        end = np.flatnonzero(x == at)
+        force[end, 0] = sign * moment / HIGH * np.sign(y[end])
+    found = (body.matrices()[1] @ exact.ravel()).reshape(exact.shape)
+    np.testing.assert_allclose(found, force, rtol=0, atol=1e-9 * np.abs(force).max())
+
+
 def tip(mesh: sj.NamedMesh, **changes: Any) -> float:
     """Displacement of a cantilever's end under a force across it."""
     some = structure(mesh, **{"thickness": WIDE} if mesh.dim == 2 else {}, **changes)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bodies import ELEMENTS, MU, PLANE, SOLID, STEEL, block, distorted, mapped, pressed, structure
+from scipy.sparse.linalg import eigsh
 
 import skfem_joint as sj
 
@@ -63,6 +64,30 @@ def test_an_even_pressure_goes_through_closed_contact_evenly(shape, order):
     force = load.amplitude.harmonics[0].amplitude * load.vector
     found = system.K @ (some.change_of_unknowns.inverse @ u.ravel())
     np.testing.assert_allclose(found, force, rtol=0, atol=1e-10 * np.abs(force).max())
+
+
+@pytest.mark.parametrize(
+    ("kind", "elements"),
+    [("triangle", 16), ("quadrilateral", 10), ("tetrahedron", 12), ("hexahedron", 10)],
+)
+def test_slender_cantilevers_have_the_frequencies_of_beam_theory(kind, elements):
+    """Euler and Bernoulli's, of second order, distorted, one element across: within 0.5 %."""
+    if kind in KINDS:
+        body = sj.build_box([("beam", 1.0, elements)], (0.02, 0.03), (1, 1), kind=kind, order=2)
+        depths = np.array([0.02, 0.03])
+    else:
+        body = sj.build_plate([("beam", 1.0, elements)], 0.02, 1, kind=kind, order=2)
+        depths = np.array([0.02])
+    body = mapped(
+        body,
+        lambda p: np.vstack(
+            [p[0] + 0.02 * np.sin(np.pi * p[0]) * np.sin(40 * p[0] + 90 * p[1]), p[1:]]
+        ),
+    )
+    system = structure(body, material=NO_CONTRACTION).system()
+    squares = eigsh(system.K, depths.size, system.M, sigma=0.0, return_eigenvectors=False)
+    beam = 1.8751041**2 * depths * np.sqrt(STEEL.E / STEEL.density / 12.0)
+    np.testing.assert_allclose(np.sort(np.sqrt(squares)), beam, rtol=5e-3)
 
 
 LENGTH, WIDE, THIN, PRESSURE = 0.25, 0.01, 1e-3, 0.8e6
