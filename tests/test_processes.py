@@ -48,7 +48,7 @@ def scene(tmp_path):
     ("command", "of_module"),
     [
         ("run", False),
-        ("sweep --workers 2", False),
+        pytest.param("sweep --workers 2", False, marks=pytest.mark.slow),
         pytest.param("sweep --workers 2", True, marks=pytest.mark.slow),
         pytest.param("response --workers 2", False, marks=pytest.mark.slow),
         pytest.param("error-time --quick", False, marks=pytest.mark.slow),

@@ -2,18 +2,17 @@
 
 import json
 import os
+import shutil
 import signal
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from hypothesis.extra import numpy as arrays
 from joint_scenes import bar_scene, joint, lap_joint
 
 from skfem_joint import cli
@@ -39,17 +38,16 @@ def same(one: Any, other: Any) -> bool:
     return fingerprint(one) == fingerprint(other)
 
 
-FLOATS = st.floats(allow_nan=True, allow_infinity=True)
+#: Floats of any bits, infinite and no numbers, and others that a row may hold.
+BITS = np.random.default_rng(5).integers(0, 2**64, 40, dtype=np.uint64).view(np.float64)
+FLOATS = [*BITS, 0.0, -0.0, 5e-324, 1.7976931348623157e308, np.inf, -np.inf, np.nan]
+OTHERS = [None, True, False, 0, -1, 2**80, "", "é\n\u2028\0\U0001f600", '"}', *map(float, FLOATS)]
 
 
-@settings(deadline=None)  # the disk may be slow
-@given(
-    FLOATS,
-    arrays.arrays(np.float64, arrays.array_shapes(max_dims=2, min_side=0), elements=FLOATS),
-    st.lists(st.one_of(st.none(), st.booleans(), st.integers(), st.text(), FLOATS)),
-)
-def test_contents_keep_type_and_every_bit(tmp_path_factory, number, array, others):
-    rows = Rows(tmp_path_factory.mktemp("rows") / "rows.jsonl", (Piece,))
+@pytest.mark.parametrize("shape", [(0,), (1,), (3,), (0, 2), (2, 0), (1, 1), (5, 4)])
+def test_contents_keep_type_and_every_bit(tmp_path, shape):
+    array, number, others = np.resize(FLOATS, shape), FLOATS[-sum(shape)], OTHERS[sum(shape) :]
+    rows = Rows(tmp_path / "rows.jsonl", (Piece,))
     content = Piece((array, np.float64(number), array.astype(complex)), "é\n"), {"others": others}
     kept = rows.keep(rows.mark("a"), content)
     again = Rows(rows.path, (Piece,))
@@ -135,10 +133,6 @@ def side_by_side(rows: Rows) -> Any:
         return response_of(rows, executor)
 
 
-def test_a_response_side_by_side_is_that_of_one_point_after_another():
-    assert same(side_by_side(Rows()), response_of(Rows()))
-
-
 def error_time_of(rows: Rows) -> Any:
     wanted = {"parts": (1, 4), "factors": (10.0,), "modes": (2, 1000), "reduced_parts": (2,)}
     scene = lap_joint(bar="short_lap_joint", beta=200.0, time={"cycles": 1, "steps_per_cycle": 50})
@@ -156,13 +150,28 @@ COMMANDS: dict[str, tuple[Callable[[Rows], Any], tuple[type, ...]]] = {
 }
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Any, Rows]]:
+    """Result of a command that is not interrupted, and its rows."""
+
+    @cache
+    def of(name: str) -> tuple[Any, Rows]:
+        command, kinds = COMMANDS[name]
+        rows = Rows(tmp_path_factory.mktemp("whole") / "rows.jsonl", kinds)
+        return command(rows), rows
+
+    return of
+
+
+def test_a_response_side_by_side_is_that_of_one_point_after_another(whole):
+    assert same(whole("response, side by side")[0], whole("response")[0])
+
+
 @pytest.mark.parametrize("name", COMMANDS)
-def test_what_is_interrupted_goes_on_and_ends_as_if_nothing_had_happened(name, tmp_path):
+def test_what_is_interrupted_goes_on_and_ends_as_if_nothing_had_happened(name, tmp_path, whole):
     """To the bit, wherever it is interrupted; no finished row is computed again."""
     command, kinds = COMMANDS[name]
-    path = tmp_path / "whole.jsonl"
-    whole = Rows(path, kinds)
-    result, count = command(whole), whole.computed
+    result, count = whole(name)[0], whole(name)[1].computed
     assert count > 8
     path, known = tmp_path / "rows.jsonl", 0
     for last in (1, count // 2 - 1, count // 4, count):
@@ -182,10 +191,9 @@ def test_what_is_interrupted_goes_on_and_ends_as_if_nothing_had_happened(name, t
     assert not Rows(path, kinds).damaged
 
 
-def test_rows_of_another_scene_are_not_used(tmp_path):
-    path = tmp_path / "rows.jsonl"
-    response_of(Rows(path, RESPONSE_ROWS))
-    rows = Rows(path, RESPONSE_ROWS)
+def test_rows_of_another_scene_are_not_used(tmp_path, whole):
+    path = shutil.copy(whole("response")[1].path, tmp_path)
+    rows = Rows(Path(path), RESPONSE_ROWS)
     response_of(rows, joint=[joint(friction=0.65)])
     assert rows.taken == 0 < rows.computed
 
@@ -218,7 +226,9 @@ def timeless(folder: Path) -> dict[str, Any]:
     return found
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
 def test_a_command_that_gets_a_signal_to_end_keeps_its_rows_and_goes_on(
     number, tmp_path, capsys, monkeypatch
 ):

@@ -8,13 +8,11 @@ import pytest
 from benchmarks import estimates
 from benchmarks.estimates import Row, report, table
 from benchmarks.scenes import CLASSES, LOADS, draw
-from benchmarks.shapes import bracket, plate, share_of_slip
+from benchmarks.shapes import share_of_slip
 
 from skfem_joint.results.history import QUANTITIES
-from skfem_joint.scene import scene_from
 
 ROOT = Path(__file__).parents[2]
-RANDOM = np.random.default_rng
 
 
 @pytest.mark.parametrize("kind", CLASSES)
@@ -35,33 +33,6 @@ def test_loads_are_the_share_of_slip_that_was_drawn(kind, tmp_path):
     """The load that makes a joint slip is found within two percent where friction alone holds."""
     drawn = draw(kind, 1, 1, tmp_path)
     assert share_of_slip(drawn.scene) == pytest.approx(drawn.share, rel=0.02)
-
-
-def test_a_plate_is_the_union_of_its_rectangles():
-    boxes = [(0.0, 0.0, 0.1, 0.04), (0.0, 0.0, 0.03, 0.2)]
-    edge = {"top": (0.0, 0.2, 0.03, 0.2)}
-    for triangles in (False, True):
-        made = plate(
-            boxes, 0.01, {"arm": boxes[1]}, edge, triangles=triangles, moved=0.3, rng=RANDOM(1)
-        )
-        mesh = made.mesh
-        corners = mesh.p[:, mesh.t]
-        x, y = corners, np.roll(corners, -1, axis=1)
-        areas = 0.5 * np.abs((x[0] * y[1] - y[0] * x[1]).sum(axis=0))
-        assert areas.sum() == pytest.approx(0.1 * 0.04 + 0.03 * 0.16, rel=1e-12)
-        assert areas[made.regions["arm"]].sum() == pytest.approx(0.03 * 0.2, rel=1e-12)
-        ends = mesh.p[:, mesh.facets[:, made.boundaries["top"]]]
-        assert np.ptp(ends[0]) == pytest.approx(0.03)
-        assert np.all(ends[1] == 0.2)
-
-
-def test_the_bracket_holds_what_its_bolts_press():
-    """Friction limits add up to friction x force of all bolts, on either plate."""
-    made = bracket(size=8e-3, force=1e4, friction=0.25)
-    pull = {"on": "pulled", "direction": [1, 0], "kind": "harmonic", "amplitude": 1, "frequency": 1}
-    scene = scene_from(dict(made.tables) | {"load": [pull], "time": {"cycles": 1}}, made.mesh)
-    limits = scene.system().contact.limits_by_joint.sum(axis=1)
-    assert limits == pytest.approx([0.25 * 2e4, 0.25 * 2e4], rel=1e-9)
 
 
 def test_the_page_describes_all_classes_and_no_others():

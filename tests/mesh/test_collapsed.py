@@ -1,7 +1,6 @@
 """Elements with corners that coincide: prisms, triangles beside quadrilaterals, and their sides."""
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +10,9 @@ from mesh_files import assert_same, boundary_sizes, region_sizes, saved, sizes
 from mixed_meshes import mixed_box, mixed_plate, shaken
 
 from skfem_joint.ground.errors import InputError
-from skfem_joint.mesh import build_box, build_plate, load_meshes, merged, named, refined, write_mesh
+from skfem_joint.mesh import build_box, load_meshes, merged, named, refined, write_mesh
 from skfem_joint.mesh.cells import CELLS, corner_count
-from skfem_joint.mesh.collapsed import dofs_of, joined, parts_of
+from skfem_joint.mesh.collapsed import dofs_of, joined
 from skfem_joint.mesh.named import from_parts
 from skfem_joint.mesh.splitting import split
 
@@ -132,16 +131,6 @@ def test_triangles_on_halves_of_quadrilaterals_are_refused():
         from_parts(cell, p, t, **NONE)
 
 
-def test_hexahedra_with_other_corners_in_one_place_are_refused():
-    cube = skfem.MeshHex1()
-    for pairs in ([(0, 1)], [(2, 6)], [(2, 6), (4, 7), (0, 1)], [(0, 7)]):
-        t = cube.t.copy()
-        for i, j in pairs:
-            t[i] = t[j]
-        with pytest.raises((ValueError, InputError), match=r"corners in one place|in one place"):
-            named(replace(cube, t=t, doflocs=cube.p).remove_unused_nodes())
-
-
 def test_prisms_of_scikit_fem_keep_their_numbers_and_names():
     plain = skfem.MeshWedge1().with_subdomains({"all": lambda x: x[0] > -1.0})
     mesh = named(plain)
@@ -215,12 +204,6 @@ def test_free_sides_of_a_set_are_triangles_and_quadrilaterals(tmp_path):
     assert boundary_sizes(read)["skin"] == pytest.approx(2 * (1e-3 + 0.012 + 0.03), rel=1e-12)
 
 
-def test_a_face_that_some_elements_do_not_have_is_refused(tmp_path):
-    lines = [*deck(mixed_box()), "*SURFACE, NAME=wrong", "EALL, S6"]
-    with pytest.raises(InputError, match="found face 'S6', must be one of S1, S2, S3, S4, S5"):
-        load_meshes(saved(tmp_path, "\n".join([*lines, ""]), "mesh.inp"))
-
-
 def test_kinds_that_do_not_go_together_are_refused_by_name():
     parts = [build_box([(f"{kind}_body", 0.1, 1)], (0.1, 0.1), (1, 1), kind=kind, prefix=kind)
              for kind in ("hexahedron", "prism", "tetrahedron")]  # fmt: skip
@@ -230,15 +213,6 @@ def test_kinds_that_do_not_go_together_are_refused_by_name():
         InputError, match="holds tetrahedron elements of order 1, mesh 1 hexahedron"
     ):
         merged(parts)
-
-
-def test_plates_of_triangles_and_of_quadrilaterals_stand_in_one_mesh():
-    plates = [build_plate([(kind, 0.2, 2)], 0.1, 2, kind=kind, prefix=kind, order=2)
-              for kind in ("triangle", "quadrilateral")]  # fmt: skip
-    both = merged(plates)
-    assert both.kind == "quadrilateral and triangle"
-    assert region_sizes(both) == pytest.approx({"triangle": 0.02, "quadrilateral": 0.02}, rel=1e-13)
-    assert parts_of(CELLS["quadrilateral"], both.mesh.t)[1].elements.size == 8
 
 
 @pytest.mark.parametrize("file", ["mesh.msh", "mesh.inp"])

@@ -1,6 +1,6 @@
 """One bolted lap in the formats of many programs: the same model, or a refusal with its reason.
 
-Gmsh writes its own files, MED by the library of Salome, and bulk data; meshlane MED and bulk data.
+Gmsh writes its own files, MED by the library of Salome, and bulk data.
 """
 
 import re
@@ -9,7 +9,6 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 import pytest
 from inp_files import WAYS, Writer, deck_of
@@ -125,41 +124,6 @@ def of_abaqus(gmsh: Any, lap: Path, folder: Path) -> Path:
     return Writer(deck, WAYS["plain"]).written(folder)
 
 
-def of_meshlane(ending: str) -> Callable[[Any, Path, Path], Path]:
-    def write(gmsh: Any, lap: Path, folder: Path) -> Path:
-        meshlane = pytest.importorskip("meshlane")
-        raw = meshio.read(lap)
-        sets = {name: [np.zeros(0, int) if own is None else own for own in raw.cell_sets[name]]
-                for name in (*SIZES, "corner")}  # fmt: skip
-        if ending == "bdf":
-            keep = [k for k, block in enumerate(raw.cells) if block.dim > 1]
-            refs = []
-            for k in keep:
-                numbers = np.zeros(len(raw.cells[k]), int)
-                for number, name in enumerate(SIZES, 1):
-                    numbers[sets[name][k]] = number
-                refs.append(numbers)
-            cells = [(raw.cells[k].type, raw.cells[k].data) for k in keep]
-            mesh = meshlane.Mesh(raw.points, cells, cell_data={"nastran:ref": refs})
-        else:
-            cells = [(block.type, block.data) for block in raw.cells]
-            mesh = meshlane.Mesh(raw.points, cells, cell_sets=sets)
-        path = folder / f"meshlane.{ending}"
-        meshlane.write(path, mesh)
-        if ending == "bdf":  # it writes a name of its own for elements of second order
-            path.write_text(path.read_text().replace("CTETRA_ ", "CTETRA  "))
-        return path
-
-    return write
-
-
-#: Names in bulk data, where properties have numbers: those of meshlane's file and of Gmsh's groups.
-PROPERTIES = {
-    "meshlane.bdf": dict(zip(SIZES, [f"PSOLID_{k}" for k in (1, 2)]
-                             + [f"PSHELL_{k}" for k in range(3, 9)], strict=True)),
-    "gmsh": {"lower": "PSOLID_1", "upper": "PSOLID_2"}
-    | {name: f"PSHELL_{k}" for k, name in enumerate(FACES, 3)},
-}  # fmt: skip
 FORMATS = {
     **{f"Gmsh {version}, {'binary' if binary else 'text'}":
        of_gmsh(f"a{version}{binary}.msh", MshFileVersion=version, Binary=binary)
@@ -167,11 +131,9 @@ FORMATS = {
     "Gmsh 4.1, all elements": of_gmsh("all.msh", MshFileVersion=4.1, SaveAll=1),
     "Abaqus": of_abaqus,
     "MED by Gmsh": of_gmsh("gmsh.med"),
-    "MED by meshlane": of_meshlane("med"),
     **{f"bulk data by Gmsh, {form}":
        of_gmsh(f"gmsh{k}.bdf", BdfFieldFormat=k, SaveElementTagType=2)
        for k, form in enumerate(("free", "short", "long"))},
-    "bulk data by meshlane": of_meshlane("bdf"),
 }  # fmt: skip
 PARTS = {
     f"Gmsh {version}, {'binary' if binary else 'text'}, in parts, {settings}":
@@ -183,7 +145,8 @@ PARTS = {
 def names_in(path: Path) -> dict[str, str]:
     """What the names of the lap are in a file."""
     if path.suffix == ".bdf":
-        return PROPERTIES.get(path.name, PROPERTIES["gmsh"])
+        names = [f"PSOLID_{k}" for k in (1, 2)] + [f"PSHELL_{k}" for k in range(3, 9)]
+        return dict(zip([*VOLUMES, *FACES], names, strict=True))
     return {name: name for name in SIZES}
 
 

@@ -1,12 +1,10 @@
 """MED files are read with their groups, or refused with the reason."""
 
 import contextlib
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import meshio
 import numpy as np
 import pytest
 from inp_files import TYPES, deck_of, mesh_of
@@ -209,14 +207,3 @@ def test_code_in_the_current_folder_is_not_run(tmp_path):
     (tmp_path / "numpy.py").write_text("raise SystemExit(1)\n")
     with contextlib.chdir(tmp_path):
         assert sj.load_meshes(path).n_elements == 2
-
-
-def test_what_other_libraries_lose_is_there(tmp_path):
-    """The reason for a reader of the package's own."""
-    path = write(tmp_path, {"all": [[0, 1], [], [], []]}, {"tip": [4]})
-    assert not meshio.read(path).cell_sets
-    with h5py.File(path, "r+") as file:
-        del file[f"{STEP}/MAI/TR3/FAM"]
-    with pytest.raises(ValueError, match="Incompatible cell data"):
-        meshlane.read(path)
-    assert {*sj.load_meshes(shutil.copy(path, tmp_path / "copy.MED")).points} == {"tip"}

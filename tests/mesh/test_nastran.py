@@ -154,6 +154,6 @@ def test_a_file_that_is_cut_or_empty_is_refused(tmp_path):
     text = "\n".join([*GRID, *CUBES, ""])
     with pytest.raises(sj.InputError, match=r"mesh\.dat: it has no ENDDATA: the file is cut"):
         sj.load_meshes(saved(tmp_path, text, "mesh.dat"))
-    assert sj.load_meshes(saved(tmp_path, text + "ENDDATA\n", "mesh.nas")).n_elements == 2
+    assert sj.load_meshes(saved(tmp_path, text + "ENDDATA\n", "mesh.NAS")).n_elements == 2
     with pytest.raises(sj.InputError, match="it holds no elements"):
         read(tmp_path, GRID)

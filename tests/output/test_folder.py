@@ -251,7 +251,7 @@ def test_an_interrupted_study_is_written_as_far_as_it_came(study, tmp_path):
 
 
 def test_a_scene_with_plots_draws_what_there_is(tmp_path):
-    periodic = scene("joint", "second", output={"plots": True, "history": False, "frames": 9})
+    periodic = scene("joint", "second", output={"plots": True, "history": False, "frames": 3})
     with prepare(periodic, tmp_path / "a"):
         files = write(sj.run_scene(periodic), tmp_path / "a")
     assert [file.name for file in files] == [

@@ -1,7 +1,6 @@
 """Pictures of a structure before it is run: what they contain, their files, and refusals."""
 
-import subprocess
-import sys
+from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
 
@@ -177,14 +176,15 @@ def test_loads_on_solids(quantity, tmp_path):
     assert len(preview_figure(preview).axes) == 2  # solids, the colours
 
 
-def test_the_command_writes_a_picture_beside_nothing_else(tmp_path):
+def test_the_command_writes_a_picture_beside_nothing_else(tmp_path, capsys):
     """By default in the folder where it is called."""
-    command = [sys.executable, "-m", "skfem_joint", "preview", EXAMPLES / "structure_harmonic.toml"]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    with chdir(tmp_path):
+        assert cli.main(["preview", str(EXAMPLES / "structure_harmonic.toml")]) == 0
+    said = capsys.readouterr().out
     assert [file.name for file in tmp_path.iterdir()] == ["structure_harmonic.png"]
     assert (tmp_path / "structure_harmonic.png").read_bytes().startswith(PNG)
-    assert "Written to structure_harmonic.png" in ended.stdout
-    assert "joint: " in ended.stdout
+    assert "Written to structure_harmonic.png" in said
+    assert "joint: " in said
 
 
 def test_an_existing_file_is_replaced_only_on_request(tmp_path, capsys):

@@ -279,6 +279,7 @@ for moment in range(1, 1000):
 """
 
 
+@pytest.mark.slow
 def test_a_run_killed_at_any_moment_leaves_nothing_that_the_next_cannot_replace(tmp_path):
     """Before each opening, renaming and removal of a file, among them those of an earlier run."""
     subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=True)

@@ -124,6 +124,7 @@ def test_twenty_points_drawn_at_random_err_less_than_they_state(solid, fine, mod
     assert np.all(np.mean(held, axis=0) >= 0.9)
 
 
+@pytest.mark.slow
 def test_slip_that_remains_is_no_gross_slip_of_a_steady_period():
     """Points of faces that opened once rest elsewhere; in the period hardly any of them slips."""
     model = sj.reduce(lapped(fine=2).system(bent()), 16, range=ASKED)

@@ -131,17 +131,6 @@ def test_a_constant_field_is_the_number(shape, order):
     assert gap_of(touching(mesh, gap=1e-6, gap_scale=2.0)) == pytest.approx(number, rel=1e-15)
 
 
-@pytest.mark.parametrize(("shape", "order"), [("quad", 1), ("tet", 2)])
-def test_a_preload_closes_a_constant_field_as_it_closes_the_number(shape, order):
-    mesh = stacked(shape, order)
-    number, field = (
-        touching(mesh, pressure="preload", gap=gap).preload.joints[0]
-        for gap in (2e-6, lambda x: np.full(len(x), 2e-6))
-    )
-    assert field.force == pytest.approx(number.force, rel=1e-9, abs=1e-9 * number.force.max())
-    assert number.force.sum() == pytest.approx(1e5, rel=1e-9)
-
-
 @pytest.mark.parametrize("kind", ["gap", "height"])
 @pytest.mark.parametrize(("shape", "order"), [*PLANE, *SOLID])
 def test_a_plane_whose_plane_is_removed_is_no_gap(shape, order, kind):

@@ -11,8 +11,8 @@ from skfem_joint.study.scene_backbone import scene_backbone
 from skfem_joint.study.scene_response import scene_response
 
 TABLES = {
-    "backbone": {"modes": [1, 2], "levels": 4},
-    "response": {"frequencies": {"from": 400.0, "to": 800.0, "points": 3}, "levels": [7e3]},
+    "backbone": {"modes": [1, 2], "levels": 2},
+    "response": {"frequencies": {"from": 400.0, "to": 800.0, "points": 2}, "levels": [7e3]},
     "output": {"vtk": True, "frames": 10},
 }
 

@@ -130,7 +130,8 @@ def test_rows_in_the_journal_are_not_run_again_but_those_of_changed_scenes(scene
         assert journal.read_text() == others
 
 
-@pytest.mark.parametrize("given", [pytest.param(True, marks=pytest.mark.slow), False])
+@pytest.mark.slow
+@pytest.mark.parametrize("given", [True, False])
 def test_a_killed_process_costs_no_row(scenes, given):
     def killing(rows):
         for k, row in enumerate(rows):

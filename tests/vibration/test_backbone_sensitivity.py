@@ -174,14 +174,14 @@ def test_derivatives_from_a_thousandth_of_slip_on(joint):
     given, loads = lapped(**LAPPED[joint]), along("end", 0.0, 1.0, 0.0)
     system = given.system(loads)
     (whole,) = sj.backbone(system, levels=1, up_to=0.1)
-    level = np.append(np.geomspace(1e-3, 0.3, 16), np.linspace(0.35, 0.7, 11)) * whole.slips_at
+    level = np.append(np.geomspace(1e-3, 0.3, 8), np.linspace(0.35, 0.7, 6)) * whole.slips_at
     parameters = sj.sensitivities(given, [FRICTION], system)
     found, rates = with_rates(system, parameters, levels=level)
     ends = []
     for step in (STEP, -STEP):
         changed = with_values(given, {FRICTION: 0.5 * (1.0 + step)}).system(loads)
         ends += sj.backbone(changed, levels=found.level)
-    assert (found.friction_damping < 1e-9).sum() > 8
+    assert (found.friction_damping < 1e-9).sum() > 4
     assert (found.friction_damping > 1e-7).sum() > 3
     noise = {"frequency": 2e-6 * found.frequency, "friction_damping": 1e-9}
     for kind, own in noise.items():

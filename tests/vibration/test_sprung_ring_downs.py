@@ -54,7 +54,11 @@ def test_a_release_is_in_equilibrium_with_the_load_of_the_highest_level(model, s
     assert rung.energy[0] == pytest.approx(whole, rel=1e-9)
 
 
-@pytest.mark.parametrize("model", [lambda s: s, sj.condense], ids=["full", "condensed"])
+@pytest.mark.parametrize(
+    "model",
+    [lambda s: s, pytest.param(sj.condense, marks=pytest.mark.slow)],
+    ids=["full", "condensed"],
+)
 def test_stiffer_springs_tend_to_the_ring_down_of_rigid_surfaces(model):
     found = []
     for stiffness in (1e15, 1e16, np.inf):
