@@ -14,7 +14,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_dense
-from skfem_joint.harmonic.contact_loop import FrictionPoints, friction
+from skfem_joint.harmonic.contact_loop import FrictionPoints, friction, weighted
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.system.contacts import Contact
 
@@ -94,7 +94,7 @@ class ContactForces:
             pressure=gain.indices.astype(np.intp),
             gain=gain.data,
         )
-        rows = np.vstack([B, as_dense(normal.N @ Phi)])
+        rows = np.ascontiguousarray(np.vstack([B, as_dense(normal.N @ Phi)]))
         at_rest = normal.gap, normal.force, normal.stiffness
         return cls(rows, points, contact.given[rubs], directions, gain, *at_rest)
 
@@ -183,12 +183,10 @@ class ContactForces:
         """Derivative in the unknowns, from blocks of one row by another, sorted by the first."""
         n, (_, nh, wide) = self.rows.shape[1], blocks.shape
         derivative = np.zeros((nh, n, wide, n))
-        if not left.size:
-            return derivative
-        starts = np.flatnonzero(np.diff(left, prepend=-1))
-        out, into = self.rows[left[starts]].T, self.rows[right][:, np.newaxis]
-        for k in range(nh):  # one coefficient at a time keeps the products in the cache
-            weighted = blocks[:, k, :, np.newaxis] * into
-            sums = np.add.reduceat(weighted, starts, axis=0)
-            derivative[k] = (out @ sums.reshape(starts.size, -1)).reshape(n, wide, n)
+        first = np.flatnonzero(np.diff(left, prepend=-1))
+        out = np.ascontiguousarray(self.rows[left[first]].T)
+        sums = np.empty((first.size, wide, n))
+        for a in range(nh):  # one coefficient at a time keeps the products in the cache
+            weighted(blocks, a, np.append(first, left.size), right, self.rows, sums)
+            np.matmul(out, sums.reshape(first.size, -1), out=derivative[a].reshape(n, -1))
         return derivative

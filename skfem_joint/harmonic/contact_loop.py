@@ -218,3 +218,28 @@ def friction(
             for r in range(rows):
                 for a in range(kept):
                     blocks[first_block + r * columns + r, a, a] -= linear
+
+
+@compiled
+def weighted(blocks, a, first, right, rows, sums):
+    """Sums of blocks of coefficient ``a`` times the rows that they are derivatives by.
+
+    Parameters
+    ----------
+    blocks : ndarray, shape (blocks, nh, wide)
+    a : int
+    first : ndarray of int, shape (sums + 1,)
+        First block of each sum.
+    right : ndarray of int, shape (blocks,)
+        Row of each block.
+    rows : ndarray, shape (rows, n)
+    sums : ndarray, shape (sums, wide, n)
+        Result.
+    """
+    for r in range(sums.shape[0]):
+        for j in range(sums.shape[1]):
+            for i in range(sums.shape[2]):
+                sums[r, j, i] = blocks[first[r], a, j] * rows[right[first[r]], i]
+            for b in range(first[r] + 1, first[r + 1]):
+                for i in range(sums.shape[2]):
+                    sums[r, j, i] += blocks[b, a, j] * rows[right[b], i]
