@@ -448,8 +448,8 @@ class System:
         ------
         InputError
             For shapes that do not fit, matrices that are complex, not symmetric (such as
-            gyroscopic damping) or indefinite, numbers that are no degrees of freedom, and slip rows
-            that depend on each other.
+            gyroscopic damping) or indefinite, numbers that are no degrees of freedom, a point that
+            has the name of a load and another row, and slip rows that depend on each other.
         """
         _check_damping(C, stiffness_damping, mass_damping, damping_ratio)
         square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
@@ -464,7 +464,13 @@ class System:
             for on, (vector, amplitude) in (loads or {}).items()
         )
         rows = {load.on: load.vector for load in applied}
-        rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
+        observed = {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
+        refuse(
+            f"points: {name!r} is a load, whose displacement is along its vector; rename the point"
+            for name, row in observed.items()
+            if not np.array_equal(row, rows.get(name, row))
+        )
+        rows |= observed
         outer = System(
             M=M,
             C=sparse.csr_array(square.get("C", stiffness_damping * K + mass_damping * M)),
