@@ -85,10 +85,10 @@ def integrate(
         A run to go on from, or displacement (m) and velocity (m/s) at the start; at rest if not
         given. A run goes on with its whole state: where matrices, scheme and loads are those of its
         end, as if it had not ended; else as after a jump of the loads. Times, and so loads, count
-        from its end. Its unknowns must be those of this system, see `System.T`. From a displacement and a velocity alone springs in series with friction start
-        without force. A third array, (rows of B,), is the friction over its limit, which these
-        springs then have. With contact that opens a fourth one, (m,), N, are these limits, which
-        follow the normal forces.
+        from its end. Its unknowns must be those of this system, see `System.T`. From a displacement
+        and a velocity alone springs in series with friction start without force. A third array,
+        (rows of B,), is the friction over its limit, which these springs then have. With contact
+        that opens a fourth one, (m,), N, are these limits, which follow the normal forces.
     tolerance : float
         Largest force residual of a step relative to its largest force, at most 1e-3.
     progress : callable, optional
@@ -108,7 +108,8 @@ def integrate(
     InputError
         If a number is out of range, the steps are not given in one of the three ways, are too long
         for a load, or store more than memory holds; if no stepper fits the system, nothing can
-        become steady, the unknowns of a run to go on from are others, or the checkpoint cannot be written or is not one of this run.
+        become steady, the unknowns of a run to go on from are others, or the checkpoint cannot be
+        written or is not one of this run.
     KeyboardInterrupt
         After an interrupt of a run until "steady": a search that has not ended has no result.
     """
@@ -333,8 +334,8 @@ def _check_unknowns(run: Run, system: System) -> None:
     )
     if not alike:
         raise InputError(
-            "initial: found a run of a model whose unknowns stand for other displacements, as those "
-            "of each reduced model do; go on with the same model, with other loads by "
+            "initial: found a run of a model whose unknowns stand for other displacements, as "
+            "those of each reduced model do; go on with the same model, with other loads by "
             "dataclasses.replace(model, loads=...)"
         )
 
