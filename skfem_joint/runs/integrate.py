@@ -31,7 +31,7 @@ from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.plan import Plan, check_until
 from skfem_joint.stepping.recording import Ending, Final, Run, Save
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
-from skfem_joint.system.system import System
+from skfem_joint.system.system import CHANGED, System
 
 _log = logging.getLogger(__name__)
 
@@ -133,6 +133,8 @@ def integrate(
     )
     for sentence in wrong_energy(run):
         _log.warning(sentence)
+    if system.made_for and system.origin is not None and not system.origin.made(system):
+        run = replace(run, notes=(*run.notes, f"The error of the run is not known: {CHANGED}."))
     return run
 
 
@@ -335,8 +337,7 @@ def _check_unknowns(run: Run, system: System) -> None:
     if not alike:
         raise InputError(
             "initial: found a run of a model whose unknowns stand for other displacements, as "
-            "those of each reduced model do; go on with the same model, with other loads by "
-            "dataclasses.replace(model, loads=...)"
+            "those of each reduced model do; go on with the same model"
         )
 
 

@@ -56,6 +56,11 @@ from skfem_joint.system.unknowns import (
 )
 
 _NO_CONTACT = Contact.none(0)  #: where no contact is given
+#: What is said of a smaller model that was changed after it was made.
+CHANGED = (
+    "the matrices, the loads or the friction limits of this model are not those of the full system "
+    "that it was made from; change them there, and reduce or condense it again"
+)
 
 
 @dataclass(frozen=True)
@@ -204,8 +209,9 @@ class System:
         """Refuse a reduced model that was made for its own loads, for an analysis of other loads.
 
         Its modes, friction points and law suit the slip under its own loads. Under others its error
-        is unknown and may be large. So it is above the highest level that it was made for. ``what``
-        names the analysis in the message, ``level`` is its highest.
+        is unknown and may be large. So it is above the highest level that it was made for, and
+        where its matrices, limits or loads were changed. ``what`` names the analysis in the
+        message, ``level`` is its highest.
 
         Raises
         ------
@@ -219,6 +225,8 @@ class System:
                 "sj.condense(system), which keeps all of the contact, or a model that sj.reduce "
                 "makes for a response (frequency=, level=), a mode (curve=) or a range (range=)"
             )
+        if self.made_for and not self.origin.made(self, loaded=what == "response"):
+            raise InputError(f"{what}: {CHANGED}")
         if self.made_for and level > self.origin.highest * (1.0 + 1e-9):
             raise InputError(
                 f"{what}: found level {level:.6g}, must be at most {self.origin.highest:.6g}, the "

@@ -355,3 +355,19 @@ def test_modes_of_one_frequency_are_noted():
     system = sj.System.from_matrices(np.eye(2), 40.0 * np.eye(2), contact=springs)
     notes = backbone(system, [1], levels=1)[0].notes
     assert any("mode 2 has the same frequency" in note for note in notes)
+
+
+def test_a_reduced_model_serves_the_limits_and_loads_alone_that_it_was_made_with():
+    system = arm(sj.Harmonic(1e5, 1000.0), elements=(10, 10), stiffness_damping=1e-6)
+    of_mode = sj.reduce(system, 6, curve=backbone(system, levels=3)[0])
+    weaker = of_mode.with_contact(given=0.3 * of_mode.contact.given)
+    with pytest.raises(sj.InputError, match=r"backbone: .* friction limits .* are not those of"):
+        backbone(weaker, levels=3)
+    of_loads = sj.reduce(system, 6, frequency=1000.0)
+    louder = replace(of_loads.loads[0], amplitude=sj.Harmonic(3e5, 1000.0))
+    with pytest.raises(sj.InputError, match=r"response: .* loads .* are not those of"):
+        sj.response(replace(of_loads, loads=(louder,)), [1000.0])
+    for_run = sj.reduce(system, 6)
+    for model, known in ((for_run, True), (replace(for_run, loads=(louder,)), False)):
+        run = sj.integrate(model, cycles=1, steps_per_cycle=64)
+        assert any("The error of the run is not known" in note for note in run.notes) != known
