@@ -58,8 +58,8 @@ CELL_ARRAYS = {
     "stress": "Pa, elastic, mean of the element, of vibration alone: XX, YY, ZZ, XY, YZ, XZ",
     "von_mises": "Pa, of the stress",
 }
-#: Beside these, the first two where bolts clamp, the others where at least 9 times of the last
-#: cycle are stored.
+#: Beside these, the first two where bolts clamp, the others where enough times of the last cycle
+#: are stored.
 MORE_CELL_ARRAYS = {
     "preload_stress": "Pa, at rest, by the preload alone, as stress",
     "total_von_mises": "Pa, of preload and vibration together",

@@ -272,6 +272,30 @@ class Origin:
     highest: float = np.inf
     slips_at: float | None = None
 
+    def made(self, system: System, loaded: bool = True) -> bool:
+        """Whether a model still has the matrices and limits that it got, and if asked the loads."""
+        full, V = self.system, self.basis.V
+        probe = np.cos(np.arange(V.shape[1]))
+        ours, theirs = (each.loads if loaded else () for each in (full, system))
+        return (
+            V.shape[1] == system.n
+            and len(ours) == len(theirs)
+            and bool(np.isclose(full.contact.w.sum(), system.contact.w.sum(), rtol=1e-9))
+            and all(
+                a.amplitude == b.amplitude and np.allclose(V.T @ a.vector, b.vector)
+                for a, b in zip(ours, theirs, strict=True)
+            )
+            and all(
+                _alike(V.T @ (whole @ (V @ probe)), own @ probe)
+                for whole, own in ((full.M, system.M), (full.C, system.C), (full.K, system.K))
+            )
+        )
+
+
+def _alike(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two vectors differ by round-off of a projection."""
+    return bool(np.linalg.norm(a - b) <= 1e-6 * np.linalg.norm(a))
+
 
 def basis_of(
     system: System,

@@ -17,6 +17,8 @@ from skfem_joint.structure.structure import Structure
 
 #: Components of stress in their order.
 COMPONENTS = ("XX", "YY", "ZZ", "XY", "YZ", "XZ")
+#: Fewest times of a cycle, whose largest value is at most 0.5 % below the amplitude of a sine.
+FEWEST_TIMES = 33
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,8 @@ class StressHistory:
         Raises
         ------
         InputError
-            If less than a period is stored, or fewer than 9 times of it.
+            If less than a period is stored, or fewer than 33 times of it, between which a peak may
+            lie.
         """
         late = within(self.times, period)
         stored = float(self.times[-1] - self.times[0])
@@ -89,18 +92,19 @@ class StressHistory:
             count = np.count_nonzero(self.times >= self.times[-1] - (period or stored))
             raise InputError(
                 f"period: found {period or stored:g} s, in which {count} times are stored, "
-                f"must be at most the {stored:g} s that are stored, with at least 9 times in it; "
+                f"must be at most the {stored:g} s that are stored, with at least {FEWEST_TIMES} "
+                "times in it, since peaks lie between them; "
                 "store more fields by save=Save(fields=True, every=...), or integrate longer"
             )
         return StressCycle.of(self.elements, self.middles, self.preload, self.stress[late])
 
 
 def within(times: FloatArray, period: float | None) -> slice | None:
-    """Rows of the last period, or of all times without one; None for fewer than 9, or too long."""
+    """Rows of the last period, or of all times without one; None for too few, or too long."""
     stored = float(times[-1] - times[0]) if times.size else 0.0
     period = stored if period is None else period
     first = int(np.searchsorted(times, times[-1] - period * (1.0 + 1e-9))) if times.size else 0
-    if not 0.0 < period <= stored * (1.0 + 1e-9) or times.size - first < 9:
+    if not 0.0 < period <= stored * (1.0 + 1e-9) or times.size - first < FEWEST_TIMES:
         return None
     return slice(first, None)
 

@@ -31,7 +31,7 @@ from skfem_joint.stepping.driver import Driver
 from skfem_joint.stepping.plan import Plan, check_until
 from skfem_joint.stepping.recording import Ending, Final, Run, Save
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
-from skfem_joint.system.system import System
+from skfem_joint.system.system import CHANGED, System
 
 _log = logging.getLogger(__name__)
 
@@ -85,10 +85,10 @@ def integrate(
         A run to go on from, or displacement (m) and velocity (m/s) at the start; at rest if not
         given. A run goes on with its whole state: where matrices, scheme and loads are those of its
         end, as if it had not ended; else as after a jump of the loads. Times, and so loads, count
-        from its end. From a displacement and a velocity alone springs in series with friction start
-        without force. A third array, (rows of B,), is the friction over its limit, which these
-        springs then have. With contact that opens a fourth one, (m,), N, are these limits, which
-        follow the normal forces.
+        from its end. Its unknowns must be those of this system, see `System.T`. From a displacement
+        and a velocity alone springs in series with friction start without force. A third array,
+        (rows of B,), is the friction over its limit, which these springs then have. With contact
+        that opens a fourth one, (m,), N, are these limits, which follow the normal forces.
     tolerance : float
         Largest force residual of a step relative to its largest force, at most 1e-3.
     progress : callable, optional
@@ -108,7 +108,8 @@ def integrate(
     InputError
         If a number is out of range, the steps are not given in one of the three ways, are too long
         for a load, or store more than memory holds; if no stepper fits the system, nothing can
-        become steady, or the checkpoint cannot be written or is not one of this run.
+        become steady, the unknowns of a run to go on from are others, or the checkpoint cannot be
+        written or is not one of this run.
     KeyboardInterrupt
         After an interrupt of a run until "steady": a search that has not ended has no result.
     """
@@ -132,6 +133,8 @@ def integrate(
     )
     for sentence in wrong_energy(run):
         _log.warning(sentence)
+    if system.made_for and system.origin is not None and not system.origin.made(system):
+        run = replace(run, notes=(*run.notes, f"The error of the run is not known: {CHANGED}."))
     return run
 
 
@@ -307,6 +310,7 @@ def _start(
         _check_whole(system, plan, initial)
         return _given(system, initial), None
     start = _given(system, initial.end)
+    _check_unknowns(initial, system)
     before = initial.plan
     alike = before is not None and (before.scheme, before.warp) == (plan.scheme, plan.warp)
     same = alike and _same_matrices(initial.system, system)
@@ -319,6 +323,22 @@ def _same_matrices(one: System, other: System) -> bool:
     pairs = [(getattr(one, name), getattr(other, name)) for name in ("M", "C", "K")]
     pairs.append((replace(one.contact, **unnamed), replace(other.contact, **unnamed)))
     return all(a is b or fingerprint(a) == fingerprint(b) for a, b in pairs)
+
+
+def _check_unknowns(run: Run, system: System) -> None:
+    """Refuse the state of a run whose unknowns stand for other displacements than the system's."""
+    one, other = run.system, system
+    if one is other or one.T is None or other.T is None:
+        return
+    alike = one.T.shape == other.T.shape and all(
+        np.allclose(other.expand(x), before, rtol=0.0, atol=1e-6 * np.abs(before).max())
+        for x, before in ((x, one.expand(x)) for x in run.final)
+    )
+    if not alike:
+        raise InputError(
+            "initial: found a run of a model whose unknowns stand for other displacements, as "
+            "those of each reduced model do; go on with the same model"
+        )
 
 
 def _check_whole(system: System, plan: Plan, initial: Any) -> None:

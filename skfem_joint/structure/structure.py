@@ -479,7 +479,7 @@ class Structure:
         ``P`` first has a row for each load, named after the part that it acts on: the displacement
         in the work of the load. A load at the same place in another direction has ".2" added to its
         name, and so on. Rows of the observed displacements follow: "name" in one dimension, else
-        "name.x" and so on.
+        "name.x" and so on, with ".2" where a load against the x-axis has that name.
 
         An accelerated base is replaced by the inertia force of all mass (N), named "mass_x"; its
         displacement is the mean weighted by mass. A traction or pressure is replaced by its force
@@ -536,7 +536,8 @@ class Structure:
             if not np.any([T.T @ part for part in parts]):
                 wrong.append(f"points: {name!r} is supported and does not move")
             labels = [name] if self.dim == 1 else [f"{name}.{c}" for c in "xyz"[: self.dim]]
-            rows |= dict(zip(labels, parts, strict=True))
+            for label, part in zip(labels, parts, strict=True):
+                rows[_free_name(label, part, rows)] = part
         refuse(wrong)
         for k, load in enumerate(loads):
             if load.base is not None:
@@ -604,6 +605,6 @@ class Structure:
 
 
 def _free_name(on: str, vector: FloatArray, rows: Mapping[str, FloatArray]) -> str:
-    """Name of a load's row: ``on``, or with a number where another direction has that name."""
+    """Name of a row: ``on``, or with a number where another direction has that name."""
     names = chain([on], (f"{on}.{number}" for number in count(2)))
     return next(n for n in names if n not in rows or np.array_equal(rows[n], vector))

@@ -57,6 +57,11 @@ from skfem_joint.system.unknowns import (
 )
 
 _NO_CONTACT = Contact.none(0)  #: where no contact is given
+#: What is said of a smaller model that was changed after it was made.
+CHANGED = (
+    "the matrices, the loads or the friction limits of this model are not those of the full system "
+    "that it was made from; change them there, and reduce or condense it again"
+)
 
 
 @dataclass(frozen=True)
@@ -205,8 +210,9 @@ class System:
         """Refuse a reduced model that was made for its own loads, for an analysis of other loads.
 
         Its modes, friction points and law suit the slip under its own loads. Under others its error
-        is unknown and may be large. So it is above the highest level that it was made for. ``what``
-        names the analysis in the message, ``level`` is its highest.
+        is unknown and may be large. So it is above the highest level that it was made for, and
+        where its matrices, limits or loads were changed. ``what`` names the analysis in the
+        message, ``level`` is its highest.
 
         Raises
         ------
@@ -220,6 +226,8 @@ class System:
                 "sj.condense(system), which keeps all of the contact, or a model that sj.reduce "
                 "makes for a response (frequency=, level=), a mode (curve=) or a range (range=)"
             )
+        if self.made_for and not self.origin.made(self, loaded=what == "response"):
+            raise InputError(f"{what}: {CHANGED}")
         if self.made_for and level > self.origin.highest * (1.0 + 1e-9):
             raise InputError(
                 f"{what}: found level {level:.6g}, must be at most {self.origin.highest:.6g}, the "
@@ -438,8 +446,7 @@ class System:
             (N), a shape of :mod:`skfem_joint.ground.loads` or a plain function of time (s).
         points : mapping, optional
             Displacements to observe, by name: a row of shape (N,) or the number of a degree of
-            freedom. Loads are observed in any case, under their names, along their
-            vectors unless a point of the same name says otherwise.
+            freedom. Loads are observed in any case, under their names, along their vectors.
 
         Returns
         -------
@@ -450,8 +457,9 @@ class System:
         ------
         InputError
             For shapes that do not fit, matrices that are complex, not symmetric (such as
-            gyroscopic damping) or indefinite, numbers that are no degrees of freedom, slip rows
-            that depend on each other, and more than one kind of damping.
+            gyroscopic damping) or indefinite, numbers that are no degrees of freedom, a point that
+            has the name of a load and another row, slip rows that depend on each other, and more
+            than one kind of damping.
         """
         _check_damping(C, stiffness_damping, mass_damping, damping_ratio)
         square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
@@ -466,7 +474,13 @@ class System:
             for on, (vector, amplitude) in (loads or {}).items()
         )
         rows = {load.on: load.vector for load in applied}
-        rows |= {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
+        observed = {k: vector_of(row, n, f"point {k!r}") for k, row in (points or {}).items()}
+        refuse(
+            f"points: {name!r} is a load, whose displacement is along its vector; rename the point"
+            for name, row in observed.items()
+            if not np.array_equal(row, rows.get(name, row))
+        )
+        rows |= observed
         outer = System(
             M=M,
             C=sparse.csr_array(square.get("C", stiffness_damping * K + mass_damping * M)),

@@ -16,7 +16,8 @@ level, and q is half of peak to peak.
 
 The method takes for granted that the mode keeps its shape and that other modes do not respond.
 Where a higher frequency lies near an odd multiple of the mode's own, friction excites it and the
-true damping is larger: notes say so. A ring-down (:mod:`skfem_joint.vibration.ring_down`), which is
+true damping is larger; where another lies near its own, both vibrate together: notes say so. A
+ring-down (:mod:`skfem_joint.vibration.ring_down`), which is
 free of these assumptions, can be compared with the curve.
 """
 
@@ -63,6 +64,10 @@ FEWEST = 5
 MULTIPLES, EVEN_MULTIPLES, NEAR = (3, 5, 7), (2, 4, 6), 0.07
 #: Modes beyond the highest one asked for whose frequencies are compared with the multiples.
 HIGHER_MODES = 10
+#: Relative distance of frequencies within which modes may vibrate together and within which they
+#: are the same, and share of the amplitude, or of the damping, from which a note says so: with two
+#: masses at one joint damping erred by five times the share of the amplitude.
+CLOSE, SAME, SHARED, COUPLED = 0.2, 1e-3, 0.02, 0.1
 #: Arrays of a curve that do not have a row for each level.
 _NOT_BY_LEVEL = {"shape", "loops", "higher"}
 
@@ -483,6 +488,7 @@ def _curve(
         *found.notes,
         *_notes_of_levels(asked, state, slipping),
         *_notes_of_law(system, found),
+        *_notes_of_close(system, mode, path.of_closed(mode.shapes), frequency, states),
     ]
     middle = found.middle
     curve = Backbone(
@@ -678,6 +684,47 @@ def _notes_of_law(system: System, found: RisingCycles) -> Iterator[str]:
             f"contact opens from the level number {int(np.argmax(found.opened > 0.0)) + 1} on. The "
             "cycles are slow: what impacts take as faces meet again is not in the damping. A "
             "ring-down has it (impact_work)."
+        )
+
+
+def _notes_of_close(
+    system: System,
+    mode: StuckMode,
+    shapes: FloatArray,
+    frequency: FloatArray,
+    states: FloatArray,
+) -> Iterator[str]:
+    """Notes of other modes, of all ``shapes`` (n, modes), that vibrate together with this one.
+
+    A state's part along another mode grows by resonance, as a force of the frequency drives it.
+    """
+    k, other, square = mode.number - 1, mode.frequencies, frequency[:, np.newaxis] ** 2
+    parts = np.abs(states @ (system.M @ shapes))
+    beside = np.maximum(np.abs(other**2 - square), SAME * square)
+    share = (parts * other**2 / beside / parts[:, [k]]).max(axis=0)
+    apart = np.abs(other / other[k] - 1.0)
+    for j in np.flatnonzero((apart < SAME) | (apart < CLOSE) & (share > SHARED)):
+        what = (
+            f"mode {j + 1}, at {other[j]:.5g} Hz, vibrates with it: slip would give it "
+            f"{100.0 * share[j]:.2g} % of its amplitude, and damping errs by a multiple of that"
+        )
+        if apart[j] < SAME:
+            what = (
+                f"mode {j + 1} has the same frequency: any mix of both is a mode, with a curve of "
+                "its own where joints do not slip alike in all"
+            )
+        if j != k:
+            yield f"{what}. See its ring-down, or response."
+    C, omega = shapes.T @ (system.C @ shapes), 2.0 * np.pi * other
+    zero, one = np.zeros_like(C), np.eye(omega.size)
+    values, vectors = np.linalg.eig(np.block([[zero, one], [-np.diag(omega**2), -C]]))
+    vectors = vectors[: omega.size] / np.linalg.norm(vectors[: omega.size], axis=0)
+    value = values[np.abs(vectors[k]).argmax()]
+    alone, true = C[k, k] / (2.0 * omega[k]), -value.real / np.abs(value)
+    if abs(true - alone) > COUPLED * max(alone, 1e-6):  # below which it is round-off
+        yield (
+            f"the damping matrix couples it with other modes: while all sticks its damping ratio "
+            f"is {true:.3g}, not {alone:.3g}. See its ring-down, or response."
         )
 
 

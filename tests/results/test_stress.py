@@ -165,5 +165,21 @@ def test_mean_and_range_of_a_cycle_are_those_of_load_and_preload():
     assert np.all(cycle.amplitude <= cycle.amplitude[cycle.worst])
     with pytest.raises(sj.InputError, match=r"at most the 0\.06 s that are stored"):
         found.cycle(0.07)
-    with pytest.raises(sj.InputError, match="at least 9 times"):
+    with pytest.raises(sj.InputError, match="at least 33 times"):
         found.cycle(1e-3)
+
+
+@pytest.mark.parametrize(("every", "share"), [(1, 1e-4), (6, 5e-3), (8, None), (25, None)])
+def test_the_range_of_a_cycle_does_not_miss_peaks_between_stored_times(every, share):
+    mesh = sj.build_plate([("all", 0.2, 4)], 0.05, 1)
+    held = {"fixed_x": ["left"], "fixed_y": ["bottom"], "thickness": 0.01}
+    structure = sj.Structure(mesh, sj.Material(200e9, 8000.0, 0.0), **held)
+    system = structure.system([sj.Load("right", sj.Harmonic(1e3, 50.0, 0.35), (1.0, 0.0))])
+    save = sj.Save(fields=True, every=every)
+    run = sj.quasi_static(system, cycles=2, steps_per_cycle=200, save=save)
+    found = sj.stress_history(structure, run)
+    if share is None:
+        with pytest.raises(sj.InputError, match="peaks lie between"):
+            found.cycle(0.02)
+    else:
+        assert found.cycle(0.02).range[:, 0] == pytest.approx(2e3 / 5e-4, rel=share)

@@ -117,3 +117,17 @@ def test_a_ring_down_starts_from_a_run():
     (curve,) = sj.backbone(system, levels=2)
     a, b = (sj.ring_down(system, curve, 8, 50, start=start) for start in (first, first.end))
     np.testing.assert_array_equal(a.amplitude, b.amplitude)
+
+
+def test_a_run_of_another_reduced_model_is_refused():
+    """Coordinates of modes mean other displacements in another model of as many unknowns."""
+    structure, load = block(pressure=20e6, **CONSTANT), sj.Harmonic(40e3, FREQUENCY)
+    one, two = (
+        sj.reduce(structure.system([sj.Load("left", load, along)]), 4, interface_modes=4)
+        for along in ((1.0, 0.5), (1.0, -0.5))
+    )
+    assert one.n == two.n
+    run = sj.integrate(one, step=STEP, n_steps=20)
+    with pytest.raises(sj.InputError, match="unknowns stand for other displacements"):
+        sj.integrate(two, step=STEP, n_steps=20, initial=run)
+    sj.integrate(replace(one, notes=()), step=STEP, n_steps=20, initial=run)

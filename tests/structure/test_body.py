@@ -210,3 +210,11 @@ def test_loads_on_regions_and_points_and_names_of_rows():
     shares = some.body.even_shares("rest")
     assert shares.sum() == pytest.approx(1.0, rel=1e-14)
     np.testing.assert_allclose(shares @ some.nodes, [0.75, 0.5], rtol=1e-12)
+
+
+def test_a_bar_that_is_pushed_has_the_displacement_that_the_push_works_on_and_its_points():
+    bar = structure(block("line"), width=WIDTH)
+    system = bar.system([sj.Load("rest", sj.Harmonic(1.0, 1.0), (-1.0,))], ["rest"])
+    assert system.points == ("rest", "rest.2")
+    (push,) = system.load_vectors().T
+    np.testing.assert_array_equal(system.P.toarray(), [push, -push])

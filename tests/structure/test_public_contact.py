@@ -133,6 +133,7 @@ FORCE = sj.Harmonic(1.0, 1.0)
         ({"loads": {"a": (np.ones(3), FORCE)}}, r"load 'a': found shape \(3,\), must be \(4,\)"),
         ({"loads": {"a": (9, FORCE)}}, "load 'a': found 9, must be .* from 0 to 3"),
         ({"points": {"a": np.full(4, np.nan)}}, "point 'a': .* finite"),
+        ({"loads": {"a": (1, FORCE)}, "points": {"a": -np.eye(4)[1]}}, "points: 'a' is a load"),
         ({"contact": sj.SlipRows.none(3)}, "contact: B: found shape"),
         ({"contact": SAME + SAME}, "depend on each other"),
         ({"contact": [SAME, SAME]}, "depend on each other"),

@@ -310,3 +310,64 @@ def test_curves_of_other_limits_and_damping_use_factors_again(held):
         backbone(stiffer, modes, levels, factors=others) for others in (kept, None)
     )
     np.testing.assert_array_equal(again.frequency, alone.frequency)
+
+
+def masses(apart: float, damper: float = 0.0) -> sj.System:
+    """Two masses at some 10 Hz, whose frequencies are ``apart``, at a joint that slips in parts."""
+    own = (20.0 * np.pi) ** 2
+    K = np.diag([own, own * (1.0 + apart), 50.0]) + 800.0 * np.array(
+        [[1.0, 0.0, -1.0], [0.0, 1.0, -1.0], [-1.0, -1.0, 2.0]]
+    )
+    springs = [sj.point_friction([0, 0, 1], k / 210, stiffness=400.0) for k in range(1, 21)]
+    C = np.diag([damper, 0.0, 0.0])
+    return sj.System.from_matrices(np.diag([1.0, 1.0, 0.002]), K, C, contact=springs)
+
+
+@pytest.mark.parametrize(("apart", "together"), [(0.03, True), (1.0, False)])
+def test_a_close_mode_is_noted_where_damping_errs_by_it(apart, together):
+    system = replace(masses(apart), P=np.eye(3), points=("a", "b", "joint"))
+    curve = backbone(system, [2], levels=3)[0]
+    amplitude = curve.displacement[-1:, 1]
+    (true,) = sj.nonlinear_modes(system, [2], amplitudes=amplitude, at="b", confirm=False)
+    error = curve.damping_ratio[-1] / true.damping_ratio[0] - 1.0
+    assert (error > 0.1) == together
+    assert any("mode 1, at" in note for note in curve.notes) == together
+    assert not any("couples it" in note for note in curve.notes)
+
+
+@pytest.mark.parametrize(("damper", "coupled"), [(6.0, True), (0.3, False)])
+def test_damping_that_couples_modes_is_noted_with_the_ratio_of_the_eigenvalue(damper, coupled):
+    system = masses(0.03, damper)
+    curve = backbone(system, [2], levels=1, up_to=0.01)[0]
+    M, C, K = (A.toarray() for A in (system.M, system.C, system.stuck_stiffness))
+    zero, one = np.zeros((3, 3)), np.eye(3)
+    found = np.linalg.eigvals(np.block([[zero, one], [-np.linalg.solve(M, x) for x in (K, C)]]))
+    (true,) = (-s.real / abs(s) for s in found if abs(s.imag / (2 * np.pi) - 11.06) < 0.1)
+    alone = curve.viscous_damping[0]
+    assert (abs(true / alone - 1.0) > 0.1) == coupled
+    notes = [note for note in curve.notes if "couples it" in note]
+    assert len(notes) == coupled
+    assert all(f"is {true:.3g}, not {alone:.3g}" in note for note in notes)
+
+
+def test_modes_of_one_frequency_are_noted():
+    springs = [sj.point_friction(row, 1.0, stiffness=40.0) for row in np.eye(2)]
+    system = sj.System.from_matrices(np.eye(2), 40.0 * np.eye(2), contact=springs)
+    notes = backbone(system, [1], levels=1)[0].notes
+    assert any("mode 2 has the same frequency" in note for note in notes)
+
+
+def test_a_reduced_model_serves_the_limits_and_loads_alone_that_it_was_made_with():
+    system = arm(sj.Harmonic(1e5, 1000.0), elements=(10, 10), stiffness_damping=1e-6)
+    of_mode = sj.reduce(system, 6, curve=backbone(system, levels=3)[0])
+    weaker = of_mode.with_contact(given=0.3 * of_mode.contact.given)
+    with pytest.raises(sj.InputError, match=r"backbone: .* friction limits .* are not those of"):
+        backbone(weaker, levels=3)
+    of_loads = sj.reduce(system, 6, frequency=1000.0)
+    louder = replace(of_loads.loads[0], amplitude=sj.Harmonic(3e5, 1000.0))
+    with pytest.raises(sj.InputError, match=r"response: .* loads .* are not those of"):
+        sj.response(replace(of_loads, loads=(louder,)), [1000.0])
+    for_run = sj.reduce(system, 6)
+    for model, known in ((for_run, True), (replace(for_run, loads=(louder,)), False)):
+        run = sj.integrate(model, cycles=1, steps_per_cycle=64)
+        assert any("The error of the run is not known" in note for note in run.notes) != known
