@@ -325,7 +325,7 @@ def _with_all_slips(curve: Curve, model: System, full: System) -> Curve:
             point = replace(point, friction_work=of_all(model, point.friction_work))
         slip = slips_of_all(model, point.slip)
         if slips is not None and point.course is not None:  # not of a range, which has many bases
-            slip = full.contact.slip_norm(point.course @ slips.T).max(axis=0)
+            slip = full.contact.slip_norm(0.5 * np.ptp(point.course @ slips.T, axis=0))
         return replace(point, slip=slip, course=None)
 
     return replace(curve, points=tuple(map(changed, curve.points)))
