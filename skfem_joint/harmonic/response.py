@@ -22,7 +22,7 @@ from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
 from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.newton import BranchPoint
-from skfem_joint.harmonic.points import notes_of_law, state_of
+from skfem_joint.harmonic.points import notes_of_law, notes_of_restless, state_of
 from skfem_joint.harmonic.search import HELD, OF_WORK, STEPS, Search, Settled, change
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import stable
@@ -79,6 +79,8 @@ class BalancedCurve(Curve):
         walk.
     walks : float
         Largest way, m, of bodies that walk in a period.
+    restless : float
+        Largest relative change of friction in the last of 100 periods where it is not periodic.
     """
 
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -90,6 +92,7 @@ class BalancedCurve(Curve):
     turns: tuple[float, ...] = ()
     held: float = 0.0
     walks: float = 0.0
+    restless: float = 0.0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -101,6 +104,7 @@ class BalancedCurve(Curve):
         """Sentences about harmonics, sticking, stability, marching and what it confirms."""
         marched = [f"{p.frequency:.6g}" for p in self.points if p.periods]
         yield from self.law
+        yield from notes_of_restless(self.restless)
         for reason in self.why:
             yield f"{reason}."
         if marched:
@@ -242,7 +246,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
     """Curve of a level that is higher than those before."""
     items, why = search.branches(level)
     points, errors, settled = list[SteadyPoint](), [], dict[int, Settled]()
-    most = held = walks = 0.0  # friction energy so far, J, mean force, and way, m
+    most = held = walks = restless = 0.0  # friction energy so far, J, mean force, and way, m
     for item in items:
         if isinstance(item, SteadyPoint):
             points.append(item)
@@ -253,6 +257,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         holds = stable(balance, found.place.q, found.place.omega, _slips(found.point))
         held = max(held, balance.held_softly(found.place.q))
         walks = max(walks, balance.walked(found.place.q))
+        restless = max(restless, balance.sampled(found.place.q, False).restless)
         settled[len(points)] = found
         points.append(replace(found.point, stable=holds))
         errors.append(found.errors)
@@ -281,6 +286,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         else (),
         held=held,
         walks=walks,
+        restless=restless,
         sticking=_sticking(search, settled, judged, level),
         confirmed=confirmed,
     )

@@ -399,3 +399,19 @@ def test_the_force_of_soft_springs_does_not_depend_on_the_unknowns():
     (other,) = sj.harmonic_response(system.project(10.0 * np.eye(1)), frequencies, confirm=False)
     assert curve.held == pytest.approx(other.held, rel=1e-3)
     assert curve.held > 0.1
+
+
+@pytest.mark.parametrize(("limit", "told"), [(1.45, False), (1.5124, True)])
+def test_friction_along_two_directions_that_does_not_become_periodic_is_noted(limit, told):
+    """Stiff springs give the motion; with the higher limit the slider hardly slips."""
+    stiff, waves = 1e5, [(0.7969, 1.0, 1.826), (0.4511, 2.0, 5.712), (1.3849, 1.0, 5.969)]
+    loads = tuple(
+        sj.AppliedLoad(stiff * size * np.eye(2)[k], sj.Harmonic(1.0, f, phase), "base")
+        for (size, f, phase), k in zip(waves, (0, 0, 1), strict=True)
+    )
+    contact = sj.Contact(np.eye(2), [limit], np.inf, directions=np.array([2]), stiffness=np.ones(1))
+    system = sj.System(
+        np.eye(2), np.eye(2), stiff * np.eye(2), contact, loads, np.eye(2), ("x", "y")
+    )
+    (curve,) = sj.harmonic_response(system, np.array([1.0, 1.01]), confirm=False)
+    assert any("is not periodic after 100" in note for note in curve.notes) == told
