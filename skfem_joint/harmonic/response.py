@@ -67,7 +67,8 @@ class BalancedCurve(Curve):
         about a quarter, half and all of the largest amplitude, and the smallest one that slips;
         zero where all points have springs, nan where it is not known.
     confirmed : dict of int to tuple of float
-        Relative differences of both by time steps with the same springs, at points by number; nan
+        Differences of both by time steps with the same springs, at points by number: the largest
+        of the named points' amplitudes over the largest amplitude, and of the friction energy; nan
         where steps found nothing steady. Empty where it was not asked for.
     law : tuple of str
         What to know of friction whose own law is another one.
@@ -348,10 +349,7 @@ def _confirmed(search: Search, found: Settled, level: float) -> tuple[float, flo
         run = integrate_plan(loaded, plan, initial=start)
     except ConvergenceError:
         return np.nan, np.nan
-    amplitude = float(run.vibration.amplitude.max())
-    energy = float(run.friction_work.sum())
+    amplitude, energy = run.vibration.amplitude, float(run.friction_work.sum())
+    apart, most = (float(x.max()) for x in (np.abs(amplitude - point.amplitude), amplitude))
     least = OF_WORK * point.input_energy
-    return (
-        change(amplitude, float(point.amplitude.max())),
-        change(energy, point.friction_energy, least),
-    )
+    return apart / most if most > 0.0 else 0.0, change(energy, point.friction_energy, least)
