@@ -12,10 +12,10 @@ node fixed, and 1 % of viscous damping of the stuck modes. The others are a bar 
 shipped lap of solids with contact that opens, bent by its free end, and the Brake-Reuss beam with
 constant contact, all reduced.
 
-The decrement of a ring-down is another damping ratio where a joint is soft. It is compared with that
-by which the loss of a steady cycle takes away the energy that the mode has as it turns round. The
-frequency of a slow curve is that of the force at its peak; compared is that of the first harmonic
-of the force, as steady vibration has it.
+The decrement of a ring-down is another damping ratio where a joint is soft. It is compared with
+that by which the loss of a steady cycle takes away the energy that the mode has as it turns round.
+The frequency of a slow curve is that of the force at its peak; compared is that of the first
+harmonic of the force, as steady vibration has it.
 """
 
 import os

@@ -19,6 +19,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
+from skfem_joint.ground.rows import Rows
 from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
 from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.newton import BranchPoint
@@ -160,6 +161,7 @@ def harmonic_response(
     confirm: bool = True,
     sticking: float = STICKING,
     progress: Progress = silent,
+    rows: Rows | None = None,
 ) -> list[BalancedCurve]:
     """Steady vibration over frequency by harmonic balance, a curve for each level.
 
@@ -181,6 +183,8 @@ def harmonic_response(
         nearest stuck frequency by one over it.
     progress : callable, optional
         Called with (points found, points asked for).
+    rows : Rows, optional
+        Where the curves are kept as they finish, and taken up again.
 
     Returns
     -------
@@ -197,11 +201,19 @@ def harmonic_response(
         If no point is found.
     """
     frequencies, asked = _checked(system, frequencies, levels, sticking)
-    tally = Tally(progress, len(asked) * frequencies.size)
+    tally, rows = Tally(progress, len(asked) * frequencies.size), rows or Rows()
     search = Search.of(system, frequencies, sticking, tally)
     curves = dict[float, BalancedCurve]()
+    origin = rows.mark("harmonic curves", system, frequencies, confirm, float(sticking))
     for level in sorted(set(asked)):
-        curves[level] = _curve(search, level, confirm)
+        mark = rows.mark(origin, *curves, level)
+        if mark in rows:
+            tally.add(frequencies.size)
+
+        def compute(level: float = level) -> tuple[BalancedCurve, FloatArray, float]:
+            return _curve(search, level, confirm), search.start, search.level
+
+        curves[level], search.start, search.level = rows.row(mark, compute)
     if not any(curve.found for curve in curves.values()):
         raise ConvergenceError("; ".join(nothing_found(curve) for curve in curves.values()))
     return [curves[level] for level in asked]

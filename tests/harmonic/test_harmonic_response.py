@@ -8,12 +8,14 @@ from scipy.integrate import solve_ivp
 
 import skfem_joint as sj
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.plain_values import fingerprint
+from skfem_joint.ground.rows import Rows
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import multipliers
 from skfem_joint.output.damping import response_figure
 from skfem_joint.scene.shipped import shipped_scene
-from skfem_joint.study.scene_response import scene_response
+from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
 
 #: Oscillator of unit mass and stiffness that meets a spring at a gap of 1.
 SPRING, DAMPING, FORCE = 3.0, 0.02, 0.1
@@ -415,3 +417,19 @@ def test_friction_along_two_directions_that_does_not_become_periodic_is_noted(li
     )
     (curve,) = sj.harmonic_response(system, np.array([1.0, 1.01]), confirm=False)
     assert any("is not periodic after 100" in note for note in curve.notes) == told
+
+
+def test_curves_that_are_kept_are_taken_up_to_the_last_bit(tmp_path):
+    """A higher level goes on from those below it, of which none is computed again."""
+    frequencies, file = np.linspace(95.0, 125.0, 4), tmp_path / "rows.jsonl"
+    kept = Rows(tmp_path / "whole.jsonl", RESPONSE_ROWS)
+    whole = sj.harmonic_response(chain(), frequencies, (0.3, 1.0), rows=kept)
+    for levels, taken in (((0.3,), 0), ((0.3, 1.0), 1), ((1.0, 0.3), 2), ((1.0,), 0)):
+        rows = Rows(file, RESPONSE_ROWS)
+        found = sj.harmonic_response(chain(), frequencies, levels, rows=rows)
+        assert (rows.taken, rows.taken + rows.computed) == (taken, len(levels))
+        if len(levels) == 2:
+            by_level = {curve.level: curve for curve in found}
+            for curve in whole:
+                assert fingerprint(by_level[curve.level]) == fingerprint(curve)
+                assert by_level[curve.level].notes == curve.notes
