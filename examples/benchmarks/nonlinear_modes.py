@@ -12,11 +12,10 @@ node fixed, and 1 % of viscous damping of the stuck modes. The others are a bar 
 shipped lap of solids with contact that opens, bent by its free end, and the Brake-Reuss beam with
 constant contact, all reduced.
 
-The decrement of a ring-down is another damping ratio where a joint is soft: from peak to peak the
-energy of a body of Masing's loops goes as the force there, so that the ratio of a steady cycle is
-multiplied by force over amplitude over the slope of the force, 1 / (1 + 2 d ln omega / d ln a).
-With that it is compared. The frequency of a slow curve is that of the force at its peak; compared
-is that of the first harmonic of the force, as steady vibration has it.
+The decrement of a ring-down is another damping ratio where a joint is soft. It is compared with
+that by which the loss of a steady cycle takes away the energy that the mode has as it turns round.
+The frequency of a slow curve is that of the force at its peak; compared is that of the first
+harmonic of the force, as steady vibration has it.
 """
 
 import os
@@ -154,6 +153,21 @@ def beside(x, xs, ys):
     return PchipInterpolator(np.log(xs[order]), ys[order], extrapolate=False)(np.log(x))
 
 
+def decrements(system, mode):
+    """Amplitude of a mode as a ring-down sees it, m kg^1/2, and decrement over 2 pi there.
+
+    A cycle takes its loss from the energy at the turning points, U: loss / (2 pi dU / d ln a).
+    """
+    M, first = as_dense(system.M), mode.series.first
+    seen = mode.harmonics[:, first : first + 2] @ (M @ mode.shape)
+    a, U = np.linalg.norm(seen, axis=1), mode.losses.strain
+    rate = mode.series.coefficient_orders[:, np.newaxis] * mode.harmonics
+    squares = np.einsum("lhn,nm,lhm->l", rate, M, rate)
+    lost = mode.damping_ratio * (2.0 * np.pi * mode.frequency) ** 2 * squares
+    slope = PchipInterpolator(np.log(a), np.log(U)).derivative()
+    return a, lost / (U * slope(np.log(a)))
+
+
 def compared(joint):
     """A row for a structure: its mode beside the slow curve, a ring-down, and time steps."""
     (title, cycles), (full, number) = JOINTS[joint], joint()
@@ -172,15 +186,14 @@ def compared(joint):
     start = mode.motion(-1)[0]
     released = replace(curve, shape=mode.shape, stuck_frequency=mode.stuck_frequency)
     down = sj.ring_down(model, released, cycles, 400, start=(start, 0.0 * start))
-    slope = PchipInterpolator(np.log(mode.amplitude), np.log(mode.frequency)).derivative()
-    decrement = mode.damping_ratio / (1.0 + 2.0 * slope(np.log(mode.amplitude)))
+    seen, decrement = decrements(model, mode)
     apart = {}
     slow = {"frequency": first_harmonic(curve) * curve.frequency}
     slow["damping_ratio"] = curve.damping_ratio
     for name, own in (("frequency", mode.frequency), ("damping_ratio", decrement)):
         apart[name] = (
             beside(amplitudes, reach, slow[name]) / getattr(mode, name) - 1.0,
-            beside(mode.amplitude, down.amplitude, getattr(down, name)) / own - 1.0,
+            beside(seen, down.amplitude, getattr(down, name)) / own - 1.0,
         )
     micro, peak = amplitudes <= 0.25 * reach[-1], int(mode.damping_ratio.argmax())
     near = np.abs(np.arange(amplitudes.size) - peak) <= 1

@@ -71,7 +71,9 @@ class PlainForm:
         if isinstance(value, Mapping):
             if all(isinstance(key, str) and not key.startswith(_TAG) for key in value):
                 return parts(value)
-            raise TypeError(f"names of a mapping must be texts without {_TAG!r} in front")
+            if all(isinstance(key, int) for key in value):
+                return {"!numbered": [[key, inner(part, key)] for key, part in value.items()]}
+            raise TypeError(f"names of a mapping must be texts without {_TAG!r} in front, or ints")
         if value is None or isinstance(value, bool | int | float | str):
             return value
         raise TypeError(f"a {kind.__name__} has no plain form")
@@ -98,6 +100,8 @@ class PlainForm:
                 return sparse_array(parts(form[tag]).__getitem__, size)
             case "!tuple":
                 return tuple(self.decoded(form[tag], fetch, size))
+            case "!numbered":
+                return dict(self.decoded(form[tag], fetch, size))
         if tag.startswith(_TAG):
             name = tag.removeprefix(_TAG)
             if name not in self.classes:

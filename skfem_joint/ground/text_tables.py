@@ -271,23 +271,31 @@ def _commented(
 ) -> Iterator[dict[str, str | None]]:
     """Units of two columns by their names, of each comment before numbers that is a header.
 
-    Both of its cells begin with a name of their column or have a unit of it. InputError for one in
-    another form, and for units in brackets of which it is not clear whether they are those of
-    columns.
+    Both of its cells begin with a name of their column or have a unit of it. One whose cells state
+    values, as ``t = 25 C, f = 3``, is none. InputError for one in another form, and for units in
+    brackets of which it is not clear whether they are those of columns.
     """
     above = takewhile(lambda line: not re.match(r"\s*[-+.\d]", line), content.splitlines())
     units = [{unit for units in names.values() for unit in units} for names in columns]
     for number, line in enumerate(above, start=1):
         text, where = line.partition("#")[2].strip("# \t"), f"{path}: line {number}"
         cells = re.split(r"[,;\t]", text)
-        orders = (cells, cells[::-1]) if len(cells) == 2 else ()
+        values = all(re.search(r"[:=]\s*[-+.]*\d", cell) for cell in cells)
+        orders = (cells, cells[::-1]) if len(cells) == 2 and not values else ()
         if any(all(map(_belongs, order, columns, units)) for order in orders):
-            yield _head(cells, columns, where)
+            try:
+                yield _head(cells, columns, where)
+            except InputError as error:
+                refuse(f"{problem}; {_REMARK}" for problem in error.problems)
         elif any(_bracketed(text) & known for known in units):
             raise InputError(
                 f"{where}: found {text[:60]!r}, a comment with units in brackets; if the columns "
                 "have them, write 'name (unit), name (unit)', if not, leave the brackets out"
             )
+
+
+#: Cure of a comment that reads as a header and is none.
+_REMARK = "if it is a remark, write 'name = value, name = value', or no separator"
 
 
 def _belongs(cell: str, names: Container[str], units: Set[str]) -> bool:

@@ -38,6 +38,8 @@ class Sampled(NamedTuple):
         Whether each point slips.
     opened : ndarray of bool, shape (q,)
         Whether each pressure point that is pressed at rest opens.
+    restless : float
+        Largest relative change of friction in the last period where it is not periodic yet.
     """
 
     force: FloatArray
@@ -48,6 +50,7 @@ class Sampled(NamedTuple):
     limits: FloatArray
     moves: BoolArray
     opened: BoolArray
+    restless: float
 
 
 @dataclass(frozen=True)
@@ -145,7 +148,7 @@ class ContactForces:
         width = 2 + int(np.diff(self.points.first_gain).max(initial=0))
         moves = np.zeros(self.given.size, np.bool_)
         blocks = np.empty((last if tangents else 0, nh, wide))
-        friction(
+        restless = friction(
             self.points,
             slip,
             limits,
@@ -177,7 +180,7 @@ class ContactForces:
         opened = pressed & (normal == 0.0).any(axis=1)
         held = np.repeat(self.points.linear, self.directions)[:, np.newaxis]
         whole, of_slips = beyond[:slips] + held * slip, coefficients[:slips]
-        return Sampled(force, derivative, of_slips, slip, whole, limits, moves, opened)
+        return Sampled(force, derivative, of_slips, slip, whole, limits, moves, opened, restless)
 
     def _assembled(self, left: IntArray, right: IntArray, blocks: FloatArray) -> FloatArray:
         """Derivative in the unknowns, from blocks of one row by another, sorted by the first."""

@@ -119,8 +119,13 @@ def friction(
         Result: whether each point slips; the others have no force and no blocks.
     now : ndarray, shape (2, columns, nh)
         Worked in: derivative of the friction now; as many columns as any point has.
+
+    Returns
+    -------
+    float
+        Largest relative change in the last pass of friction that does not repeat itself yet.
     """
-    (count, kept), nh = projection.shape, basis.shape[1]
+    (count, kept), nh, left = projection.shape, basis.shape[1], 0.0
     for i in range(limits.shape[0]):
         row, k, linear = points.first_row[i], points.stiffness[i], points.linear[i]
         pair = points.first_row[i + 1] - row == 2
@@ -152,8 +157,11 @@ def friction(
                         for c in range(columns):
                             for j in range(nh):
                                 now[r, c, j] *= sign
-            settled = hypot(t - t_before, s - s_before) <= REPEATS * hypot(t, s)
-            last = turn >= passes - 1 and (repeats or settled or turn >= MOST * passes - 1)
+            change, size = hypot(t - t_before, s - s_before), hypot(t, s)
+            settled = repeats or change <= REPEATS * size
+            last = turn >= passes - 1 and (settled or turn >= MOST * passes - 1)
+            if last and not settled and size > 0.0:
+                left = max(left, change / size)
             turn, t_before, s_before = turn + 1, t, s
             if last and tangents:
                 for b in range(first_block, first_block + rows * columns):
@@ -218,6 +226,7 @@ def friction(
             for r in range(rows):
                 for a in range(kept):
                     blocks[first_block + r * columns + r, a, a] -= linear
+    return left
 
 
 @compiled

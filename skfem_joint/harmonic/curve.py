@@ -10,7 +10,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, as_dense, slip_norms
 from skfem_joint.harmonic.levels import Levels
 from skfem_joint.harmonic.marched import Marched
-from skfem_joint.harmonic.points import contact_of, notes_of_law
+from skfem_joint.harmonic.points import contact_of, notes_of_law, notes_of_restless
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.results.loss import Losses
 
@@ -136,7 +136,7 @@ def curve_of(
     count, m = levels.omega.size, rubs.size
     P, points = as_dense(system.P), contact.joint_points
     work, slip = np.zeros((count, m)), np.zeros((count, m))
-    viscous, strain, soft, opened = np.zeros((4, count))
+    viscous, strain, soft, opened, restless = np.zeros((5, count))
     state = []
     pressed = max(int(np.count_nonzero(contact.normal.force > 0.0)), 1)
     for k, (u, omega) in enumerate(zip(levels.u, levels.omega.tolist(), strict=True)):
@@ -152,12 +152,12 @@ def curve_of(
         opened[k] = np.count_nonzero(sampled.opened) / pressed
         rate = series.rate(u)
         viscous[k] = omega * series.work(rate @ C, u).sum()
-        soft[k] = balance.held_softly(q)
+        soft[k], restless[k] = balance.held_softly(q), sampled.restless
     first = levels.u[:, series.first : series.first + 2]
     lost = work.sum(axis=1) + viscous
     share = np.divide(viscous, lost, out=np.zeros(count), where=lost > 0.0)
     ratio = values["damping_ratio"]
-    notes = _notes(levels, values, float(soft.max()))
+    notes = [*_notes(levels, values, float(soft.max())), *notes_of_restless(restless.max())]
     return NonlinearMode(
         mode=equations.number,
         shape=equations.shape,

@@ -16,6 +16,8 @@ from skfem_joint.vibration.response_curve import SteadyPoint
 
 #: Samples of a period in which peaks are looked for: they miss 1e-5 of a first harmonic.
 SAMPLES = 720
+#: Relative change of friction in a period beyond which a note says that it is not periodic.
+RESTLESS = 1e-6
 
 
 def point_of(
@@ -76,6 +78,16 @@ def notes_of_law(contact: Contact) -> Iterator[str]:
             "the curve is of Coulomb's law. The arctangent law of this model, with beta = "
             f"{beta.min():.3g} s/m, lets points creep where they would stick. A ring-down and "
             "response have it."
+        )
+
+
+def notes_of_restless(restless: float) -> Iterator[str]:
+    """Note of friction whose largest relative change in a period, after 100 of them, is given."""
+    if restless > RESTLESS:
+        yield (
+            "friction along two directions is not periodic after 100 periods where it hardly "
+            f"slips, and changes by {100.0 * restless:.2g} % from one to the next: results are "
+            "those of the last one. Time steps from there show where it ends."
         )
 
 

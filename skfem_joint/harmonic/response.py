@@ -19,10 +19,11 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
+from skfem_joint.ground.rows import Rows
 from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
 from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.newton import BranchPoint
-from skfem_joint.harmonic.points import notes_of_law, state_of
+from skfem_joint.harmonic.points import notes_of_law, notes_of_restless, state_of
 from skfem_joint.harmonic.search import HELD, OF_WORK, STEPS, Search, Settled, change
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import stable
@@ -67,7 +68,8 @@ class BalancedCurve(Curve):
         about a quarter, half and all of the largest amplitude, and the smallest one that slips;
         zero where all points have springs, nan where it is not known.
     confirmed : dict of int to tuple of float
-        Relative differences of both by time steps with the same springs, at points by number; nan
+        Differences of both by time steps with the same springs, at points by number: the largest
+        of the named points' amplitudes over the largest amplitude, and of the friction energy; nan
         where steps found nothing steady. Empty where it was not asked for.
     law : tuple of str
         What to know of friction whose own law is another one.
@@ -79,6 +81,8 @@ class BalancedCurve(Curve):
         walk.
     walks : float
         Largest way, m, of bodies that walk in a period.
+    restless : float
+        Largest relative change of friction in the last of 100 periods where it is not periodic.
     """
 
     errors: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -90,6 +94,7 @@ class BalancedCurve(Curve):
     turns: tuple[float, ...] = ()
     held: float = 0.0
     walks: float = 0.0
+    restless: float = 0.0
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -101,6 +106,7 @@ class BalancedCurve(Curve):
         """Sentences about harmonics, sticking, stability, marching and what it confirms."""
         marched = [f"{p.frequency:.6g}" for p in self.points if p.periods]
         yield from self.law
+        yield from notes_of_restless(self.restless)
         for reason in self.why:
             yield f"{reason}."
         if marched:
@@ -155,6 +161,7 @@ def harmonic_response(
     confirm: bool = True,
     sticking: float = STICKING,
     progress: Progress = silent,
+    rows: Rows | None = None,
 ) -> list[BalancedCurve]:
     """Steady vibration over frequency by harmonic balance, a curve for each level.
 
@@ -176,6 +183,8 @@ def harmonic_response(
         nearest stuck frequency by one over it.
     progress : callable, optional
         Called with (points found, points asked for).
+    rows : Rows, optional
+        Where the curves are kept as they finish, and taken up again.
 
     Returns
     -------
@@ -192,11 +201,19 @@ def harmonic_response(
         If no point is found.
     """
     frequencies, asked = _checked(system, frequencies, levels, sticking)
-    tally = Tally(progress, len(asked) * frequencies.size)
+    tally, rows = Tally(progress, len(asked) * frequencies.size), rows or Rows()
     search = Search.of(system, frequencies, sticking, tally)
     curves = dict[float, BalancedCurve]()
+    origin = rows.mark("harmonic curves", system, frequencies, confirm, float(sticking))
     for level in sorted(set(asked)):
-        curves[level] = _curve(search, level, confirm)
+        mark = rows.mark(origin, *curves, level)
+        if mark in rows:
+            tally.add(frequencies.size)
+
+        def compute(level: float = level) -> tuple[BalancedCurve, FloatArray, float]:
+            return _curve(search, level, confirm), search.start, search.level
+
+        curves[level], search.start, search.level = rows.row(mark, compute)
     if not any(curve.found for curve in curves.values()):
         raise ConvergenceError("; ".join(nothing_found(curve) for curve in curves.values()))
     return [curves[level] for level in asked]
@@ -242,7 +259,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
     """Curve of a level that is higher than those before."""
     items, why = search.branches(level)
     points, errors, settled = list[SteadyPoint](), [], dict[int, Settled]()
-    most = held = walks = 0.0  # friction energy so far, J, mean force, and way, m
+    most = held = walks = restless = 0.0  # friction energy so far, J, mean force, and way, m
     for item in items:
         if isinstance(item, SteadyPoint):
             points.append(item)
@@ -253,6 +270,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         holds = stable(balance, found.place.q, found.place.omega, _slips(found.point))
         held = max(held, balance.held_softly(found.place.q))
         walks = max(walks, balance.walked(found.place.q))
+        restless = max(restless, balance.sampled(found.place.q, False).restless)
         settled[len(points)] = found
         points.append(replace(found.point, stable=holds))
         errors.append(found.errors)
@@ -281,6 +299,7 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
         else (),
         held=held,
         walks=walks,
+        restless=restless,
         sticking=_sticking(search, settled, judged, level),
         confirmed=confirmed,
     )
@@ -342,10 +361,7 @@ def _confirmed(search: Search, found: Settled, level: float) -> tuple[float, flo
         run = integrate_plan(loaded, plan, initial=start)
     except ConvergenceError:
         return np.nan, np.nan
-    amplitude = float(run.vibration.amplitude.max())
-    energy = float(run.friction_work.sum())
+    amplitude, energy = run.vibration.amplitude, float(run.friction_work.sum())
+    apart, most = (float(x.max()) for x in (np.abs(amplitude - point.amplitude), amplitude))
     least = OF_WORK * point.input_energy
-    return (
-        change(amplitude, float(point.amplitude.max())),
-        change(energy, point.friction_energy, least),
-    )
+    return apart / most if most > 0.0 else 0.0, change(energy, point.friction_energy, least)

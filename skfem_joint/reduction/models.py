@@ -97,7 +97,8 @@ def reduce(
         Range of loads and limits that the model is to serve: ``slip`` and ``frequency``, pairs of
         the lowest and the highest share and frequency (Hz), and ``limits``, pairs of factors on the
         friction limits of joints by name. See `skfem_joint.system.served.Range`. It takes harmonic
-        loads, and ``modes`` and ``accuracy`` beside it.
+        loads, and ``modes`` and ``accuracy`` beside it. Its joints slip as a whole at levels up to
+        a few per cent above those of the full model, as its motions are fewer.
     accuracy : float
         With ``range``: largest error of displacement histories, relative; three times that of
         energies.

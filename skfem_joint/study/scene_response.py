@@ -15,7 +15,8 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, announced, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.harmonic.response import harmonic_response
+from skfem_joint.harmonic.response import BalancedCurve, harmonic_response
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.friction_points import NOWHERE
 from skfem_joint.reduction.models import notes_of, reduced_for_response
@@ -55,7 +56,7 @@ CREPT = (
     "see its estimated errors at the peaks, or run 'condensed' in its place."
 )
 #: Dataclasses that rows of finished work of `scene_response` hold.
-RESPONSE_ROWS = (SteadyPoint, Losses)
+RESPONSE_ROWS = (SteadyPoint, Losses, BalancedCurve, FourierSeries, SweptResponse)
 #: Frequencies of the linear limits beside those asked for, and entries that the stiffness may have
 #: in all of them together. Their factors take some ten seconds so, of plates and of solids.
 BETWEEN, ENTRIES = 400, 10_000_000
@@ -222,7 +223,7 @@ def scene_response(
         report = partial(progress, f"{name} model")
         curves: list[Curve]
         if table.method == "harmonic":
-            curves = [*harmonic_response(model, frequencies, levels, progress=report)]
+            curves = [*harmonic_response(model, frequencies, levels, progress=report, rows=rows)]
         else:
             curves = response(
                 model,
@@ -253,7 +254,7 @@ def scene_response(
             estimates, of_errors = _estimates(name, model, scene, curves, executor, rows, report)
             notes += of_errors
         times = offline, wall + rows.earlier_s - earlier, compilation + compiled
-        sweeps = _sweeps(model, scene, partial(progress, f"{name} model, swept sine"))
+        sweeps = _sweeps(model, scene, partial(progress, f"{name} model, swept sine"), rows)
         models.append(ModelResponse(name, curves, estimates, *times, tuple(notes), sweeps))
     of_models = [note for model in models for note in model.notes]
     warnings = (*left_out, *system.notes, *other_reference(scene), *of_models)
@@ -284,12 +285,18 @@ def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
     return reduced_for_response(system, resonance, max(table.levels), options)
 
 
-def _sweeps(model: System, scene: Scene, report: Progress) -> list[SweptResponse]:
+def _sweeps(model: System, scene: Scene, report: Progress, rows: Rows) -> list[SweptResponse]:
     """Responses of a model to the swept sines that a scene asks for."""
     table = asked_table(scene)
     ends, steps = (table.frequencies.from_, table.frequencies.to), scene.time.steps_per_cycle
+    origin = rows.mark("swept sine", model, steps)
     return [
-        swept_response(model, way, rate, level, steps_per_cycle=steps, progress=report)
+        rows.row(
+            rows.mark(origin, way, rate, level),
+            partial(
+                swept_response, model, way, rate, level, steps_per_cycle=steps, progress=report
+            ),
+        )
         for level in sorted(table.levels)
         for rate in table.sweep_rates
         for way in (ends, ends[::-1])
@@ -325,7 +332,7 @@ def _with_all_slips(curve: Curve, model: System, full: System) -> Curve:
             point = replace(point, friction_work=of_all(model, point.friction_work))
         slip = slips_of_all(model, point.slip)
         if slips is not None and point.course is not None:  # not of a range, which has many bases
-            slip = full.contact.slip_norm(point.course @ slips.T).max(axis=0)
+            slip = full.contact.slip_norm(0.5 * np.ptp(point.course @ slips.T, axis=0))
         return replace(point, slip=slip, course=None)
 
     return replace(curve, points=tuple(map(changed, curve.points)))

@@ -17,6 +17,7 @@ from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
+from scipy import sparse
 
 from skfem_joint.accuracy.range_modes import alone, steady_in_range
 from skfem_joint.ground.arrays import FloatArray
@@ -482,23 +483,27 @@ def _steady(
     """Steady vibration of a system that has its loads at a frequency (Hz)."""
     plan = replace(steady_plan(system, steps_per_cycle), save=Save(fields=system.is_dense))
     start = start or (np.zeros(system.n), np.zeros(system.n))
+    count, slips = len(system.points), [f"slip {k}" for k in range(system.contact.B.shape[0])]
+    observed = sparse.vstack([system.P, system.contact.B])  # slips are seen as named points are
+    P = observed.toarray() if system.is_dense else observed.tocsr()
+    seen = replace(system, P=P, points=(*system.points, *slips))
     try:
-        run = steady_run(system, plan, start, TOLERANCE, progress, correction)
+        run = steady_run(seen, plan, start, TOLERANCE, progress, correction)
         if system.serves is not None:  # its modes do not follow joints that slip as a whole
             check_short_of_gross_slip(run)
     except ConvergenceError as error:
         return _without_vibration(system, frequency, error)
     slip = system.contact.slid(run.friction_work)
-    vibration, harmonics = run.vibration, harmonics_of(run.point_u[:-1])
+    vibration, harmonics = run.vibration, harmonics_of(run.point_u[:-1, :count])
     return SteadyPoint(
         frequency=frequency,
-        amplitude=vibration.amplitude,
-        offset=vibration.offset,
+        amplitude=vibration.amplitude[:count],
+        offset=vibration.offset[:count],
         harmonics=harmonics,
         phase=phases_of(harmonics, system),
         friction_energy=float(run.friction_work.sum()),
         input_energy=float(run.input_work.sum()),
-        slip=run.slip_peak,
+        slip=system.contact.slip_norm(vibration.amplitude[count:]),
         losses=losses(run),
         friction_work=run.cycles.by_point,
         share=float(system.slipping_share(slip, plan.duration)),

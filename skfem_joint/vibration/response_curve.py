@@ -40,8 +40,8 @@ class SteadyPoint:
     phase : ndarray, shape (points,)
         Phase of the first harmonic after that of the first load, rad.
     slip : ndarray, shape (m,)
-        Largest slip of each contact point, m; by harmonic balance half of what it moves in the
-        period, since the place about which it slips to and fro depends on the way there.
+        Of each contact point, m, half of peak to peak: the place about which it slips to and fro
+        depends on the way there.
     friction_energy : float
         Dissipated by friction in a period, J.
     input_energy : float

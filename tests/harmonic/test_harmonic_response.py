@@ -8,12 +8,14 @@ from scipy.integrate import solve_ivp
 
 import skfem_joint as sj
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.plain_values import fingerprint
+from skfem_joint.ground.rows import Rows
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import multipliers
 from skfem_joint.output.damping import response_figure
 from skfem_joint.scene.shipped import shipped_scene
-from skfem_joint.study.scene_response import scene_response
+from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
 
 JOINT = sj.Joint("joint", pressure=3e6, friction=0.4)
 #: Oscillator of unit mass and stiffness that meets a spring at a gap of 1.
@@ -257,7 +259,8 @@ def test_unstable_points_are_dashed(of_scene):
     ],
     ids=["a load with the other sign", "loads with two phases", "no first harmonic"],
 )
-def test_phases_are_those_of_a_response(loads):
+def test_phases_and_slips_are_those_of_a_response(loads):
+    """Slips are half of peak to peak in both, wherever a point comes to slip to and fro."""
     system, frequencies = replace(chain(), loads=()), np.array([30.0, 40.0])
     system = sj.System.from_matrices(
         np.eye(2), system.K, system.C, loads=loads, points={"last": 1},
@@ -266,11 +269,13 @@ def test_phases_are_those_of_a_response(loads):
     (curve,) = sj.harmonic_response(system, frequencies, confirm=False)
     ways = {"steps_per_cycle": 1000, "refined": False, "estimated": False}
     (other,) = sj.response(system, frequencies, **ways)
-    ours, theirs = (
-        [p.phase[0] for p in found.points if np.abs(frequencies - p.frequency).min() < 1e-9]
-        for found in (curve, other)
-    )
-    np.testing.assert_allclose(ours, theirs, atol=5e-3)
+    for name, near in (("phase", {"atol": 5e-3}), ("slip", {"rtol": 1e-2})):
+        ours, theirs = (
+            [getattr(p, name)[0] for p in found.points if np.isin(p.frequency, frequencies)]
+            for found in (curve, other)
+        )
+        assert len(ours) == frequencies.size
+        np.testing.assert_allclose(ours, theirs, **near)
 
 
 @pytest.mark.parametrize("stiffness", [np.inf, 5e3])
@@ -415,3 +420,35 @@ def test_friction_points_that_no_mode_moves_do_not_count():
     (marched,) = sj.response(model, frequencies, estimated=False, refined=False)
     balanced, stepped = (c.column("amplitude")[[0, -1], 0] for c in (curve, marched))
     np.testing.assert_allclose(balanced, stepped, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("limit", "told"), [(1.45, False), (1.5124, True)])
+def test_friction_along_two_directions_that_does_not_become_periodic_is_noted(limit, told):
+    """Stiff springs give the motion; with the higher limit the slider hardly slips."""
+    stiff, waves = 1e5, [(0.7969, 1.0, 1.826), (0.4511, 2.0, 5.712), (1.3849, 1.0, 5.969)]
+    loads = tuple(
+        sj.AppliedLoad(stiff * size * np.eye(2)[k], sj.Harmonic(1.0, f, phase), "base")
+        for (size, f, phase), k in zip(waves, (0, 0, 1), strict=True)
+    )
+    contact = sj.Contact(np.eye(2), [limit], np.inf, directions=np.array([2]), stiffness=np.ones(1))
+    system = sj.System(
+        np.eye(2), np.eye(2), stiff * np.eye(2), contact, loads, np.eye(2), ("x", "y")
+    )
+    (curve,) = sj.harmonic_response(system, np.array([1.0, 1.01]), confirm=False)
+    assert any("is not periodic after 100" in note for note in curve.notes) == told
+
+
+def test_curves_that_are_kept_are_taken_up_to_the_last_bit(tmp_path):
+    """A higher level goes on from those below it, of which none is computed again."""
+    frequencies, file = np.linspace(95.0, 125.0, 4), tmp_path / "rows.jsonl"
+    kept = Rows(tmp_path / "whole.jsonl", RESPONSE_ROWS)
+    whole = sj.harmonic_response(chain(), frequencies, (0.3, 1.0), rows=kept)
+    for levels, taken in (((0.3,), 0), ((0.3, 1.0), 1), ((1.0, 0.3), 2), ((1.0,), 0)):
+        rows = Rows(file, RESPONSE_ROWS)
+        found = sj.harmonic_response(chain(), frequencies, levels, rows=rows)
+        assert (rows.taken, rows.taken + rows.computed) == (taken, len(levels))
+        if len(levels) == 2:
+            by_level = {curve.level: curve for curve in found}
+            for curve in whole:
+                assert fingerprint(by_level[curve.level]) == fingerprint(curve)
+                assert by_level[curve.level].notes == curve.notes

@@ -10,6 +10,7 @@ from benchmarks.nonlinear_modes import (
     TIP,
     beam_of,
     block_of,
+    decrements,
     finer,
     friction_beam,
 )
@@ -75,6 +76,18 @@ def test_loss_of_a_jenkins_oscillator_has_its_closed_form():
     lost = np.maximum(4.0 * 0.7 * (reach - 0.7 / 3.0), 0.0)
     assert mode.losses.friction == pytest.approx(lost, rel=2e-3, abs=1e-12)
     assert mode.frequency[0] == pytest.approx(2.0 / (2.0 * np.pi), rel=1e-9)  # stuck: k + spring
+
+
+def test_a_ring_down_loses_what_the_cycles_of_a_mode_take_from_its_energy_at_turning_points():
+    """Free vibration on a Jenkins element: from a to b it loses 4 w ((a + b) / 2 - w / spring)."""
+    system, w, spring = jenkins(spring=0.08, limit=0.02, damping=0.0), 0.02, 0.08
+    (mode,) = sj.nonlinear_modes(system, amplitudes=np.geomspace(0.4, 3.0, 40), confirm=False)
+    a, found = decrements(system, mode)
+    middle = np.linspace(0.5, 2.5, 9)
+    # the energy at turning points is a^2 / 2 + w^2 / (2 spring) with the stiffness of 1 N/m
+    drop = 4.0 * w * (middle - w / spring) / middle
+    expected = np.log((middle + 0.5 * drop) / (middle - 0.5 * drop)) / (2.0 * np.pi)
+    np.testing.assert_allclose(np.interp(middle, a, found), expected, rtol=3e-3)
 
 
 def test_time_steps_that_do_not_converge_are_told_and_cost_no_level():

@@ -303,6 +303,7 @@ def test_units_in_the_header_of_a_table_count(tmp_path):
         "time (ms),force (kN)", "Time [ms];Force [kN]", "ms,kN", "time,force\nms,kN",
         "# run (3)\n# time (ms), force (kN)", "time,force\n# ms,kN",
         "# time (ms), force (kN)\n# from the laboratory", "# ms, kN\n# time, force",
+        "# t = 25 C, f = 3\n# ms, kN", "ms,kN\n# f: 3 Hz, t: -2 s",
     ):  # fmt: skip
         path.write_text(f"{head}\n" + "0,0\n2,5\n".replace(",", ";" if ";" in head else ","))
         load = read_table(path)
@@ -324,6 +325,11 @@ def test_units_in_the_header_of_a_table_count(tmp_path):
         (b"# t [ms]  F [kN]\n0,0\n1,2\n", ["line 1: found 't [ms]  F [kN]', a comment with"]),
         (b"# time (min), force (lbf)\n0,0\n1,2\n", ["line 1: column 'time (min)'", "(lbf)'"]),
         (b"# time in ms, force in kN\n0,0\n1,2\n", ["column 'time in ms'", "force in kN'"]),
+        (
+            b"# t 25 C, f = 3\n0,0\n1,2\n",
+            ["if it is a remark, write 'name = value", "f = 3'"],
+        ),
+        (b"# t = 2 (ms), f = 3 (kN)\n0,0\n1,2\n", ["a comment with units in brackets"]),
         (b"# t/ms, F/kN\n0,0\n1,2\n", ["column 't/ms'", "F/kN'"]),
         (b"# Zeit ms, Kraft kN\n0,0\n1,2\n", ["column 'Zeit ms'", "Kraft kN'"]),
         (b"time (h),force (N)\n0,0\n1,2\n", ["line 1: column 'time (h)': found unit 'h'"]),
