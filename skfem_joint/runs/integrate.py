@@ -286,7 +286,7 @@ def _steps(
         period = common_period(load.amplitude for load in system.loads)
         if period is None:
             raise InputError(
-                "cycles: the loads have no common period that is known (only harmonics of "
+                "cycles, until: the loads have no common period that is known (only harmonics of "
                 "commensurate frequencies have); give step and n_steps, or duration and step"
             )
         return period / steps_per_cycle, cycles * steps_per_cycle

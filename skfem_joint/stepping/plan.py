@@ -68,6 +68,11 @@ class Plan:
         check("n_steps", self.n_steps, COUNT)
         if self.n_steps > 2**53:  # where numbers of steps are no longer exact as floats
             raise InputError(f"n_steps: found {self.n_steps:.3g}, must be at most 2^53")
+        if not isinstance(self.scheme, Scheme):
+            raise InputError(
+                f"scheme: found {self.scheme!r}, must be a Scheme, such as "
+                "sj.generalized_alpha(0.9)"
+            )
         check_some(COUNT, cycle_steps=self.cycle_steps)
         check_until(self.until)
         if self.quasi_static and self.until != "end":

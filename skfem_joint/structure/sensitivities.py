@@ -24,6 +24,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, Matrix
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.values import several
 from skfem_joint.joint.contact import friction_gain
 from skfem_joint.joint.manifold import manifold_of
 from skfem_joint.joint.opening import NodalForces
@@ -66,6 +67,7 @@ def sensitivities(
         For keys that cannot be varied, a value from which nothing can be derived (an infinite
         stiffness, no pressure), entries under ``[*]`` that differ, and another system.
     """
+    keys = several("keys", keys)
     wanted = [parameter(structure, key) for key in keys]
     check_derivable(structure, wanted)
     for key in keys:

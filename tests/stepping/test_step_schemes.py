@@ -130,3 +130,10 @@ def test_frequency_shift_is_that_of_the_free_vibration(rho):
         slow = turned[np.argmin(np.abs(turned - angle))]
         assert 1.0 - slow / angle == pytest.approx(scheme.frequency_shift(angle), rel=1e-2)
     assert generalized_alpha(1.0).frequency_shift(0.1) == pytest.approx(0.01 / 12.0)
+
+
+def test_the_name_of_a_scheme_is_none():
+    one = [[1.0]]
+    system = sj.System.from_matrices(one, one, loads={"mass": (0, sj.Harmonic(1.0, 1.0))})
+    with pytest.raises(sj.InputError, match=r"scheme: found 'newmark', must be a Scheme"):
+        sj.integrate(system, cycles=1, steps_per_cycle=20, scheme="newmark")
