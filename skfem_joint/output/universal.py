@@ -198,7 +198,8 @@ def _responses(
             f"curves: found {len(system.loads)} loads on {where}, must be one force on a part, "
             "over which responses are taken"
         )
-    places = [_place(structure, system, row) for row in np.asarray(system.P.toarray())]
+    rows = zip(system.points, np.asarray(system.P.toarray()), strict=True)
+    places = [_place(structure, system, *row) for row in rows]
     for curve in curves:
         if curve.points[0].amplitude.size != len(places):
             raise InputError("curves: have other named points than the system")
@@ -221,13 +222,21 @@ def _responses(
             }  # fmt: skip
 
 
-def _place(structure: Structure, system: System, row: FloatArray) -> tuple[int, int]:
+def _place(structure: Structure, system: System, label: str, row: FloatArray) -> tuple[int, int]:
     """Node with most weight in a named point's displacement, and its direction.
 
-    1 to 3 are x to z, -1 to -3 against them, 0 any other direction.
+    1 to 3 are x to z, -1 to -3 against them, 0 any other direction. The row on the unknowns alone
+    does not tell: at a joint both bodies move with an unknown, and closed contact turns it.
     """
+    names = {*structure.mesh.points, *structure.mesh.boundaries, *structure.mesh.regions}
+    name, _, end = label.rpartition(".")
     weights = structure.body.in_space(structure.unpacked(system.T @ row))
-    node, along = int(np.linalg.norm(weights, axis=1).argmax()), weights.sum(axis=0)
+    size, along = np.linalg.norm(weights, axis=1), weights.sum(axis=0)
+    if label in names or name in names:
+        size = structure.body.even_shares(label if label in names else name)
+    node = int(size.argmax()) + 1
+    if label not in names and name in names and end in ("x", "y", "z"):
+        return node, "xyz".index(end) + 1
     axis = int(np.abs(along).argmax())
     straight = abs(along[axis]) > (1.0 - 1e-9) * float(np.linalg.norm(along))
-    return node + 1, int(np.sign(along[axis])) * (axis + 1) if straight else 0
+    return node, int(np.sign(along[axis])) * (axis + 1) if straight else 0

@@ -175,11 +175,21 @@ class _SlowDriver:
         return self._finished(watch, interrupted)
 
     def _start(self) -> None:
-        """Loads that act from the start on are raised to it in one increment."""
+        """Loads that act from the start on are raised to it."""
         first = self.loads.at(0.0)[:, 0]
         if np.any(first):
-            self._to(first, 1.0)
+            self._raise(first, 1.0)
         self._store(0)
+
+    def _raise(self, amplitudes: FloatArray, h: float) -> None:
+        """Level under amplitudes that the loads jump to, by levels as for a quarter of a cycle.
+
+        Works are those of mean forces of increments: in one, what slips would take half of it.
+        """
+        steps = self.plan.cycle_steps or self.plan.n_steps
+        before = self.amplitudes
+        for share in np.linspace(0.0, 1.0, 1 + max(steps // 4, 2))[1:]:
+            self._to(amplitudes if share == 1.0 else before + share * (amplitudes - before), h)
 
     def _step(self, step: int) -> None:
         """Go to the end of a step, by way of all jumps and kinks of the loads in it."""
@@ -191,7 +201,7 @@ class _SlowDriver:
         for a, b in pairwise(ends):
             after, last = self.loads.at(a, b).T
             if a in self.loads.jumps:
-                self._to(after, h)
+                self._raise(after, h)
             self._to(last, h)
         self.rate = (self.level.u - before) / h
 

@@ -1,5 +1,7 @@
 """Universal files are read back by pyuff as what was computed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import pyuff
@@ -127,6 +129,36 @@ def test_directions_have_signs_and_oblique_ones_none(made, tmp_path):
         path = sj.write_uff(tmp_path / "a.uff", structure, system, curves=curves)
         (response,) = of(pyuff.UFF(str(path)).read_sets(), 58)
         assert (response["ref_dir"], response["rsp_dir"]) == (number, number)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_points_of_both_bodies_at_a_joint_are_at_their_own_nodes(turned, tmp_path):
+    """Both bodies move with one unknown there, and have nodes at one place."""
+    bodies = [
+        sj.build_plate([(name, 0.1, 4)], 0.01, 1, origin=(0.0, y), boundaries=sides)
+        for name, y, sides in (
+            ("upper", 0.01, {"contact": "bottom"}),
+            ("lower", 0.0, {"face": "top", "base": "bottom"}),
+        )
+    ]
+    mesh = sj.merged(bodies[::-1] if turned else bodies)
+    vertices = np.flatnonzero(np.abs(mesh.mesh.p.T - [0.05, 0.01]).sum(axis=1) < 1e-9).tolist()
+    both = ["upper", "lower"][:: -1 if turned else 1]
+    points = {f"{name} node": vertex for name, vertex in zip(both, vertices, strict=True)}
+    joint = sj.Joint("contact", 1e6, 0.5, against="face")
+    structure = sj.Structure(
+        replace(mesh, points=points), STEEL, thickness=0.01, fixed=["base"], joints=[joint],
+        damping_ratio=0.01,
+    )  # fmt: skip
+    system = structure.system([sj.Load("upper", sj.Harmonic(FORCE, 500.0), (1.0, 0.0))])
+    model = sj.reduce(system, 4, frequency=4000.0)
+    curves = sj.response(model, [1000.0, 2000.0], steps_per_cycle=64)
+    path = sj.write_uff(tmp_path / "a.uff", structure, system, curves=curves)
+    found = [
+        (each["rsp_node"], each["rsp_dir"]) for each in of(pyuff.UFF(str(path)).read_sets(), 58)
+    ]
+    nodes = [structure.body.nodes_of(name)[0] + 1 for name in points]
+    assert found[1:] == [(node, direction) for node in nodes for direction in (1, 2)]
 
 
 def test_prisms_are_wedges_of_six_nodes(tmp_path):

@@ -250,6 +250,22 @@ def test_loads_at_the_start_are_reached_first_and_jumps_are_followed():
     assert jump.energy_residual < 1e-12
 
 
+@pytest.mark.parametrize(
+    ("amplitude", "slid"),
+    [
+        (sj.Harmonic(5.0, 1.0, np.pi / 2), 5.0 * (4.5 / 400 - 0.5 / 300)),
+        (sj.Rectangle(5.0, 0.5, 0.2), 2.0 * (4.5 / 400 - 0.5 / 300) - 0.5 / 400 - 0.5 / 300),
+    ],
+)
+def test_friction_takes_its_limit_times_the_slip_of_a_jump_of_the_load(amplitude, slid):
+    slider = sj.point_friction([1.0], 0.5, stiffness=300.0)
+    loads = {"pull": ([1.0], amplitude)}
+    one, K = np.eye(1), np.array([[400.0]])
+    system = sj.System.from_matrices(one, K, contact=slider, loads=loads)
+    run = sj.quasi_static(system, step=1.0 / 400, n_steps=400)
+    assert run.friction_work.sum() == pytest.approx(0.5 * slid, rel=1e-3)
+
+
 def test_peaks_between_levels_are_not_missed():
     run = sj.quasi_static(foot(sj.Triangle(100.0, 0.5, 0.03)), duration=1.2, step=0.2)
     assert run.peak_of("mass") == pytest.approx(40.0 / 4e4, rel=1e-12)
