@@ -194,10 +194,8 @@ LONG = {
 FULL = ('["full", "reduced"]', '["full"]')
 
 
-@pytest.mark.parametrize(
-    "command", [pytest.param("backbone", marks=pytest.mark.slow),
-                pytest.param("response", marks=pytest.mark.slow), "run"]
-)  # fmt: skip
+@pytest.mark.slow
+@pytest.mark.parametrize("command", LONG)
 def test_ctrl_c_ends_a_search_within_a_second(tmp_path, command):
     """On a terminal, which shows a live line: status 130, no traceback, no files."""
     steady = ("cycles = 3", 'until = "steady"\nsteps_per_cycle = 20000')

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from benchmarks import brake_reuss, ready_made, steady
-from benchmarks.first_order import FirstOrder, lumped
+from benchmarks.first_order import LOWER, UPPER, FirstOrder, lumped
 from benchmarks.integrators import FORMS, QUICK_FORMS, Form, Solution, Task, solve
 from joint_scenes import lap_joint
 
@@ -53,6 +53,42 @@ def test_ready_made_integrators_solve_the_same_equations(form, truth):
     ours = truth.grid.integrate(model.system, 256).point_u
     theirs = found.y[:: ready_made.SAMPLES, ::2] @ model.system.P.T
     assert np.linalg.norm(theirs - ours) < 2e-5 * np.linalg.norm(ours)
+
+
+def test_jacobians_are_derivatives(truth):
+    n, c = 2 * truth.system.n, 3e4
+    generator = np.random.default_rng(1)
+    y = generator.normal(size=n) * np.where(np.arange(n) % 2, 1e-3, 1e-6)
+    rate = generator.normal(size=n)
+    steps = np.where(np.arange(n) % 2, 1e-7, 1e-9)
+
+    def difference_of(function, shift):
+        columns = []
+        for e in np.diag(steps):
+            ends = np.zeros((2, n))
+            for sign, out in zip((1.0, -1.0), ends, strict=True):
+                function(1e-4, y + sign * e, rate + sign * shift * e, out)
+            columns.append((ends[0] - ends[1]) / (2.0 * e.max()))
+        return np.array(columns).T
+
+    model, light = FirstOrder(truth.system), FirstOrder(lumped(truth.system))
+    rates = light.rates()
+    square, bands = np.zeros((n, n)), np.zeros((LOWER + UPPER + 1, n))
+    model.residual_jacobian()(y, c, square)
+    wanted = difference_of(model.residual(), c)
+    np.testing.assert_allclose(wanted, square, atol=1e-6 * np.abs(square).max())
+    light.rate_jacobian(square=True)(y, square)
+    wanted = difference_of(lambda t, a, b, out: rates(t, a, out), 0.0)
+    np.testing.assert_allclose(wanted, square, atol=1e-6 * np.abs(square).max())
+    light.rate_jacobian(square=False)(y, bands)
+    for k in range(-LOWER, UPPER + 1):
+        row = bands[UPPER - k, max(k, 0) : n + min(k, 0)]
+        np.testing.assert_array_equal(np.diagonal(square, k), row)
+    # The rates make the residual vanish.
+    found, left = np.zeros((2, n))
+    rates(2e-4, y, found)
+    light.residual()(2e-4, y, found, left)
+    assert np.abs(left).max() < 1e-12 * np.abs(light.system.M @ found[1::2]).max()
 
 
 def test_competitor_beyond_the_bound_is_listed_as_such(truth):

@@ -200,7 +200,7 @@ OS_MESA, EGL = "vtkOSOpenGLRenderWindow", "vtkEGLRenderWindow"
     ("works", "chosen", "tried", "said"),
     [
         (EGL, {}, [OS_MESA, EGL], [EGL, "None"] * 2),  # found once, then known
-        ("mine", {VARIABLE: "mine"}, ["mine"], ["mine"] * 4),
+        pytest.param("mine", {VARIABLE: "mine"}, ["mine"], ["mine"] * 4, marks=pytest.mark.slow),
         (EGL, {VARIABLE: "broken"}, ["broken"], "'broken' does not work"),
         ("none", {}, [OS_MESA, EGL, "own choice"], "apt-get install libosmesa6"),
     ],
