@@ -188,5 +188,5 @@ class ContactForces:
         sums = np.empty((first.size, wide, n))
         for a in range(nh):  # one coefficient at a time keeps the products in the cache
             weighted(blocks, a, np.append(first, left.size), right, self.rows, sums)
-            np.matmul(out, sums.reshape(first.size, -1), out=derivative[a].reshape(n, -1))
+            np.matmul(out, sums.reshape(first.size, wide * n), out=derivative[a].reshape(n, wide * n))
         return derivative
