@@ -122,9 +122,10 @@ def resolved(
     """Same levels by other equations, of ``rows`` (levels,) alone if given; and which are found.
 
     With other springs a level begins with its former state and what the level before changed, over
-    the amplitude (with more harmonics that takes twice as long). If it is not found it begins with its former state, is followed from the level before, or found
-    from the linear mode: springs of sticking that are several times as stiff may slip where the
-    former ones stuck. One that is not found so either keeps its former state.
+    the amplitude; with more harmonics that takes twice as long. If it is not found so it begins
+    with its former state, is followed from the level before, or found from the linear mode: springs
+    of sticking that are several times as stiff may slip where the former ones stuck. One that is
+    not found at all keeps its former state.
     """
     points, found, changed = list[FloatArray](), list[bool](), np.zeros(0)
     balance, amplitudes = equations.balance, levels.amplitudes.tolist()

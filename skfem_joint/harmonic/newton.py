@@ -176,7 +176,11 @@ def solved(
             break
         fresh = factor is None
         if factor is None:
-            factor, made, share = _factor(equations, x, normal, rows), made + 1, min(1.0, 2.0 * share)
+            factor, made, share = (
+                _factor(equations, x, normal, rows),
+                made + 1,
+                min(1.0, 2.0 * share),
+            )
         step = -linalg.lu_solve(factor, np.append(residual, 0.0), check_finite=False)
         if not np.isfinite(step).all():
             break
@@ -294,7 +298,7 @@ def branch(equations: Equations, place: BranchPoint, targets: FloatArray) -> Ite
 
 
 def _others(step: float) -> Iterator[float]:
-    """Steps in place of one that fails: some shorter, some longer, over many kinks, then shorter."""
+    """Steps in place of one that fails: shorter ones, and longer ones, over many kinks."""
     tried = step * np.array([0.5, 0.25, 2.0, 4.0, *0.5 ** np.arange(3.0, 30.0)])
     return iter(tried[(tried >= SHORTEST) & (tried <= LONGEST)].tolist())
 
