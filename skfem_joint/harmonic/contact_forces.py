@@ -187,9 +187,9 @@ class ContactForces:
         n, (_, nh, wide) = self.rows.shape[1], blocks.shape
         derivative = np.zeros((nh, n, wide, n))
         first = np.flatnonzero(np.diff(left, prepend=-1))
-        out = np.ascontiguousarray(self.rows[left[first]].T)
+        out, ends = np.ascontiguousarray(self.rows[left[first]].T), np.append(first, left.size)
         sums = np.empty((first.size, wide, n))
         for a in range(nh):  # one coefficient at a time keeps the products in the cache
-            weighted(blocks, a, np.append(first, left.size), right, self.rows, sums)
-            np.matmul(out, sums.reshape(first.size, -1), out=derivative[a].reshape(n, -1))
+            weighted(blocks, a, ends, right, self.rows, sums)
+            derivative[a] = (out @ sums.reshape(first.size, wide * n)).reshape(n, wide, n)
         return derivative

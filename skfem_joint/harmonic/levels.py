@@ -137,11 +137,13 @@ def resolved(
 ) -> tuple[Levels, BoolArray]:
     """Same levels by other equations, of ``rows`` (levels,) alone if given; and which are found.
 
-    A level that is not found from its own former state is followed from the level before, or found
-    from the linear mode: springs of sticking that are several times as stiff may slip where the
-    former ones stuck. One that is not found so either keeps its former state.
+    With other springs a level begins with its former state and what the level before changed, over
+    the amplitude; with more harmonics that takes twice as long. If it is not found so it begins
+    with its former state, is followed from the level before, or found from the linear mode: springs
+    of sticking that are several times as stiff may slip where the former ones stuck. One that is
+    not found at all keeps its former state.
     """
-    points, found = list[FloatArray](), list[bool]()
+    points, found, changed = list[FloatArray](), list[bool](), np.zeros(0)
     balance, amplitudes = equations.balance, levels.amplitudes.tolist()
     asked = np.ones(len(amplitudes), np.bool_) if rows is None else rows
     tally.total += int(asked.sum())
@@ -150,24 +152,32 @@ def resolved(
         x = np.append(q, [levels.omega[k], levels.zeta[k], amplitude])
         point: FloatArray | None = x
         if wanted:
-            point = _solved_near(equations, x, tolerance)
+            point = None
+            if balance.series == levels.series and changed.any():
+                point = _solved_near(equations, x, x + amplitude * changed, tolerance)
+            if point is None:
+                point = _solved_near(equations, x, tolerance=tolerance)
             if point is None and k > 0 and found[-1]:
                 point = _followed_from(equations, points[-1], amplitude)
             if point is None:
-                point = _solved_near(equations, equations.linear(amplitude))
-                point = None if point is None or not equations.near(point, x) else point
+                point = _solved_near(equations, x, equations.linear(amplitude))
             tally.add()
         found.append(point is not None)
         points.append(x if point is None else point)
+        changed = (points[-1] - x) / amplitude
     return _levels(equations, points, levels.met), np.array(found, np.bool_)
 
 
 def _solved_near(
-    equations: ModeEquations, x: FloatArray, tolerance: float = TOLERANCE
+    equations: ModeEquations,
+    x: FloatArray,
+    start: FloatArray | None = None,
+    tolerance: float = TOLERANCE,
 ) -> FloatArray | None:
-    """Solution of the mode and amplitude of ``x``, if it is found."""
+    """Solution of the mode and amplitude of ``x``, if it is found from there or a ``start``."""
+    near, normal = x if start is None else start, by_parameter(x.size)
     try:
-        point = solved(equations, x, by_parameter(x.size), tolerance=tolerance)
+        point = solved(equations, near, normal, tolerance=tolerance)
     except ConvergenceError:
         return None
     return point.x if equations.near(point.x, x) else None

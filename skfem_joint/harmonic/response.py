@@ -194,15 +194,17 @@ def harmonic_response(
     Raises
     ------
     InputError
-        If there is nothing to vibrate steadily, a frequency or level is not positive, ``sticking``
-        is below 1, the system is too large, its loads have too high harmonics, its contact that
-        opens is rigid, or it is a reduced model made for something else or for a range.
+        If there is nothing to vibrate steadily, a frequency or level is not positive, a level is so
+        small or large that numbers lose motion or friction, ``sticking`` is below 1, the system is
+        too large, its loads have too high harmonics, its contact that opens is rigid, or it is a
+        reduced model made for something else or for a range.
     ConvergenceError
         If no point is found.
     """
     frequencies, asked = _checked(system, frequencies, levels, sticking)
     tally, rows = Tally(progress, len(asked) * frequencies.size), rows or Rows()
     search = Search.of(system, frequencies, sticking, tally)
+    search.check(asked)
     curves = dict[float, BalancedCurve]()
     origin = rows.mark("harmonic curves", system, frequencies, confirm, float(sticking))
     for level in sorted(set(asked)):

@@ -9,6 +9,7 @@ Newton's method finds it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -16,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Tally
 from skfem_joint.harmonic.balance import LARGEST, Balance
 from skfem_joint.harmonic.forced import Forced, Raised, corrected
@@ -47,6 +48,9 @@ HELD = 1e-3
 WAYS = 0.0, 0.01
 #: Springs of rigid sticking are this much softer where their error is judged.
 SOFTER = 10.0
+#: Least norm by the mass of a motion that sticks, whose square is a number, and largest friction
+#: that it would take, over the limits, with which friction that slips has digits beside springs.
+LOW, HIGH = 1e-100, 1e6
 
 
 class Settled(NamedTuple):
@@ -135,7 +139,7 @@ class Search:
         rest = np.zeros((rungs[0].size, system.n))
         raised = Raised(forced[0], 2.0 * np.pi * float(frequencies[0]))
         at_rest = solved(raised, np.zeros(rest.size + 1), by_parameter(rest.size + 1))
-        linear = at_rest.tangent[:-1].reshape(rest.shape)
+        linear = at_rest.ahead[0][:-1].reshape(rest.shape)
         coulomb = fewest[0].balance.system.with_beta(np.inf)
         rigid = bool(np.any(system.contact.rubs & ~system.contact.sprung))
         return cls(coulomb, forced, softer, frequencies, tally, rigid, linear, rest)
@@ -144,6 +148,21 @@ class Search:
     def targets(self) -> FloatArray:
         """Angular frequencies asked for, rad/s."""
         return 2.0 * np.pi * self.frequencies
+
+    def check(self, levels: Sequence[float]) -> None:
+        """Refuse levels whose motions, or friction beside springs, are lost in numbers."""
+        contact = self.forced[0].balance.contact
+        limits = contact.given + contact.gain @ contact.rest
+        slips = np.abs(contact.rows[: contact.directions.sum()] @ self.linear.T).max(axis=1)
+        taken = np.repeat(contact.points.stiffness, contact.directions) * slips
+        low, high = LOW / np.linalg.norm(self.linear), HIGH * limits.max(initial=0.0)
+        high = high / taken.max() if high > 0.0 and taken.any() else 1.0 / LOW
+        if wrong := [x for x in levels if not low <= x <= high]:
+            raise InputError(
+                f"harmonic_response: levels: found {', '.join(f'{x:g}' for x in wrong)}, must be "
+                f"from {low:.2g} to {high:.2g}: numbers lose motions below, and above friction "
+                "whose limits are so far from the forces of points that stick"
+            )
 
     def branches(self, level: float) -> tuple[list[BranchPoint | SteadyPoint], list[str]]:
         """Points of a level above those before, some of them marched to, and why these are."""
