@@ -6,11 +6,11 @@ Parts are plates, fold, springs and random, all if none is named. The plates are
 ``solid_lap_joint.toml`` with a free lower end, bent by a force there, with contact that opens: a
 reduced model of 33 unknowns, up to full slip. *plates* compares its responses at four levels with
 time steps, extrapolated from 800 and 1,600 in a period, which have the same springs of sticking,
-start on the motion that harmonic balance found and forget it. *fold* passes the turning points of an oscillator with a gap,
-beside time steps up and down. *springs* shows at one frequency what the springs, the step and the
-law of friction do to the friction energy. *random* draws reduced systems with contact that opens
-and counts the points that harmonic balance finds without marching. Times are of one thread's
-processor.
+start on the motion that harmonic balance found and forget it. *fold* passes the turning points of
+an oscillator with a gap, beside time steps up and down. *springs* shows at one frequency what the
+springs, the step and the law of friction do to the friction energy. *random* draws reduced systems
+with contact that opens and counts the points that harmonic balance finds without marching. Times
+are of one thread's processor.
 """
 
 import os

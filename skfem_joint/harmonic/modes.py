@@ -15,8 +15,8 @@ a mode that lies near a multiple of the frequency does not show before that harm
 `examples/benchmarks/nonlinear_modes.py` measures stated errors beside true ones. The better motion
 is found by Newton's method with its own derivative. Residuals alone do not find it: iterated with
 the derivative of the coarser series, the linear one of each higher harmonic, and Anderson's
-acceleration, no level of a bar and a beam that stick rigidly converged in 60 passes, of a bolted
-lap none of twelve points.
+acceleration, 1 of 28 levels of a bar and a beam that stick rigidly converged in 60 passes, and of
+12 points of a response of a bolted lap none in 40.
 """
 
 from __future__ import annotations

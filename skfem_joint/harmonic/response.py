@@ -57,8 +57,8 @@ class BalancedCurve(Curve):
         were marched to.
     errors : dict of str to ndarray, shape (points,)
         Relative errors of ``amplitude`` and ``friction_energy`` by harmonics and samples: what a
-        point with about twice as many differs by; nan where there is none, and at points that were
-        marched to.
+        point with about four times as many, or twice, differs by; nan where there is none, and at
+        points that were marched to.
     series : FourierSeries or None
         Largest one that a point took; None where all points were marched to.
     why : tuple of str

@@ -19,7 +19,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Tally
-from skfem_joint.harmonic.balance import LARGEST, Balance
+from skfem_joint.harmonic.balance import LARGEST, MOST, Balance
 from skfem_joint.harmonic.forced import Forced, Raised, corrected
 from skfem_joint.harmonic.newton import BranchPoint, branch, by_parameter, solved, stepped
 from skfem_joint.harmonic.points import point_of
@@ -64,7 +64,8 @@ class Settled(NamedTuple):
         The equations that it solves, and their number.
     point : SteadyPoint
     errors : tuple of float
-        Relative ones of amplitude and friction energy: the differences from the next rung.
+        Relative ones of amplitude and friction energy: the differences from the next rung but one,
+        or from the next one where that is not found or has more than `MOST` unknowns.
     """
 
     place: BranchPoint
@@ -240,22 +241,24 @@ class Search:
         beyond the fewest harmonics are found.
         """
         first, place = self._let_go(self.forced[0].at(level), place)
-        judged = found = Settled(place, 0, first, _point(first, place), (np.nan, np.nan))
+        judged = Settled(place, 0, first, _point(first, place), (np.nan, np.nan))
+        kept = [judged]
         for rung, finer in enumerate(self.forced[1:], start=1):
             finer = finer.at(level).walking(first.balance.walks)
-            balances = finer.balance, found.forced.balance
+            balances = finer.balance, kept[-1].forced.balance
             try:
-                place = corrected(finer, found.place.mapped(partial(_refined, *balances)))
+                place = corrected(finer, kept[-1].place.mapped(partial(_refined, *balances)))
             except ConvergenceError:
                 break
-            point, before = _point(finer, place), found.point
-            least = max(LEAST * most, OF_WORK * point.input_energy)
-            amplitude = change(float(point.amplitude.max()), float(before.amplitude.max()))
-            energy = change(point.friction_energy, before.friction_energy, least)
-            judged = found._replace(errors=(amplitude, energy))
-            if amplitude <= SETTLED[0] and energy <= SETTLED[1]:
-                break
-            found = Settled(place, rung, finer, point, (np.nan, np.nan))
+            found = Settled(place, rung, finer, _point(finer, place), (np.nan, np.nan))
+            more = any(x.load.size <= MOST for x in self.forced[rung + 1 : rung + 2])
+            for old in kept[-2:]:
+                amplitude, energy = _apart(found.point, old.point, most)
+                judged = old._replace(errors=(amplitude, energy))
+                settles = amplitude <= SETTLED[0] and energy <= SETTLED[1]
+                if settles and (old is not kept[-1] or not more):
+                    return judged
+            kept.append(found)
         return judged
 
     def _let_go(self, forced: Forced, place: BranchPoint) -> tuple[Forced, BranchPoint]:
@@ -299,6 +302,15 @@ class Search:
         least = OF_WORK * point.input_energy
         by = np.sqrt(SOFTER) - 1.0
         return change(*amplitudes) / by, change(*energies, least) / by
+
+
+def _apart(new: SteadyPoint, old: SteadyPoint, most: float) -> tuple[float, float]:
+    """Relative differences of amplitude and friction energy; ``most`` is as in `Search.settled`."""
+    least = max(LEAST * most, OF_WORK * new.input_energy)
+    return (
+        change(float(new.amplitude.max()), float(old.amplitude.max())),
+        change(new.friction_energy, old.friction_energy, least),
+    )
 
 
 def _refined(finer: Balance, coarser: Balance, q: FloatArray) -> FloatArray:

@@ -9,8 +9,12 @@ from scipy.integrate import solve_ivp
 import skfem_joint as sj
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.plain_values import fingerprint
+from skfem_joint.ground.progress import Tally, silent
 from skfem_joint.ground.rows import Rows
 from skfem_joint.harmonic.balance import Balance
+from skfem_joint.harmonic.newton import by_parameter, solved
+from skfem_joint.harmonic.points import point_of
+from skfem_joint.harmonic.search import Search
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import multipliers
 from skfem_joint.output.damping import response_figure
@@ -190,6 +194,22 @@ def test_a_slider_responds_as_in_time_steps():
         assert not curve.why
         assert all(max(apart) < 1e-3 for apart in curve.confirmed.values())
         assert curve.column("stable").all()
+
+
+def test_stated_errors_are_those_beside_many_more_harmonics():
+    search = Search.of(chain(), np.linspace(95.0, 125.0, 4), 3000.0, Tally(silent, 0))
+    places, _ = search.branches(1.0)
+    for place in places:
+        found = search.settled(place, 1.0, 0.0)
+        series = found.forced.balance.series
+        finer = found.forced.refined(FourierSeries(8 * series.highest, 4096, series.odd))
+        q = finer.balance.series.of(found.place.q, series)
+        x = solved(finer, np.append(q, place.omega), by_parameter(q.size + 1)).x
+        true = point_of(finer.balance, x[:-1].reshape(q.shape), x[-1], finer.force, None)
+        for stated, name in zip(found.errors, ("amplitude", "friction_energy"), strict=True):
+            apart = np.abs(getattr(found.point, name) / getattr(true, name) - 1.0).max()
+            assert 0.5 * apart <= stated + 1e-5
+            assert stated <= 3.0 * apart + 1e-5
 
 
 def test_energies_of_a_period_are_in_balance():
