@@ -251,7 +251,7 @@ def _run(options: argparse.Namespace) -> int:
         raise study.failure.error
     if study.interrupted:
         saved = checkpoints is not None and checkpoints.files()
-        if not scene.time.quasi_static:
+        if _is_saved(scene):
             print(
                 "Go on with --resume." if saved else "A run with --checkpoint-every can be resumed."
             )
@@ -297,16 +297,22 @@ def _vibrating(options: argparse.Namespace) -> Scene:
     return _loaded(options, lambda scene: scene.check_vibrates(options.name))
 
 
+def _is_saved(scene: Scene) -> bool:
+    """Whether runs of a scene may have checkpoints."""
+    return not scene.time.quasi_static and scene.time.until is None
+
+
 def _check_run_options(options: argparse.Namespace, scene: Scene) -> None:
     """InputError for options that do not fit each other or the scene, and missing libraries."""
     from skfem_joint.output.folder import check_libraries
 
     if options.workers is not None and not options.certify:
         raise InputError("--workers: is for --certify, which is not there")
-    if scene.time.quasi_static and (options.resume or options.checkpoint_every is not None):
+    if not _is_saved(scene) and (options.resume or options.checkpoint_every is not None):
+        key = "quasi_static = true" if scene.time.quasi_static else "until = 'steady'"
         raise InputError(
-            "--checkpoint-every, --resume: a run with time.quasi_static = true has no checkpoints; "
-            "leave them out"
+            f"--checkpoint-every, --resume: a run with time.{key} has no checkpoints; leave them "
+            "out"
         )
     check_libraries(scene)
 

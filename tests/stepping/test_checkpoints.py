@@ -15,7 +15,9 @@ from opening_blocks import SIZE, block, loads
 from stepping_systems import STEPPERS, LapJoint, differing, of_stepper, oscillator
 
 import skfem_joint as sj
+from skfem_joint import cli
 from skfem_joint.minimise import touching
+from skfem_joint.scene.shipped import write_shipped
 from skfem_joint.stepping.checkpoint import Checkpoint, Checkpoints, fingerprint
 
 JOINT = LapJoint(elements=30)
@@ -301,3 +303,17 @@ def test_the_folder_of_checkpoints_is_made_or_refused_at_once(tmp_path):
     with pytest.raises(sj.InputError, match=r"file/folder: cannot be made .*choose another folder"):
         Checkpoints(tmp_path / "file" / "folder", every=10)
     assert Checkpoints(str(tmp_path), every=10).files() == []
+
+
+@pytest.mark.parametrize("option", ["--checkpoint-every 5", "--resume"])
+def test_a_search_for_steady_vibration_has_no_checkpoints_and_keeps_earlier_results(
+    option, tmp_path, capsys
+):
+    path, out = write_shipped("structure_harmonic", tmp_path)[0], tmp_path / "out"
+    text = path.read_text(encoding="utf-8").replace("cycles = 12", "until = 'steady'")
+    path.write_text(text, encoding="utf-8")
+    out.mkdir()
+    (out / "summary.json").write_text('{"program": "skfem-joint"}', encoding="utf-8")
+    assert cli.main(["run", str(path), "--out", str(out), *option.split()]) == 2
+    assert "time.until = 'steady' has no checkpoints" in capsys.readouterr().err
+    assert (out / "summary.json").exists()
