@@ -284,7 +284,7 @@ def test_phases_and_slips_are_those_of_a_response(loads):
     """Slips are half of peak to peak in both, wherever a point comes to slip to and fro."""
     system, frequencies = replace(chain(), loads=()), np.array([30.0, 40.0])
     system = sj.System.from_matrices(
-        np.eye(2), system.K, system.C, loads=loads, points={"last": 1},
+        np.eye(2), system.K, system.C, loads=loads, points={"end": 1},
         contact=sj.point_friction([0.0, 1.0], 20.0, stiffness=3e5),
     )  # fmt: skip
     (curve,) = sj.harmonic_response(system, frequencies, confirm=False)
@@ -292,7 +292,7 @@ def test_phases_and_slips_are_those_of_a_response(loads):
     (other,) = sj.response(system, frequencies, **ways)
     for name, near in (("phase", {"atol": 5e-3}), ("slip", {"rtol": 1e-2})):
         ours, theirs = (
-            [getattr(p, name)[0] for p in found.points if np.isin(p.frequency, frequencies)]
+            [getattr(p, name)[-1] for p in found.points if np.isin(p.frequency, frequencies)]
             for found in (curve, other)
         )
         assert len(ours) == frequencies.size
