@@ -158,8 +158,8 @@ class Search:
         if wrong := [x for x in levels if not low <= x <= high]:
             raise InputError(
                 f"harmonic_response: levels: found {', '.join(f'{x:g}' for x in wrong)}, must be "
-                f"from {low:.2g} to {high:.2g}: below, numbers lose motions; above, friction, whose "
-                "limits are too small beside the forces of inertia"
+                f"from {low:.2g} to {high:.2g}: numbers lose motions below, and above friction, "
+                "whose limits are too small beside the forces of inertia"
             )
 
     def branches(self, level: float) -> tuple[list[BranchPoint | SteadyPoint], list[str]]:
