@@ -276,10 +276,14 @@ class Balance:
         """
         if self.series.odd or self.walks or not self.soft.any():
             return 0.0
-        inertia = hypot(*(self._force(self.reference**2 * x) for x in q[1:3]))
         contact = self.system.contact
-        wholes = contact.w.sum(), contact.normal.force.sum(), inertia
+        wholes = contact.w.sum(), contact.normal.force.sum(), self.inertia(q)
         return self._force(self.soft @ q[0]) / float(next((x for x in wholes if x > 0.0), np.inf))
+
+    def inertia(self, q: FloatArray) -> float:
+        """Force, N, of the first harmonic of a motion at the frequency of reference."""
+        first = self.series.first
+        return hypot(*(self._force(self.reference**2 * x) for x in q[first : first + 2]))
 
     def _force(self, a: FloatArray) -> float:
         """Force, N, of accelerations ``a`` of q, whatever the unknowns of the system are."""

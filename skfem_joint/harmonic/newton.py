@@ -347,7 +347,7 @@ def _beyond(
 def eased(equations: Equations, x: FloatArray, normal: FloatArray) -> Solution:
     """Solution as `solved`, in steps in which the residual at ``x`` vanishes, if need be."""
     try:
-        return solved(equations, x, normal, EASY)
+        return solved(equations, x, normal)
     except ConvergenceError:
         residual = equations(x, False)[0]
         for share in EASED:

@@ -48,8 +48,8 @@ HELD = 1e-3
 WAYS = 0.0, 0.01
 #: Springs of rigid sticking are this much softer where their error is judged.
 SOFTER = 10.0
-#: Least norm by the mass of a motion that sticks, whose square is a number, and largest friction
-#: that it would take, over the limits, with which friction that slips has digits beside springs.
+#: Least norm by the mass of a linear motion, whose square is a number, and largest force of its
+#: inertia over the friction limits, with which friction has digits beside springs of sticking.
 LOW, HIGH = 1e-100, 1e6
 
 
@@ -152,17 +152,15 @@ class Search:
 
     def check(self, levels: Sequence[float]) -> None:
         """Refuse levels whose motions, or friction beside springs, are lost in numbers."""
-        contact = self.forced[0].balance.contact
-        limits = contact.given + contact.gain @ contact.rest
-        slips = np.abs(contact.rows[: contact.directions.sum()] @ self.linear.T).max(axis=1)
-        taken = np.repeat(contact.points.stiffness, contact.directions) * slips
-        low, high = LOW / np.linalg.norm(self.linear), HIGH * limits.max(initial=0.0)
-        high = high / taken.max() if high > 0.0 and taken.any() else 1.0 / LOW
+        balance = self.forced[0].balance
+        limits, force = balance.system.contact.w.sum(), balance.inertia(self.linear)
+        low, high = LOW / np.linalg.norm(self.linear), 1.0 / LOW
+        high = HIGH * limits / force if limits > 0.0 and force > 0.0 else high
         if wrong := [x for x in levels if not low <= x <= high]:
             raise InputError(
                 f"harmonic_response: levels: found {', '.join(f'{x:g}' for x in wrong)}, must be "
-                f"from {low:.2g} to {high:.2g}: numbers lose motions below, and above friction "
-                "whose limits are so far from the forces of points that stick"
+                f"from {low:.2g} to {high:.2g}: numbers lose motions below, and above friction, "
+                "whose limits are too small beside the forces of inertia"
             )
 
     def branches(self, level: float) -> tuple[list[BranchPoint | SteadyPoint], list[str]]:
