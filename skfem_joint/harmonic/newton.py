@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -29,14 +28,10 @@ TOLERANCE = 1e-6
 #: Norm that will do where the iteration ends: points that just begin to slip between two samples
 #: may leave so much.
 ENOUGH = 1e-5
-#: Norm with which residuals have no more to fall, and share of one, left by a step with an earlier
-#: derivative, beyond which a new one is made.
-SURE, SERVES = 1e-9, 0.5
-#: Most derivatives, those of a step along a branch, and least share of an iteration's step.
-ITERATIONS, QUICK, SMALLEST = 25, 8, 1e-3
-#: Shares of a residual that vanish one after the other, and most derivatives of each: more cost
-#: more than they find.
-EASED, EASY = (0.25, 0.5, 0.75, 1.0), 12
+#: Most iterations, those of a step along a branch, and halvings of an iteration's step.
+ITERATIONS, QUICK, HALVINGS = 40, 12, 8
+#: Shares of a residual that vanish one after the other. More of them cost more than they find.
+EASED = 0.25, 0.5, 0.75, 1.0
 #: Change of the motion, relative, that is an arc of length 1.
 CHANGE = 0.2
 #: Longest and shortest step in arc length.
@@ -71,31 +66,24 @@ class Equations(Protocol):
         """Weights (N,) of the squares of changes in the square of the length of arc."""
 
 
-@dataclass(frozen=True)
-class Solution:
+class Solution(NamedTuple):
     """Solution in a plane.
 
     Attributes
     ----------
-    equations : Equations
     x : ndarray
         Unknowns.
-    normal : ndarray
-        Of the plane.
+    tangent : ndarray
+        Their change along the branch, to the side of the normal.
+    sense : float
+        Sign of the determinant of derivatives and normal.
     iterations : int
-        Derivatives that it took.
     """
 
-    equations: Equations
     x: FloatArray
-    normal: FloatArray
+    tangent: FloatArray
+    sense: float
     iterations: int
-
-    @cached_property
-    def ahead(self) -> tuple[FloatArray, float]:
-        """Change of x along the branch, to the side of the normal, and the determinant's sign."""
-        rows = self.equations.rows(self.x)
-        return _tangent(_factor(self.equations, self.x, self.normal, rows))
 
 
 class BranchPoint(NamedTuple):
@@ -129,7 +117,7 @@ class BranchPoint(NamedTuple):
         """Point of an asked parameter, whose motion has a ``shape``; along its tangent."""
         size = int(np.prod(shape))
         q, rest = point.x[:size].reshape(shape), point.x[size:]
-        return cls(q, rest, *point.ahead)
+        return cls(q, rest, point.tangent, point.sense)
 
     @property
     def x(self) -> FloatArray:
@@ -162,53 +150,38 @@ def solved(
 ) -> Solution:
     """Solution near ``x`` in the plane through it, by Newton's iteration.
 
-    Its steps are halved until residuals fall, and end below a ``tolerance``. A derivative, which
-    takes as long as ten residuals, serves for more steps while these serve; ``most`` of them are
-    made.
+    Its steps are halved until residuals fall below a ``tolerance``. There are ``most`` of them.
 
     Raises
     ------
     ConvergenceError
         If it is not found.
     """
-    rows, share, made, factor = equations.rows(x), 1.0, 0, None
-    residual = rows * equations(x, False)[0]
-    while np.isfinite(size := float(np.linalg.norm(residual))):
-        ends = share < SMALLEST or made == most
-        if size <= SURE or (factor is None and size <= (ENOUGH if ends else tolerance)):
-            return Solution(equations, x, normal, made)
-        if ends and factor is None:
+    share, rows = 1.0, equations.rows(x)
+    for iteration in range(most):
+        values, derivative = equations(x, True)
+        residual = rows * values
+        size = float(np.linalg.norm(residual))
+        if not np.isfinite(size):
             break
-        fresh = factor is None
-        if factor is None:
-            factor, made, share = (
-                _factor(equations, x, normal, rows),
-                made + 1,
-                min(1.0, 2.0 * share),
-            )
+        factor = _factor(rows[:, np.newaxis] * derivative, normal)
+        if size <= tolerance or (size <= ENOUGH and iteration == most - 1):
+            return Solution(x, *_tangent(factor), iteration)
         step = -linalg.lu_solve(factor, np.append(residual, 0.0), check_finite=False)
         if not np.isfinite(step).all():
             break
-        while True:
-            tried = rows * equations(x + share * step, False)[0]
-            fallen = float(np.linalg.norm(tried)) / size
-            if fallen < (1.0 - 0.1 * share if fresh else SERVES):
-                x, residual = x + share * step, tried
+        share = min(1.0, 2.0 * share)
+        for _ in range(HALVINGS):
+            tried = float(np.linalg.norm(rows * equations(x + share * step, False)[0]))
+            if tried < (1.0 - 0.1 * share) * size:
                 break
-            share *= 0.5 if fresh else 1.0
-            if not fresh or share < SMALLEST:
-                break
-        if share < 1.0 or not fallen < SERVES:
-            factor = None
+            share *= 0.5
+        x = x + share * step
     raise ConvergenceError(f"Newton's iteration ends at a residual of {size:.2g}")
 
 
-def _factor(
-    equations: Equations, x: FloatArray, normal: FloatArray, rows: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Factor of the derivatives times ``rows`` above the normal, (N, N)."""
-    whole = np.vstack([equations(x, True)[1], normal])
-    whole[:-1] *= rows[:, np.newaxis]
+def _factor(derivative: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
+    whole = np.vstack([derivative, normal])
     lu, pivots = linalg.lu_factor(whole, overwrite_a=True, check_finite=False)
     return lu, pivots
 
@@ -231,7 +204,7 @@ def stepped(equations: Equations, point: Solution, end: float, least: float) -> 
     step = end - point.x[-1]
     while point.x[-1] != end:
         step = min(step, end - point.x[-1], key=abs)
-        x = point.x + step * point.ahead[0]
+        x = point.x + step * point.tangent
         x[-1] = end if abs(end - x[-1]) < 1e-12 * abs(end) else x[-1]
         try:
             point = solved(equations, x, normal)
@@ -262,8 +235,7 @@ def branch(equations: Equations, place: BranchPoint, targets: FloatArray) -> Ite
     for _ in range(most):
         x, weights = place.x, equations.metric(place.x)
         along = place.along / _length(place.along, weights)
-        kinked = landed = False
-        others: Iterator[float] | None = None
+        kinked = False
         while True:
             away = (targets - x[-1]) * np.sign(along[-1])
             away = away[away > SAME * np.abs(targets)]
@@ -271,7 +243,6 @@ def branch(equations: Equations, place: BranchPoint, targets: FloatArray) -> Ite
                 return
             ahead = float(away.min() / np.abs(along[-1])) if along[-1] else np.inf
             lands = ahead <= 1.2 * step
-            landed = landed or lands
             length = ahead if lands else step
             normal = by_parameter(x.size) if lands else weights * along
             try:
@@ -284,28 +255,20 @@ def branch(equations: Equations, place: BranchPoint, targets: FloatArray) -> Ite
                 if not lands and abs(point.x[-1] - x[-1]) >= away.min() * (1.0 - SAME):
                     raise ConvergenceError("a parameter that was asked for is passed")
             except ConvergenceError:
-                others = others or _others(length)
-                step = next((one for one in others if not landed or 1.2 * one < ahead), 0.0)
-                if step:
+                step = 0.5 * min(step, length)
+                if step >= SHORTEST:
                     continue
                 if kinked or equations.unique:
                     raise
                 along, step, kinked = _beyond(equations, place, along, weights), AFTER, True
-                landed, others = False, None
                 continue
             break
         arc = _length(point.x - x, weights)
         new = BranchPoint.of(point, shape)
         place = new._replace(along=turned, sense=sense, asked=lands, arc=arc)
-        step = min(LONGEST, step * (1.5 if point.iterations <= 4 else 0.7))
+        step = min(LONGEST, step * (1.5 if point.iterations <= 6 else 0.7))
         yield place
     raise ConvergenceError(f"it has not ended after {most} steps")
-
-
-def _others(step: float) -> Iterator[float]:
-    """Steps in place of one that fails: shorter ones, and longer ones, over many kinks."""
-    tried = step * np.array([0.5, 0.25, 2.0, 4.0, *0.5 ** np.arange(3.0, 30.0)])
-    return iter(tried[(tried >= SHORTEST) & (tried <= LONGEST)].tolist())
 
 
 def _length(change: FloatArray, weights: FloatArray) -> float:
@@ -319,27 +282,26 @@ def _onwards(
 
     ConvergenceError if angle and determinant tell two sides after a long step.
     """
-    tangent, own = point.ahead
-    ahead = tangent / _length(tangent, weights)
+    ahead = point.tangent / _length(point.tangent, weights)
     cosine = float(ahead @ (weights * along))
     side = float(np.sign(cosine))
-    if side != own * sense:  # another sheet, a kink, or another branch that crosses
+    if side != point.sense * sense:  # another sheet, a kink, or another branch that crosses
         if length > SHORT:
             raise ConvergenceError("it turns too sharply")
         side *= 1.0 if abs(cosine) > SHARP else -1.0
-    return side * ahead, side * own
+    return side * ahead, side * point.sense
 
 
 def _beyond(
     equations: Equations, place: BranchPoint, along: FloatArray, weights: FloatArray
 ) -> FloatArray:
     """Direction in which a branch goes on beyond a kink; ConvergenceError if it is not found."""
-    normal, rows = weights * along, equations.rows(place.x)
+    rows = equations.rows(place.x)[:, np.newaxis]
     for distance in BEYOND:
-        x = place.x + distance * along
-        tangent, sense = _tangent(_factor(equations, x, normal, rows))
+        _, derivative = equations(place.x + distance * along, True)
+        tangent, sense = _tangent(_factor(rows * derivative, weights * along))
         turned = tangent * (sense * place.sense / _length(tangent, weights))
-        if turned @ normal < 0.9:
+        if turned @ (weights * along) < 0.9:
             return np.asarray(turned)
     raise ConvergenceError("steps along the branch become too short")
 
@@ -351,7 +313,7 @@ def eased(equations: Equations, x: FloatArray, normal: FloatArray) -> Solution:
     except ConvergenceError:
         residual = equations(x, False)[0]
         for share in EASED:
-            point = solved(_Easing(equations, (1.0 - share) * residual), x, normal, EASY)
+            point = solved(_Easing(equations, (1.0 - share) * residual), x, normal)
             x = point.x
         return point
 

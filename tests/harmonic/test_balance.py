@@ -6,7 +6,6 @@ from scipy import sparse
 
 import skfem_joint as sj
 from skfem_joint.harmonic.balance import Balance
-from skfem_joint.harmonic.newton import by_parameter, solved
 from skfem_joint.harmonic.series import FourierSeries
 
 
@@ -94,31 +93,3 @@ def test_a_vector_of_friction_repeats_itself(odd):
     found = balance.sampled(balance.inner(u), False).friction
     count = found.shape[1]
     assert found == pytest.approx(np.array(cycle).T[:, :count], abs=1e-6)
-
-
-class Cubic:
-    """x^3 = p, of which residuals and derivatives are counted."""
-
-    unique = True
-
-    def __init__(self):
-        self.count = [0, 0]
-
-    def __call__(self, x, tangents):
-        self.count[tangents] += 1
-        return x[:1] ** 3 - x[1:], np.array([[3.0 * x[0] ** 2, -1.0]]) if tangents else np.zeros(0)
-
-    def rows(self, x):
-        return np.ones(1)
-
-
-def test_a_derivative_serves_while_steps_halve_the_residual():
-    """Near a root steps with the first derivative do; its own is made where it is asked for."""
-    equations = Cubic()
-    point = solved(equations, np.array([1.1, 1.0]), by_parameter(2))
-    assert point.x == pytest.approx([1.0, 1.0], abs=1e-9)
-    assert equations.count[1] == point.iterations == 1
-    tangent, sense = point.ahead
-    assert tangent == pytest.approx([1.0 / 3.0, 1.0], rel=1e-6)
-    assert sense == 1.0
-    assert equations.count[1] == 2
