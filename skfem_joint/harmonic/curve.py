@@ -18,9 +18,6 @@ from skfem_joint.results.loss import Losses
 SLIDES = 1e-4
 #: Force of soft springs over the friction limits beyond which a note says so.
 SOFT_FORCE = 1e-3
-#: Differences by time steps beyond stated errors from which a note says so: a motion with few
-#: harmonics takes periods to get the others, in which a bar with 7 showed 1.7 % in damping.
-STEPS_TELL = {"frequency": 1e-3, "damping_ratio": 0.02}
 
 
 @dataclass(frozen=True)
@@ -237,7 +234,7 @@ def notes_of_errors(curve: NonlinearMode, settled: Mapping[str, float]) -> Itera
         if curve.marched is not None:
             apart = np.abs(getattr(curve.marched, name))
             stated = np.nan_to_num(curve.errors["harmonics"][name][curve.marched.levels])
-            stated += STEPS_TELL[name]
+            stated += 2.0 * bound  # harmonics that the first motion lacks take periods to come
             if (far := apart > stated).any():
                 k = int(curve.marched.levels[np.argmax(far)])
                 yield (

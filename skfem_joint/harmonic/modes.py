@@ -49,12 +49,10 @@ FOLLOWED, HIGHEST = (7, 256), 127
 #: Springs of rigid sticking, by one over what they take off the square of the stuck frequency:
 #: levels are climbed with the first, and extrapolated from the last two.
 FACTORS = 200.0, 1400.0, 10000.0
-#: What rigid sticking adds, over what the last springs changed: by the first order, and of damping
-#: by some 0.8, as points that stick again as they turn come up by less; and the error of that.
-RIGID, RIGID_ERROR = (
-    {"frequency": 1.0 / (FACTORS[-1] / FACTORS[-2] - 1.0), "damping_ratio": 0.25},
-    0.12,
-)
+#: What rigid sticking adds, over what the last springs changed: distances fall with the root of the
+#: stiffness, as points that stick again as they turn come up by less; and half of that, its error.
+RIGID = 1.0 / (float(np.sqrt(FACTORS[-1] / FACTORS[-2])) - 1.0)
+RIGID_ERROR = 0.5 * RIGID
 #: Least stated errors, which Newton's iteration leaves.
 FLOOR = {"frequency": 1e-5, "damping_ratio": 1e-4}
 #: Relative errors of frequency and damping by which they have settled.
@@ -245,15 +243,17 @@ def _followed(levels: Levels, tally: Tally) -> Iterator[Levels]:
     yield levels
 
 
-def _settled(levels: Levels, tally: Tally) -> tuple[list[Levels], IntArray, dict[str, FloatArray]]:
-    """Levels with more and more harmonics, which of these each takes, and relative errors.
+def _settled(
+    levels: Levels, tally: Tally
+) -> tuple[list[Levels], IntArray, IntArray, dict[str, FloatArray]]:
+    """Levels with more and more harmonics, which of these each takes and has, and relative errors.
 
     Harmonics are doubled. The error of a level is its difference from the one with four times as
     many, or where these are not found, or are too many, with twice as many. A level has the fewest
     with which it has settled, or the most whose error is known; it is nan where there are none.
     """
     rungs, taken = [levels], np.zeros(levels.omega.size, np.intp)
-    errors = {name: np.full(taken.size, np.nan) for name in SETTLED}
+    errors, finest = {name: np.full(taken.size, np.nan) for name in SETTLED}, taken.copy()
     open_ = np.ones(taken.size, np.bool_)
     known = [open_]
     while open_.any():
@@ -266,6 +266,7 @@ def _settled(levels: Levels, tally: Tally) -> tuple[list[Levels], IntArray, dict
         tolerance = ENOUGH if judges else TOLERANCE
         finer, found = resolved(last, last.equations.refined(series), tally, open_, tolerance)
         known.append(open_ & found)
+        finest[known[-1]] = len(rungs)
         for rung in range(max(0, len(rungs) - 2), len(rungs)):
             rows = open_ & found & known[rung]
             apart = {
@@ -281,12 +282,13 @@ def _settled(levels: Levels, tally: Tally) -> tuple[list[Levels], IntArray, dict
         if ends:
             open_ = open_ & found
         rungs.append(finer)
-    return rungs, taken, errors
+    return rungs, taken, finest, errors
 
 
 def _finished(
     rungs: list[Levels],
     taken: IntArray,
+    finest: IntArray,
     errors: dict[str, FloatArray],
     softer: Levels | None,
     confirm: bool,
@@ -294,7 +296,8 @@ def _finished(
 ) -> NonlinearMode:
     """Curve of levels, extrapolated from those with ``softer`` springs, where there are such.
 
-    Its errors of sticking are nan where a level is not found with the softer springs.
+    Its errors of sticking are nan where a level is not found with the softer springs. Time steps
+    start on the motions with the most harmonics: others take periods to get those they lack.
     """
     levels = chosen(rungs, taken)
     by_source, values = {"harmonics": errors}, levels.values
@@ -311,8 +314,9 @@ def _finished(
             name: np.where(found, RIGID_ERROR * change, np.nan)
             for name, change in changes(levels, other).items()
         }
-        values = {name: new + RIGID[name] * (new - kept[name]) for name, new in values.items()}
-    marched = march(levels, _judged(levels)) if confirm else None
+        values = {name: new + RIGID * (new - kept[name]) for name, new in values.items()}
+    best = replace(chosen(rungs, finest), omega=levels.omega, zeta=levels.zeta)
+    marched = march(best, _judged(levels)) if confirm else None
     curve = curve_of(levels, values, by_source, marched)
     notes = (f"Mode {curve.mode}: {note}" for note in notes_of_errors(curve, SETTLED))
     return replace(curve, notes=(*curve.notes, *notes))
