@@ -20,7 +20,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.accuracy.range_modes import alone, steady_in_range
-from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import ConvergenceError, GrossSlipError, InputError
 from skfem_joint.ground.loads import common_period
 from skfem_joint.ground.progress import Progress, Tally, silent
@@ -484,8 +484,8 @@ def _steady(
     plan = replace(steady_plan(system, steps_per_cycle), save=Save(fields=system.is_dense))
     start = start or (np.zeros(system.n), np.zeros(system.n))
     count, slips = len(system.points), [f"slip {k}" for k in range(system.contact.B.shape[0])]
-    observed = sparse.vstack([system.P, system.contact.B])  # slips are seen as named points are
-    P = observed.toarray() if system.is_dense else observed.tocsr()
+    both = system.P, system.contact.B  # slips are seen as named points are
+    P = np.vstack([*map(as_dense, both)]) if system.is_dense else sparse.vstack(both).tocsr()
     seen = replace(system, P=P, points=(*system.points, *slips))
     try:
         run = steady_run(seen, plan, start, TOLERANCE, progress, correction)

@@ -112,10 +112,15 @@ def test_values_and_times_read_back_equal_those_written(tmp_path, build):
 
 
 @pytest.mark.parametrize("build", SINGLE)
-@pytest.mark.parametrize("plane", ["stress", "strain"])
-def test_the_stress_of_a_uniform_strain_is_hookes(build, plane):
+def test_the_stress_of_a_uniform_strain_is_hookes(build):
     """Stretched along its first axis and free across it, and sheared where it can be."""
-    made = replace(build(), plane=plane)
+    made = build()
+    for plane in ("stress", "strain")[: 1 + (made.dim == 2)]:
+        check_hooke(replace(made, plane=plane), plane)
+
+
+def check_hooke(made, plane):
+    """Stress of a uniform strain, in a plane for plates."""
     E, nu, stretch, shear = 200e9, 0.3, 1e-4, 2e-5
     free = nu / (1.0 - nu) if (made.dim, plane) == (2, "strain") else nu
     frames = random_frames(made)
