@@ -27,8 +27,8 @@ from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.system.system import AppliedLoad
 
-#: Periods, and steps in each.
-PERIODS, STEPS = 3, 400
+#: Periods, least steps in each, and least steps in a period of the highest harmonic.
+PERIODS, STEPS, FEWEST = 3, 400, 16
 #: Spectral radius of the scheme, as of a ring-down.
 RHO_INFINITY = 0.9
 
@@ -72,7 +72,7 @@ def _differences(levels: Levels, k: int) -> tuple[float, float]:
     balance, u = equations.balance, levels.u[k]
     omega, zeta = float(levels.omega[k]), float(levels.zeta[k])
     rate = series.rate(u)
-    system = balance.system.with_beta(np.inf)
+    system, steps = balance.system.with_beta(np.inf), max(STEPS, FEWEST * series.highest)
     pushed = 2.0 * zeta * omega**2 * (rate @ as_dense(system.M))
     loads = []
     for place, order in enumerate(series.orders.tolist()):
@@ -85,19 +85,19 @@ def _differences(levels: Levels, k: int) -> tuple[float, float]:
         system, loads=tuple(loads), P=looked, points=("seen",), made_for="", serves=None
     )
     plan = Plan(
-        step=2.0 * np.pi / omega / STEPS,
-        n_steps=PERIODS * STEPS,
+        step=2.0 * np.pi / omega / steps,
+        n_steps=PERIODS * steps,
         scheme=generalized_alpha(RHO_INFINITY),
         save=Save(),
-        cycle_steps=STEPS,
+        cycle_steps=steps,
     )
     # not by `integrate`, which refuses loads that begin with a jump: the motion is under way
     driver = Driver(system, plan, state_of(balance, balance.inner(u), omega), TOLERANCE)
     driver.run(None, None, "")
     run = driver.finish(0.0).finished()
-    angle = 2.0 * np.pi * np.arange(STEPS) / STEPS
+    angle = 2.0 * np.pi * np.arange(steps) / steps
     wave = np.exp(-1j * angle)
     seen = run.point("seen")
-    first, last = (complex(wave @ seen[j * STEPS : (j + 1) * STEPS]) for j in (0, PERIODS - 1))
+    first, last = (complex(wave @ seen[j * steps : (j + 1) * steps]) for j in (0, PERIODS - 1))
     drift = np.log(last / first) / (2.0 * np.pi * (PERIODS - 1))
     return float(drift.imag), float(-drift.real / zeta) if zeta > NEGLIGIBLE else 0.0

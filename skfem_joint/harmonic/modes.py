@@ -47,12 +47,13 @@ STARTS = (3, 128), (3, 2048), (1, 512)
 #: Those with which it is then followed anew, and most harmonics that judge others.
 FOLLOWED, HIGHEST = (7, 256), 127
 #: Springs of rigid sticking, by one over what they take off the square of the stuck frequency:
-#: levels are climbed with the first, and extrapolated from the last two.
-FACTORS = 200.0, 1400.0, 10000.0
-#: What rigid sticking adds, over what the last springs changed: distances fall with the root of the
-#: stiffness, as points that stick again as they turn come up by less; and half of that, its error.
-RIGID = 1.0 / (float(np.sqrt(FACTORS[-1] / FACTORS[-2])) - 1.0)
-RIGID_ERROR = 0.5 * RIGID
+#: levels are climbed with the first, and extrapolated from the last two. The last are left out
+#: where those before change no damping ratio by more than this, and where they lose a level.
+FACTORS, CHANGED = (200.0, 1400.0, 10000.0, 70000.0), 0.05
+#: What rigid sticking adds, over what the last springs changed: of frequency by the first order,
+#: that of points that stick all the time, of damping by the root of the stiffness, as points that
+#: stick again as they turn come up by less; and the error of both.
+RIGID, RIGID_ERROR = {"frequency": 1.0 / 6.0, "damping_ratio": 1.0 / (7.0**0.5 - 1.0)}, 0.3
 #: Least stated errors, which Newton's iteration leaves.
 FLOOR = {"frequency": 1e-5, "damping_ratio": 1e-4}
 #: Relative errors of frequency and damping by which they have settled.
@@ -186,10 +187,14 @@ def _stiffened(
     series = levels.series.highest, levels.series.samples
     softer = levels
     for factor in FACTORS[1:]:
-        softer = levels
+        last = factor == FACTORS[-1]
+        if last and changes(levels, softer)["damping_ratio"].max(initial=0.0) <= CHANGED:
+            break
         equations = _equations(system, levels.equations.number, at, factor, series)
-        levels, found = resolved(levels, equations, tally)
-        levels, softer = levels.only(found), softer.only(found)
+        stiffer, found = resolved(levels, equations, tally)
+        if last and not found.all():
+            break
+        levels, softer = stiffer.only(found), levels.only(found)
     return levels, softer
 
 
@@ -314,7 +319,7 @@ def _finished(
             name: np.where(found, RIGID_ERROR * change, np.nan)
             for name, change in changes(levels, other).items()
         }
-        values = {name: new + RIGID * (new - kept[name]) for name, new in values.items()}
+        values = {name: new + RIGID[name] * (new - kept[name]) for name, new in values.items()}
     best = replace(chosen(rungs, finest), omega=levels.omega, zeta=levels.zeta)
     marched = march(best, _judged(levels)) if confirm else None
     curve = curve_of(levels, values, by_source, marched)
