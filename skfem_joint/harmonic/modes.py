@@ -49,11 +49,14 @@ FOLLOWED, HIGHEST = (7, 256), 127
 #: Springs of rigid sticking, by one over what they take off the square of the stuck frequency:
 #: levels are climbed with the first, and extrapolated from the last two. The last are left out
 #: where those before change no damping ratio by more than this, and where they lose a level.
-FACTORS, CHANGED = (200.0, 1400.0, 10000.0, 70000.0), 0.05
+RATIO = 10000.0 / 1400.0
+FACTORS, CHANGED = (200.0, 1400.0, 10000.0, 10000.0 * RATIO), 0.05
 #: What rigid sticking adds, over what the last springs changed: of frequency by the first order,
-#: that of points that stick all the time, of damping by the root of the stiffness, as points that
-#: stick again as they turn come up by less; and the error of both.
-RIGID, RIGID_ERROR = {"frequency": 1.0 / 6.0, "damping_ratio": 1.0 / (7.0**0.5 - 1.0)}, 0.3
+#: that of points that stick all the time, of damping by an order of 0.7, as points that stick again
+#: as they turn come up by less: with springs up to 5e5 a bar and a beam showed 0.3 to 1, most of
+#: them 0.5 to 0.8; and the error of both.
+RIGID = {"frequency": 1.0 / (RATIO - 1.0), "damping_ratio": 1.0 / (RATIO**0.7 - 1.0)}
+RIGID_ERROR = 0.3
 #: Least stated errors, which Newton's iteration leaves.
 FLOOR = {"frequency": 1e-5, "damping_ratio": 1e-4}
 #: Relative errors of frequency and damping by which they have settled.
