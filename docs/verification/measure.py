@@ -340,7 +340,7 @@ CLAIMS = {
         f"{BENCHMARKS}/harmonic_response.py fold", 10, {"responses-fold": printed}
     ),
     "responses-random": Claim(
-        f"{BENCHMARKS}/harmonic_response.py random --systems 10",
+        f"{BENCHMARKS}/harmonic_response.py random --systems 40",
         300,
         {"responses-random": lines(r"^Of \d+ points")},
         timed=True,
