@@ -139,6 +139,14 @@ def largest_model(
     return condense(scene.system(), interface_modes, frequency=frequency, parts=scene.parts)
 
 
+def condensed_model(scene: Scene, *, frequency: float | None = None) -> System:
+    """Condensed model of a scene, as its table ``[models]`` has it, up to a ``frequency`` (Hz)."""
+    models, system = scene.models, scene.system()
+    return condense(
+        system, frequency=frequency, contact_points=models.contact_points, parts=scene.parts
+    )
+
+
 def model_of(
     name: str,
     scene: Scene,
@@ -173,7 +181,7 @@ def model_of(
     if name == "full":
         return system
     if name == "condensed":
-        return condense(system, contact_points=scene.models.contact_points, parts=scene.parts)
+        return condensed_model(scene)
     options = options or options_of(scene)
     check_reference(system, options.reference)
     duration = None if scene.time.until == "steady" else scene.n_steps * scene.time_step

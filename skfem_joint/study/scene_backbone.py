@@ -15,7 +15,6 @@ from skfem_joint.ground.errors import ConvergenceError, InputError, JointError
 from skfem_joint.ground.progress import Progress, announced, silent
 from skfem_joint.harmonic.curve import NonlinearMode
 from skfem_joint.harmonic.modes import nonlinear_modes
-from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.models import notes_of, reduced_for_mode
 from skfem_joint.results.loss import over
 from skfem_joint.results.normal_force import NormalChange, normal_change_of_mode
@@ -27,6 +26,7 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.study.models import (
     UNKNOWN_CHANGE,
+    condensed_model,
     finer_mesh,
     largest_model,
     options_of,
@@ -516,8 +516,7 @@ def _of_small_model(
     """Condensed or reduced model of a mode of the full model, its curve, and notes on it."""
     system = scene.system()
     if name == "condensed":
-        points = scene.models.contact_points
-        small = condense(system, frequency=curve.stuck_frequency, contact_points=points)
+        small = condensed_model(scene, frequency=curve.stuck_frequency)
     else:
         small = reduced_for_mode(system, curve, options_of(scene, "static"))
     ends = curve.level.size < scene.backbone.levels  # where the structure lifts off

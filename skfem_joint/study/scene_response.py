@@ -17,7 +17,6 @@ from skfem_joint.ground.progress import Progress, announced, silent
 from skfem_joint.ground.rows import Rows
 from skfem_joint.harmonic.response import BalancedCurve, harmonic_response
 from skfem_joint.harmonic.series import FourierSeries
-from skfem_joint.reduction.condensed import condense
 from skfem_joint.reduction.friction_points import NOWHERE
 from skfem_joint.reduction.models import notes_of, reduced_for_response
 from skfem_joint.results.loss import Losses
@@ -30,6 +29,7 @@ from skfem_joint.steady.marching import MAY_DEPEND
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.study.models import (
+    condensed_model,
     largest_model,
     options_of,
     origin_of,
@@ -273,11 +273,7 @@ def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
     if name == "full":
         return system
     if name == "condensed":
-        return condense(
-            system,
-            frequency=_highest(system, table.frequencies.to),
-            contact_points=scene.models.contact_points,
-        )
+        return condensed_model(scene, frequency=_highest(system, table.frequencies.to))
     in_range = model_in_range(scene, None if rows.path is None else rows.path.parent)
     if in_range is not None:
         return in_range
