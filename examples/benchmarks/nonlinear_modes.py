@@ -153,21 +153,6 @@ def beside(x, xs, ys):
     return PchipInterpolator(np.log(xs[order]), ys[order], extrapolate=False)(np.log(x))
 
 
-def decrements(system, mode):
-    """Amplitude of a mode as a ring-down sees it, m kg^1/2, and decrement over 2 pi there.
-
-    A cycle takes its loss from the energy at the turning points, U: loss / (2 pi dU / d ln a).
-    """
-    M, first = as_dense(system.M), mode.series.first
-    seen = mode.harmonics[:, first : first + 2] @ (M @ mode.shape)
-    a, U = np.linalg.norm(seen, axis=1), mode.losses.strain
-    rate = mode.series.coefficient_orders[:, np.newaxis] * mode.harmonics
-    squares = np.einsum("lhn,nm,lhm->l", rate, M, rate)
-    lost = mode.damping_ratio * (2.0 * np.pi * mode.frequency) ** 2 * squares
-    slope = PchipInterpolator(np.log(a), np.log(U)).derivative()
-    return a, lost / (U * slope(np.log(a)))
-
-
 def compared(joint):
     """A row for a structure: its mode beside the slow curve, a ring-down, and time steps."""
     (title, cycles), (full, number) = JOINTS[joint], joint()
@@ -184,9 +169,8 @@ def compared(joint):
     )
     seconds = time.process_time() - begin
     start = mode.motion(-1)[0]
-    released = replace(curve, shape=mode.shape, stuck_frequency=mode.stuck_frequency)
-    down = sj.ring_down(model, released, cycles, 400, start=(start, 0.0 * start))
-    seen, decrement = decrements(model, mode)
+    down = sj.ring_down(model, mode, cycles, 400, start=(start, 0.0 * start))
+    seen, decrement = mode.displaced, mode.decrement
     apart = {}
     slow = {"frequency": first_harmonic(curve) * curve.frequency}
     slow["damping_ratio"] = curve.damping_ratio

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, as_dense, slip_norms
+from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.harmonic.levels import Levels
 from skfem_joint.harmonic.marched import Marched
-from skfem_joint.harmonic.points import contact_of, notes_of_law, notes_of_restless
+from skfem_joint.harmonic.points import contact_of, notes_of_law, notes_of_restless, state_of
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.results.loss import Losses
 
@@ -21,7 +23,7 @@ SOFT_FORCE = 1e-3
 
 
 @dataclass(frozen=True)
-class NonlinearMode:
+class NonlinearMode(Tabular):
     """A mode in steady motion at rising amplitudes, kept up by the force 2 zeta omega M du/dt.
 
     Names are those of `Backbone`, whose curves stand beside it. Both have the energy lost in a
@@ -46,6 +48,12 @@ class NonlinearMode:
         Hz.
     friction_damping, viscous_damping : ndarray, shape (levels,)
         Parts of the damping ratio by friction and by C.
+    displaced : ndarray, shape (levels,)
+        First harmonic of the modal displacement ``shape^T M u``, m kg^1/2, as a ring-down sees it.
+    decrement : ndarray, shape (levels,)
+        Damping ratio that a ring-down has there: its logarithmic decrement over 2 pi. It is what a
+        cycle loses over 2 pi times the derivative of the energy at the turning points by the
+        logarithm of ``displaced``, that of a curve through the levels; nan of a single level.
     displacement : ndarray, shape (levels, points)
         First harmonic of the named points, m.
     harmonics : ndarray, shape (levels, nh, n)
@@ -68,6 +76,9 @@ class NonlinearMode:
         where it is not known.
     marched : Marched or None
         Some levels judged by time steps.
+    release : tuple of ndarray
+        State of the highest level where its first harmonic turns round, as `integrate` takes it as
+        ``initial``, from which a ring-down begins.
     notes : tuple of str
     """
 
@@ -79,6 +90,8 @@ class NonlinearMode:
     frequency: FloatArray
     friction_damping: FloatArray
     viscous_damping: FloatArray
+    displaced: FloatArray
+    decrement: FloatArray
     displacement: FloatArray
     harmonics: FloatArray
     series: FourierSeries
@@ -89,12 +102,31 @@ class NonlinearMode:
     friction_work: FloatArray
     errors: Mapping[str, Mapping[str, FloatArray]]
     marched: Marched | None
+    release: tuple[FloatArray, ...]
     notes: tuple[str, ...]
 
     @property
     def damping_ratio(self) -> FloatArray:
         """Damping ratio of friction and viscous forces."""
         return self.friction_damping + self.viscous_damping
+
+    @property
+    def table(self) -> dict[str, Any]:
+        """Columns with a row for each level, points by their numbers."""
+        return {
+            "modal_amplitude": self.amplitude,
+            "frequency_Hz": self.frequency,
+            "damping_ratio": self.damping_ratio,
+            "frequency_error": self.error("frequency"),
+            "damping_ratio_error": self.error("damping_ratio"),
+            "decrement_ratio": self.decrement,
+            **spread("displacement_{}_m", self.displacement),
+            "friction_damping_ratio": self.friction_damping,
+            "viscous_damping_ratio": self.viscous_damping,
+            "state": self.state,
+            "opened_share": self.opened,
+            **self.losses.table,
+        }
 
     @property
     def estimated(self) -> dict[str, float]:
@@ -157,6 +189,9 @@ def curve_of(
     lost = work.sum(axis=1) + viscous
     share = np.divide(viscous, lost, out=np.zeros(count), where=lost > 0.0)
     ratio = values["damping_ratio"]
+    displaced = np.linalg.norm(first @ (M @ equations.shape), axis=1)
+    rate = series.coefficient_orders[:, np.newaxis] * levels.u
+    cycle = 2.0 * np.pi * values["frequency"] ** 2 * np.einsum("lhn,nm,lhm->l", rate, M, rate)
     notes = [*_notes(levels, values, float(soft.max())), *notes_of_restless(restless.max())]
     return NonlinearMode(
         mode=equations.number,
@@ -167,6 +202,8 @@ def curve_of(
         frequency=values["frequency"] / (2.0 * np.pi),
         friction_damping=(1.0 - share) * ratio,
         viscous_damping=share * ratio,
+        displaced=displaced,
+        decrement=_decrement(displaced, ratio * cycle, strain),
         displacement=np.linalg.norm(first @ P.T, axis=1),
         harmonics=levels.u,
         series=series,
@@ -177,8 +214,20 @@ def curve_of(
         friction_work=work,
         errors=errors,
         marched=marched,
+        release=state_of(balance, q, omega),
         notes=tuple(f"Mode {equations.number}: {note}" for note in notes),
     )
+
+
+def _decrement(amplitude: FloatArray, lost: FloatArray, energy: FloatArray) -> FloatArray:
+    """Logarithmic decrements over 2 pi, of what cycles lose and the energy at turning points, J."""
+    from scipy.interpolate import PchipInterpolator  # slow to load
+
+    if amplitude.size < 2 or not (np.diff(amplitude) > 0.0).all():
+        return np.full(amplitude.size, np.nan)
+    a = np.log(amplitude)
+    slope = PchipInterpolator(a, np.log(energy)).derivative()(a)
+    return np.asarray(lost / (2.0 * np.pi * energy * slope))
 
 
 def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Iterator[str]:
@@ -236,9 +285,10 @@ def notes_of_errors(curve: NonlinearMode, settled: Mapping[str, float]) -> Itera
             stated = np.nan_to_num(curve.errors["harmonics"][name][curve.marched.levels])
             stated += 2.0 * bound  # harmonics that the first motion lacks take periods to come
             if (far := apart > stated).any():
-                k = int(curve.marched.levels[np.argmax(far)])
+                worst = int(np.argmax(np.where(far, apart, 0.0)))
+                k = int(curve.marched.levels[worst])
                 yield (
-                    f"time steps differ in {what} by {100.0 * float(apart[far].max()):.2g} % at "
+                    f"time steps differ in {what} by {100.0 * float(apart[worst]):.2g} % at "
                     f"the level number {k + 1}, more than is stated. The motion may not be the "
                     "only one there, or other modes take part."
                 )

@@ -51,6 +51,7 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
             "modal_amplitude": c.amplitude,
             **{column: getattr(c, name) for name, column in _VALUES.items()},
             **{f"{name}_error": c.error(name) for name in _VALUES},
+            "decrement_ratio": c.decrement,
             **{
                 f"{what}_{column}": values[name]
                 for what, values in _beside(model, c).items()
@@ -110,8 +111,11 @@ def _lines(model: ModelBackbone, c: NonlinearMode, points: tuple[str, ...]) -> I
         known = np.isfinite(values["frequency"])
         if what == "time_steps" and not known.any():
             continue
+        own = {name: getattr(c, name) for name in _VALUES}
+        if what == "ring_down":  # whose damping ratio is another one
+            own["damping_ratio"] = c.decrement
         apart = {
-            name: float(np.abs(of[known] / getattr(c, name)[known] - 1.0).max(initial=0.0))
+            name: float(np.abs(of[known] / own[name][known] - 1.0).max(initial=0.0))
             for name, of in values.items()
         }
         off = f", off by {_percent(apart)} at most" if known.any() else ""
@@ -160,7 +164,8 @@ def _beside(model: ModelBackbone, c: NonlinearMode) -> dict[str, dict[str, Float
         found[what] = dict.fromkeys(values, nowhere)
         if amplitude.size > 1:
             curves = PchipInterpolator(np.log(amplitude), [*zip(*values.values(), strict=True)])
-            at = curves(np.log(c.amplitude), extrapolate=False)
+            seen = c.displaced if what == "ring_down" else c.amplitude
+            at = curves(np.log(seen), extrapolate=False)
             found[what] = dict(zip(values, at.T, strict=True))
     judged = found["time_steps"] = {name: nowhere.copy() for name in _VALUES}
     if c.marched is not None:
@@ -186,13 +191,18 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
             y = factor * getattr(c, name)
             label = f"nonlinear mode, {modes.model.name} model"
             panel.semilogx(x / size, y, ".-", color=COLOURS[0], label=label)
+            if name == "damping_ratio" and "ring_down" in _curves(modes.model, c.mode):
+                decay = {"linestyle": ":", "label": "as it rings down"}
+                panel.plot(x / size, factor * c.decrement, color=COLOURS[0], **decay)
+                panel.legend(fontsize="small")
             if c.marched is not None:
                 k, ring = c.marched.levels, {"markerfacecolor": "none", "markersize": 8}
                 label = "judged by time steps"
                 panel.plot(x[k] / size, y[k], "o", color=COLOURS[0], label=label, **ring)
             others = _curves(modes.model, c.mode).items()
             for (what, (amplitude, values)), colour in zip(others, COLOURS[1:], strict=False):
-                ratio = np.interp(np.log(amplitude), np.log(c.amplitude), x / c.amplitude)
+                seen = c.displaced if what == "ring_down" else c.amplitude
+                ratio = np.interp(np.log(amplitude), np.log(seen), x / seen)
                 shown = ratio * amplitude / size, factor * values[name]
                 known = {"label": what.replace("_", "-")} if amplitude.size else {}
                 panel.plot(*shown, look[what], color=colour, **known)

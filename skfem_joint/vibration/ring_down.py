@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -21,7 +21,7 @@ from scipy.signal import butter, find_peaks, sosfiltfilt
 
 from skfem_joint.accuracy.range_modes import alone, distances, largest_apart, ringing
 from skfem_joint.ground.arrays import FloatArray, IntArray
-from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.values import at_least, check
 from skfem_joint.results.history import extrapolation
@@ -147,7 +147,7 @@ def _compared(mode: int, name: str, ours: float, theirs: float, stated: float) -
 
 def ring_down(
     system: System,
-    curve: Backbone,
+    curve: Any,  # a `Backbone`, or a `NonlinearMode`, whose folder comes after this one
     cycles: int,
     steps_per_cycle: int = 200,
     scheme: Scheme | None = None,
@@ -166,8 +166,8 @@ def ring_down(
     system : System
         That the curve belongs to. Its own law acts, its loads do not. Where contact opens friction
         limits follow its normal forces, and the energy is that above the state at rest.
-    curve : Backbone
-        Of the mode.
+    curve : Backbone or NonlinearMode
+        Of the mode; for a model for a range a `Backbone`.
     cycles : int
         Periods of the stuck mode to follow, at least 4. Results have some four rows fewer: the
         filter does not see the first half cycle and the last two whole, what begins within them is
@@ -178,8 +178,9 @@ def ring_down(
         Generalised-alpha with a spectral radius of 0.9 if not given. With the trapezoidal rule the
         damping may depend on the step.
     start : Run or tuple of ndarray, shape (n,), optional
-        State to begin with as `integrate` takes it, such as a run whose pulse has ended; released
-        at rest from the curve's highest level, with the friction there, if not given.
+        State to begin with as `integrate` takes it, such as a run whose pulse has ended; from
+        the curve's highest level, with the friction there, if not given: at rest, or for a mode
+        into gross slip with the velocity of its motion where the first harmonic turns round.
     progress : callable, optional
         As `integrate` takes it.
 
@@ -190,7 +191,8 @@ def ring_down(
     Raises
     ------
     InputError
-        If too few cycles are asked for, or the system is a reduced model made for something else.
+        If too few cycles are asked for, the system is a reduced model made for something else, or
+        one for a range and the curve none of `backbone`.
     ConvergenceError
         If a step does not converge, or no cycle is left to measure.
     """
@@ -198,6 +200,11 @@ def ring_down(
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
     if system.serves is not None:  # which then are two, the model and its larger one
+        if not isinstance(curve, Backbone):
+            raise InputError(
+                "ring_down: a reduced model for a range takes a curve of `backbone`; a mode into "
+                "gross slip belongs to the model that it was computed of"
+            )
         steps = cycles, steps_per_cycle, scheme
         return _in_range(system, system.serves, curve, steps, start, progress)
     modal = sparse.csr_array((system.M @ curve.shape)[np.newaxis])

@@ -22,6 +22,7 @@ SLOW = {
     "accuracy",
     "bolts",
     "damping",
+    "gross-slip",
     "loss-factor",
     "matrices",
     "opening-contact",

@@ -21,8 +21,8 @@ HEADER = (EXAMPLES / "GALLERY_HEADER.txt").read_text(encoding="utf-8")
 README = (EXAMPLES / "README.md").read_text(encoding="utf-8")
 #: Scripts that take more than some seconds in their short forms.
 LONG = (
-    "brake_reuss", "damping", "fit_joint", "fit_sampler", "measured_beam", "plate_bolts",
-    "range_model", "solid_lap_joint", "two_plates",
+    "brake_reuss", "damping", "fit_joint", "fit_sampler", "gross_slip", "measured_beam",
+    "plate_bolts", "range_model", "solid_lap_joint", "two_plates",
 )  # fmt: skip
 
 

@@ -10,7 +10,6 @@ from benchmarks.nonlinear_modes import (
     TIP,
     beam_of,
     block_of,
-    decrements,
     finer,
     friction_beam,
 )
@@ -83,12 +82,15 @@ def test_a_ring_down_loses_what_the_cycles_of_a_mode_take_from_its_energy_at_tur
     """Free vibration on a Jenkins element: from a to b it loses 4 w ((a + b) / 2 - w / spring)."""
     system, w, spring = jenkins(spring=0.08, limit=0.02, damping=0.0), 0.02, 0.08
     (mode,) = sj.nonlinear_modes(system, amplitudes=np.geomspace(0.4, 3.0, 40), confirm=False)
-    a, found = decrements(system, mode)
+    a, found = mode.displaced, mode.decrement
     middle = np.linspace(0.5, 2.5, 9)
     # the energy at turning points is a^2 / 2 + w^2 / (2 spring) with the stiffness of 1 N/m
     drop = 4.0 * w * (middle - w / spring) / middle
     expected = np.log((middle + 0.5 * drop) / (middle - 0.5 * drop)) / (2.0 * np.pi)
     np.testing.assert_allclose(np.interp(middle, a, found), expected, rtol=3e-3)
+    down = sj.ring_down(system, mode, 12, 400)  # begins on the motion of the highest level
+    own = np.interp(down.amplitude, a, found)
+    np.testing.assert_allclose(down.damping_ratio, own, rtol=0.01)
 
 
 def test_time_steps_that_do_not_converge_are_told_and_cost_no_level():
