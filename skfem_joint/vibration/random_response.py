@@ -182,10 +182,7 @@ def random_response(
     """
     check("random_response: duration", duration, POSITIVE)
     _check_curves(system, curves)
-    acting = _chosen(system, psd, load)
-    names = " and ".join(each.on for each in acting)
-    given: Any = psd if _are_several(psd) else [psd]
-    loads = [_random_load(*pair, unit) for pair in zip(acting, given, strict=True)]
+    names, loads = random_loads(system, psd, load, unit)
     push = np.array([[float(curve.shape @ each.vector) for curve in curves] for each in loads])
     # No mode of unit mass is pushed by more than the root of vector M^-1 vector.
     mass = system.M.diagonal()
@@ -243,6 +240,19 @@ def random_response(
         estimated=_estimated(curves, found, coarse),
         notes=tuple(_notes(system, stuck.frequencies, loads, curves, found, still)),
     )
+
+
+def random_loads(
+    system: System, psd: Any, load: str | None, unit: str
+) -> tuple[str, list[RandomLoad]]:
+    """Places of the loads that have densities, in words, and these loads; see `random_response`.
+
+    InputError for a load that there is not, and for densities of another number or unit.
+    """
+    acting = _chosen(system, psd, load)
+    given: Any = psd if _are_several(psd) else [psd]
+    found = [_random_load(*pair, unit) for pair in zip(acting, given, strict=True)]
+    return " and ".join(each.on for each in acting), found
 
 
 def _check_curves(system: System, curves: Sequence[Backbone]) -> None:
