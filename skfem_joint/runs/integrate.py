@@ -133,9 +133,14 @@ def integrate(
     )
     for sentence in wrong_energy(run):
         _log.warning(sentence)
-    if system.made_for and system.origin is not None and not system.origin.made(system):
-        run = replace(run, notes=(*run.notes, f"The error of the run is not known: {CHANGED}."))
-    return run
+    return _of_model(run, system)
+
+
+def _of_model(run: Run, system: System) -> Run:
+    """Run, with a note if its reduced model was changed after it was made."""
+    if not system.made_for or system.origin is None or system.origin.made(system):
+        return run
+    return replace(run, notes=(*run.notes, f"The error of the run is not known: {CHANGED}."))
 
 
 def integrate_plan(
@@ -200,10 +205,11 @@ def _quasi_static(
         raise InputError("checkpoint: a quasi-static run has none; leave it out")
     check_resolution(system, plan)
     try:
-        return _noted(slow_run(system, plan, tolerance=tolerance, progress=progress), plan)
+        run = _noted(slow_run(system, plan, tolerance=tolerance, progress=progress), plan)
+        return _of_model(run, system)
     except ConvergenceError as error:
         if error.run is not None:
-            error.run = _noted(error.run, plan)
+            error.run = _of_model(_noted(error.run, plan), system)
         raise
 
 

@@ -497,8 +497,7 @@ def scene_random(
             unit=table.unit,
             duration=table.duration,
         )
-    notes = (*system.notes, *(note for curve in curves for note in curve.notes), *found.notes)
-    return replace(found, notes=tuple(dict.fromkeys(notes))), curves
+    return replace(found, notes=tuple(dict.fromkeys((*system.notes, *found.notes)))), curves
 
 
 def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]:

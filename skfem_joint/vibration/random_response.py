@@ -103,7 +103,7 @@ class RandomResponse(Tabular):
         Estimated relative errors of "displacement_rms" and "friction_work" by the levels of the
         curves, and by what these state themselves; not those of the method.
     notes : tuple of str
-        What to beware of.
+        What to beware of, the notes of the curves included.
     """
 
     load: str
@@ -238,7 +238,7 @@ def random_response(
         point_work=HOUR * np.sum(points, axis=0),
         viscous_work=HOUR * float(np.sum(viscous)),
         estimated=_estimated(curves, found, coarse),
-        notes=tuple(_notes(system, stuck.frequencies, loads, curves, found, still)),
+        notes=tuple(dict.fromkeys(_notes(system, stuck.frequencies, loads, curves, found, still))),
     )
 
 
@@ -428,7 +428,9 @@ def _notes(
     found: Sequence[ModalAmplitudes],
     still: Sequence[int],
 ) -> Iterator[str]:
-    """Sentences on what to beware of."""
+    """Sentences on what to beware of, those of the curves first."""
+    for curve in curves:
+        yield from curve.notes
     ends = np.array([load.density.frequencies[[0, -1]] for load in loads])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     given = {curve.mode for curve in curves} | {*still}
