@@ -28,6 +28,7 @@ from skfem_joint.reduction.friction_points import NO_FRICTION
 from skfem_joint.reduction.ranges.model import reduced_for_range
 from skfem_joint.reduction.ranges.points import loaded_at
 from skfem_joint.reduction.static_path import slip_path
+from skfem_joint.reduction.stuck import check_curve
 from skfem_joint.runs.resolution import longest_step
 from skfem_joint.runs.slow_run import rate_independent
 from skfem_joint.slow.quasi_static import QuasiStatic
@@ -215,6 +216,11 @@ def reduced(
         slipped = slip_path(flexible, plan, modes, path)
         basis = sources.static_basis(flexible, slipped, modes, options.interface_modes)
     else:
+        if not run.system.has_matrices_of(system, "M", "K", "B"):
+            raise InputError(
+                "reduce: the run does not belong to the system: found another mass, stiffness or "
+                "slips, must be one of sj.integrate(system, ..., save=sj.Save(fields=True))"
+            )
         check_reference(system, "self")
         basis = sources.own_basis(system, run, options)
     basis = basis.judged(options, enriched)
@@ -236,6 +242,7 @@ def reduced_for_response(
 
 def reduced_for_mode(system: System, curve: Any, options: Options | None = None) -> System:
     """Reduced model for a mode, of states of the system's own damping curve."""
+    check_curve("reduce", system, curve)
     options = options or Options()
     basis = sources.mode_basis(system, curve, options).for_decay()
     small = reduced_on(system, basis, **options.friction)

@@ -24,6 +24,7 @@ from skfem_joint.ground.loads import Scaled
 from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.power_density import GRAVITY, AddedDensities, PowerDensity
 from skfem_joint.ground.values import POSITIVE, check
+from skfem_joint.reduction.stuck import check_curve
 from skfem_joint.system.system import AppliedLoad, System
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.joined_modes import joined_modes
@@ -263,13 +264,7 @@ def _check_curves(system: System, curves: Sequence[Backbone]) -> None:
     if len(set(numbers)) < len(numbers):
         raise InputError(f"random_response: curves: found modes {numbers}, each must be there once")
     for curve in curves:
-        found, expected = (curve.shape.size, curve.slip.shape[1]), (system.n, system.contact.w.size)
-        if found != expected:
-            raise InputError(
-                f"random_response: the curve of mode {curve.mode} has {found[0]} unknowns and "
-                f"{found[1]} contact points, must have the system's {expected[0]} and "
-                f"{expected[1]}; compute it by sj.backbone(system, ...)"
-            )
+        check_curve("random_response", system, curve)
 
 
 def _are_several(psd: Any) -> bool:

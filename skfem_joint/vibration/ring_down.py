@@ -24,6 +24,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.values import at_least, check
+from skfem_joint.reduction.stuck import check_curve
 from skfem_joint.results.history import extrapolation
 from skfem_joint.results.peaks import parabola_vertex
 from skfem_joint.runs.integrate import integrate_plan
@@ -190,13 +191,15 @@ def ring_down(
     Raises
     ------
     InputError
-        If too few cycles are asked for, or the system is a reduced model made for something else.
+        If too few cycles are asked for, the curve is one of another system, or the system is a
+        reduced model made for something else.
     ConvergenceError
         If a step does not converge, or no cycle is left to measure.
     """
     system.check_any_load("ring_down")
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
+    check_curve("ring_down", system, curve)
     if system.serves is not None:  # which then are two, the model and its larger one
         steps = cycles, steps_per_cycle, scheme
         return _in_range(system, system.serves, curve, steps, start, progress)
