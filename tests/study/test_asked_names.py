@@ -48,6 +48,10 @@ TWO = [harmonic(), harmonic("junction")]
             "found 'transmissibility', which needs a base that moves",
         ),
         (
+            "response", {"response": {"frequencies": FREQUENCIES}, "backbone": {"modes": [900]}},
+            "backbone.modes: found mode 900",
+        ),
+        (
             "run", {"reduction": {"active_length": {"seam": 0.1}}, "models": {"run": ["full"]}},
             "reduction.active_length.seam: found 'seam', which is no joint",
         ),
