@@ -123,7 +123,8 @@ def reduce(
     InputError
         If a number is out of range, the loads have no common period and no duration is given,
         nothing moves, no point carries friction, the modes miss more than half of the motion that
-        they are made of, or arguments are given that exclude each other.
+        they are made of, a run or curve is one of another system, or arguments are given that
+        exclude each other.
     """
     check("modes", modes, COUNT, "auto")
     if level != 1.0 and frequency is None:

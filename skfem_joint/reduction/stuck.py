@@ -16,7 +16,7 @@ from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.slow.quasi_static import QuasiStatic
-from skfem_joint.system.modes import eigenmodes, without_shift
+from skfem_joint.system.modes import eigenmodes, round_off, without_shift
 from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import congruent
 
@@ -116,8 +116,9 @@ def check_curve(what: str, system: System, curve: Any) -> None:
         stuck = contact.on_rows((contact.w > 0.0) & ~contact.sprung)
         slip = np.abs(stuck * (contact.B @ shape)).max(initial=0.0)
         most = abs(contact.B).sum(axis=1).max(initial=0.0) * np.abs(shape).max()
-        apart = shape @ (system.M @ shape) - 1.0, strain / square - 1.0
-        if np.abs(apart).max() <= ALIKE and slip <= ALIKE * most:
+        mass, unsure = shape @ (system.M @ shape), float(round_off(K, shape[:, np.newaxis])[0])
+        alike = abs(strain - square) <= ALIKE * square + unsure and abs(mass - 1.0) <= ALIKE
+        if alike and slip <= ALIKE * most:
             return
     raise InputError(
         f"{what}: the curve of mode {curve.mode} does not belong to the system, which has no such "
