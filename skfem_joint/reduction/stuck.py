@@ -110,7 +110,7 @@ def check_curve(what: str, system: System, curve: Any) -> None:
     There it would have another mass or frequency, or slip. InputError, which ``what`` begins.
     """
     shape, contact = curve.shape, system.contact
-    if shape.shape == (system.n,) and curve.slip.shape[1] == contact.w.size:
+    if shape.shape == (system.n,):
         K, square = system.stuck_stiffness, (2.0 * np.pi * curve.stuck_frequency) ** 2
         strain = shape @ (K @ shape) + shape @ (contact.normal.springs @ shape)
         stuck = contact.on_rows((contact.w > 0.0) & ~contact.sprung)

@@ -265,6 +265,11 @@ def _check_curves(system: System, curves: Sequence[Backbone]) -> None:
         raise InputError(f"random_response: curves: found modes {numbers}, each must be there once")
     for curve in curves:
         check_curve("random_response", system, curve)
+        if (found := curve.slip.shape[1]) != (expected := system.contact.w.size):
+            raise InputError(
+                f"random_response: the curve of mode {curve.mode} has {found} contact points, must "
+                f"have the system's {expected}; compute it by sj.backbone(system, ...)"
+            )
 
 
 def _are_several(psd: Any) -> bool:
