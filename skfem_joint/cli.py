@@ -297,6 +297,19 @@ def _vibrating(options: argparse.Namespace) -> Scene:
     return _loaded(options, lambda scene: scene.check_vibrates(options.name))
 
 
+def _asking(options: argparse.Namespace, table: str, check: Callable[[Scene], object]) -> Scene:
+    """Scene of a command about vibration with a table that asks for it and fits the structure."""
+
+    def ready(scene: Scene) -> None:
+        scene.check_vibrates(options.name)
+        scene.asked(table)
+
+    scene = _loaded(options, ready)
+    with _progress(options) as progress, announced(progress, "making the structure"):
+        check(scene)  # before earlier results are removed
+    return scene
+
+
 def _is_saved(scene: Scene) -> bool:
     """Whether runs of a scene may have checkpoints."""
     return not scene.time.quasi_static and scene.time.until is None
@@ -344,6 +357,8 @@ def _check(options: argparse.Namespace) -> int:
     from skfem_joint.study.against_opening import against_opening
     from skfem_joint.study.description import description_of
     from skfem_joint.study.models import plan_of, with_friction
+    from skfem_joint.study.scene_backbone import backbone_table, nonlinear_table, random_table
+    from skfem_joint.study.scene_response import response_table
 
     # Everything is checked before the scene is called valid.
     with _progress(options) as progress:
@@ -352,6 +367,14 @@ def _check(options: argparse.Namespace) -> int:
     if not scene.accuracy.is_given:  # the accuracy would choose the step
         check_resolution(system, plan_of(scene))
         check_jumps(system, plan_of(scene))
+    for table, check in (
+        ("backbone", backbone_table),
+        ("nonlinear_modes", nonlinear_table),
+        ("random", random_table),
+        ("response", response_table),
+    ):
+        if table in scene.model_fields_set:
+            check(scene)
     told: dict[str, None] = {}
 
     def tell(sentences: Iterable[str]) -> None:
@@ -434,9 +457,9 @@ def _backbone(options: argparse.Namespace) -> int:
     """Compute frequency and damping of modes over their amplitude, write and print them."""
     from skfem_joint.output import damping
     from skfem_joint.output.universal import check_uff
-    from skfem_joint.study.scene_backbone import scene_backbone
+    from skfem_joint.study.scene_backbone import backbone_table, scene_backbone
 
-    scene = _vibrating(options)
+    scene = _asking(options, "backbone", backbone_table)
     check_uff(scene)
     with _kept(options, scene) as notes:
         with _progress(options) as progress:
@@ -452,11 +475,7 @@ def _nonlinear_modes(options: argparse.Namespace) -> int:
     from skfem_joint.output import nonlinear_modes as output
     from skfem_joint.study.scene_backbone import nonlinear_table, scene_nonlinear_modes
 
-    def ready(scene: Scene) -> None:
-        scene.check_vibrates(options.name)
-        nonlinear_table(scene)
-
-    scene = _loaded(options, ready)
+    scene = _asking(options, "nonlinear_modes", nonlinear_table)
     with _kept(options, scene) as notes:
         with _progress(options) as progress:
             modes = scene_nonlinear_modes(scene, progress)
@@ -471,22 +490,13 @@ def _response(options: argparse.Namespace) -> int:
     """Compute steady vibration over frequency, write it and print its peaks."""
     from skfem_joint.output import damping
     from skfem_joint.output.universal import check_uff
-    from skfem_joint.study.scene_backbone import given_backbones
-    from skfem_joint.study.scene_response import (
-        RESPONSE_ROWS,
-        asked_table,
-        response_table,
-        scene_response,
-    )
+    from skfem_joint.study.scene_backbone import backbone_table, given_backbones
+    from skfem_joint.study.scene_response import RESPONSE_ROWS, response_table, scene_response
 
-    def ready(scene: Scene) -> None:
-        scene.check_vibrates(options.name)
-        asked_table(scene)
-
-    scene = _loaded(options, ready)
-    with _progress(options) as progress, announced(progress, "making the structure"):
-        response_table(scene)  # before earlier results are removed
-        check_uff(scene)
+    scene = _asking(options, "response", response_table)
+    if "backbone" in scene.model_fields_set:
+        backbone_table(scene)
+    check_uff(scene)
     with _kept(options, scene) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:
             # The backbones first: they take seconds, and a wrong mode ends the command at once.
@@ -504,11 +514,7 @@ def _random(options: argparse.Namespace) -> int:
     from skfem_joint.output import damping
     from skfem_joint.study.scene_backbone import random_table, scene_random
 
-    def ready(scene: Scene) -> None:
-        scene.check_vibrates(options.name)
-        random_table(scene)
-
-    scene = _loaded(options, ready)
+    scene = _asking(options, "random", random_table)
     with _kept(options, scene) as notes:
         with _progress(options) as progress:
             found, curves = scene_random(scene, progress)

@@ -4,6 +4,8 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -97,14 +99,27 @@ def test_a_file_of_somebody_else_is_refused_and_left_alone(content, tmp_path):
     assert path.read_bytes() == content
 
 
-def test_another_version_or_kind_has_other_marks(tmp_path, monkeypatch):
+def test_other_code_of_the_same_version_has_other_marks(tmp_path):
+    """Of two copies of what makes marks that differ in a comment, elsewhere in the package."""
+    package = tmp_path / "skfem_joint"
+    shutil.copytree(ROOT / "skfem_joint" / "ground", package / "ground")
+    for name in ("__init__.py", "__init__.pyi"):
+        shutil.copy(ROOT / "skfem_joint" / name, package)
+    code = "from skfem_joint.ground.rows import Rows, Path; print(Rows(Path('none')).mark('a'))"
+    command, env = [sys.executable, "-P", "-c", code], {"PYTHONPATH": str(tmp_path)}
+    marks = []
+    for comment in ("# one", "# one", "# two"):
+        (package / "definition.py").write_text(comment, encoding="utf-8")
+        marks.append(subprocess.check_output(command, env=os.environ | env))
+    assert marks[0] == marks[1] != marks[2]
+
+
+def test_another_kind_has_other_marks(tmp_path):
     rows = Rows(tmp_path / "rows.jsonl", (Piece,))
     mark = rows.mark("a", 1.0)
     assert mark == Rows(rows.path, (Piece,)).mark("a", 1.0)
     assert mark != rows.mark("a", np.nextafter(1.0, 2.0))
     assert mark != Rows(rows.path).mark("a", 1.0)
-    monkeypatch.setattr("skfem_joint.ground.rows.__version__", "another")
-    assert mark != rows.mark("a", 1.0)
 
 
 class Interrupted(Rows):

@@ -4,11 +4,11 @@ A long command has many parts: a frequency of a response, a run of a comparison,
 Each finished part is a row of a file, on the disk before the next part begins. A command that was
 interrupted or killed computes only the missing parts when it is started again.
 
-A row is named by its *mark*, a digest of the version of the package and of all that the part is
-computed from: a row of another scene, another version or another initial state has another mark and
-is not used. Each line carries a digest of itself, so that a damaged line is not used either. Floats
-keep every bit. A part is read back from its row before it is used, so that later parts begin with
-the same bits in the same memory layout, whether it was computed now or earlier.
+A row is named by its *mark*, a digest of the package's code and of all that the part is computed
+from: a row of another scene, other code or another initial state has another mark and is not used.
+Each line carries a digest of itself, so that a damaged line is not used either. Floats keep every
+bit. A part is read back from its row before it is used, so that later parts begin with the same
+bits in the same memory layout, whether it was computed now or earlier.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Iterable
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,6 +36,17 @@ T = TypeVar("T")
 
 #: First line of each file of rows, by which files of others are recognised.
 HEADER = b'{"program": "skfem_joint", "file": "rows of finished work", "form": 1}\n'
+
+
+@cache
+def code_version() -> str:
+    """Version of the package with a digest of its source, by which kept work is recognised.
+
+    Definitions may change while the version stays.
+    """
+    sources = sorted(Path(__file__).parents[1].rglob("*.py"))
+    digest = sha256(b"".join(path.read_bytes() for path in sources)).hexdigest()
+    return f"{__version__} ({digest[:16]})"
 
 
 class Rows:
@@ -100,7 +112,7 @@ class Rows:
 
         InputError as `fingerprint`, for plain functions of time.
         """
-        return "" if self.path is None else fingerprint(__version__, self._form.names, *parts)
+        return "" if self.path is None else fingerprint(code_version(), self._form.names, *parts)
 
     def __contains__(self, mark: str) -> bool:
         """Whether the file has a row of this name."""

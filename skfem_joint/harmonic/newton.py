@@ -12,12 +12,12 @@ say where a branch goes on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy import linalg
+from scipy import interpolate, linalg
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
@@ -254,6 +254,9 @@ def branch(equations: Equations, place: BranchPoint, targets: FloatArray) -> Ite
                     raise ConvergenceError("it turns where nothing turns")
                 if not lands and abs(point.x[-1] - x[-1]) >= away.min() * (1.0 - SAME):
                     raise ConvergenceError("a parameter that was asked for is passed")
+                met = _met(targets, [x[-1], point.x[-1]], [length * along[-1], length * turned[-1]])
+                if length > SHORT and met > lands:
+                    raise ConvergenceError("a parameter that was asked for is met at a turn")
             except ConvergenceError:
                 step = 0.5 * min(step, length)
                 if step >= SHORTEST:
@@ -269,6 +272,16 @@ def branch(equations: Equations, place: BranchPoint, targets: FloatArray) -> Ite
         step = min(LONGEST, step * (1.5 if point.iterations <= 6 else 0.7))
         yield place
     raise ConvergenceError(f"it has not ended after {most} steps")
+
+
+def _met(targets: FloatArray, ends: Sequence[float], slopes: Sequence[float]) -> int:
+    """How often a cubic from one of two ends to the other, with these slopes, meets targets."""
+    cubic = interpolate.CubicHermiteSpline([0.0, 1.0], ends, slopes)
+    turns = cubic(cubic.derivative().roots(extrapolate=False))
+    way = np.concatenate([ends[:1], turns, ends[1:]])
+    rises, margin = np.sign(np.diff(way)), SAME * np.abs(targets[:, np.newaxis])
+    begun, ended = (rises * (targets[:, np.newaxis] - x) > margin for x in (way[:-1], way[1:]))
+    return int(np.count_nonzero(begun & ~ended))
 
 
 def _length(change: FloatArray, weights: FloatArray) -> float:

@@ -92,12 +92,12 @@ def _force_at_rest(w, kind, inverse_beta, soft, offset):
 
 
 @compiled_inside
-def _largest_of_springs(H0, soft, offset):
-    """Largest force, N, that the slips of springs and their offsets add to the residual."""
+def _round_off_of_springs(H0, soft, offset, sigma):
+    """Round-off of the residual by the slips of springs, under their forces, and their offsets."""
     largest = 0.0
     for i in range(soft.size):
-        largest = max(largest, H0[i] * (soft[i] + abs(offset[i])))
-    return largest
+        largest = max(largest, H0[i] * (soft[i] * abs(sigma[i]) + abs(offset[i])))
+    return ROUND_OFF * largest
 
 
 @compiled_inside
@@ -157,13 +157,13 @@ def _newton(chain, level, g, s, work, limit, tolerance):
     scale, added = largest_of(g), 0.0
     if sprung:
         offset = chain.offset[a:b]
-        added = ROUND_OFF * _largest_of_springs(H0, chain.soft[a:b], offset)
         scale = max(scale, _force_at_rest(w, kind, inverse_beta, chain.soft[a:b], offset))
     iteration, fewest, patience = 0, n + 1, _PATIENCE
     while True:
         graph(kind, chain.mixed, chain.kappa, inverse_beta, s, v, sigma, dv, dsigma)
         if sprung:
             add_springs(chain.soft[a:b], chain.offset[a:b], v, sigma, dv, dsigma)
+            added = _round_off_of_springs(H0, chain.soft[a:b], offset, sigma)
         largest, row = _residual(H0, H1, w, g, v, sigma, r)
         if largest <= tolerance * scale or largest <= _round_off(H0, v, s, dv) + added:
             return iteration, True, largest, row

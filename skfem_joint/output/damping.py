@@ -29,6 +29,7 @@ from skfem_joint.results.history import QUANTITIES
 from skfem_joint.results.loss import over
 from skfem_joint.results.places import JointPlaces, PlaceResults, places_of
 from skfem_joint.scene import Scene
+from skfem_joint.scene.tables import RandomTable
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.structure.structure import Structure
 from skfem_joint.study.backbone_peaks import backbone_peaks
@@ -40,13 +41,8 @@ from skfem_joint.study.premises import (
     premises,
     response_loads,
 )
-from skfem_joint.study.scene_backbone import (
-    AtAmplitudes,
-    ModelBackbone,
-    SceneBackbone,
-    random_table,
-)
-from skfem_joint.study.scene_response import ModelResponse, SceneResponse, asked_table
+from skfem_joint.study.scene_backbone import AtAmplitudes, ModelBackbone, SceneBackbone
+from skfem_joint.study.scene_response import ModelResponse, SceneResponse
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.random_response import RandomResponse
 from skfem_joint.vibration.response import HARMONICS
@@ -474,7 +470,7 @@ def _functions(response: SceneResponse, curve: Curve) -> dict[str, FloatArray]:
     """Columns of the frequency responses that a scene asks for: size and phase, first harmonic."""
     system, columns = response.scene.system(), dict[str, FloatArray]()
     names = safe_names(system.points)
-    for kind in asked_table(response.scene).functions:
+    for kind in response.scene.asked("response").functions:
         unit = KINDS[kind][0].replace("/", "_per_").replace("²", "2")
         for point, name in zip(system.points, names, strict=True):
             found = frequency_response(system, curve, point, kind)[:, 0]
@@ -585,7 +581,7 @@ def write_random(
 
 def _random_loads(scene: Scene, found: RandomResponse) -> Iterator[str]:
     """What acts in random vibration, a sentence for each load."""
-    table = random_table(scene)
+    table: RandomTable = scene.asked("random")
     several = not isinstance(table.psd, str)
     places = [load.on for load in scene.system().loads] if several else [found.load]
     for place, density in zip(places, table.densities, strict=True):

@@ -28,6 +28,7 @@ from skfem_joint.reduction.friction_points import NO_FRICTION
 from skfem_joint.reduction.ranges.model import reduced_for_range
 from skfem_joint.reduction.ranges.points import loaded_at
 from skfem_joint.reduction.static_path import slip_path
+from skfem_joint.reduction.stuck import check_curve
 from skfem_joint.runs.resolution import longest_step
 from skfem_joint.runs.slow_run import rate_independent
 from skfem_joint.slow.quasi_static import QuasiStatic
@@ -122,7 +123,8 @@ def reduce(
     InputError
         If a number is out of range, the loads have no common period and no duration is given,
         nothing moves, no point carries friction, the modes miss more than half of the motion that
-        they are made of, or arguments are given that exclude each other.
+        they are made of, a run or curve is one of another system, or arguments are given that
+        exclude each other.
     """
     check("modes", modes, COUNT, "auto")
     if level != 1.0 and frequency is None:
@@ -215,6 +217,11 @@ def reduced(
         slipped = slip_path(flexible, plan, modes, path)
         basis = sources.static_basis(flexible, slipped, modes, options.interface_modes)
     else:
+        if not run.system.has_matrices_of(system, "M", "K", "B"):
+            raise InputError(
+                "reduce: the run does not belong to the system: found another mass, stiffness or "
+                "slips, must be one of sj.integrate(system, ..., save=sj.Save(fields=True))"
+            )
         check_reference(system, "self")
         basis = sources.own_basis(system, run, options)
     basis = basis.judged(options, enriched)
@@ -236,6 +243,7 @@ def reduced_for_response(
 
 def reduced_for_mode(system: System, curve: Any, options: Options | None = None) -> System:
     """Reduced model for a mode, of states of the system's own damping curve."""
+    check_curve("reduce", system, curve)
     options = options or Options()
     basis = sources.mode_basis(system, curve, options).for_decay()
     small = reduced_on(system, basis, **options.friction)

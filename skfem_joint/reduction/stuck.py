@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -15,9 +16,12 @@ from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.slow.quasi_static import QuasiStatic
-from skfem_joint.system.modes import eigenmodes, without_shift
+from skfem_joint.system.modes import eigenmodes, round_off, without_shift
 from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import congruent
+
+#: Relative differences of a mode from that of another computation, by round-off.
+ALIKE = 1e-6
 
 
 class Stuck:
@@ -98,6 +102,28 @@ class Stuck:
             frequency, shapes = eigenmodes(self.K, self.M, own, beside)
         every = np.concatenate([np.zeros(rigid.shape[1]), frequency])[:count]
         return every, np.asarray(self.F @ np.hstack([rigid, shapes]))[:, :count]
+
+
+def check_curve(what: str, system: System, curve: Any) -> None:
+    """Refuse a `Backbone` whose mode is none of a system with its contact stuck.
+
+    There it would have another mass or frequency, or slip. InputError, which ``what`` begins.
+    """
+    shape, contact = curve.shape, system.contact
+    if shape.shape == (system.n,):
+        K, square = system.stuck_stiffness, (2.0 * np.pi * curve.stuck_frequency) ** 2
+        strain = shape @ (K @ shape) + shape @ (contact.normal.springs @ shape)
+        stuck = contact.on_rows((contact.w > 0.0) & ~contact.sprung)
+        slip = np.abs(stuck * (contact.B @ shape)).max(initial=0.0)
+        most = abs(contact.B).sum(axis=1).max(initial=0.0) * np.abs(shape).max()
+        mass, unsure = shape @ (system.M @ shape), float(round_off(K, shape[:, np.newaxis])[0])
+        alike = abs(strain - square) <= ALIKE * square + unsure and abs(mass - 1.0) <= ALIKE
+        if alike and slip <= ALIKE * most:
+            return
+    raise InputError(
+        f"{what}: the curve of mode {curve.mode} does not belong to the system, which has no such "
+        "mode with its contact stuck; compute it by sj.backbone(system, ...)"
+    )
 
 
 @dataclass(frozen=True)

@@ -133,9 +133,14 @@ def integrate(
     )
     for sentence in wrong_energy(run):
         _log.warning(sentence)
-    if system.made_for and system.origin is not None and not system.origin.made(system):
-        run = replace(run, notes=(*run.notes, f"The error of the run is not known: {CHANGED}."))
-    return run
+    return _of_model(run, system)
+
+
+def _of_model(run: Run, system: System) -> Run:
+    """Run, with a note if its reduced model was changed after it was made."""
+    if not system.made_for or system.origin is None or system.origin.made(system):
+        return run
+    return replace(run, notes=(*run.notes, f"The error of the run is not known: {CHANGED}."))
 
 
 def integrate_plan(
@@ -200,10 +205,11 @@ def _quasi_static(
         raise InputError("checkpoint: a quasi-static run has none; leave it out")
     check_resolution(system, plan)
     try:
-        return _noted(slow_run(system, plan, tolerance=tolerance, progress=progress), plan)
+        run = _noted(slow_run(system, plan, tolerance=tolerance, progress=progress), plan)
+        return _of_model(run, system)
     except ConvergenceError as error:
         if error.run is not None:
-            error.run = _noted(error.run, plan)
+            error.run = _of_model(_noted(error.run, plan), system)
         raise
 
 
@@ -313,16 +319,8 @@ def _start(
     _check_unknowns(initial, system)
     before = initial.plan
     alike = before is not None and (before.scheme, before.warp) == (plan.scheme, plan.warp)
-    same = alike and _same_matrices(initial.system, system)
+    same = alike and system.has_matrices_of(initial.system, "M", "C", "K", "contact")
     return start, initial.ending if same else None
-
-
-def _same_matrices(one: System, other: System) -> bool:
-    """Whether two systems differ in loads, observed points and names at most."""
-    unnamed: dict[str, Any] = {"J": None, "joints": (), "shares": None}
-    pairs = [(getattr(one, name), getattr(other, name)) for name in ("M", "C", "K")]
-    pairs.append((replace(one.contact, **unnamed), replace(other.contact, **unnamed)))
-    return all(a is b or fingerprint(a) == fingerprint(b) for a, b in pairs)
 
 
 def _check_unknowns(run: Run, system: System) -> None:

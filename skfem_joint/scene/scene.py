@@ -48,6 +48,12 @@ TABLES_OF_STRUCTURE = frozenset(
     {"matrices", "mesh", "material", "section", "support", "joint", "bolt", "damping"}
 )
 TABLES_OF_SYSTEM = TABLES_OF_STRUCTURE | {"load", "output"}
+#: What a table of a command must say at least.
+_SAID = {
+    "response": "frequencies = { from, to, points } and levels",
+    "nonlinear_modes": "amplitudes = { from, to, points }",
+    "random": "psd = 'file.csv'",
+}
 
 
 class Scene(SceneTable):
@@ -236,6 +242,15 @@ class Scene(SceneTable):
                 f"{self._path or 'scene'}: time.quasi_static: found true, but {command} computes "
                 "vibration, which needs inertia; leave it out for this command"
             )
+
+    def asked(self, table: str) -> Any:
+        """Table of a command, ``[response]``, ``[nonlinear_modes]`` or ``[random]``.
+
+        InputError if there is none.
+        """
+        if (found := getattr(self, table)) is None:
+            raise InputError(f"{self.path}: {table}: missing; say {_SAID[table]} in a [{table}]")
+        return found
 
     def loads(self) -> tuple[Load, ...]:
         """Loads of the structure."""
@@ -504,6 +519,10 @@ def _model_problems(scene: Scene) -> Iterator[str]:
                     f"reduction.range: found beside load[{i}] of kind = '{load.kind}', must be of "
                     "kind 'harmonic' or 'multi_harmonic': a range has frequencies of loads"
                 )
+    joints, lengths = {joint.on for joint in scene.joint}, scene.reduction.active_length
+    for name in sorted(lengths.keys() - joints) if isinstance(lengths, dict) else ():
+        where = key_path(("reduction", "active_length", name))
+        yield f"{where}: found '{name}', which is no joint; joints: {listed(joints)}"
     if "reduced" not in scene.models.run:
         return
     for found, beside, why in (
@@ -515,10 +534,6 @@ def _model_problems(scene: Scene) -> Iterator[str]:
                 f"reduction.reference: found 'paper' beside {beside}; the paper's modes {why}; use "
                 "reference = 'static'"
             )
-    joints, lengths = {joint.on for joint in scene.joint}, scene.reduction.active_length
-    for name in sorted(lengths.keys() - joints) if isinstance(lengths, dict) else ():
-        where = key_path(("reduction", "active_length", name))
-        yield f"{where}: found '{name}', which is no joint; joints: {listed(joints)}"
     mesh = scene._named_mesh
     if scene.reduction.reference == "paper" and mesh is not None and mesh.dim > 1:
         for i, joint in enumerate(scene.joint):

@@ -555,6 +555,11 @@ class RandomTable(SceneTable):
         """Density of the file, or of each of a list."""
         return self._densities
 
+    @property
+    def given(self) -> PowerDensity | list[PowerDensity]:
+        """The same as `random_response` takes them: one by itself."""
+        return self._densities[0] if isinstance(self.psd, str) else self._densities
+
 
 class OutputTable(SceneTable):
     """``[output]``: what is written and how often."""

@@ -2,8 +2,8 @@
 
 A checkpoint is one ``.npz`` of plain arrays. It takes its place only when it is whole, is never
 loaded by anything that can run code, and goes on only with the run that wrote it: it carries a
-fingerprint of the scene and its mesh, the version of the package, of all that is integrated, and of
-its own arrays. Every array is compared with what the run would have saved after as many steps.
+fingerprint of the scene and its mesh, of the package's code, of all that is integrated, and of its
+own arrays. Every array is compared with what the run would have saved after as many steps.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from skfem_joint import __version__
 from skfem_joint.ground.array_files import DAMAGE, npz_arrays
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import replacing
 from skfem_joint.ground.plain_values import fingerprint
+from skfem_joint.ground.rows import code_version
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -64,7 +64,7 @@ class Checkpoint:
         InputError
             If the file cannot be written; the one before it stays.
         """
-        notes = {"form": _FORM, "version": __version__, "origin": self.origin}
+        notes = {"form": _FORM, "version": code_version(), "origin": self.origin}
         notes |= {"run": run, "done": done, "elapsed": elapsed}
         notes["digest"] = fingerprint(parts, done, elapsed)
         arrays: dict[str, Any] = {
@@ -102,9 +102,10 @@ class Checkpoint:
         except DAMAGE as error:
             raise self.unreadable(str(error) or type(error).__name__) from error
         advice = "give that back, or remove the checkpoint and start the run again"
-        if written[:2] != (_FORM, __version__):
+        if written[:2] != (_FORM, code_version()):
             raise InputError(
-                f"{self.path}: was written by version {written[1]}, this is {__version__}; {advice}"
+                f"{self.path}: was written by version {written[1]}, this is {code_version()}; "
+                f"{advice}"
             )
         if written[2] != self.origin:
             raise InputError(f"{self.path}: was written for another scene or mesh; {advice}")

@@ -72,10 +72,11 @@ def sensitivities(
     check_derivable(structure, wanted)
     for key in keys:
         value_of(structure, key)
-    if system.n != structure.T.shape[1] or system.is_dense:
+    if not system.has_matrices_of(structure.unloaded, "M", "K", "contact"):
         raise InputError(
-            f"sensitivities: found a system of {system.n} unknowns, must be the structure's own, "
-            f"of {structure.T.shape[1]}, which structure.system(loads) returns"
+            "sensitivities: the system does not belong to the structure: found another mass, "
+            "stiffness or contact, must be the structure's own system, which "
+            "structure.system(loads) returns"
         )
     model = _Model(structure, system)
     by_modulus = [model.stiffness(one) for one in wanted]

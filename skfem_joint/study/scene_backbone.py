@@ -11,17 +11,18 @@ import numpy as np
 
 from skfem_joint.accuracy.halved_mesh import BEYOND, affords
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import ConvergenceError, InputError, JointError
+from skfem_joint.ground.errors import ConvergenceError, InputError, JointError, refuse
 from skfem_joint.ground.progress import Progress, announced, silent
 from skfem_joint.harmonic.curve import NonlinearMode
 from skfem_joint.harmonic.modes import nonlinear_modes
+from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.reduction.models import notes_of, reduced_for_mode
 from skfem_joint.results.loss import over
 from skfem_joint.results.normal_force import NormalChange, normal_change_of_mode
 from skfem_joint.results.places import of_all, slips_of_all
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
-from skfem_joint.scene.tables import NonlinearModesTable, RandomTable
+from skfem_joint.scene.tables import BackboneTable, NonlinearModesTable, RandomTable
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.study.models import (
@@ -37,7 +38,7 @@ from skfem_joint.system.system import System
 from skfem_joint.vibration.amplitudes import Amplitudes
 from skfem_joint.vibration.backbone import Backbone, backbone
 from skfem_joint.vibration.mesh_of_curve import MeshOfCurve, mesh_of_curve
-from skfem_joint.vibration.random_response import RandomResponse, random_response
+from skfem_joint.vibration.random_response import RandomResponse, random_loads, random_response
 from skfem_joint.vibration.ring_down import RingDown, ring_down
 
 #: Displacement (m) and velocity (m/s), each of shape (n,), and friction as `integrate` takes it.
@@ -178,8 +179,6 @@ def scene_backbone(
     """
     structure, system = scene.structure(), _largest_model(scene)
     asked = _amplitudes(scene)
-    if asked is not None:
-        asked.number(system.points)
     full = _curves(scene, system, scene.backbone.modes, partial(progress, "full model"))
     warnings = [*system.notes, *other_reference(scene)]
     warnings += [warning for curve in full for warning in curve.notes]
@@ -380,14 +379,48 @@ class SceneNonlinearModes:
     notes: tuple[str, ...]
 
 
+def backbone_table(scene: Scene) -> BackboneTable:
+    """Table ``[backbone]`` of a scene.
+
+    InputError if its structure has no such point or mode, or is to be released by loads that act
+    until the end of the run.
+    """
+    table = scene.backbone
+    _check_names(scene, "backbone", table.modes, "at.point", table.at.point if table.at else None)
+    if table.ring_down and table.released == "loads":
+        _last_loaded_step(scene)
+    return table
+
+
 def nonlinear_table(scene: Scene) -> NonlinearModesTable:
-    """Table ``[nonlinear_modes]`` of a scene; InputError if there is none."""
-    if scene.nonlinear_modes is None:
-        raise InputError(
-            f"{scene.path}: nonlinear_modes: missing; say amplitudes = {{ from, to, points }} in a "
-            "table [nonlinear_modes]"
+    """Table ``[nonlinear_modes]`` of a scene.
+
+    InputError if there is none, or the structure has no such point or mode.
+    """
+    table: NonlinearModesTable = scene.asked("nonlinear_modes")
+    _check_names(scene, "nonlinear_modes", table.modes, "at", table.at)
+    return table
+
+
+def _check_names(
+    scene: Scene, table: str, modes: Sequence[int], key: str, point: str | None
+) -> None:
+    """Refuse a point, by its key of a table, and modes that the structure of a scene has not."""
+    system, problems = scene.system(), []
+    if point is not None and point not in system.points:
+        problems.append(
+            f"{table}.{key}: found {point!r}, must be one of {', '.join(system.points) or 'none'}; "
+            "a load names another place or direction"
         )
-    return scene.nonlinear_modes
+    held = system.contact.B.shape[0] + system.contact.normal.gap.size  # at most
+    if max(modes) > system.n - held:
+        count = motions_without_slip(system.closed(), carrying=True).shape[1]
+        problems += [
+            f"{table}.modes: found mode {k}, there are {count} with the contact stuck"
+            for k in modes
+            if k > count
+        ]
+    refuse(f"{scene.path}: {problem}" for problem in problems)
 
 
 def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNonlinearModes:
@@ -399,11 +432,7 @@ def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNon
     InputError and ConvergenceError as :func:`backbone` and :func:`nonlinear_modes`; modes that end
     early are among the results, if there are any.
     """
-    table, points = nonlinear_table(scene), scene.system().points
-    if table.at is not None and table.at not in points:
-        raise InputError(
-            f"nonlinear_modes.at: found {table.at!r}, must be one of {', '.join(points)}"
-        )
+    table = nonlinear_table(scene)
     beside = {"modes": list(table.modes), "at": None}
     one = {"run": [table.model]}
     slow = scene_backbone(
@@ -433,10 +462,19 @@ def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNon
 
 
 def random_table(scene: Scene) -> RandomTable:
-    """Table ``[random]`` of a scene; InputError if there is none."""
-    if scene.random is None:
-        raise InputError(f"{scene.path}: random: missing; say psd = 'file.csv' in a table [random]")
-    return scene.random
+    """Table ``[random]`` of a scene.
+
+    InputError if there is none, it does not fit the loads, or as `backbone_table`, of its modes.
+    """
+    table: RandomTable = scene.asked("random")
+    backbone_table(scene)
+    try:
+        random_loads(scene.system(), table.given, table.load, table.unit)
+    except InputError as error:
+        raise InputError(
+            [x.replace("random_response: ", f"{scene.path}: random.") for x in error.problems]
+        ) from error
+    return table
 
 
 def scene_random(
@@ -454,13 +492,12 @@ def scene_random(
         found = random_response(
             system,
             curves,
-            table.densities[0] if isinstance(table.psd, str) else table.densities,
+            table.given,
             load=table.load,
             unit=table.unit,
             duration=table.duration,
         )
-    notes = (*system.notes, *(note for curve in curves for note in curve.notes), *found.notes)
-    return replace(found, notes=tuple(dict.fromkeys(notes))), curves
+    return replace(found, notes=tuple(dict.fromkeys((*system.notes, *found.notes)))), curves
 
 
 def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]:
@@ -476,7 +513,7 @@ def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]
 
 def _largest_model(scene: Scene) -> System:
     """Full model, or of a structure in parts the condensed one with modes for its curves."""
-    return largest_model(scene, max(scene.backbone.modes) + MODES_BEYOND)
+    return largest_model(scene, max(backbone_table(scene).modes) + MODES_BEYOND)
 
 
 def _curves(
@@ -580,18 +617,23 @@ def _released(scene: Scene, system: System) -> State | None:
     """State of a model when the last load of a scene has ended, if it rings down from there.
 
     A model for a range is released in its mode.
-    InputError if a load acts until the end of the run.
     """
     table = scene.backbone
     if not table.ring_down or table.released != "loads" or system.serves is not None:
         return None
+    scheme = generalized_alpha(scene.time.rho_infinity)
+    plan = Plan(scene.time_step, _last_loaded_step(scene) + 1, scheme)
+    return integrate_plan(system, plan).finished().end
+
+
+def _last_loaded_step(scene: Scene) -> int:
+    """Last step at which a load acts; InputError if one acts until the end of the run."""
     step, n_steps = scene.time_step, scene.n_steps
-    acting = system.load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0)
+    acting = scene.system().load_amplitudes(step * np.arange(n_steps + 1.0)).any(axis=0)
     steps = np.flatnonzero(acting)
     if steps.size == 0 or steps[-1] >= n_steps - 1:
         raise InputError(
             f"{scene.path}: backbone.released: found 'loads', which must be pulses that end before "
             "the run does; choose others, a longer duration, or 'mode'"
         )
-    plan = Plan(step, int(steps[-1]) + 1, generalized_alpha(scene.time.rho_infinity))
-    return integrate_plan(system, plan).finished().end
+    return int(steps[-1])

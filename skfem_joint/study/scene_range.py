@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint import __version__
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Harmonic
 from skfem_joint.ground.plain_values import fingerprint
 from skfem_joint.ground.progress import Progress, silent
+from skfem_joint.ground.rows import code_version
 from skfem_joint.reduction.models import reduce
 from skfem_joint.reduction.ranges.points import at, period_of, placed
 from skfem_joint.scene import Scene
@@ -88,7 +88,7 @@ def served_scene(scene: Scene) -> ServedScene | None:
     asked_for = range_, table.values(), scene.reduction.modes, accuracy, middle.output.points
     # A mesh is not assembled for what distinguishes it.
     identity = scene.structure().identity if scene.matrices else scene.named_mesh.identity
-    mark = fingerprint(__version__, content, asked_for, identity)
+    mark = fingerprint(code_version(), content, asked_for, identity)
     return ServedScene(mark, middle, range_, accuracy)
 
 

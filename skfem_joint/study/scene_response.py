@@ -133,23 +133,13 @@ class SceneResponse:
     notes: tuple[str, ...]
 
 
-def asked_table(scene: Scene) -> ResponseTable:
-    """Table ``[response]`` of a scene; InputError if there is none."""
-    if scene.response is None:
-        raise InputError(
-            f"{scene.path}: response: missing; say frequencies = {{ from, to, points }} and levels "
-            "in a table [response]"
-        )
-    return scene.response
-
-
 def response_table(scene: Scene) -> ResponseTable:
     """Table ``[response]`` of a scene.
 
     InputError if there is none, a load of the scene has no frequency that could be changed, no
     joint carries friction and the full model is not asked for, or a sine cannot be swept.
     """
-    table = asked_table(scene)
+    table: ResponseTable = scene.asked("response")
     at_frequency(scene.system(), table.frequencies.to)
     for kind in table.functions:
         check_kind(scene.system(), kind)
@@ -269,7 +259,7 @@ def scene_response(
 
 def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
     """Model of a scene; a reduced one serves its range, or the ``resonance`` (Hz) best."""
-    system, table = scene.system(), asked_table(scene)
+    system, table = scene.system(), scene.asked("response")
     if name == "full":
         return system
     if name == "condensed":
@@ -283,7 +273,7 @@ def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
 
 def _sweeps(model: System, scene: Scene, report: Progress, rows: Rows) -> list[SweptResponse]:
     """Responses of a model to the swept sines that a scene asks for."""
-    table = asked_table(scene)
+    table = scene.asked("response")
     ends, steps = (table.frequencies.from_, table.frequencies.to), scene.time.steps_per_cycle
     origin = rows.mark("swept sine", model, steps)
     return [
@@ -310,7 +300,7 @@ def _coarse(model: System, scene: Scene, resonance: float) -> tuple[CoarseModel 
     if model.made_for or model.serves or not model.contact.count or scene.parts:
         return None, []
     V = None if model.origin is None else model.origin.basis.V
-    level = max(asked_table(scene).levels)
+    level = max(scene.asked("response").levels)
     try:
         return CoarseModel.of(scene.system(), resonance, level, V), []
     except (InputError, ConvergenceError) as error:

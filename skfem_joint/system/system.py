@@ -34,6 +34,7 @@ from skfem_joint.ground.arrays import (
 )
 from skfem_joint.ground.errors import InputError, first_of, refuse
 from skfem_joint.ground.loads import Amplitude, as_amplitude
+from skfem_joint.ground.plain_values import fingerprint
 from skfem_joint.ground.values import NOT_NEGATIVE, check_some
 from skfem_joint.linalg.factors import factorised, with_pivots
 from skfem_joint.linalg.shifts import mean_square_frequency
@@ -234,6 +235,18 @@ class System:
                 f"highest of the reduced model, which was made for {self.made_for}; give lower "
                 "levels, or make one for higher ones"
             )
+
+    def has_matrices_of(self, other: System, *names: str) -> bool:
+        """Whether some matrices, "B" too, or the contact but for names, are those of another."""
+        unnamed: dict[str, Any] = {"J": None, "joints": (), "shares": None}
+
+        def named(system: System, name: str) -> Any:
+            if name == "contact":
+                return replace(system.contact, **unnamed)
+            return getattr(system.contact if name == "B" else system, name)
+
+        pairs = ((named(self, name), named(other, name)) for name in names)
+        return all(a is b or fingerprint(a) == fingerprint(b) for a, b in pairs)
 
     def closed(self) -> System:
         """Same system with contact that stays closed wherever it is pressed at rest.

@@ -24,6 +24,7 @@ from skfem_joint.ground.loads import Scaled
 from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.power_density import GRAVITY, AddedDensities, PowerDensity
 from skfem_joint.ground.values import POSITIVE, check
+from skfem_joint.reduction.stuck import check_curve
 from skfem_joint.system.system import AppliedLoad, System
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.joined_modes import joined_modes
@@ -103,7 +104,7 @@ class RandomResponse(Tabular):
         Estimated relative errors of "displacement_rms" and "friction_work" by the levels of the
         curves, and by what these state themselves; not those of the method.
     notes : tuple of str
-        What to beware of.
+        What to beware of, the notes of the curves included.
     """
 
     load: str
@@ -182,10 +183,7 @@ def random_response(
     """
     check("random_response: duration", duration, POSITIVE)
     _check_curves(system, curves)
-    acting = _chosen(system, psd, load)
-    names = " and ".join(each.on for each in acting)
-    given: Any = psd if _are_several(psd) else [psd]
-    loads = [_random_load(*pair, unit) for pair in zip(acting, given, strict=True)]
+    names, loads = random_loads(system, psd, load, unit)
     push = np.array([[float(curve.shape @ each.vector) for curve in curves] for each in loads])
     # No mode of unit mass is pushed by more than the root of vector M^-1 vector.
     mass = system.M.diagonal()
@@ -241,8 +239,21 @@ def random_response(
         point_work=HOUR * np.sum(points, axis=0),
         viscous_work=HOUR * float(np.sum(viscous)),
         estimated=_estimated(curves, found, coarse),
-        notes=tuple(_notes(system, stuck.frequencies, loads, curves, found, still)),
+        notes=tuple(dict.fromkeys(_notes(system, stuck.frequencies, loads, curves, found, still))),
     )
+
+
+def random_loads(
+    system: System, psd: Any, load: str | None, unit: str
+) -> tuple[str, list[RandomLoad]]:
+    """Places of the loads that have densities, in words, and these loads; see `random_response`.
+
+    InputError for a load that there is not, and for densities of another number or unit.
+    """
+    acting = _chosen(system, psd, load)
+    given: Any = psd if _are_several(psd) else [psd]
+    found = [_random_load(*pair, unit) for pair in zip(acting, given, strict=True)]
+    return " and ".join(each.on for each in acting), found
 
 
 def _check_curves(system: System, curves: Sequence[Backbone]) -> None:
@@ -253,12 +264,11 @@ def _check_curves(system: System, curves: Sequence[Backbone]) -> None:
     if len(set(numbers)) < len(numbers):
         raise InputError(f"random_response: curves: found modes {numbers}, each must be there once")
     for curve in curves:
-        found, expected = (curve.shape.size, curve.slip.shape[1]), (system.n, system.contact.w.size)
-        if found != expected:
+        check_curve("random_response", system, curve)
+        if (found := curve.slip.shape[1]) != (expected := system.contact.w.size):
             raise InputError(
-                f"random_response: the curve of mode {curve.mode} has {found[0]} unknowns and "
-                f"{found[1]} contact points, must have the system's {expected[0]} and "
-                f"{expected[1]}; compute it by sj.backbone(system, ...)"
+                f"random_response: the curve of mode {curve.mode} has {found} contact points, must "
+                f"have the system's {expected}; compute it by sj.backbone(system, ...)"
             )
 
 
@@ -418,7 +428,9 @@ def _notes(
     found: Sequence[ModalAmplitudes],
     still: Sequence[int],
 ) -> Iterator[str]:
-    """Sentences on what to beware of."""
+    """Sentences on what to beware of, those of the curves first."""
+    for curve in curves:
+        yield from curve.notes
     ends = np.array([load.density.frequencies[[0, -1]] for load in loads])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     given = {curve.mode for curve in curves} | {*still}

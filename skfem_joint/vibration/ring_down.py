@@ -24,6 +24,7 @@ from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.values import at_least, check
+from skfem_joint.reduction.stuck import check_curve
 from skfem_joint.results.history import extrapolation
 from skfem_joint.results.peaks import parabola_vertex
 from skfem_joint.runs.integrate import integrate_plan
@@ -191,14 +192,15 @@ def ring_down(
     Raises
     ------
     InputError
-        If too few cycles are asked for, the system is a reduced model made for something else, or
-        one for a range and the curve none of `backbone`.
+        If too few cycles are asked for, the curve is one of another system, or the system is a
+        reduced model made for something else, or for a range and the curve none of `backbone`.
     ConvergenceError
         If a step does not converge, or no cycle is left to measure.
     """
     system.check_any_load("ring_down")
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
+    check_curve("ring_down", system, curve)
     if system.serves is not None:  # which then are two, the model and its larger one
         if not isinstance(curve, Backbone):
             raise InputError(

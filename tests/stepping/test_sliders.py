@@ -207,3 +207,17 @@ def test_stuck_joints_are_those_on_their_springs():
     assert ring.frequency[-1] == pytest.approx(expected[0], rel=1e-3)
     damped = bar(1e12, stiffness_damping=0.0).with_damping_ratio(0.01)
     assert f"{expected[0]:.5g} Hz" in damped.notes[-1]
+
+
+@pytest.mark.parametrize("force", [1e-2, 1e-6])
+def test_a_long_bar_on_soft_springs_moves_as_a_mass_under_a_small_force(force):
+    """Friction could hold 70 kN, at which the springs would stretch by 700 m."""
+    area, stiffness, n = 0.05 * 0.25, 100.0, 400
+    held = bar(stiffness / area, n=n, fixed=[], free=True, stiffness_damping=0.0)
+    mass = 8000.0 * 0.55 * 0.05 * 0.01
+    omega = np.sqrt(stiffness / mass)
+    load = sj.AppliedLoad(held.loads[0].vector, sj.Harmonic(force, omega / np.pi), "end")
+    run = sj.integrate(replace(held, loads=(load,)), cycles=4, steps_per_cycle=200)
+    sines = np.sin(2.0 * omega * run.times) - 2.0 * np.sin(omega * run.times)
+    exact = -force / (3.0 * stiffness) * sines
+    np.testing.assert_allclose(run.point("end"), exact, atol=2e-3 * np.abs(exact).max())

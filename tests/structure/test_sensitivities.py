@@ -302,5 +302,10 @@ def test_values_and_systems_that_do_not_go_together_are_refused():
     with pytest.raises(sj.InputError, match=r"friction: .*-1"):
         with_values(given, {"joint[0].friction": -1.0})
     reduced = given.system().project(np.eye(given.unloaded.n)[:, :2])
-    with pytest.raises(sj.InputError, match=r"must be the structure's own"):
-        sj.sensitivities(given, ["joint[0].friction"], reduced)
+    others = (
+        with_values(given, {key: 0.5}).system() for key in ("material.E", "joint[0].friction")
+    )
+    for other in (reduced, *others):
+        with pytest.raises(sj.InputError, match=r"must be the structure's own"):
+            sj.sensitivities(given, ["joint[0].friction"], other)
+    sj.sensitivities(given, ["joint[0].friction"], with_values(given, {}).system())

@@ -179,3 +179,15 @@ def test_python_describes_what_check_describes():
     load = replace(scene.loads()[0], amplitude=sj.HalfSine(1e3, 1e-3))
     with pytest.raises(sj.InputError, match="give the duration"):
         sj.describe(scene.structure(), [load])
+
+
+def test_smaller_models_of_merged_points_ring_down_beside_the_full_one():
+    models = {"run": ["full", "condensed", "reduced"], "contact_points": 30}
+    table, points = {"levels": 4, "ring_down": 8}, {"friction_points": 20}
+    time = {"cycles": 2, "steps_per_cycle": 50}
+    scene = bar_scene(models=models, backbone=table, reduction=points, time=time)
+    found = scene_backbone(scene).models
+    assert [model.systems[0].contact.w.size for model in found] == [100, 30, 20]
+    full, *others = (model.ring_downs[0].frequency for model in found)
+    for frequency in others:
+        np.testing.assert_allclose(frequency, full, rtol=1e-3)

@@ -369,5 +369,25 @@ def test_a_reduced_model_serves_the_limits_and_loads_alone_that_it_was_made_with
         sj.response(replace(of_loads, loads=(louder,)), [1000.0])
     for_run = sj.reduce(system, 6)
     for model, known in ((for_run, True), (replace(for_run, loads=(louder,)), False)):
-        run = sj.integrate(model, cycles=1, steps_per_cycle=64)
-        assert any("The error of the run is not known" in note for note in run.notes) != known
+        for follow in (sj.integrate, sj.quasi_static):
+            run = follow(model, cycles=1, steps_per_cycle=64)
+            assert any("The error of the run is not known" in note for note in run.notes) != known
+
+
+def test_a_curve_or_run_of_another_structure_of_as_many_unknowns_is_refused():
+    system = arm(sj.Harmonic(1e5, 1000.0), elements=(10, 10), stiffness_damping=1e-6)
+    (curve,) = backbone(system, levels=3)
+    run = sj.integrate(system, cycles=1, steps_per_cycle=64, save=sj.Save(fields=True))
+    elsewhere = system.contact.B[:, ::-1]
+    for other in (
+        replace(system, K=1.1 * system.K), replace(system, M=1.1 * system.M),
+        system.with_contact(B=elsewhere),
+    ):  # fmt: skip
+        for analysis in (
+            lambda one: sj.ring_down(one, curve, 8),
+            lambda one: sj.reduce(one, curve=curve),
+            lambda one: sj.random_response(one, [curve], [[1.0, 1.0], [2e3, 1.0]]),
+            lambda one: sj.reduce(one, run=run),
+        ):
+            with pytest.raises(sj.InputError, match="does not belong to the system"):
+                analysis(other)

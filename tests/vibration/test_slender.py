@@ -53,3 +53,16 @@ def test_bending_of_slender_matrices_that_float_is_no_rigid_motion():
     # Middle of a beam on two supports under a force 2 F at the middle: F L^3 / (24 E I).
     sag = 2.0 * 1e-3 * LENGTH**3 / (24.0 * STEEL.E * inertia)
     assert run.peak[list(given.points).index("sag")] == pytest.approx(sag, rel=0.01)
+
+
+def test_the_mode_of_a_long_bar_on_soft_springs_is_its_own_beside_round_off():
+    """Elements are 1e9 times as stiff as they, so that round-off moves the frequency by 2e-5."""
+    mesh = sj.build_bar([("joint", 0.1, 50), ("free", 0.5, 350)], {"end": 0.6})
+    joint = sj.Joint("joint", 8e6, 0.7, tangential_stiffness=100.0 / (0.05 * 0.1))
+    section = {"width": 0.05, "thickness": 0.01}
+    system = sj.Structure(mesh, STEEL, joints=[joint], free=True, **section).system()
+    (curve,) = sj.backbone(system, levels=3)
+    mass = STEEL.density * 0.6 * 0.05 * 0.01
+    assert curve.stuck_frequency == pytest.approx(np.sqrt(100.0 / mass) / (2.0 * np.pi), rel=1e-3)
+    found = sj.ring_down(system, curve, 8, 50).frequency[0]
+    assert found == pytest.approx(curve.stuck_frequency, rel=2e-3)  # of steps, (2 pi / 50)² / 12
