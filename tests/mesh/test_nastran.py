@@ -124,6 +124,9 @@ REFUSED = {
     "CHEXA,9,4,2,3,6,5,8,9,+\n+,12,11": "element 9 has the corners of element 2, which would count",
     "GRID,99,,\t1.": "line 20: found 'GRID,99,,.t1.', must be fields",
     "CTETRA,9,3,1,2,4,7 $ four": "line 20: found 'CTETRA,9,3,1,2,4,7 . four', must be fields",
+    " CTETRA,9,3,2,5,4,7": "line 20: found ' CTETRA,9,3,2,5,4,7', must begin in the first column",
+    "MAT1,1,2.+11\n RBE2,9,1,123,2,3": "line 21: found ' RBE2,9.*must begin in the first column",
+    "CQUAD4,9,7,1,4,10,7,,,+A\n+B,1.": "line 21: found .* goes on by the name 'B' below .* 'A'",
     "BEGIN SUPER=1": "it has several BEGIN BULK",
 }  # fmt: skip
 
@@ -148,6 +151,10 @@ def test_what_a_scene_says_itself_is_passed_over_with_a_note(tmp_path):
     ]
     note = read(tmp_path, GRID, CUBES, [f"{word},1,any thing" for word in words]).notes[0]
     assert all(word in note for word in words)
+    held = [f"{GRID[0]},,1246", *GRID[1:6]]
+    notes = read(tmp_path, held, ["CQUAD4,1,1,1,2,5,4,,0.5", "CQUAD4,2,1,2,3,6,5"]).notes
+    assert "say (fixed directions of GRID)" in notes[0]
+    assert "say (thickness, offset and angle of CQUAD4)" in notes[0]
 
 
 def test_a_file_that_is_cut_or_empty_is_refused(tmp_path):
