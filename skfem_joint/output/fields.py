@@ -41,7 +41,7 @@ POINT_ARRAYS = {
     "displacement": "m",
     "velocity": "m/s",
     "slip": "m, of the body of the block against what it touches",
-    "friction_traction": "Pa, on the body of the block",
+    "friction_traction": "Pa, on the body of the block; of reduced models sure where it slips",
     "slip_state": "-1 no contact, 0 stick, 1 slip",
     "pressure": "Pa, clamping",
     "friction_work_density": "J/m^2, since the start",
