@@ -66,8 +66,9 @@ def check_resolution(system: System, plan: Plan) -> None:
     Pulses shorter than two steps are allowed where the vibration of the
     loaded unknowns themselves is resolved: the driver ends steps at the pulse's corners, so that
     its momentum is right, and nothing is fast enough to need more. Smooth pulses, whose corners do
-    not show their shape, are not, nor are tables with more kinks than the driver ends steps at. A plain function of time is compared between the steps with the
-    straight lines through its values at them, which are all that the run sees of it.
+    not show their shape, are not, nor are tables with more kinks than the driver ends steps at. A
+    plain function of time is compared between the steps with the straight lines through its values
+    at them, which are all that the run sees of it.
 
     Raises
     ------
