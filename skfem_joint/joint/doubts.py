@@ -147,6 +147,24 @@ def doubtful_gaps(joints: Sequence[Joint], spaces: Mapping[int, PressureSpace]) 
             )
 
 
+def wider_than_other(body: Body, joints: Sequence[Joint]) -> Iterator[str]:
+    """Sentences about bars, or edges of plates, that are pressed on narrower or thinner ones."""
+    mesh, (width, thickness) = body.mesh, body.section
+    for joint in joints:
+        if joint.against is None:
+            continue
+        edge, pair = joint.on in mesh.boundaries, (joint.on, joint.against)
+        across = thickness if edge else width
+        parts = (mesh.mesh.f2t[0, mesh.boundaries[k]] if edge else mesh.regions[k] for k in pair)
+        own, other = (float(across[part].max()) for part in parts)
+        if own > other * (1.0 + 1e-9):
+            yield (
+                f"Joint '{joint.name}' is {own:.4g} m wide and pressed on '{joint.against}', "
+                f"{other:.4g} m wide: its pressure and friction count on all of its own width; "
+                "exchange the two, or give the pressed part the width of the contact."
+            )
+
+
 def faces_apart(grid: Nodes, patches: Sequence[Patch]) -> Iterator[str]:
     """Sentences about faces that are apart on the mesh and that a given pressure presses.
 

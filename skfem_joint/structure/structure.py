@@ -323,6 +323,7 @@ class Structure:
             *self.mesh.notes,
             *self._order_notes,
             *doubts.unusual_values(self.body),
+            *doubts.wider_than_other(self.body, self.joints),
             *doubts.doubtful_gaps(self.joints, self.spaces),
             *stiff(self.body, self.mesh_error, in_parts=self.parts is not None),
         ]

@@ -20,6 +20,7 @@ from bodies import (
     pressed,
     side,
     structure,
+    two_bars,
 )
 
 import skfem_joint as sj
@@ -319,6 +320,22 @@ def test_a_sound_structure_raises_no_doubt():
 def test_what_looks_wrong_is_said(joint, changes, sentence):
     (found,) = said(joint, **changes)
     assert re.search(sentence, found)
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+@pytest.mark.parametrize(("own", "other"), [(0.02, 0.02), (0.02, 0.01), (0.01, 0.02)])
+def test_what_is_wider_than_what_it_is_pressed_on_is_said(dim, own, other):
+    """Nothing touches there, and the clamp force is that of all of its own width."""
+    if dim == 1:
+        made, across = two_bars(), "width"
+    else:
+        made, across = structure(side(), [SIDE], ["lower_left"]), "thickness"
+    parts = {"upper_joint": {across: own}, "lower_joint": {across: other}}
+    made = replace(made, regions=parts)
+    (joint,), (patch,) = made.joints, made.patches
+    assert patch.clamping_force == pytest.approx(joint.pressure * own * (0.2 if dim == 1 else 0.1))
+    said = [note for note in made.system().notes if f"is {own:.4g} m wide and pressed" in note]
+    assert len(said) == (own > other)
 
 
 @pytest.mark.parametrize("gap", [0.0, 1e-8, 2e-4])
