@@ -147,7 +147,7 @@ def test_what_is_probably_meant_otherwise_is_said(tmp_path, text, words):
 @pytest.mark.parametrize("line", ["# peak_to_peak", "# peak-to-peak = yes please", "# Mode = two"])
 def test_a_remark_that_is_a_key_is_no_remark(tmp_path, line):
     file = written(tmp_path, f"{line}\namplitude (mm), damping (%)\n1,0.5\n2,0.6\n3,0.7\n")
-    with pytest.raises(sj.InputError, match="line 1: (peak_to_peak|mode): found"):
+    with pytest.raises(sj.InputError, match=r"line 1: (peak_to_peak|mode): found"):
         sj.measured_curve(file)
 
 
