@@ -340,10 +340,12 @@ def _check(options: argparse.Namespace) -> int:
     """Validate a scene and its sweep, and print what a run would be."""
     from skfem_joint.body.named_parts import named_parts
     from skfem_joint.runs.resolution import check_jumps, check_resolution
+    from skfem_joint.runs.steady_run import check_steady
     from skfem_joint.scene.reading import load_with_sweep
     from skfem_joint.study.against_opening import against_opening
     from skfem_joint.study.description import description_of
     from skfem_joint.study.models import plan_of, with_friction
+    from skfem_joint.study.scene_backbone import check_points
 
     # Everything is checked before the scene is called valid.
     with _progress(options) as progress:
@@ -352,6 +354,9 @@ def _check(options: argparse.Namespace) -> int:
     if not scene.accuracy.is_given:  # the accuracy would choose the step
         check_resolution(system, plan_of(scene))
         check_jumps(system, plan_of(scene))
+    if plan_of(scene).until == "steady":
+        check_steady(system, plan_of(scene))
+    check_points(scene, system.points)
     told: dict[str, None] = {}
 
     def tell(sentences: Iterable[str]) -> None:

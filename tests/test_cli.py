@@ -105,6 +105,37 @@ def test_check_of_a_valid_scene_writes_nothing(scene, tmp_path, capsys):
     assert files_below(tmp_path) == ["scene.toml"]
 
 
+AT_TOP = '[nonlinear_modes]\namplitudes = [1e-6]\nat = "top"\n'
+PULSE = """[[load]]
+on = "free_end"
+kind = "half_sine"
+peak = 1e3
+rise_time = 1e-3
+"""
+
+
+@pytest.mark.parametrize(
+    ("command", "change", "table", "says"),
+    [
+        ("run", ("cycles = 2", 'until = "steady"'), PULSE, "'steady' needs loads that repeat"),
+        ("backbone", FULL_ONLY, '[backbone]\nat = { point = "top", force = [1.0] }\n', "'top'"),
+        (
+            "nonlinear-modes",
+            FULL_ONLY,
+            '[nonlinear_modes]\namplitudes = [1e-6]\nat = "top"\n',
+            "'top'",
+        ),
+    ],
+)
+def test_check_refuses_what_the_command_refuses(
+    command, change, table, says, scene, tmp_path, capsys
+):
+    path = scene(change, more=f"\n{table}")
+    for asked in (["check", str(path)], [command, str(path), "--out", str(tmp_path / "out")]):
+        assert cli.main(asked) == 2
+        assert says in capsys.readouterr().err
+
+
 def test_run_writes_what_the_scene_asks_for(scene, tmp_path, capsys):
     out = tmp_path / "deep" / "results"
     path = scene((NO_OUTPUT, "vtk = true\nframes = 4\nplots = true"))

@@ -178,8 +178,7 @@ def scene_backbone(
     """
     structure, system = scene.structure(), _largest_model(scene)
     asked = _amplitudes(scene)
-    if asked is not None:
-        asked.number(system.points)
+    check_points(scene, system.points)
     full = _curves(scene, system, scene.backbone.modes, partial(progress, "full model"))
     warnings = [*system.notes, *other_reference(scene)]
     warnings += [warning for curve in full for warning in curve.notes]
@@ -234,6 +233,17 @@ def scene_backbone(
         models.append(model)
     displaced, shapes = _shapes(scene, system, full)
     return SceneBackbone(scene, displaced, models, tuple(warnings), normal, mesh, shapes)
+
+
+def check_points(scene: Scene, points: tuple[str, ...]) -> None:
+    """Refuse points of ``[backbone]`` and ``[nonlinear_modes]`` that a system has not."""
+    asked, nonlinear = _amplitudes(scene), scene.nonlinear_modes
+    if asked is not None:
+        asked.number(points)
+    if nonlinear is not None and nonlinear.at is not None and nonlinear.at not in points:
+        raise InputError(
+            f"nonlinear_modes.at: found {nonlinear.at!r}, must be one of {', '.join(points)}"
+        )
 
 
 def _amplitudes(scene: Scene) -> Amplitudes | None:
@@ -399,11 +409,8 @@ def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNon
     InputError and ConvergenceError as :func:`backbone` and :func:`nonlinear_modes`; modes that end
     early are among the results, if there are any.
     """
-    table, points = nonlinear_table(scene), scene.system().points
-    if table.at is not None and table.at not in points:
-        raise InputError(
-            f"nonlinear_modes.at: found {table.at!r}, must be one of {', '.join(points)}"
-        )
+    table = nonlinear_table(scene)
+    check_points(scene, scene.system().points)
     beside = {"modes": list(table.modes), "at": None}
     one = {"run": [table.model]}
     slow = scene_backbone(
