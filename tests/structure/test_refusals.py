@@ -322,6 +322,14 @@ def test_what_looks_wrong_is_said(joint, changes, sentence):
     assert re.search(sentence, found)
 
 
+@pytest.mark.parametrize("phase", [0.5 * np.pi, 90.0, -45.0])
+def test_a_phase_of_more_than_a_turn_is_questioned(phase):
+    made = structure(QUAD, [pressed("joint")], ["left"])
+    amplitude = sj.MultiHarmonic([LOAD, sj.Harmonic(1.0, 2.0, phase)])
+    notes = made.system([sj.Load("right", amplitude, direction=(1.0, 0.0))]).notes
+    assert any("is it in degrees" in note for note in notes) == (abs(phase) > 2.0 * np.pi)
+
+
 @pytest.mark.parametrize("dim", [1, 2])
 @pytest.mark.parametrize(("own", "other"), [(0.02, 0.02), (0.02, 0.01), (0.01, 0.02)])
 def test_what_is_wider_than_what_it_is_pressed_on_is_said(dim, own, other):
