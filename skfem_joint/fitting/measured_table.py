@@ -277,7 +277,7 @@ def _doubtful_remarks(content: str) -> Iterator[str]:
     for number, line in enumerate(io.StringIO(content, newline=None), start=1):
         text = line.partition("#")[2].strip("# \r\n")
         if ":" not in text and re.search(
-            r"\b(rms|r\.m\.s|peak.to.peak|pk-pk|p-p|dB)\b", text, re.I
+            r"\b(rms|r\.m\.s|(?<!half of )peak.to.peak|pk-pk|p-p|dB)\b", text, re.I
         ):
             yield (
                 f"line {number} says {text[:60]!r}: amplitudes are taken as half of peak to peak, "

@@ -135,6 +135,7 @@ def test_arguments_win_over_the_head(tmp_path):
         ("# with 2 bolts\namplitude (mm), damping", "up to 0.7, a ratio, .* is it in percent"),
         ("# with 2 bolts\namplitude (mm), damping (1)", None),
         ("# with 2 bolts\namplitude (mm), damping (%)", None),
+        ("# half of peak to peak\namplitude (mm), damping (%)", None),
     ],
 )
 def test_what_is_probably_meant_otherwise_is_said(tmp_path, text, words):
