@@ -21,6 +21,7 @@ from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.decks.elements import FORMS
 from skfem_joint.mesh.decks.sets import FARTHEST
 from skfem_joint.mesh.file_mesh import FileMesh
+from skfem_joint.mesh.gmsh import meshio_with_prisms
 from skfem_joint.mesh.named import check_count
 
 
@@ -191,8 +192,7 @@ class _Bulk:
 
     def mesh(self) -> FileMesh:
         """The mesh."""
-        import meshio
-
+        meshio = meshio_with_prisms()
         if not self.blocks:
             raise ValueError("it holds no elements: write GRID, CTETRA, CHEXA and the like")
         top = max(_KINDS[word].dim for word in self.words)

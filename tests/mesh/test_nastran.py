@@ -5,7 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from inp_files import deck_of, mesh_of
-from mesh_files import boundary_sizes, region_sizes, saved
+from mesh_files import (
+    NASTRAN_15,
+    PRISM_15,
+    boundary_sizes,
+    read_in_a_process_of_its_own,
+    region_sizes,
+    saved,
+)
 
 import skfem_joint as sj
 
@@ -81,6 +88,17 @@ def test_nodes_of_second_order_are_where_nastran_has_them(tmp_path, kind, word, 
     mesh = read(tmp_path, lines)
     assert (mesh.kind, mesh.order, mesh.notes) == (wanted.kind, wanted.order, ())
     assert region_sizes(mesh)["PSOLID_1"] == pytest.approx(sum(region_sizes(wanted).values()))
+
+
+def test_prisms_of_second_order_are_the_first_thing_that_a_process_reads(tmp_path):
+    """The library of mesh files lacks their dimension."""
+    places = PRISM_15[NASTRAN_15]
+    lines = [f"GRID,{k},,{x},{y},{z}" for k, (x, y, z) in enumerate(places.tolist(), 1)]
+    cells = ["1", "3", *map(str, range(1, 16))]
+    rows = [",".join(cells[at : at + 8]) for at in range(0, len(cells), 8)]
+    lines += [f"CPENTA,{rows[0]}", *(f"+,{row}" for row in rows[1:])]
+    file = saved(tmp_path, "\n".join(["BEGIN BULK", *lines, "ENDDATA", ""]), "mesh.bdf")
+    assert read_in_a_process_of_its_own(file).strip() == "prism 2 {'PSOLID_3': 1}"
 
 
 def test_bars_and_shells_alone_are_bars_and_plates_with_a_note(tmp_path):
