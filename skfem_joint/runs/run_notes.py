@@ -117,7 +117,8 @@ def _of_loops(run: Run, loops: Loops) -> Iterator[str]:
                 "of its friction limit, which supports leave only one direction of slip: they "
                 "count in its energy alone."
             )
-        if energy > 0.0 and abs(area - energy) > _APART * energy and not merged:
+        counts = energy > 1e-9 * run.in_play  # and is no round-off
+        if counts and abs(area - energy) > _APART * energy and not merged:
             yield (
                 f"The points of joint '{joint}' slip by different amounts: the loop of its force "
                 f"over its mean slip has an area of {area:.3g} J, its friction takes "

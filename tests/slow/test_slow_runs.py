@@ -292,6 +292,12 @@ def test_what_sticks_in_a_whole_cycle_is_linear_and_its_energies_balance(model):
     assert run.friction_work.sum() == 0.0
 
 
+def test_the_area_of_a_loop_that_takes_no_energy_is_not_noted():
+    run = sj.quasi_static(foot(sj.Harmonic(10.0, 1.0), stiffness=4e4), cycles=1, steps_per_cycle=40)
+    assert run.friction_energy["foot"] < 1e-12
+    assert run.notes == ()
+
+
 def test_without_any_hold_there_is_no_level():
     system = free_bar(sj.Harmonic(1.0, 1.0)).with_contact(given=np.zeros(21))
     with pytest.raises(sj.ConvergenceError, match="neither a support nor friction") as caught:
