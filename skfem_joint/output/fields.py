@@ -133,10 +133,13 @@ class Frames:
 
         On an edge where joints meet it is the force of all of them over the area of all.
         """
-        pressure = np.zeros(len(self.structure.nodes))
-        for patch, area in zip(self.structure.patches, _pressed_areas(self.structure), strict=True):
-            pressure[patch.nodes] += patch.normal_force / area
-        return pressure
+        force, area = np.zeros((2, len(self.structure.nodes)))
+        for patch in self.structure.patches:
+            force[patch.nodes] += patch.normal_force
+            area[patch.nodes] += patch.area
+            force[patch.held_nodes] += patch.held_forces
+            area[patch.held_nodes] += patch.held_areas
+        return np.divide(force, area, out=np.zeros_like(area), where=area > 0.0)
 
     @cached_property
     def _preloaded(self) -> dict[str, FloatArray]:

@@ -299,8 +299,8 @@ class MatrixModel:
             area=area[slips],
             directions=directions[slips],
             normal=normal[slips],
-            held_force=float(force[~slips].sum()),
-            held_area=float(area[~slips].sum()),
+            held_forces=force[~slips],
+            held_areas=area[~slips],
         )
         return patch, contact
 
