@@ -343,6 +343,7 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
             size = -limit[:, free] * contact.friction[:, row]
             traction[:, nodes[free]] += size[..., np.newaxis] * along
             slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * part[free, None] * along
+        states[:, patch.held_nodes] = 0  # which cannot slip
         states[:, nodes] = contact.state[:, points]
         density[:, nodes] += contact.work[:, points] * own / area
     if pressure is not None and gap is not None:

@@ -339,9 +339,10 @@ def test_an_even_pressure_is_even_where_supports_hold_the_joint_too(order):
         made.system([sj.Load("right", sj.Harmonic(2000.0, 100.0), (1.0, 0.0))]),
         cycles=1, steps_per_cycle=40, save=sj.Save(fields=True),
     )  # fmt: skip
-    pressure = frames_of(made, {"full": run}).pressure
-    inside = made.nodes[:, 0] <= 0.04 + 1e-9
-    assert pressure == pytest.approx(np.where(inside, 10e6, 0.0), rel=1e-9)
+    frames, inside = frames_of(made, {"full": run}), made.nodes[:, 0] <= 0.04 + 1e-9
+    assert frames.pressure == pytest.approx(np.where(inside, 10e6, 0.0), rel=1e-9)
+    np.testing.assert_array_equal(frames.fields[0].slip_state >= 0, [inside] * 41)
+    assert not frames.fields[0].slip_state[:, made.nodes[:, 0] == 0.0].any()  # held: they stick
 
 
 @pytest.mark.parametrize("order", [1, 2])
