@@ -251,7 +251,7 @@ def without_shift(
 
 def is_filled(K: Matrix) -> bool:
     """Whether more than a quarter of a stiffness is filled, as after condensation."""
-    return K.shape[0] ** 2 < 4 * sparse.csr_array(K).nnz
+    return bool(K.shape[0] ** 2 < 4 * sparse.csr_array(K).nnz)
 
 
 def least_work(K: Matrix, X: FloatArray) -> FloatArray:
