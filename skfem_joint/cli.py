@@ -353,6 +353,7 @@ def _check(options: argparse.Namespace) -> int:
     """Validate a scene and its sweep, and print what a run would be."""
     from skfem_joint.body.named_parts import named_parts
     from skfem_joint.runs.resolution import check_jumps, check_resolution
+    from skfem_joint.runs.steady_run import check_steady
     from skfem_joint.scene.reading import load_with_sweep
     from skfem_joint.study.against_opening import against_opening
     from skfem_joint.study.description import description_of
@@ -375,6 +376,8 @@ def _check(options: argparse.Namespace) -> int:
     ):
         if table in scene.model_fields_set:
             check(scene)
+    if plan_of(scene).until == "steady":
+        check_steady(system, plan_of(scene))
     told: dict[str, None] = {}
 
     def tell(sentences: Iterable[str]) -> None:

@@ -105,6 +105,21 @@ def test_check_of_a_valid_scene_writes_nothing(scene, tmp_path, capsys):
     assert files_below(tmp_path) == ["scene.toml"]
 
 
+PULSE = """[[load]]
+on = "free_end"
+kind = "half_sine"
+peak = 1e3
+rise_time = 1e-3
+"""
+
+
+def test_check_refuses_what_the_command_refuses(scene, tmp_path, capsys):
+    path = scene(("cycles = 2", 'until = "steady"'), more=f"\n{PULSE}")
+    for asked in (["check", str(path)], ["run", str(path), "--out", str(tmp_path / "out")]):
+        assert cli.main(asked) == 2
+        assert "'steady' needs loads that repeat" in capsys.readouterr().err
+
+
 def test_run_writes_what_the_scene_asks_for(scene, tmp_path, capsys):
     out = tmp_path / "deep" / "results"
     path = scene((NO_OUTPUT, "vtk = true\nframes = 4\nplots = true"))

@@ -23,7 +23,7 @@ from skfem_joint.body.checks import one_of, overlap, wrong_name
 from skfem_joint.body.nodes import Nodes
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import refuse
-from skfem_joint.ground.values import POISSON, POSITIVE, problems
+from skfem_joint.ground.values import POISSON, POSITIVE, check_kind, problems
 from skfem_joint.mesh import NamedMesh, named
 from skfem_joint.mesh.named import bar_axis
 from skfem_joint.system.unknowns import congruent
@@ -92,6 +92,7 @@ class Body(Nodes):
         given: object = self.mesh
         if not isinstance(given, NamedMesh):
             object.__setattr__(self, "mesh", named(given))
+        check_kind("material", self.material, Material)
         refuse([*_value_problems(self), *_override_problems(self)])
 
     @cached_property

@@ -36,6 +36,7 @@ from skfem_joint.fitting.measured_table import (
     Head,
     Samples,
     check_samples,
+    doubtful_damping,
     given_samples,
     head_of,
     read_samples,
@@ -229,9 +230,11 @@ def measured_curve(
         )
     head = head_of(samples, given)
     check_samples(samples)
-    (quantity, unit), notes = _unit_of_amplitude(samples, head), list[str]()
+    quantity, unit = _unit_of_amplitude(samples, head)
+    notes = [*samples.doubts, *doubtful_damping(samples)]
     if "signal" in samples.columns:
-        samples, notes = _of_decay(samples, head, quantity)
+        samples, said = _of_decay(samples, head, quantity)
+        notes += said
     elif head.frequency is not None:
         raise InputError(
             f"{samples.where}: found key 'frequency', which is about that of a signal over time; "

@@ -76,6 +76,8 @@ class Samples(NamedTuple):
         Of lines or samples.
     stated : list of (str, str, str)
         Places, keys and texts of the comments that state a key.
+    doubts : list of str
+        Sentences about what is probably meant otherwise.
     """
 
     where: str
@@ -84,6 +86,7 @@ class Samples(NamedTuple):
     kind: str
     numbers: IntArray
     stated: list[tuple[str, str, str]]
+    doubts: list[str]
 
     def place(self, k: np.intp) -> str:
         """Place of a row for messages."""
@@ -105,7 +108,8 @@ def read_samples(path: Path) -> Samples:
         the file and the lines.
     """
     columns, units, lines, content = read_columns(path, _units_of, _MAY_LACK, _EXAMPLE)
-    return Samples(str(path), columns, units, "line", lines, [*_stated(path, content)])
+    doubts = [*_doubtful_remarks(content)]
+    return Samples(str(path), columns, units, "line", lines, [*_stated(path, content)], doubts)
 
 
 def given_samples(arrays: Mapping[str, Any], where: str) -> Samples:
@@ -124,7 +128,7 @@ def given_samples(arrays: Mapping[str, Any], where: str) -> Samples:
         found = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
         raise InputError(f"{where}: found arrays of shapes {found}; must be one shape (k,)")
     count = next(iter(columns.values())).size
-    return Samples(where, columns, units, "sample", np.arange(count), [])
+    return Samples(where, columns, units, "sample", np.arange(count), [], [])
 
 
 def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
@@ -148,6 +152,17 @@ def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
             f"or both, or time and signal, as in {_EXAMPLE}"
         )
     return units
+
+
+def doubtful_damping(samples: Samples) -> Iterator[str]:
+    """Sentence about dampings without a unit that are percent, by their size."""
+    largest = np.nanmax(samples.columns.get("damping", np.zeros(1)), initial=0.0)
+    # Joints in full slip reach some 10 %.
+    if samples.units.get("damping", "1") is None and largest > 0.2:
+        yield (
+            f"the damping is up to {largest:g}, a ratio, in a column without a unit: is it in "
+            "percent? Name it 'damping (%)', or 'damping (1)'."
+        )
 
 
 def check_samples(samples: Samples) -> None:
@@ -240,11 +255,35 @@ class Head(SceneTable):
 
 
 def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
-    """Places, keys and texts of the comments that state a key."""
+    """Places, keys and texts of the comments that state a key.
+
+    One that begins with a key is none of the remarks, whatever follows.
+    """
     for number, line in enumerate(io.StringIO(content, newline=None), start=1):
-        stated = re.fullmatch(r"\s*#+\s*([A-Za-z_][\w -]*?)\s*:\s*([^#]*?)\s*(?:#.*)?\s*", line)
-        if stated is not None:
-            yield f"{path}: line {number}", stated[1].casefold(), stated[2]
+        said = re.fullmatch(
+            r"\s*#+\s*([A-Za-z_][\w -]*?)\s*(?:([:=])\s*([^#]*?)\s*)?(?:#.*)?\s*", line
+        )
+        if said is None:
+            continue
+        name = said[1].casefold()
+        if said[2] != ":":
+            name = re.sub("[ -]+", "_", name)
+        if said[2] == ":" or name in Head.model_fields:
+            yield f"{path}: line {number}", name, said[3] or ""
+
+
+def _doubtful_remarks(content: str) -> Iterator[str]:
+    """Sentences about remarks by which amplitudes are not half of peak to peak."""
+    for number, line in enumerate(io.StringIO(content, newline=None), start=1):
+        text = line.partition("#")[2].strip("# \r\n")
+        if ":" not in text and re.search(
+            r"\b(rms|r\.m\.s|(?<!half of )peak.to.peak|pk-pk|p-p|dB)\b", text, re.I
+        ):
+            yield (
+                f"line {number} says {text[:60]!r}: amplitudes are taken as half of peak to peak, "
+                "1.414 times the root mean square of a sine; state peak_to_peak: true, or "
+                "convert them, if they are not."
+            )
 
 
 def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:

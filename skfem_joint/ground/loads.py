@@ -20,7 +20,14 @@ from scipy.optimize import minimize_scalar
 
 from skfem_joint.ground.arrays import FloatArray, as_real
 from skfem_joint.ground.errors import InputError, refuse
-from skfem_joint.ground.values import FINITE, NOT_NEGATIVE, POSITIVE, check_columns, problems
+from skfem_joint.ground.values import (
+    FINITE,
+    NOT_NEGATIVE,
+    POSITIVE,
+    check_columns,
+    problems,
+    several,
+)
 
 
 class Amplitude(ABC):
@@ -164,7 +171,7 @@ class MultiHarmonic(Amplitude):
     components: Sequence[Harmonic]
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "components", tuple(self.components))
+        object.__setattr__(self, "components", several("components", self.components, Harmonic))
         if not self.components:
             raise InputError("components: found none, must be at least one harmonic")
 

@@ -116,12 +116,24 @@ def check_each(where: str, values: Any, kind: Kind) -> None:
         check(f"{where}[{number}]", value, kind)
 
 
-def several(where: str, given: Any) -> tuple[Any, ...]:
-    """Tuple of what is given as a list; InputError for one of it, such as a name, in its place."""
+def several(where: str, given: Any, kind: type = object) -> tuple[Any, ...]:
+    """Tuple of what is given as a list, each of a kind.
+
+    InputError for one of it, such as a name, in its place, and for others than of the kind.
+    """
     if isinstance(given, str) or not isinstance(given, Iterable):
         one = repr(given) if isinstance(given, str) else f"one {type(given).__name__}"
         raise InputError(f"{where}: found {one}, must be a list, also of a single one")
-    return tuple(given)
+    found = tuple(given)
+    for each in found:
+        check_kind(where, each, kind)
+    return found
+
+
+def check_kind(where: str, value: Any, kind: type) -> None:
+    """Raise InputError unless a value is of a kind."""
+    if not isinstance(value, kind):
+        raise InputError(f"{where}: found {type(value).__name__}, must be a {kind.__name__}")
 
 
 def check_numbers(where: str, values: Any) -> None:

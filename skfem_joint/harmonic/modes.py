@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
-from skfem_joint.ground.values import check_numbers
+from skfem_joint.ground.values import check_kind, check_numbers
 from skfem_joint.harmonic.balance import LARGEST, MODES, MOST, Balance, check_size, stuck_modes
 from skfem_joint.harmonic.curve import NonlinearMode, curve_of, notes_of_errors
 from skfem_joint.harmonic.levels import Levels, changes, chosen, climbed, relative, resolved
@@ -114,6 +114,7 @@ def nonlinear_modes(
     ConvergenceError
         If an amplitude is not found. The error's ``run`` is the curve up to there, if there is one.
     """
+    check_kind("system", system, System)
     system.check_any_load("nonlinear_modes")
     if system.serves is not None:
         raise InputError(

@@ -52,8 +52,8 @@ class Patch:
         zeros in place of the last.
     normal : ndarray, shape (k, dim), or None
         Outward normals of facets; None where cells lie on their base.
-    held_force, held_area : float
-        Share of the clamping force (N) and of the area (m2) of pressed nodes that supports hold.
+    held_forces, held_areas : ndarray, shape (held nodes,)
+        Forces (N) and areas (m2) of pressed nodes that supports hold.
     held_nodes : ndarray of int
         Numbers of these nodes.
     held_normal : ndarray, shape (held nodes, dim), or None
@@ -79,8 +79,8 @@ class Patch:
     area: FloatArray
     directions: FloatArray
     normal: FloatArray | None
-    held_force: float
-    held_area: float
+    held_forces: FloatArray
+    held_areas: FloatArray
     held_nodes: IntArray = field(default_factory=lambda: np.zeros(0, np.intp))
     held_normal: FloatArray | None = None
     held_other: sparse.csr_array | None = None
@@ -93,6 +93,16 @@ class Patch:
     def stiffness(self) -> FloatArray:
         """Of the spring in series with the friction of each node, (k,), N/m; inf for none."""
         return point_stiffness(self.joint, self.area)
+
+    @property
+    def held_force(self) -> float:
+        """Share of the clamping force of nodes that supports hold, N."""
+        return float(self.held_forces.sum())
+
+    @property
+    def held_area(self) -> float:
+        """Share of the area of nodes that supports hold, m2."""
+        return float(self.held_areas.sum())
 
     @property
     def clamping_force(self) -> float:
@@ -187,8 +197,8 @@ def make_patch(
         held_nodes=still,
         held_normal=None if normal is None else normal[~slips],
         held_other=None if other is None else other[~slips],
-        held_force=float(force[still].sum()),
-        held_area=float(area[still].sum()),
+        held_forces=force[still],
+        held_areas=area[still],
         bolt_shares=shares,
         opening=opening,
     )

@@ -42,29 +42,44 @@ class Entry(NamedTuple):
 def entries(text: str, wanted: Callable[[str, int], bool], first: int = 1) -> Iterator[Entry]:
     """Entries whose word, with its line, is wanted; the lines are counted from ``first``.
 
-    Comments are left out. ValueError, which begins with the line, for damaged fields.
+    Comments are left out. ValueError, which begins with the line, for damaged fields, for a word
+    that does not begin in the first column, where a line without a word goes on, and for a line
+    that goes on from another one than that above it.
     """
     entry: Entry | None = None
+    last = ""  # name by which the next line goes on
     for number, raw in enumerate(text.split("\n"), first):
         line = raw.rstrip()
-        if not line or line.startswith("$"):
+        if not line or line.lstrip().startswith("$"):
             continue
+        head = line[:8].partition(",")[0].strip()
         word = _BREAK.split(line[:8], maxsplit=1)[0].upper()
+        if head and not word:
+            raise ValueError(f"line {number}: found {line[:60]!r}, must begin in the first column")
         if word[:1] not in ("", "+", "*"):
             if entry is not None:
                 yield entry
-            plain = word.removesuffix("*")
+            plain, last = word.removesuffix("*"), ""
             entry = Entry(number, plain, [], []) if wanted(plain, number) else None
         if entry is not None:
-            own = _cells(line, number)
+            name = "" if number == entry.line else head.lstrip("+*")
+            if name and name != last:
+                raise ValueError(
+                    f"line {number}: found a line that goes on by the name {name!r} below one that "
+                    f"ends with {last or 'none'!r}: put it below the line that it belongs to"
+                )
+            own, last = _cells(line, head, number)
             entry.cells.extend(own)
             entry.lines.extend([number] * len(own))
     if entry is not None:
         yield entry
 
 
-def _cells(line: str, number: int) -> list[str]:
-    """Cells of a line after its word: eight of 8 characters, or four of 16."""
+def _cells(line: str, head: str, number: int) -> tuple[list[str], str]:
+    """Cells of a line after its ``head``, eight of 8 characters or four of 16; and its end's name.
+
+    That is the name, without its sign, of the line by which it goes on.
+    """
     wide = "*" in line[:8].partition(",")[0]
     count = 4 if wide else 8
     if not _TEXT.fullmatch(line):  # no tabs, no comments behind
@@ -79,7 +94,6 @@ def _cells(line: str, number: int) -> list[str]:
         width = 16 if wide else 8
         cells = [line[8 + width * k : 8 + width * (k + 1)].strip() for k in range(count)]
         rest = line[72:].strip()
-    head = line[:8].partition(",")[0].strip()
     if not _HEAD.fullmatch(head) or not any(cells):
         raise ValueError(f"line {number}: found {line[:60]!r}, must be fields of an entry")
     if rest and not _NEXT.fullmatch(rest):
@@ -88,7 +102,7 @@ def _cells(line: str, number: int) -> list[str]:
     for cell in cells:
         if " " in cell:
             raise ValueError(f"line {number}: found {cell!r} in a field, must be one number")
-    return [*cells, *[""] * (count - len(cells))]
+    return [*cells, *[""] * (count - len(cells))], rest.lstrip("+*")
 
 
 def whole(cell: str) -> int:

@@ -23,6 +23,7 @@ from skfem_joint.mesh.decks.cards import decoded
 from skfem_joint.mesh.decks.elements import FORMS
 from skfem_joint.mesh.decks.sides import Sides, blocks_of
 from skfem_joint.mesh.file_mesh import FileMesh
+from skfem_joint.mesh.gmsh import meshio_with_prisms
 from skfem_joint.mesh.named import check_count
 
 if TYPE_CHECKING:
@@ -84,8 +85,7 @@ def read_med(path: Path) -> FileMesh:
     InputError
         If the file cannot be read.
     """
-    import meshio
-
+    meshio = meshio_with_prisms()
     if not read_whole(path).startswith(_SIGNATURE):
         raise ValueError("it is no MED file, which begins as HDF5 does: save it again as .med")
     cure = "pip install 'skfem-joint[salome]'; or save the mesh as .msh or .inp"

@@ -21,6 +21,7 @@ from skfem_joint.mesh.cells import repeated
 from skfem_joint.mesh.decks.elements import FORMS
 from skfem_joint.mesh.decks.sets import FARTHEST
 from skfem_joint.mesh.file_mesh import FileMesh
+from skfem_joint.mesh.gmsh import meshio_with_prisms
 from skfem_joint.mesh.named import check_count
 
 
@@ -47,12 +48,14 @@ _ORDERS = {
     "hexahedron20": [*range(12), *range(16, 20), *range(12, 16)],
     "wedge15": [*range(9), *range(12, 15), *range(9, 12)],
 }
+_SECTIONS = "properties, which [material] and [section] say"
+_LOADED = "supports and loads, which [support], [[load]] and [[bolt]] say"
 #: Entries that are passed over, by what they are about.
 _PASSED = {
     "materials, which [material] says": r"MAT\w*|CREEP",
-    "properties, which [material] and [section] say": r"P(SOLID|SHELL|LSOLID|COMP|ROD|TUBE|BAR|"
+    _SECTIONS: r"P(SOLID|SHELL|LSOLID|COMP|ROD|TUBE|BAR|"
     r"BEAM)\w*",
-    "supports and loads, which [support], [[load]] and [[bolt]] say": r"SPC\w*|FORCE\d?|MOMENT\d?|"
+    _LOADED: r"SPC\w*|FORCE\d?|MOMENT\d?|"
     r"PLOAD\w*|GRAV|LOAD|LSEQ|TEMP\w*|RFORCE\d?|ACCEL\d?|DAREA|[DRT]LOAD\d?|DPHASE|DEFORM|"
     r"SUPORT\d?|CHBDY\w|PHBDY|QBDY\d|QVOL|QSET\d?|P?CONV\w?|RADM|RADBC",
     "contact, which [[joint]] says": r"BC\w+|BSURFS?|BFRIC",
@@ -163,6 +166,8 @@ class _Bulk:
             place = [real(cell, entry.line) if cell else 0.0 for cell in cells[2:5]]
             if not max(map(abs, place)) < FARTHEST:
                 raise ValueError(f"coordinates must be below {FARTHEST:g}")
+            if any(cells[6:7]):
+                self.passed[_LOADED]["fixed directions of GRID"] = None
             self.numbers.append(number)
             self.places.append(place)
             self.lines.append(entry.line)
@@ -175,6 +180,8 @@ class _Bulk:
         if not owner or not all(nodes) or len(nodes) not in kind.names:
             counts = " or ".join(map(str, kind.names))
             raise ValueError(f"{number} must have a property and {counts} nodes, none left out")
+        if kind.dim == 2 and any(cells[2 + len(nodes) :]):
+            self.passed[_SECTIONS][f"thickness, offset and angle of {entry.word}"] = None
         name = kind.names[len(nodes)]
         block = self.blocks[name]
         self.groups[f"{kind.card}_{owner}"][name].append(len(block.nodes))
@@ -185,8 +192,7 @@ class _Bulk:
 
     def mesh(self) -> FileMesh:
         """The mesh."""
-        import meshio
-
+        meshio = meshio_with_prisms()
         if not self.blocks:
             raise ValueError("it holds no elements: write GRID, CTETRA, CHEXA and the like")
         top = max(_KINDS[word].dim for word in self.words)

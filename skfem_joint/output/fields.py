@@ -41,7 +41,7 @@ POINT_ARRAYS = {
     "displacement": "m",
     "velocity": "m/s",
     "slip": "m, of the body of the block against what it touches",
-    "friction_traction": "Pa, on the body of the block",
+    "friction_traction": "Pa, on the body of the block; of reduced models sure where it slips",
     "slip_state": "-1 no contact, 0 stick, 1 slip",
     "pressure": "Pa, clamping",
     "friction_work_density": "J/m^2, since the start",
@@ -133,10 +133,13 @@ class Frames:
 
         On an edge where joints meet it is the force of all of them over the area of all.
         """
-        pressure = np.zeros(len(self.structure.nodes))
-        for patch, area in zip(self.structure.patches, _pressed_areas(self.structure), strict=True):
-            pressure[patch.nodes] += patch.normal_force / area
-        return pressure
+        force, area = np.zeros((2, len(self.structure.nodes)))
+        for patch in self.structure.patches:
+            force[patch.nodes] += patch.normal_force
+            area[patch.nodes] += patch.area
+            force[patch.held_nodes] += patch.held_forces
+            area[patch.held_nodes] += patch.held_areas
+        return np.divide(force, area, out=np.zeros_like(area), where=area > 0.0)
 
     @cached_property
     def _preloaded(self) -> dict[str, FloatArray]:
@@ -340,6 +343,7 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
             size = -limit[:, free] * contact.friction[:, row]
             traction[:, nodes[free]] += size[..., np.newaxis] * along
             slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * part[free, None] * along
+        states[:, patch.held_nodes] = 0  # which cannot slip
         states[:, nodes] = contact.state[:, points]
         density[:, nodes] += contact.work[:, points] * own / area
     if pressure is not None and gap is not None:

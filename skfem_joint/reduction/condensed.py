@@ -19,7 +19,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix, as_dense
 from skfem_joint.ground.errors import InputError, refuse
-from skfem_joint.ground.values import COUNT, POSITIVE, WHOLE, check, check_some
+from skfem_joint.ground.values import COUNT, POSITIVE, WHOLE, check, check_kind, check_some
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.linalg.parts import Parts, parts_problems
@@ -81,6 +81,7 @@ def condense(
         highest frequency is needed and not known, points of contact that opens would be merged,
         or parts are none or too many, or stand beside points to be merged.
     """
+    check_kind("system", system, System)
     check("interface_modes", interface_modes, WHOLE, "auto")
     check("contact_points", contact_points, COUNT, "all")
     check_some(POSITIVE, frequency=frequency)

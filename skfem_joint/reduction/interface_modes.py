@@ -228,8 +228,11 @@ def beside(system: System, V: FloatArray, shapes: FloatArray, share: FloatArray)
     """
     W = orthonormal(V, system.M)
     left = shapes - W @ (W.T @ (system.M @ shapes))
-    size, whole = (np.einsum("ij,ij->j", x, system.K @ x) for x in (left, shapes))
-    return shapes[:, share * np.sqrt(size / whole) > LEAST_BESIDE]
+    # Of rigid motions both energies are round-off of either sign.
+    size, whole = (
+        np.sqrt(np.maximum(np.einsum("ij,ij->j", x, system.K @ x), 0.0)) for x in (left, shapes)
+    )
+    return shapes[:, share * size > LEAST_BESIDE * whole]
 
 
 def participating(

@@ -19,7 +19,15 @@ import numpy as np
 
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import common_period
-from skfem_joint.ground.values import BETA, COUNT, POSITIVE, WHOLE, check, check_some
+from skfem_joint.ground.values import (
+    BETA,
+    COUNT,
+    POSITIVE,
+    WHOLE,
+    check,
+    check_kind,
+    check_some,
+)
 from skfem_joint.reduction import sources
 from skfem_joint.reduction.basis import STUCK_VELOCITY, Basis, Options, Origin
 from skfem_joint.reduction.elastic_contact import check_reference, elastic
@@ -126,6 +134,7 @@ def reduce(
         they are made of, a run or curve is one of another system, or arguments are given that
         exclude each other.
     """
+    check_kind("system", system, System)
     check("modes", modes, COUNT, "auto")
     if level != 1.0 and frequency is None:
         raise InputError(

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.values import COUNT, check
+from skfem_joint.ground.values import COUNT, check, check_kind
 from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.system.modes import lowest_modes
 from skfem_joint.system.system import System
@@ -86,6 +86,7 @@ def natural_modes(
     >>> round(float(sj.natural_modes(system, 1).frequencies[0]))
     1250
     """
+    check_kind("system", system, System)
     check("count", count, COUNT)
     if joints not in ("loose", "stuck"):
         raise InputError(f"joints: found {joints!r}, must be 'loose' or 'stuck'")

@@ -21,7 +21,7 @@ from skfem_joint.ground.arrays import FloatArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.loads import common_period
 from skfem_joint.ground.plain_values import fingerprint
-from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_some
+from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_kind, check_some
 from skfem_joint.runs.resolution import check_jumps, check_resolution, unfit_times
 from skfem_joint.runs.run_notes import notes_of_run, wrong_energy
 from skfem_joint.runs.slow_run import slow_run
@@ -283,6 +283,7 @@ def _steps(
     steps_per_cycle: int | None,
 ) -> tuple[float, int]:
     """Step and number of steps, given in one of three ways."""
+    check_kind("system", system, System)
     check_some(POSITIVE, step=step, duration=duration)
     check_some(COUNT, n_steps=n_steps, cycles=cycles, steps_per_cycle=steps_per_cycle)
     if cycles is not None or steps_per_cycle is not None:

@@ -22,6 +22,7 @@ from scipy.sparse.linalg import splu
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
 from skfem_joint.ground.loads import Amplitude, Table
+from skfem_joint.stepping.load_steps import ends_steps
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.system.system import AppliedLoad, System
 
@@ -65,8 +66,9 @@ def check_resolution(system: System, plan: Plan) -> None:
     Pulses shorter than two steps are allowed where the vibration of the
     loaded unknowns themselves is resolved: the driver ends steps at the pulse's corners, so that
     its momentum is right, and nothing is fast enough to need more. Smooth pulses, whose corners do
-    not show their shape, are not. A plain function of time is compared between the steps with the
-    straight lines through its values at them, which are all that the run sees of it.
+    not show their shape, are not, nor are tables with more kinks than the driver ends steps at. A
+    plain function of time is compared between the steps with the straight lines through its values
+    at them, which are all that the run sees of it.
 
     Raises
     ------
@@ -161,7 +163,7 @@ def _load_bounds(system: System, duration: float, vibrates: bool = True) -> Iter
             continue
         rise = 0.5 / frequency
         most = rise / 2  # as many steps in it, or in the duration of a rectangle
-        if vibrates and not _is_round(amplitude, peak):
+        if vibrates and ends_steps(amplitude, duration) and not _is_round(amplitude, peak):
             shape = closed().loads[number].vector
             most = max(most, _period(closed(), shape) / _PER_VIBRATION)
         yield Bound(name, most, f"is too long for a pulse that rises in {rise:.4g} s")

@@ -7,11 +7,14 @@ from collections.abc import Iterator
 import numpy as np
 from scipy import sparse
 
+from skfem_joint.ground.arrays import as_dense
 from skfem_joint.runs.last_cycle import peaks, steady_state
 from skfem_joint.runs.resolution import unfit_times
+from skfem_joint.stepping.arrangement import picks_unknowns
 from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
+from skfem_joint.system.contacts import Contact
 
 #: Difference of a joint's loop from its energy, over this; share of its friction limit that its
 #: loop leaves out.
@@ -95,6 +98,13 @@ def _of_loops(run: Run, loops: Loops) -> Iterator[str]:
             "width away from its start. The first cycle, from rest, never is; energies and "
             "stiffnesses per cycle are those of the last one. Give more cycles."
         )
+    dense = run.system.is_dense and not picks_unknowns(contact.B)
+    for joint in _without_sliding(contact, loops) if dense else ():
+        yield (
+            f"The friction force of joint '{joint}' and its stiffness are sure only where it slips "
+            "as a whole: the modes of this model lack the sliding of the whole joint. Make it for "
+            "such runs, by sj.reduce(..., quasi_static=True)."
+        )
     merged = contact.shares is not None and (
         np.diff(sparse.csr_array(contact.shares).indptr).max(initial=0) > 1
     )
@@ -107,9 +117,27 @@ def _of_loops(run: Run, loops: Loops) -> Iterator[str]:
                 "of its friction limit, which supports leave only one direction of slip: they "
                 "count in its energy alone."
             )
-        if energy > 0.0 and abs(area - energy) > _APART * energy and not merged:
+        counts = energy > 1e-9 * run.in_play  # and is no round-off
+        if counts and abs(area - energy) > _APART * energy and not merged:
             yield (
                 f"The points of joint '{joint}' slip by different amounts: the loop of its force "
                 f"over its mean slip has an area of {area:.3g} J, its friction takes "
                 f"{energy:.3g} J, the sum over its points. The energy is exact, the area is not."
             )
+
+
+def _without_sliding(contact: Contact, loops: Loops) -> Iterator[str]:
+    """Joints whose sum of rigid friction forces does no work in any motion of a dense system.
+
+    It does in the one in which all points of the joint slip along its direction and others stick.
+    """
+    rigid = contact.on_rows(contact.rubs & ~contact.sprung)
+    component = np.arange(rigid.size) - contact.on_rows(contact.first_row[:-1])
+    B = as_dense(contact.B)[rigid]
+    for joint, shares, along in zip(
+        contact.joints, as_dense(contact.J), loops.direction, strict=True
+    ):
+        slips = (contact.on_rows(shares) * along[component])[rigid]
+        missed = slips - B @ np.linalg.lstsq(B, slips)[0]
+        if np.linalg.norm(missed) > 1e-6 * np.linalg.norm(slips):  # far above round-off
+            yield joint

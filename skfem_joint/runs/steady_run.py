@@ -318,7 +318,7 @@ def steady_run(
     InputError
         If nothing can become steady, or steps are too long for a load.
     """
-    _check_steady(given, plan)
+    check_steady(given, plan)
     check_resolution(given, plan)
     driver, begin = Driver(given, plan, start, tolerance, ending), time.perf_counter()
     system, stepper, changes = driver.system, driver.stepper, list[float]()
@@ -384,8 +384,8 @@ def _found(search: Search, shooting: Shooting) -> FloatArray:
             return np.asarray(end.value)
 
 
-def _check_steady(system: System, plan: Plan) -> None:
-    """Refuse what has no steady vibration, or none that is a period long."""
+def check_steady(system: System, plan: Plan) -> None:
+    """Refuse what has no steady vibration, or none that is a period long; InputError."""
     period = common_period(load.amplitude for load in system.loads)
     if period is None or abs(plan.duration / period - 1.0) > 1e-9:
         raise InputError(

@@ -7,6 +7,7 @@ from bisect import bisect_left
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.loads import Amplitude
 from skfem_joint.system.system import System
 
 #: Kinks of a load end steps only if there are at most so many; jumps always do.
@@ -14,6 +15,11 @@ MOST_KINKS = 64
 #: Steps for which the loads are evaluated together. Blocks always begin at the same steps, so that
 #: results do not depend on where a run is continued.
 BLOCK = 16_384
+
+
+def ends_steps(amplitude: Amplitude, end: float) -> bool:
+    """Whether all kinks of a load up to the time ``end``, s, end steps: few enough of them."""
+    return sum(0.0 <= t <= end for t in amplitude.corners) <= MOST_KINKS
 
 
 class LoadSteps:
@@ -45,9 +51,9 @@ class LoadSteps:
         for load in system.loads:
             jumps = set(load.amplitude.jumps)
             last = (n_steps + 1e-9) * h  # the latest time that counts as the end
-            corners = [t for t in load.amplitude.corners if 0.0 <= t <= last]
-            for t in corners:
-                if t in jumps or len(corners) <= MOST_KINKS:
+            kinks = ends_steps(load.amplitude, last)
+            for t in load.amplitude.corners:
+                if 0.0 <= t <= last and (t in jumps or kinks):
                     self._cut(t, t in jumps)
         self._order = sorted(self.cuts)
 

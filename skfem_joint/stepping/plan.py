@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_some
+from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_kind, check_some
 from skfem_joint.stepping.recording import Save
 from skfem_joint.stepping.schemes import Scheme, generalized_alpha
 from skfem_joint.stepping.warp import warp_factor
@@ -73,6 +73,7 @@ class Plan:
                 f"scheme: found {self.scheme!r}, must be a Scheme, such as "
                 "sj.generalized_alpha(0.9)"
             )
+        check_kind("save", self.save, Save)
         check_some(COUNT, cycle_steps=self.cycle_steps)
         check_until(self.until)
         if self.quasi_static and self.until != "end":

@@ -251,7 +251,8 @@ class Run(Tabular):
         Unknowns (m; the unit of a reduced system's follows from its basis) and their rates (1/s of
         that). ``system.expand(u)`` gives all displacements.
     sigma : ndarray, shape (frames, rows of B)
-        Friction force over its limit, from -1 to 1.
+        Friction force over its limit, from -1 to 1. Of points that stick in a reduced model only
+        those sums are sure that do work in its few motions.
     friction_work_rows : ndarray, shape (frames, m)
         Energy that friction has dissipated at each contact point up to the frame, J.
     input_work : ndarray, shape (loads,)

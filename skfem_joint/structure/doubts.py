@@ -88,6 +88,13 @@ def doubted(
     if not quasi_static and body is not None:
         sentences += coarse_for_waves(body, system)
         sentences += oscillating_impacts(body, patches)
+    for load in system.loads:
+        largest = max((abs(h.phase) for h in load.amplitude.harmonics), default=0.0)
+        if largest > 2.0 * np.pi:
+            sentences.append(
+                f"The load on '{load.on}' has a phase of {largest:.4g} rad, more than a turn: is "
+                "it in degrees?"
+            )
     if not patches:
         sentences.append("There is no joint: nothing slips, the structure is linear.")
     for patch in patches:

@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.ground.arrays import FloatArray, IntArray, Matrix
 from skfem_joint.ground.errors import InputError, listed, refuse
+from skfem_joint.ground.values import several
 from skfem_joint.joint.gaps import surfaces
 from skfem_joint.joint.joints import Joint, joint_value_problems
 from skfem_joint.joint.manifold import SMALL, slip_directions
@@ -298,8 +299,8 @@ class MatrixModel:
             area=area[slips],
             directions=directions[slips],
             normal=normal[slips],
-            held_force=float(force[~slips].sum()),
-            held_area=float(area[~slips].sum()),
+            held_forces=force[~slips],
+            held_areas=area[~slips],
         )
         return patch, contact
 
@@ -349,6 +350,7 @@ class MatrixModel:
         InputError
             For unknown names, loads with a direction or a base, and points that a support holds.
         """
+        loads = several("loads", loads, Load)
         problems = [*self._wrong_loads(loads)]
         observed = list(self.points) if points is None else list(points)
         problems += [

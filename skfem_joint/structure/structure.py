@@ -147,8 +147,10 @@ class Structure:
         mesh, notes = of_order(self.mesh, self.order, **how)
         object.__setattr__(self, "mesh", mesh)
         self._order_notes.extend(notes)
+        kinds = {"joints": Joint, "bolts": Clamp}
         for name in ("fixed", "fixed_x", "fixed_y", "fixed_z", "joints", "bolts"):
-            object.__setattr__(self, name, several(name, getattr(self, name)))
+            each = several(name, getattr(self, name), kinds.get(name, object))
+            object.__setattr__(self, name, each)
         wrong = parts_problems(self.parts)
         try:
             body = None if like is None else like._body_for(self)
@@ -321,6 +323,7 @@ class Structure:
             *self.mesh.notes,
             *self._order_notes,
             *doubts.unusual_values(self.body),
+            *doubts.wider_than_other(self.body, self.joints),
             *doubts.doubtful_gaps(self.joints, self.spaces),
             *stiff(self.body, self.mesh_error, in_parts=self.parts is not None),
         ]
@@ -504,7 +507,7 @@ class Structure:
         InputError
             For unknown names, directions that do not fit, and loads on parts that cannot move.
         """
-        loads = several("loads", loads)
+        loads = several("loads", loads, Load)
         points = None if points is None else several("points", points)
         refuse(load_problems(self.mesh, loads, points))
         T, (M, _) = self.T, self.matrices()

@@ -14,7 +14,13 @@ from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.results.loss import known, losses
 from skfem_joint.results.places import JointPlaces, of_all, places_of
-from skfem_joint.results.stress import cycle_period, stress_history, stress_notes, within
+from skfem_joint.results.stress import (
+    FEWEST_TIMES,
+    cycle_period,
+    stress_history,
+    stress_notes,
+    within,
+)
 from skfem_joint.runs.last_cycle import beyond_round_off, energies, peaks, steady_state
 from skfem_joint.stepping.loops import Loops
 from skfem_joint.stepping.recording import Run
@@ -231,7 +237,8 @@ def _stress_notes(study: Study, model: Model) -> Iterator[str]:
     if within(times, cycle_period(model.run)) is None:
         yield (
             f"output.stress: the {model.name} model stored {times.size} times, too few for a range "
-            "of stress: 9 are needed; integrate with more steps, or raise output.frames."
+            f"of stress: {FEWEST_TIMES} of a cycle are needed; integrate with more steps, or raise "
+            "output.frames."
         )
 
 

@@ -34,6 +34,8 @@ ZERO = 1e-11
 #: Work of motions, over the bound of its round-off, above which it is real. That of trusses, chains
 #: and beams that float is below 0.6, and below 6.5 where entries have 15 digits.
 CLEAR = 7.0
+#: The same where K is filled by condensation: work of rigid motions is up to 50 times the bound.
+FILLED = 100.0
 #: Strain energy over that of a motion that nearly is rigid: twenty times the frequency. Slender
 #: beams have less between their modes.
 APART = 400.0
@@ -233,17 +235,23 @@ def without_shift(
     modes: what is subtracted has more round-off than the stiffness itself, which may be that of
     weak springs.
     """
-    low = (2.0 * np.pi * frequency) ** 2 < 2.0 * shift
+    unknown = FILLED * round_off(K, modes).max() if is_filled(K) else 0.0
+    low = (2.0 * np.pi * frequency) ** 2 < 2.0 * shift + unknown
     frequency = unshifted(frequency, shift)
     if low.any():
         X = modes[:, low]
         squares, turn = eigh(X.T @ (K @ X), X.T @ (M @ X))
         X = X @ turn
-        rigid = squares <= np.minimum(ROUND_OFF * shift, least_work(K, X))
+        rigid = squares <= np.maximum(np.minimum(ROUND_OFF * shift, least_work(K, X)), unknown)
         frequency[low] = np.sqrt(np.where(rigid, 0.0, squares)) / (2.0 * np.pi)
         modes = modes.copy()
         modes[:, low] = X
     return frequency, modes
+
+
+def is_filled(K: Matrix) -> bool:
+    """Whether more than a quarter of a stiffness is filled, as after condensation."""
+    return bool(K.shape[0] ** 2 < 4 * sparse.csr_array(K).nnz)
 
 
 def least_work(K: Matrix, X: FloatArray) -> FloatArray:
@@ -252,7 +260,7 @@ def least_work(K: Matrix, X: FloatArray) -> FloatArray:
     It is infinite, for not known, where K is filled, as after condensation: its entries have the
     round-off of larger ones.
     """
-    if K.shape[0] ** 2 < 4 * sparse.csr_array(K).nnz:
+    if is_filled(K):
         return np.full(X.shape[1], np.inf)
     return np.maximum(CLEAR * round_off(K, X), mixing(K, X))
 

@@ -35,7 +35,7 @@ from skfem_joint.ground.arrays import (
 from skfem_joint.ground.errors import InputError, first_of, refuse
 from skfem_joint.ground.loads import Amplitude, as_amplitude
 from skfem_joint.ground.plain_values import fingerprint
-from skfem_joint.ground.values import NOT_NEGATIVE, check_some
+from skfem_joint.ground.values import NOT_NEGATIVE, check_kind, check_some
 from skfem_joint.linalg.factors import factorised, with_pivots
 from skfem_joint.linalg.shifts import mean_square_frequency
 from skfem_joint.system.contacts import Contact
@@ -474,6 +474,8 @@ class System:
             has the name of a load and another row, slip rows that depend on each other, and more
             than one kind of damping.
         """
+        for where, named in {"loads": loads, "points": points}.items():
+            check_kind(where, {} if named is None else named, Mapping)
         _check_damping(C, stiffness_damping, mass_damping, damping_ratio)
         square = _square({"M": M, "K": K} | ({} if C is None else {"C": C}))
         n = square["M"].shape[0]

@@ -36,7 +36,14 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
 from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.progress import Progress, Tally, silent
-from skfem_joint.ground.values import COUNT, POSITIVE, check, check_numbers, check_some
+from skfem_joint.ground.values import (
+    COUNT,
+    POSITIVE,
+    check,
+    check_kind,
+    check_numbers,
+    check_some,
+)
 from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.results.gross_slip import (
     gross_slip_level,
@@ -321,6 +328,7 @@ def backbone(
         If a level does not converge, an amplitude is not found, or with contact that opens the
         first level has no state.
     """
+    check_kind("system", system, System)
     if slips_at is None:
         slips_at = getattr(system.origin, "slips_at", None)
         if slips_at is not None and np.isnan(slips_at):  # of a curve at given levels

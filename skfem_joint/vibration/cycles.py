@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.stuck import StuckMode
 from skfem_joint.slow.levels import Level, NoLevelError, Walk
 from skfem_joint.slow.quasi_static import QuasiStatic
@@ -276,6 +276,13 @@ class CyclePath:
         ways = [[way] for way in levels.walk(levels.rest(), force, np.append(0.0, level))]
         ends = [way[-1][1] for (way,) in ways]
         states, rows, friction = _stacked(contact, ends)
+        still = states @ force <= 0.0
+        if still.any():
+            raise InputError(
+                f"backbone: levels: found {level[still][0]:g} m/s² kg^1/2, under which nothing "
+                "moves beyond the round-off of friction limits, together "
+                f"{contact.w.sum():.4g} N; give higher ones"
+            )
         sliders = contact.slider_slip(rows, friction)
         slip, sliding = contact.slip_norm(rows), contact.slip_norm(sliders)
         by_point, idle = 4.0 * sliding * contact.w, 1e-12 * level * (states @ force)

@@ -25,7 +25,7 @@ from skfem_joint.ground.errors import ConvergenceError, GrossSlipError, InputErr
 from skfem_joint.ground.loads import common_period
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each
+from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_kind
 from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at, period_of
 from skfem_joint.results.history import relative
 from skfem_joint.results.loss import losses
@@ -226,6 +226,7 @@ def _checked(
     system: System, frequencies: FloatArray, levels: Sequence[float], steps_per_cycle: int
 ) -> tuple[FloatArray, list[float]]:
     """Frequencies and levels of a response; InputError as `response`."""
+    check_kind("system", system, System)
     check_each("response: frequencies", frequencies, POSITIVE)
     check_each("response: levels", levels, POSITIVE)
     system.check_any_load("response", max(levels, default=0.0))

@@ -127,6 +127,31 @@ def test_arguments_win_over_the_head(tmp_path):
     assert other.damping_deviation == pytest.approx(0.1 * curve.damping)
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("# amplitudes are RMS\namplitude (mm), damping (%)", "line 1 says 'amplitudes are RMS'"),
+        ("# p-p values of a shaker\namplitude (mm), damping (%)", "taken as half of peak to peak"),
+        ("# with 2 bolts\namplitude (mm), damping", "up to 0.7, a ratio, .* is it in percent"),
+        ("# with 2 bolts\namplitude (mm), damping (1)", None),
+        ("# with 2 bolts\namplitude (mm), damping (%)", None),
+        ("# half of peak to peak\namplitude (mm), damping (%)", None),
+    ],
+)
+def test_what_is_probably_meant_otherwise_is_said(tmp_path, text, words):
+    file = written(tmp_path, f"{text}\n1,0.5\n2,0.6\n3,0.7\n")
+    notes = [note for note in sj.measured_curve(file).notes if "standard deviations" not in note]
+    assert len(notes) == (words is not None)
+    assert words is None or re.search(words, notes[0])
+
+
+@pytest.mark.parametrize("line", ["# peak_to_peak", "# peak-to-peak = yes please", "# Mode = two"])
+def test_a_remark_that_is_a_key_is_no_remark(tmp_path, line):
+    file = written(tmp_path, f"{line}\namplitude (mm), damping (%)\n1,0.5\n2,0.6\n3,0.7\n")
+    with pytest.raises(sj.InputError, match=r"line 1: (peak_to_peak|mode): found"):
+        sj.measured_curve(file)
+
+
 def test_deviations_of_columns_stand_where_they_are_and_shares_elsewhere():
     own = [2e-4, np.nan, 3e-4]
     data = {"amplitude (m)": [1.0, 2.0, 3.0], **ROWS, "damping_deviation": own}

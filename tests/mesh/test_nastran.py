@@ -5,7 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from inp_files import deck_of, mesh_of
-from mesh_files import boundary_sizes, region_sizes, saved
+from mesh_files import (
+    NASTRAN_15,
+    PRISM_15,
+    boundary_sizes,
+    read_in_a_process_of_its_own,
+    region_sizes,
+    saved,
+)
 
 import skfem_joint as sj
 
@@ -83,6 +90,17 @@ def test_nodes_of_second_order_are_where_nastran_has_them(tmp_path, kind, word, 
     assert region_sizes(mesh)["PSOLID_1"] == pytest.approx(sum(region_sizes(wanted).values()))
 
 
+def test_prisms_of_second_order_are_the_first_thing_that_a_process_reads(tmp_path):
+    """The library of mesh files lacks their dimension."""
+    places = PRISM_15[NASTRAN_15]
+    lines = [f"GRID,{k},,{x},{y},{z}" for k, (x, y, z) in enumerate(places.tolist(), 1)]
+    cells = ["1", "3", *map(str, range(1, 16))]
+    rows = [",".join(cells[at : at + 8]) for at in range(0, len(cells), 8)]
+    lines += [f"CPENTA,{rows[0]}", *(f"+,{row}" for row in rows[1:])]
+    file = saved(tmp_path, "\n".join(["BEGIN BULK", *lines, "ENDDATA", ""]), "mesh.bdf")
+    assert read_in_a_process_of_its_own(file).strip() == "prism 2 {'PSOLID_3': 1}"
+
+
 def test_bars_and_shells_alone_are_bars_and_plates_with_a_note(tmp_path):
     bar = read(tmp_path, GRID[:3], ["CBAR,1,1,1,2,0.,1.,0.", "CBEAM,2,2,2,3,0.,1.,0."])
     assert bar.kind == "line"
@@ -124,6 +142,9 @@ REFUSED = {
     "CHEXA,9,4,2,3,6,5,8,9,+\n+,12,11": "element 9 has the corners of element 2, which would count",
     "GRID,99,,\t1.": "line 20: found 'GRID,99,,.t1.', must be fields",
     "CTETRA,9,3,1,2,4,7 $ four": "line 20: found 'CTETRA,9,3,1,2,4,7 . four', must be fields",
+    " CTETRA,9,3,2,5,4,7": "line 20: found ' CTETRA,9,3,2,5,4,7', must begin in the first column",
+    "MAT1,1,2.+11\n RBE2,9,1,123,2,3": "line 21: found ' RBE2,9.*must begin in the first column",
+    "CQUAD4,9,7,1,4,10,7,,,+A\n+B,1.": "line 21: found .* goes on by the name 'B' below .* 'A'",
     "BEGIN SUPER=1": "it has several BEGIN BULK",
 }  # fmt: skip
 
@@ -148,6 +169,10 @@ def test_what_a_scene_says_itself_is_passed_over_with_a_note(tmp_path):
     ]
     note = read(tmp_path, GRID, CUBES, [f"{word},1,any thing" for word in words]).notes[0]
     assert all(word in note for word in words)
+    held = [f"{GRID[0]},,1246", *GRID[1:6]]
+    notes = read(tmp_path, held, ["CQUAD4,1,1,1,2,5,4,,0.5", "CQUAD4,2,1,2,3,6,5"]).notes
+    assert "say (fixed directions of GRID)" in notes[0]
+    assert "say (thickness, offset and angle of CQUAD4)" in notes[0]
 
 
 def test_a_file_that_is_cut_or_empty_is_refused(tmp_path):

@@ -331,6 +331,21 @@ def test_a_path_that_no_index_can_have_is_refused_and_left_as_it_is(name, words,
 
 
 @pytest.mark.parametrize("order", [1, 2])
+def test_an_even_pressure_is_even_where_supports_hold_the_joint_too(order):
+    mesh = sj.build_plate([("joint", 0.04, 4), ("arm", 0.02, 2)], 0.02, 2, order=order)
+    joint = sj.Joint("joint", 10e6, 0.3)
+    made = sj.Structure(mesh, STEEL, thickness=0.01, fixed=["left"], joints=[joint])
+    run = sj.integrate(
+        made.system([sj.Load("right", sj.Harmonic(2000.0, 100.0), (1.0, 0.0))]),
+        cycles=1, steps_per_cycle=40, save=sj.Save(fields=True),
+    )  # fmt: skip
+    frames, inside = frames_of(made, {"full": run}), made.nodes[:, 0] <= 0.04 + 1e-9
+    assert frames.pressure == pytest.approx(np.where(inside, 10e6, 0.0), rel=1e-9)
+    np.testing.assert_array_equal(frames.fields[0].slip_state >= 0, [inside] * 41)
+    assert not frames.fields[0].slip_state[:, made.nodes[:, 0] == 0.0].any()  # held: they stick
+
+
+@pytest.mark.parametrize("order", [1, 2])
 def test_on_an_edge_where_joints_meet_forces_are_over_the_area_of_both(order):
     """Nodes of the edge are one contact point each: pressures are the mean, slips not twice."""
     mesh = sj.build_plate([("a", 0.04, 4), ("b", 0.02, 2), ("arm", 0.02, 2)], 0.02, 2, order=order)

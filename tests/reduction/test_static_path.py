@@ -1,9 +1,11 @@
 """Modes of the static slip path: what they leave of the full model, what they take; SI units."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from bodies import SIDE, pressed, side, structure
 from reduced_joints import bar, case, case_i, errors, fig_18, full, three_periods
 
 import skfem_joint as sj
@@ -126,3 +128,15 @@ def test_a_body_that_slides_on_a_path_may_move_rigidly_in_the_basis():
         left = x - basis.V @ (basis.V.T @ (loaded.M @ x))
         assert left @ (loaded.M @ left) < 1e-9
     assert basis.history.missed < 0.03
+
+
+def test_bodies_that_are_apart_at_rest_are_reduced_without_modes_that_strain_nothing():
+    """Energies of their rigid motions are round-off, below zero, too, and warned of roots."""
+    apart = replace(SIDE, pressure=0.0, contact="unilateral", gap=1e-6)
+    base = pressed("base", pressure=2e6, contact="unilateral")
+    made = structure(side(), [apart, base], ["lower_left"], free=True, damping_ratio=0.01)
+    pull = sj.Load("upper_right", sj.Harmonic(10.0, 300.0), direction=(0.3, 1.0))
+    small = sj.reduce(made.system([pull]), 4, duration=0.01)
+    K, M = small.K, small.M
+    assert np.linalg.eigvalsh(K).min() > -1e-9 * np.linalg.eigvalsh(K).max()
+    assert np.linalg.matrix_rank(M) == small.n

@@ -1,9 +1,12 @@
 """Natural frequencies against closed forms, with joints loose and stuck."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import skfem_joint as sj
+from skfem_joint.steady.steady import unstrained
 
 LENGTH, SPEED = 1.0, 5000.0  # m, m/s
 STEEL = sj.Material(E=200e9, density=8000.0)
@@ -50,3 +53,26 @@ def test_nothing_is_left_where_everything_sticks_and_words_are_checked():
         sj.natural_modes(whole, joints="glued")
     with pytest.raises(sj.InputError, match="count"):
         sj.natural_modes(whole, 0)
+
+
+@pytest.mark.parametrize("contact", ["constant", "unilateral"])
+def test_condensation_leaves_rigid_motions_rigid(contact):
+    """A box on another one floats in three ways on its face, and held by weak springs in none."""
+    sides = [{"wall": "left", "face": ("back", "lower_lap")}, {"foot": ("front", "upper_lap")}]
+    sides[1] |= {"tip": "right"}
+    arms = [("lower_arm", 0.1, 4), ("lower_lap", 0.05, 4), ("upper_lap", 0.05, 3)]
+    boxes = [
+        sj.build_box(strips, (0.02, 0.005), (2, 1), origin=origin, boundaries=own)
+        for strips, origin, own in (
+            (arms[:2], (0.0, 0.0, 0.0), sides[0]),
+            ([arms[2], ("upper_arm", 0.1, 4)], (0.1, 0.0, 0.005), sides[1]),
+        )
+    ]
+    joint = sj.Joint("foot", 3e6, 0.3, against="face", contact=contact)
+    steel = sj.Material(200e9, 8000.0, 0.3)
+    made = sj.Structure(sj.merged(boxes), steel, fixed=["wall"], joints=[joint])
+    small = sj.condense(made.system([sj.Load("tip", sj.Harmonic(1.0, 100.0), (1.0, 0.0, 0.0))]))
+    assert sj.natural_modes(small, 8).rigid_motions == 3
+    assert unstrained(small).shape[1] == 3
+    K = small.K + 1e-9 * small.K.diagonal().max() * np.eye(small.n)
+    assert sj.natural_modes(replace(small, K=K), 8).rigid_motions == 0

@@ -115,6 +115,14 @@ def test_stress_is_told_of_regions_alone(names, message):
         pressed_scene(stress=names)
 
 
+@pytest.mark.parametrize(("steps", "told"), [(28, False), (32, True)])
+def test_as_many_times_as_are_said_to_be_needed_suffice(steps, told):
+    made = pressed_scene().changed(time={"steps_per_cycle": steps})
+    said = [note for note in sj.run_scene(made).notes if "too few for a range" in note]
+    assert len(said) == (not told)
+    assert told or f"stored {steps + 1} times, too few for a range of stress: 33 of a" in said[0]
+
+
 def test_a_series_has_mean_and_range_of_the_last_cycle(tmp_path):
     pyvista = pytest.importorskip("pyvista")
     study = sj.run_scene(pressed_scene())

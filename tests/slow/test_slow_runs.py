@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import LAP, WIDTH, lap, structure
+from bodies import LAP, WIDTH, lap, structure, two_bars
 from clamped_plates import bolted, loads
 from stepping_systems import LapJoint, arm
 
@@ -292,6 +292,17 @@ def test_what_sticks_in_a_whole_cycle_is_linear_and_its_energies_balance(model):
     assert run.friction_work.sum() == 0.0
 
 
+def test_the_area_of_a_loop_that_takes_no_energy_is_not_noted():
+    """A point that rests on its spring slips by the round-off of that."""
+    K = 2.0 * (100.0 * np.pi) ** 2
+    contact = sj.point_friction([1.0], limit=1e6, stiffness=K, name="foot")
+    load = {"mass": (0, sj.Harmonic(10.0, 50.0))}
+    system = sj.System.from_matrices([[2.0]], [[K]], contact=contact, loads=load)
+    run = sj.quasi_static(system, cycles=1, steps_per_cycle=40)
+    assert 0.0 < run.friction_energy["foot"] < 1e-15
+    assert run.notes == ()
+
+
 def test_without_any_hold_there_is_no_level():
     system = free_bar(sj.Harmonic(1.0, 1.0)).with_contact(given=np.zeros(21))
     with pytest.raises(sj.ConvergenceError, match="neither a support nor friction") as caught:
@@ -407,6 +418,23 @@ def test_a_reduced_model_errs_by_no_more_than_it_states():
     ):
         stated = errors.of("total", name)
         assert 1e-6 < abs(value / true - 1.0) <= 1.02 * stated < 0.1
+
+
+def test_a_model_for_vibration_notes_that_it_does_not_tell_the_force_of_a_joint_that_sticks():
+    """Of the load's force a joint in the middle of two bars carries all, whatever sticks."""
+    made = two_bars(12, 10)
+    system = made.system([sj.Load("upper_end", sj.Harmonic(-20e3, 20.0))])
+    for model, tells in (("condensed", True), (True, True), (False, False)):
+        small = (
+            sj.condense(system)
+            if model == "condensed"
+            else sj.reduce(system, 4, quasi_static=model)
+        )
+        run = sj.quasi_static(small, cycles=2, steps_per_cycle=40)
+        off = np.abs(np.abs(run.loops.force[:, 0]) - np.abs(run.loops.load_force[:, 0])).max()
+        assert (off < 1e-6 * 20e3) == tells
+        noted = any("force of joint 'upper_joint'" in note for note in run.notes)
+        assert noted != tells
 
 
 @pytest.mark.parametrize(

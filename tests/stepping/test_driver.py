@@ -327,6 +327,17 @@ def test_round_pulses_between_two_steps_are_never_missed(load):
         sj.integrate(oscillator(load), step=0.01, n_steps=100)
 
 
+def test_a_table_of_many_times_is_followed_whatever_it_acts_on():
+    """20 Hz of a cosine at 2 ms on 1 Hz: samples 50 ms apart were a constant load, 20 times it."""
+    t = np.arange(0.0, 4.0, 2e-3)
+    system = oscillator(sj.Table(t, np.cos(40.0 * np.pi * t)))
+    with pytest.raises(sj.InputError, match=r"rises in 0\.002 s; use a step of at most 0\.001 s"):
+        sj.integrate(system, step=0.05, n_steps=79)
+    run = sj.integrate(system, step=1e-3, n_steps=3998)
+    exact = sj.integrate(oscillator(sj.Harmonic(1.0, 20.0, 0.5 * pi)), step=1e-3, n_steps=3998)
+    assert run.peak == pytest.approx(exact.peak, rel=0.01)  # 25 samples in a period
+
+
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
 def test_a_jump_below_the_friction_limit_sets_off_the_part_that_slips(share):
     """Static slip tau x^2 / (2 EA) over the active length a: 2 pi sqrt(3/20) a / c by Rayleigh."""

@@ -9,15 +9,18 @@ import numpy as np
 import pytest
 import skfem
 from bodies import (
+    DENSITY,
     LAP,
     SIDE,
     STEEL,
+    E,
     block,
     lap,
     mapped,
     pressed,
     side,
     structure,
+    two_bars,
 )
 
 import skfem_joint as sj
@@ -319,6 +322,30 @@ def test_what_looks_wrong_is_said(joint, changes, sentence):
     assert re.search(sentence, found)
 
 
+@pytest.mark.parametrize("phase", [0.5 * np.pi, 90.0, -45.0])
+def test_a_phase_of_more_than_a_turn_is_questioned(phase):
+    made = structure(QUAD, [pressed("joint")], ["left"])
+    amplitude = sj.MultiHarmonic([LOAD, sj.Harmonic(1.0, 2.0, phase)])
+    notes = made.system([sj.Load("right", amplitude, direction=(1.0, 0.0))]).notes
+    assert any("is it in degrees" in note for note in notes) == (abs(phase) > 2.0 * np.pi)
+
+
+@pytest.mark.parametrize("dim", [1, 2])
+@pytest.mark.parametrize(("own", "other"), [(0.02, 0.02), (0.02, 0.01), (0.01, 0.02)])
+def test_what_is_wider_than_what_it_is_pressed_on_is_said(dim, own, other):
+    """Nothing touches there, and the clamp force is that of all of its own width."""
+    if dim == 1:
+        made, across = two_bars(), "width"
+    else:
+        made, across = structure(side(), [SIDE], ["lower_left"]), "thickness"
+    parts = {"upper_joint": {across: own}, "lower_joint": {across: other}}
+    made = replace(made, regions=parts)
+    (joint,), (patch,) = made.joints, made.patches
+    assert patch.clamping_force == pytest.approx(joint.pressure * own * (0.2 if dim == 1 else 0.1))
+    said = [note for note in made.system().notes if f"is {own:.4g} m wide and pressed" in note]
+    assert len(said) == (own > other)
+
+
 @pytest.mark.parametrize("gap", [0.0, 1e-8, 2e-4])
 def test_faces_apart_under_a_pressure_are_said_with_their_distance(gap):
     """Elements are 0.01 m long: further than a tenth of them faces do not meet at all."""
@@ -361,3 +388,47 @@ def test_one_thing_in_place_of_a_list_is_refused_as_such():
     ):
         with pytest.raises(sj.InputError, match=words):
             make()
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda made: replace(made, material={"E": 1.0}), "material: found dict, must be a Mat"),
+        (lambda made: replace(made, joints=[{"on": "joint"}]), "joints: found dict, must be a Jo"),
+        (lambda made: made.system([("left", 1.0)]), "loads: found tuple, must be a Load"),
+        (lambda made: sj.integrate(made, step=1.0, n_steps=1), "system: found Structure, must be"),
+        (lambda made: sj.reduce(made), "system: found Structure, must be a System"),
+        (lambda made: sj.condense(made), "system: found Structure, must be a System"),
+        (lambda made: sj.natural_modes(made), "system: found Structure, must be a System"),
+        (lambda made: sj.backbone(made), "system: found Structure, must be a System"),
+        (lambda made: sj.response(made, [1.0]), "system: found Structure, must be a System"),
+        (lambda _: sj.MultiHarmonic([1.0]), "components: found float, must be a Harmonic"),
+        (
+            lambda made: sj.System.from_matrices(*made.matrices(), loads=[("a", 1)]),
+            "loads: found list, must be a Mapping",
+        ),
+        (
+            lambda made: sj.integrate(made.system(), step=1.0, n_steps=1, save=True),
+            "save: found bool, must be a Save",
+        ),
+    ],
+)
+def test_one_kind_of_thing_in_place_of_another_is_refused_by_its_name(make, words):
+    with pytest.raises(sj.InputError, match=words):
+        make(structure(QUAD, [pressed("joint")], ["left"]))
+
+
+@pytest.mark.parametrize("plane", ["stress", "strain"])
+def test_elements_that_keep_their_volume_are_said_to_be_too_stiff(plane):
+    """A cantilever of second order has Euler's frequency but where its volume cannot change."""
+    length, height = 0.3, 0.02
+    mesh = sj.build_plate([("bar", length, 15)], height, 1, kind="triangle", order=2)
+    euler = 1.8751**2 / (2.0 * np.pi * length**2) * height * np.sqrt(E / DENSITY / 12.0)
+    for ratio in (0.3, 0.499):
+        modulus = E if plane == "stress" else E * (1.0 - ratio**2)
+        material = sj.Material(modulus, DENSITY, ratio)
+        made = sj.Structure(mesh, material, thickness=0.01, fixed=["left"], plane=plane)
+        system = made.system()
+        stiff = sj.natural_modes(system, 1).frequencies[0] / euler > 1.02
+        assert any("material.poisson" in note for note in system.notes) == stiff
+        assert stiff == (plane == "strain" and ratio > 0.4)

@@ -151,8 +151,7 @@ def joint_marks(structure: Structure) -> Iterator[Mark]:
         joint, nodal = patch.joint, np.zeros(structure.n_nodes)
         if isinstance(joint.pressure, Bolts | str):
             nodal[patch.nodes] = patch.normal_force / patch.area
-            if patch.held_area:
-                nodal[patch.held_nodes] = patch.held_force / patch.held_area
+            nodal[patch.held_nodes] = patch.held_forces / patch.held_areas
             pressure = nodal[patch.cells]
         elif callable(joint.pressure):
             pressure = joint.pressure(structure.nodes[patch.cells])
