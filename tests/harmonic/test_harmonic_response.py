@@ -54,7 +54,7 @@ def followed(f, state, periods=100):
 
 @pytest.fixture(scope="module")
 def curve():
-    frequencies = np.linspace(0.8, 1.5, 24) / (2.0 * np.pi)
+    frequencies = np.linspace(0.95, 1.25, 11) / (2.0 * np.pi)
     (found,) = sj.harmonic_response(oscillator(), frequencies, confirm=False)
     return found
 
@@ -74,8 +74,7 @@ def test_a_branch_passes_both_turning_points(curve):
 
 def test_turning_points_do_not_depend_on_how_many_frequencies_are_asked_for(curve):
     """Close frequencies have short steps, for which each kink of sampled contact is a turn."""
-    low, high = curve.column("frequency")[[0, -1]]
-    frequencies = np.linspace(low, high, 97)
+    frequencies = np.linspace(1.03, 1.19, 17) / (2.0 * np.pi)
     (fine,) = sj.harmonic_response(oscillator(), frequencies, confirm=False)
     assert fine.turns == pytest.approx(curve.turns, rel=1e-3)
 
@@ -374,7 +373,7 @@ def test_a_block_walks_where_it_is_lifted_as_it_is_pushed(push):
     point, steps = curve.points[0], 1000
     loads = tuple(replace(x, amplitude=replace(x.amplitude, frequency=1.6)) for x in system.loads)
     driven = replace(system, loads=loads)
-    run = sj.integrate(driven, cycles=12, steps_per_cycle=steps, initial=point.state)
+    run = sj.integrate(driven, cycles=6, steps_per_cycle=steps, initial=point.state)
     seen = run.point("x")[-1 - steps :]
     way = float(seen[-1] - seen[0])
     reach = 0.5 * np.ptp(seen - way * np.arange(steps + 1) / steps)
