@@ -24,7 +24,7 @@ def test_scenes_drawn_at_random_break_nothing(tmp_path, capsys):
 
 def test_what_breaks_is_reported_and_its_scene_kept(tmp_path, capsys):
     def judged(number, seed, folder):
-        mutated.judge(number, seed, folder)
+        mutated.judge(number + 1, seed, folder)
         mutated.hold(False, "it is off")
 
     assert mutated.main(["--out", str(tmp_path), "--count", "1"], judged) == 1
