@@ -39,6 +39,7 @@ def tree_of(module: str) -> ast.Module:
     return ast.parse(path_of(module).read_text(encoding="utf-8"))
 
 
+@cache
 def imported(module: str, tree: ast.AST) -> set[str]:
     """Modules of the package that a module imports, at its top or inside functions."""
     names: set[str] = set()

@@ -43,8 +43,10 @@ def others(t, amplitude, phase):
     )
 
 
-@pytest.mark.parametrize("proportional", [False, True])
-@pytest.mark.parametrize("law", ["joint", "falls", "cubic"])
+@pytest.mark.parametrize(
+    ("law", "proportional"),
+    [("joint", False), ("joint", True), ("falls", True), ("cubic", False)],
+)
 def test_laws_are_found_in_noise_of_one_percent(law, proportional):
     """Noise of 1 % of the first amplitude, or of the present one: within 0.05 % and 3 %.
 
