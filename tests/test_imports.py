@@ -23,8 +23,9 @@ FOLDERS = [
     *("slow", "steady", "runs", "reduction", "scene", "reduction.scaled", "results", "accuracy"),
     *("vibration", "harmonic", "fitting", "study", "output", ""),
 ]
-MODULES = sorted(
-    ".".join(path.relative_to(PACKAGE).with_suffix("").parts) for path in PACKAGE.rglob("*.py")
+MODULES = dict.fromkeys(
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+    for path in sorted(PACKAGE.rglob("*.py"))
 )
 HEAVY = {"meshio", "pyvista", "vtk", "vtkmodules", "matplotlib", "rich", "distributed", "pyarrow"}
 HEAVY |= {"tomlkit", "h5py", "pandas"}
