@@ -38,7 +38,9 @@ import numpy as np
 import skfem_joint as sj
 
 folder = Path(__file__).resolve().parent / "measured"
-scene = sj.load_scene(folder / "thin_beam.toml")
+scene, short = sj.load_scene(folder / "thin_beam.toml"), "--short" in sys.argv
+if short:
+    scene = scene.changed({"joint[0].friction": 0.689, "damping.stiffness": 5.4e-6})
 system = scene.system()
 at = system.points.index("sensor.z")
 peaks = 80.57, 297.7, 845.9, 1526.8, 1765.0
@@ -54,12 +56,12 @@ print(f"measured: {', '.join(map(str, peaks))} Hz")
 # %%
 # The fit to what was measured below 10 m/s², as the files say. Their standard deviations are what
 # it leaves: repeated from 0.01 % of the frequency and 5 % of the damping they settle at these.
-# ``--short`` fits the damping alone.
+# ``--short`` fits the damping alone, to the ring-down.
 free = {"joint[0].friction": (0.03, 1.5), "damping.stiffness": (1e-6, 1e-5)}
-if "--short" in sys.argv:
-    scene = scene.changed({"joint[0].friction": 0.689, "damping.stiffness": 5.4e-6})
+if short:
     del free["joint[0].friction"]
-data = [sj.measured_curve(folder / f"{name}.csv") for name in ("ring_down", "controlled")]
+names = ("ring_down", "controlled")[: 1 if short else 2]
+data = [sj.measured_curve(folder / f"{name}.csv") for name in names]
 fit = sj.fit(scene, data, free)
 below, model = data[0], fit.predicted[0]
 shifted = model.frequency + fit.offsets["offset of ring_down.csv: frequency"]
@@ -73,7 +75,7 @@ print(f"{system.n} unknowns, {fit.computed} curves, {fit.seconds:.0f} s")
 # %%
 # Prediction and measurement.
 figure, panels = plt.subplots(1, 2, figsize=(9.5, 4.0), layout="constrained")
-for k, (one, model, mark) in enumerate(zip(data, fit.predicted, "os", strict=True)):
+for k, (one, model, mark) in enumerate(zip(data, fit.predicted, "os"[: len(data)], strict=True)):
     offset = fit.offsets.get(f"offset of {one.name}: damping", 0.0)
     damping = model.damping + offset
     shift = model.frequency - model.frequency[0]

@@ -23,8 +23,9 @@ FOLDERS = [
     *("slow", "steady", "runs", "reduction", "scene", "reduction.scaled", "results", "accuracy"),
     *("vibration", "harmonic", "fitting", "study", "output", ""),
 ]
-MODULES = sorted(
-    ".".join(path.relative_to(PACKAGE).with_suffix("").parts) for path in PACKAGE.rglob("*.py")
+MODULES = dict.fromkeys(
+    ".".join(path.relative_to(PACKAGE).with_suffix("").parts)
+    for path in sorted(PACKAGE.rglob("*.py"))
 )
 HEAVY = {"meshio", "pyvista", "vtk", "vtkmodules", "matplotlib", "rich", "distributed", "pyarrow"}
 HEAVY |= {"tomlkit", "h5py", "pandas"}
@@ -39,6 +40,7 @@ def tree_of(module: str) -> ast.Module:
     return ast.parse(path_of(module).read_text(encoding="utf-8"))
 
 
+@cache
 def imported(module: str, tree: ast.AST) -> set[str]:
     """Modules of the package that a module imports, at its top or inside functions."""
     names: set[str] = set()

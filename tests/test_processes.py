@@ -15,6 +15,8 @@ from skfem_joint.cli import INTERRUPTED
 from skfem_joint.study.error_time import THREADS
 
 MORE = """
+[damping]
+stiffness = 1e-5
 [response]
 frequencies = { from = 2200.0, to = 2300.0, points = 2 }
 levels = [0.1]

@@ -134,11 +134,12 @@ class Interrupted(Rows):
         return kept
 
 
-RESPONSE = {"frequencies": {"from": 1800.0, "to": 2600.0, "points": 4}, "levels": [0.1, 0.3]}
+RESPONSE = {"frequencies": {"from": 1800.0, "to": 2000.0, "points": 3}, "levels": [0.1, 0.3]}
 
 
 def response_of(rows: Rows, executor: Executor | None = None, **options: Any) -> Any:
-    scene = bar_scene(bar="coarse", response=RESPONSE, reduction={}, **options)
+    time = {"cycles": 1, "steps_per_cycle": 60}
+    scene = bar_scene(bar="coarse", response=RESPONSE, reduction={}, time=time, **options)
     found = scene_response(scene, executor, rows=rows)
     return [(m.name, m.curves, m.estimates) for m in found.models], found.notes
 
@@ -215,7 +216,7 @@ def test_rows_of_another_scene_are_not_used(tmp_path, whole):
 
 SCENE = """
 [backbone]
-levels = 4
+levels = 2
 
 [response]
 frequencies = { from = 2200.0, to = 2500.0, points = 3 }
@@ -248,6 +249,7 @@ def test_a_command_that_gets_a_signal_to_end_keeps_its_rows_and_goes_on(
     number, tmp_path, capsys, monkeypatch
 ):
     text = (ROOT / "examples" / "structure_harmonic.toml").read_text(encoding="utf-8")
+    text = text.replace("steps_per_cycle = 200", "steps_per_cycle = 100")
     text = text.replace("../meshes", (ROOT / "meshes").as_posix()).replace(', "reduced"', "")
     text = text.replace("vtk = true\nplots = true", "vtk = false\nplots = false")
     scene, out = tmp_path / "scene.toml", tmp_path / "out"

@@ -62,12 +62,11 @@ def test_few_points_across_the_slip_of_a_bar_err_as_the_closed_form_says(share):
     assert 0.5 * true <= stated <= max(3.0 * true, 0.03)
 
 
-@pytest.mark.parametrize("kind", ["quadrilateral", "triangle"])
-@pytest.mark.parametrize("frequency", [30.0, 80.0])
+@pytest.mark.parametrize(("kind", "frequency"), [("quadrilateral", 80.0), ("triangle", 30.0)])
 def test_a_run_errs_as_far_as_stated_with_what_locking_does_to_its_resonance(kind, frequency):
     """The first bending is at 121 Hz; elements of first order make it far too high."""
     mesh = lap(6, kind)
-    run = sj.integrate(lapped(mesh, 2e3, frequency), cycles=8, steps_per_cycle=100)
+    run = sj.integrate(lapped(mesh, 2e3, frequency), cycles=5, steps_per_cycle=100)
     stated = sj.estimate(run, finer=lapped(sj.refined(mesh), 2e3, frequency))
     best = lapped(sj.refined(replace(mesh, order=2)), 2e3, frequency)
     plan = run.plan.storing(fields_every=0)

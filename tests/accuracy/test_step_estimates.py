@@ -94,7 +94,7 @@ def test_where_changes_grow_an_eighth_of_the_step_counts():
         return sj.integrate(system, **plan, scheme=scheme, save=sj.Save(every=parts))
 
     first = run(1)
-    true = difference(results(run(64)), results(first))["loop_energy"]
+    true = difference(results(run(32)), results(first))["loop_energy"]
     found, taken = stated(first)
     assert taken == [factor * scene.n_steps for factor in (2, 4, 8)]
     assert 0.5 * true < found["loop_energy"] < 2.0 * true

@@ -29,7 +29,7 @@ SLOW = {
     "plate",
     "python",
 }
-SLOW |= {"ranges", "solid", "sweeps"}
+SLOW |= {"ranges", "slow-cycles", "solid", "sweeps"}
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,7 @@ def page():
 #: What makes the shipped scene short, and what its other commands need.
 SHORT = (
     ("cycles = 12", "cycles = 2"),
+    ("steps_per_cycle = 200", "steps_per_cycle = 100"),
     ("plots = true", "plots = false"),
     ("vtk = true", "vtk = false"),
 )

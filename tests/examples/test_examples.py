@@ -22,7 +22,8 @@ README = (EXAMPLES / "README.md").read_text(encoding="utf-8")
 #: Scripts that take more than some seconds in their short forms.
 LONG = (
     "brake_reuss", "damping", "fit_joint", "fit_sampler", "gross_slip", "measured_beam",
-    "plate_bolts", "range_model", "solid_lap_joint", "two_plates",
+    "plate_bolts", "plate_reference", "range_model", "solid_lap_joint", "sweep", "two_plates",
+    "two_plates_held",
 )  # fmt: skip
 
 
@@ -165,6 +166,7 @@ def test_the_beam_has_its_static_deflection_and_friction_holds_its_tip(run):
     assert stuck == 0.0
 
 
+@pytest.mark.slow
 def test_a_sweep_loses_what_the_closed_form_says(run):
     names = run("sweep")
     assert [row.number for row in names["rows"]] == list(range(25))

@@ -1,5 +1,6 @@
 """Frequency and damping over amplitude of signals of known law, with noise and other modes."""
 
+from functools import cache
 from itertools import product
 
 import numpy as np
@@ -19,6 +20,7 @@ LAWS = {
 }
 
 
+@cache
 def decaying(law, seconds, rate=RATE):
     """Times, amplitudes and phases of a mode from the amplitude 1."""
     damping, frequency, _ = LAWS[law]
@@ -41,8 +43,10 @@ def others(t, amplitude, phase):
     )
 
 
-@pytest.mark.parametrize("proportional", [False, True])
-@pytest.mark.parametrize("law", ["constant", "joint", "falls", "cubic"])
+@pytest.mark.parametrize(
+    ("law", "proportional"),
+    [("joint", False), ("joint", True), ("falls", True), ("cubic", False)],
+)
 def test_laws_are_found_in_noise_of_one_percent(law, proportional):
     """Noise of 1 % of the first amplitude, or of the present one: within 0.05 % and 3 %.
 
@@ -53,7 +57,7 @@ def test_laws_are_found_in_noise_of_one_percent(law, proportional):
     t, amplitude, phase = decaying(law, seconds)
     signal = amplitude * np.cos(phase) + others(t, amplitude, phase)
     scores, all_sure = [], []
-    for seed in range(3):
+    for seed in range(2):
         noise = 0.01 * np.random.default_rng([seed, 7]).normal(size=t.size)
         curve = sj.damping_curve(t, signal + noise * (amplitude if proportional else 1.0))
         a = np.interp(curve.time, t, amplitude)
@@ -104,7 +108,7 @@ def test_intervals_hold_at_the_ends_of_a_record_too():
         assert of_level.max() < 5.0
 
 
-@pytest.mark.parametrize("ratio", [0.5, 2.0, 3.0])
+@pytest.mark.parametrize("ratio", [0.5, 3.0])
 def test_a_mode_fifty_times_weaker_than_another_keeps_its_curve(ratio):
     assert np.abs(scores("joint", 1, 1e-3, ratio, 50.0)).max() < 3.5
 
@@ -148,7 +152,7 @@ def test_an_oscillator_with_coulomb_friction_loses_the_same_amplitude_in_each_cy
 @pytest.mark.parametrize("frequency", [None, 127.3])
 def test_each_of_two_modes_has_its_own_damping(frequency):
     """Another mode of the same size, 60 % away, without noise that would hide its traces."""
-    t = np.arange(20000) / RATE
+    t = np.arange(10000) / (0.5 * RATE)
     signal = np.exp(-t) * np.sin(500.0 * t) + 0.9 * np.exp(-t) * np.sin(800.0 * t)
     curve = sj.damping_curve(t, signal, frequency)
     omega, decay = (500.0, 1.0) if frequency is None else (800.0, 1.0)
@@ -184,11 +188,11 @@ def test_gross_slip_in_the_first_cycles_is_not_called_noise(start):
     """A mass on a spring beside an elastic slider, released far beyond slip, without any noise."""
     k, spring, limit, damping, step = 1.0, 0.8, 0.05, 0.005, 4.7e-3
     u, v, q, signal = start, 0.0, limit, []
-    for _ in range(60000):
+    for _ in range(30000):
         v -= step * (k * u + q + damping * v)
         u += step * v
         q = max(-limit, min(limit, q + spring * step * v))
         signal.append(u)
-    time = step * np.arange(6000) * 10
+    time = step * np.arange(3000) * 10
     with pytest.raises(sj.InputError, match="as in gross slip or during a blow"):
         sj.damping_curve(time, signal[::10], np.sqrt(k + spring) / (2.0 * np.pi))

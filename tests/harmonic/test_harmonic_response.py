@@ -54,7 +54,7 @@ def followed(f, state, periods=100):
 
 @pytest.fixture(scope="module")
 def curve():
-    frequencies = np.linspace(0.8, 1.5, 24) / (2.0 * np.pi)
+    frequencies = np.linspace(0.95, 1.25, 11) / (2.0 * np.pi)
     (found,) = sj.harmonic_response(oscillator(), frequencies, confirm=False)
     return found
 
@@ -74,20 +74,18 @@ def test_a_branch_passes_both_turning_points(curve):
 
 def test_turning_points_do_not_depend_on_how_many_frequencies_are_asked_for(curve):
     """Close frequencies have short steps, for which each kink of sampled contact is a turn."""
-    low, high = curve.column("frequency")[[0, -1]]
-    frequencies = np.linspace(low, high, 97)
+    frequencies = np.linspace(1.03, 1.19, 17) / (2.0 * np.pi)
     (fine,) = sj.harmonic_response(oscillator(), frequencies, confirm=False)
     assert fine.turns == pytest.approx(curve.turns, rel=1e-3)
 
 
-@pytest.mark.parametrize("share", [0.2, 0.8])
-def test_both_stable_branches_attract_and_the_middle_one_does_not(curve, share):
+def test_both_stable_branches_attract_and_the_middle_one_does_not(curve):
     """Between the turning points time steps end on one of the outer ones."""
     high, low = curve.turns
     f, reach = curve.column("frequency"), curve.column("amplitude")[:, 0]
     stable, number = curve.column("stable").astype(bool), np.arange(f.size)
     first = int(np.argmin(stable))
-    k = int((np.abs(f - low - share * (high - low)) + stable).argmin())
+    k = int((np.abs(f - 0.5 * (low + high)) + stable).argmin())
     middle = curve.points[k]
     assert not middle.stable
     found = []
@@ -366,15 +364,14 @@ def block(push=6.0):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("push", [1.5, 6.0])
-def test_a_block_walks_where_it_is_lifted_as_it_is_pushed(push):
+def test_a_block_walks_where_it_is_lifted_as_it_is_pushed():
     """Time steps of a block that only friction holds go the same way in each period."""
-    system = block(push)
+    system = block(push=1.5)  # which sticks and slips in each period
     (curve,) = sj.harmonic_response(system, np.array([1.6, 1.61]), confirm=False)
     point, steps = curve.points[0], 1000
     loads = tuple(replace(x, amplitude=replace(x.amplitude, frequency=1.6)) for x in system.loads)
     driven = replace(system, loads=loads)
-    run = sj.integrate(driven, cycles=12, steps_per_cycle=steps, initial=point.state)
+    run = sj.integrate(driven, cycles=6, steps_per_cycle=steps, initial=point.state)
     seen = run.point("x")[-1 - steps :]
     way = float(seen[-1] - seen[0])
     reach = 0.5 * np.ptp(seen - way * np.arange(steps + 1) / steps)

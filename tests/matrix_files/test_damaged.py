@@ -160,7 +160,7 @@ def test_damaged_files_are_refused_or_read_as_what_they_say(tmp_path, kind):
     scale = np.sqrt(np.abs(right.matrix.diagonal()))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     refused = 0  # with the file
-    for seed in range(100):
+    for seed in range(40):
         changed = damaged(content, seed)
         (tmp_path / "K").write_bytes(changed)
         begin = time.process_time()
@@ -184,7 +184,7 @@ def test_damaged_files_are_refused_or_read_as_what_they_say(tmp_path, kind):
             assert places <= (1 if kind != "ANSYS" else 6), (seed, places)
         else:
             assert given.notes or kind == "Abaqus rows, whole", seed
-    assert refused > 30
+    assert refused > 12
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < MOST_BYTES / 1024
 
 

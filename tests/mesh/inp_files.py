@@ -5,6 +5,7 @@ Orders of nodes and numbers of faces are those of the programs' manuals, counted
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -46,6 +47,7 @@ class Deck:
     points: dict[str, int]
 
 
+@cache
 def mesh_of(what: str, kind: str) -> NamedMesh:
     """Jointed bar, or lap of two plates or solids, with elements of a type."""
     shape, order = KINDS[kind]

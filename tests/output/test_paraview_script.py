@@ -81,6 +81,7 @@ def pvpython(*arguments: str | Path, **options: Any) -> subprocess.CompletedProc
 
 
 @paraview
+@pytest.mark.parametrize("series", ["bars"], indirect=True)
 def test_paraview_reads_blocks_times_and_arrays(series, tmp_path):
     frames, bodies, path = series
     (tmp_path / "code.py").write_text(LOOK)

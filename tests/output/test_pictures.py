@@ -30,7 +30,7 @@ def share_of(pixels: NDArray[np.float64], colour: str) -> float:
 
 
 @draws
-@pytest.mark.parametrize("build", [lap, bars, lambda: bar(INCLINED), blocks])
+@pytest.mark.parametrize("build", [lap, bars, blocks])
 def test_a_still_shows_stick_slip_and_no_contact(tmp_path, build):
     made = build()
     frames = pulled(made, ("full", "reduced"))

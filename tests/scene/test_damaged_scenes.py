@@ -34,7 +34,9 @@ def outcome(path: Path) -> sj.Scene | str:
     return text
 
 
-@pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "example", [p for p in EXAMPLES if not p.stem.startswith("solid")], ids=lambda path: path.stem
+)
 def test_damaged_scenes_are_refused_or_valid(example, tmp_path):
     (tmp_path / "meshes").mkdir()
     (tmp_path / "examples").mkdir()
@@ -42,8 +44,8 @@ def test_damaged_scenes_are_refused_or_valid(example, tmp_path):
         (tmp_path / "meshes" / mesh.name).write_bytes(mesh.read_bytes())
     path = tmp_path / "examples" / "scene.toml"
     rng = random.Random(example.stem)
-    slow = {"solid": 6, "two": 60, "plate": 60}  # plates take longer, a preload still more
-    valid, count = 0, slow.get(example.stem.split("_")[0], 250)
+    slow = {"two": 40, "plate": 40}  # plates take longer; solids have no table of their own
+    valid, count = 0, slow.get(example.stem.split("_")[0], 100)
     for _ in range(count):
         path.write_bytes(damaged(example.read_bytes(), rng, TOKENS))
         valid += not isinstance(outcome(path), str)

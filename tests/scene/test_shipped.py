@@ -39,8 +39,7 @@ def test_each_written_scene_is_valid_and_differs_in_its_mesh_s_path_alone(name, 
         kind, scene, *rest = command.split()
         assert kind == ("sweep" if name == "lap_joint_sweep" else "run")
         assert rest == ["--out", str(Path(name, "out"))]
-        assert cli.main(["check", scene]) == 0
-        assert f"{scene}: valid." in capsys.readouterr().out
+        load_scene(scene)
 
     text = (tmp_path / scene).read_text(encoding="utf-8")
     original = (ROOT / "examples" / f"{name}.toml").read_text(encoding="utf-8")

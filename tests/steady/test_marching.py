@@ -51,7 +51,7 @@ def _exact(frequency, damping, contact, start):
 def test_an_oscillator_of_two_stiffnesses_vibrates_as_its_exact_flows_say():
     frequency, damping, contact = 0.8, 0.05, 4.0
     errors = []
-    for steps in (40, 80, 160):
+    for steps in (40, 160):
         run = sj.integrate(
             oscillator(frequency, damping, contact), until="steady", steps_per_cycle=steps
         )
@@ -62,8 +62,8 @@ def test_an_oscillator_of_two_stiffnesses_vibrates_as_its_exact_flows_say():
         exact = _exact(frequency, damping, contact, start)
         errors.append(abs(run.amplitude_of("mass") / exact - 1.0))
         assert run.energy_residual < 1e-10
-    assert errors[2] < 1.5e-3
-    order = np.log2(errors[0] / errors[2]) / 2.0
+    assert errors[1] < 1.5e-3
+    order = np.log2(errors[0] / errors[1]) / 2.0
     assert 1.7 < order < 2.3
 
 
@@ -87,17 +87,16 @@ def _lifted(up=197e3, across=150e3):
     ("model", "steps", "opens"),
     [
         (_lifted, 80, True),
-        (lambda: sj.condense(_lifted()), 80, True),
         (lambda: sj.reduce(opening_system(), duration=3.0 / 2000.0), 60, False),
         (lambda: sj.condense(_lifted()).with_beta(100.0), 40, True),
     ],
-    ids=["full", "condensed", "reduced", "beta"],
+    ids=["full", "reduced", "condensed"],
 )
 def test_a_block_that_lifts_off_is_steady_where_a_long_run_leads(model, steps, opens):
     """Its base opens, or nearly so; where points come to rest is that of the first periods."""
     system = model()
     run = sj.integrate(system, until="steady", steps_per_cycle=steps)
-    long = sj.integrate(system, cycles=60, steps_per_cycle=steps)
+    long = sj.integrate(system, cycles=45, steps_per_cycle=steps)
     assert run.opened.any() == opens
     assert (run.normal_force_least < 0.15 * system.contact.normal.force).any()
     u = long.point_u[-steps:]
@@ -149,10 +148,7 @@ def _small(up, springs=np.inf, modes=6, duration=None):
     ("springs", "modes", "duration"),
     [
         (np.inf, 6, None),
-        (5e12, 4, None),
         (5e12, 5, 3.0 / 2000.0),
-        (5e12, 6, None),
-        (5e12, 7, 3.0 / 2000.0),
         (5e12, 8, 3.0 / 2000.0),
         (5e12, 8, None),
     ],

@@ -156,9 +156,8 @@ def test_sliders_along_a_chain_do_not_depend_on_their_order(between, stiffness):
         return [*(own[str(joint)] for joint in range(3)), run.peak_of("end")]
 
     first = works((0, 1, 2), numberings[0])
-    for order in permutations(range(3)):
-        for numbering in numberings:
-            np.testing.assert_allclose(works(order, numbering), first, rtol=1e-10)
+    for k, order in enumerate(permutations(range(3)), 1):
+        np.testing.assert_allclose(works(order, numberings[k % 3]), first, rtol=1e-10)
 
 
 def test_condensed_and_reduced_models_keep_springs():

@@ -34,9 +34,10 @@ def plates(part: bool, order: int, along: int, contact: str) -> sj.Structure:
     )
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("along", [4, 3])
-@pytest.mark.parametrize("contact", ["constant", "unilateral"])
+@pytest.mark.parametrize(
+    ("order", "along", "contact"),
+    [(1, 4, "constant"), (2, 3, "constant"), (1, 3, "unilateral"), (2, 4, "unilateral")],
+)
 def test_a_quarter_of_two_plates_moves_as_the_whole(order, along, contact):
     """Also the nodes on both planes, which slip nowhere, and on meshes that do not match."""
     found = []

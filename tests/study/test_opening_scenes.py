@@ -67,7 +67,7 @@ def test_models_agree_within_their_stated_errors(study):
 
 def test_stated_errors_of_the_step_are_those_against_a_fine_step(study):
     fine = sj.run_scene(
-        block(time={"cycles": 2, "steps_per_cycle": 3200}, accuracy={"estimate": False})
+        block(time={"cycles": 2, "steps_per_cycle": 1600}, accuracy={"estimate": False})
     )
     stated, run = study.models["full"].estimate, study.runs["full"]
     true = abs(run.cycles.friction[-1] / fine.runs["full"].cycles.friction[-1] - 1.0)
@@ -271,7 +271,7 @@ def test_faces_that_will_hit_each_other_want_a_lumped_mass():
 def test_a_response_of_a_reduced_model_is_that_of_the_condensed_one_within_its_stated_error():
     """At a level below that of its modes, too; its stated errors are those at the peak."""
     table = {"frequencies": {"from": 1900.0, "to": 2000.0, "points": 2}, "levels": [0.5, 1.0]}
-    time = {"cycles": 1, "steps_per_cycle": 24}
+    time = {"cycles": 1, "steps_per_cycle": 16}
     scene = block("reduced", up=120e3, time=time, response=table, reduction={"modes": 6})
     found = scene_response(scene)
     assert marching.MAY_DEPEND in found.notes
@@ -282,7 +282,7 @@ def test_a_response_of_a_reduced_model_is_that_of_the_condensed_one_within_its_s
         frequency, amplitude = curve.peak
         # The first point begins at rest, which may take some hundred periods.
         assert max(point.periods for point in curve.points[1:]) < 60
-        other = response.steady_point(condensed, frequency, curve.level, 24)
+        other = response.steady_point(condensed, frequency, curve.level, 16)
         true = abs(amplitude / other.amplitude.max() - 1.0)
         assert true < 2.0 * stated.of("basis", "displacement_rms") < 0.2
         assert stated.of("total", "friction_energy") > 0.0

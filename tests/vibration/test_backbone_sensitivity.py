@@ -159,11 +159,8 @@ def test_derivatives_are_central_differences(name, key):
 TANGENTIAL, NORMAL = {"tangential_stiffness": 3e11}, {"normal_stiffness": 2e12}
 OPENS = {"contact": "unilateral"}
 LAPPED = {
-    "constant": {},
     "constant, tangential springs": TANGENTIAL,
     "opens": OPENS,
-    "opens, tangential springs": OPENS | TANGENTIAL,
-    "opens, normal springs": OPENS | NORMAL,
     "opens, springs both ways": OPENS | TANGENTIAL | NORMAL,
 }
 

@@ -74,7 +74,7 @@ def test_a_linear_response_at_a_natural_frequency_that_nothing_damps_is_refused(
 
 def test_peaks_are_found_and_fall_with_the_level():
     system = bar()
-    levels = np.array([0.03, 0.1, 0.3]) * system.contact.w.sum()
+    levels = np.array([0.03, 0.1]) * system.contact.w.sum()
     asked = np.linspace(1600.0, 2600.0, 6)
     with ThreadPoolExecutor(1) as executor:
         curves = sj.response(system, asked, levels.tolist(), executor=executor)

@@ -61,7 +61,7 @@ def test_a_release_is_in_equilibrium_with_the_load_of_the_highest_level(model, s
 )
 def test_stiffer_springs_tend_to_the_ring_down_of_rigid_surfaces(model):
     found = []
-    for stiffness in (1e15, 1e16, np.inf):
+    for stiffness in (1e16, np.inf):
         system = model(sprung(stiffness))
         (curve,) = sj.backbone(system, levels=2, up_to=0.05)
         assert curve.opened[-1] > 0.0
@@ -73,7 +73,7 @@ def test_stiffer_springs_tend_to_the_ring_down_of_rigid_surfaces(model):
         assert rung.frequency[-1] == pytest.approx(curve.stuck_frequency, rel=5e-4)
         assert rung.damping_ratio[-1] == pytest.approx(curve.viscous_damping[0], rel=2e-3)
         found.append(rung)
-    *_, near, rigid = found
+    near, rigid = found
     assert near.energy[0] == pytest.approx(rigid.energy[0], rel=0.01)
     assert near.frequency == pytest.approx(rigid.frequency, rel=1e-3)
     assert near.damping_ratio == pytest.approx(rigid.damping_ratio, rel=0.02)
