@@ -11,9 +11,6 @@ import pytest
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
-# Without byte code each process that a test starts, and each that runs tests, compiles all anew.
-os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-
 # A shell makes its background jobs ignore Ctrl-C, and so would every process that a test starts.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
