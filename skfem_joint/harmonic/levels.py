@@ -179,11 +179,14 @@ def _solved_near(
 ) -> FloatArray | None:
     """Solution of the mode and amplitude of ``x``, if it is found from there or a ``start``."""
     near, normal = x if start is None else start, by_parameter(x.size)
-    try:
-        point = solved(equations, near, normal, serves=SERVES, falls=falls)
-    except ConvergenceError:
-        return None
-    return point.x if equations.near(point.x, x) else None
+    for serves in (SERVES, 0.0):
+        try:
+            point = solved(equations, near, normal, serves=serves, falls=falls)
+        except ConvergenceError:
+            continue
+        if equations.near(point.x, x):
+            return point.x
+    return None
 
 
 def _followed_from(equations: ModeEquations, x: FloatArray, amplitude: float) -> FloatArray | None:
