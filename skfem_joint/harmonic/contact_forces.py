@@ -138,16 +138,16 @@ class ContactForces:
         beyond[slips:] = normal - self.rest[:, np.newaxis] - linear * approach
         # A point that stays pressed is linear to the last bit.
         beyond[slips:][(slopes == linear).all(axis=1)] = 0.0
-        basis = np.vstack([series.basis, series.basis[-1:]])
-        walked = np.zeros(slips)
+        nh, wide, walked = series.size, series.size + (way is not None), np.zeros(slips)
+        basis = np.zeros((len(series.basis) + 1, -(-wide // 8) * 8))
+        basis[:, :nh] = np.vstack([series.basis, series.basis[-1:]])
         if way is not None:
             walked = self.rows[:slips] @ way
-            over = np.append(np.arange(len(basis) - 1.0), -1.0) / (len(basis) - 1.0)
-            basis = np.column_stack([basis, over])
-        nh, wide, last = series.size, basis.shape[1], int(self.points.first_block[-1])
+            basis[:, nh] = np.append(np.arange(len(basis) - 1.0), -1.0) / (len(basis) - 1.0)
+        columns, last = basis.shape[1], int(self.points.first_block[-1])
         width = 2 + int(np.diff(self.points.first_gain).max(initial=0))
         moves = np.zeros(self.given.size, np.bool_)
-        blocks = np.empty((last if tangents else 0, nh, wide))
+        blocks = np.empty((last if tangents else 0, nh, columns))
         restless = friction(
             self.points,
             slip,
@@ -162,7 +162,7 @@ class ContactForces:
             beyond[:slips],
             blocks,
             moves,
-            np.empty((2, width, wide)),
+            np.empty((2, width, columns)),
         )
         force = (beyond @ series.projection).T @ self.rows
         derivative = None
@@ -175,7 +175,7 @@ class ContactForces:
             derivative = self._assembled(
                 np.concatenate([left[used], slips + bent]),
                 np.concatenate([right[used], slips + bent]),
-                np.concatenate([blocks[used], more]),
+                np.concatenate([blocks[used, :, :wide], more]),
             )
         opened = pressed & (normal == 0.0).any(axis=1)
         held = np.repeat(self.points.linear, self.directions)[:, np.newaxis]
@@ -185,11 +185,11 @@ class ContactForces:
     def _assembled(self, left: IntArray, right: IntArray, blocks: FloatArray) -> FloatArray:
         """Derivative in the unknowns, from blocks of one row by another, sorted by the first."""
         n, (_, nh, wide) = self.rows.shape[1], blocks.shape
-        derivative = np.zeros((nh, n, wide, n))
+        derivative = np.empty((nh, n, wide, n))
         first = np.flatnonzero(np.diff(left, prepend=-1))
         out, ends = np.ascontiguousarray(self.rows[left[first]].T), np.append(first, left.size)
         sums = np.empty((first.size, wide, n))
         for a in range(nh):  # one coefficient at a time keeps the products in the cache
             weighted(blocks, a, ends, right, self.rows, sums)
-            derivative[a] = (out @ sums.reshape(first.size, wide * n)).reshape(n, wide, n)
+            np.matmul(out, sums.reshape(first.size, wide * n), out=derivative[a].reshape(n, -1))
         return derivative

@@ -13,12 +13,12 @@ has none, and no tangent.
 
 from __future__ import annotations
 
-from math import hypot, inf
+from math import hypot, sqrt
 from typing import Any, NamedTuple
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.compiling import compiled, compiled_inside
-from skfem_joint.minimise.law import slider, tangent_inside
+from skfem_joint.minimise.law import tangent_inside
 
 #: Change of friction from one pass to the next, relative, that ends the loop where a slip has two
 #: directions or goes on, and most passes then, over those of others.
@@ -63,12 +63,11 @@ def _onto_limit(now, rows, columns, nh, tangent):
     """Derivative of friction that is returned to its limit, from that before, in place."""
     first, mixed, second = tangent
     for c in range(columns):
+        one, other = now[0, c], now[1, c]
         for j in range(nh):
-            along = now[0, c, j]
-            across = now[1, c, j] if rows == 2 else 0.0
-            now[0, c, j] = first * along + mixed * across
-            if rows == 2:
-                now[1, c, j] = mixed * along + second * across
+            along, across = one[j], other[j] if rows == 2 else 0.0
+            one[j] = first * along + mixed * across
+            other[j] = mixed * along + second * across
 
 
 @compiled
@@ -101,7 +100,8 @@ def friction(
         Way that each slip goes on in a period beside, m.
     basis : ndarray, shape (samples + 1, nh)
         Of `FourierSeries`; the last row is that of the sample before the first one. It may have one
-        more column, the share of the period that is over, by which ways go on.
+        more column, the share of the period that is over, by which ways go on, then zeros: loops
+        over a multiple of eight columns are faster.
     projection : ndarray, shape (samples, nh)
         Of `FourierSeries`.
     passes : int
@@ -169,16 +169,16 @@ def friction(
                         for j in range(nh):
                             blocks[b, a, j] = 0.0
             for n in range(count):
-                w = limits[i, n]
-                over = n / count
+                w, over = limits[i, n], n / count
                 x_next = slip[row, n] + over * walked[row]
-                y_next = slip[row + 1, n] + over * walked[row + 1] if pair else 0.0
                 t += k * (x_next - x)
-                s += k * (y_next - y)
-                x, y = x_next, y_next
-                size = hypot(t, s) / k
-                soft = w / k
-                slides = w <= 0.0 or slider(size, inf, soft)[0] > 0.0
+                x = x_next
+                if pair:
+                    y_next = slip[row + 1, n] + over * walked[row + 1]
+                    s += k * (y_next - y)
+                    y = y_next
+                square = t * t + s * s
+                slides = w <= 0.0 or square > w * w  # Coulomb's law, without a root where it sticks
                 if tangents:
                     # basis at the sample before: zero at rest, before the first one
                     before = n - 1 if n > 0 else count
@@ -190,8 +190,8 @@ def friction(
                             now[1, 1, j] += change
                 if slides:
                     moves[i] = True
-                    across = soft / size if size > 0.0 else 0.0
-                    e, f = (t / (k * size), s / (k * size)) if size > 0.0 else (0.0, 0.0)
+                    inverse = 1.0 / sqrt(square) if square > 0.0 else 0.0
+                    across, e, f = w * inverse, t * inverse, s * inverse
                     if tangents:
                         _onto_limit(
                             now, rows, columns, nh, tangent_inside(-across, across, e, f, e, f)
@@ -213,10 +213,11 @@ def friction(
                         b = first_block
                         for r in range(rows):
                             for c in range(columns):
+                                one = now[r, c]
                                 for a in range(kept):
-                                    p = projection[n, a]
+                                    p, sums = projection[n, a], blocks[b, a]
                                     for j in range(nh):
-                                        blocks[b, a, j] += p * now[r, c, j]
+                                        sums[j] += p * one[j]
                                 b += 1
         if not moves[i]:
             for r in range(row, row + rows):
@@ -246,9 +247,14 @@ def weighted(blocks, a, first, right, rows, sums):
         Result.
     """
     for r in range(sums.shape[0]):
+        end = first[r + 1]
         for j in range(sums.shape[1]):
             for i in range(sums.shape[2]):
-                sums[r, j, i] = blocks[first[r], a, j] * rows[right[first[r]], i]
-            for b in range(first[r] + 1, first[r + 1]):
-                for i in range(sums.shape[2]):
-                    sums[r, j, i] += blocks[b, a, j] * rows[right[b], i]
+                sums[r, j, i] = 0.0
+        for b in range(first[r], end, 2):  # two at a time, for fewer loads and stores of sums
+            one, other = rows[right[b]], rows[right[min(b + 1, end - 1)]]
+            for j in range(sums.shape[1]):
+                p, line = blocks[b, a, j], sums[r, j]
+                q = blocks[b + 1, a, j] if b + 1 < end else 0.0
+                for i in range(line.size):
+                    line[i] += p * one[i] + q * other[i]

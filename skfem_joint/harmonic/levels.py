@@ -25,6 +25,9 @@ LOWEST, FEW = 0.3, 50
 LEAST = 0.02
 #: Damping ratio below which there is none: Newton's iteration finds no smaller one for sure.
 NEGLIGIBLE = TOLERANCE
+#: Share of a residual beyond which a step of an earlier derivative is not taken: a new one takes as
+#: long as 4 to 40 steps. Along branches each step has its own.
+SERVES = 0.9
 
 
 @dataclass(frozen=True)
@@ -133,7 +136,7 @@ def resolved(
     equations: ModeEquations,
     tally: Tally,
     rows: BoolArray | None = None,
-    tolerance: float = TOLERANCE,
+    falls: float = 0.0,
 ) -> tuple[Levels, BoolArray]:
     """Same levels by other equations, of ``rows`` (levels,) alone if given; and which are found.
 
@@ -154,9 +157,9 @@ def resolved(
         if wanted:
             point = None
             if balance.series == levels.series and changed.any():
-                point = _solved_near(equations, x, x + amplitude * changed, tolerance)
+                point = _solved_near(equations, x, x + amplitude * changed, falls)
             if point is None:
-                point = _solved_near(equations, x, tolerance=tolerance)
+                point = _solved_near(equations, x, falls=falls)
             if point is None and k > 0 and found[-1]:
                 point = _followed_from(equations, points[-1], amplitude)
             if point is None:
@@ -172,15 +175,18 @@ def _solved_near(
     equations: ModeEquations,
     x: FloatArray,
     start: FloatArray | None = None,
-    tolerance: float = TOLERANCE,
+    falls: float = 0.0,
 ) -> FloatArray | None:
     """Solution of the mode and amplitude of ``x``, if it is found from there or a ``start``."""
     near, normal = x if start is None else start, by_parameter(x.size)
-    try:
-        point = solved(equations, near, normal, tolerance=tolerance)
-    except ConvergenceError:
-        return None
-    return point.x if equations.near(point.x, x) else None
+    for serves in (SERVES, 0.0):
+        try:
+            point = solved(equations, near, normal, serves=serves, falls=falls)
+        except ConvergenceError:
+            continue
+        if equations.near(point.x, x):
+            return point.x
+    return None
 
 
 def _followed_from(equations: ModeEquations, x: FloatArray, amplitude: float) -> FloatArray | None:

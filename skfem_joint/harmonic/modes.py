@@ -36,7 +36,6 @@ from skfem_joint.harmonic.curve import NonlinearMode, curve_of, notes_of_errors
 from skfem_joint.harmonic.levels import Levels, changes, chosen, climbed, relative, resolved
 from skfem_joint.harmonic.marched import march
 from skfem_joint.harmonic.mode_equations import ModeEquations
-from skfem_joint.harmonic.newton import ENOUGH, TOLERANCE
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.system.system import System
 
@@ -61,6 +60,8 @@ RIGID_ERROR = 0.3
 FLOOR = {"frequency": 1e-5, "damping_ratio": 1e-4}
 #: Relative errors of frequency and damping by which they have settled.
 SETTLED = {"frequency": 3e-4, "damping_ratio": 5e-3}
+#: Share of its first residual with which a level that only judges another one is found.
+JUDGES = 0.1
 #: Why a level is not found that was there with softer springs.
 STIFFER = (
     "; with stiffer springs in place of rigid friction, found again from softer ones one by one, "
@@ -271,9 +272,8 @@ def _settled(
         if series.highest > HIGHEST or size(series) > LARGEST:
             break
         ends = series.highest == HIGHEST or size(series.doubled) > MOST
-        judges = series.highest == HIGHEST or size(series.doubled) > LARGEST  # no more
-        tolerance = ENOUGH if judges else TOLERANCE
-        finer, found = resolved(last, last.equations.refined(series), tally, open_, tolerance)
+        falls = JUDGES if series.highest == HIGHEST or size(series.doubled) > LARGEST else 0.0
+        finer, found = resolved(last, last.equations.refined(series), tally, open_, falls)
         known.append(open_ & found)
         finest[known[-1]] = len(rungs)
         for rung in range(max(0, len(rungs) - 2), len(rungs)):

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -28,8 +29,11 @@ TOLERANCE = 1e-6
 #: Norm that will do where the iteration ends: points that just begin to slip between two samples
 #: may leave so much.
 ENOUGH = 1e-5
-#: Most iterations, those of a step along a branch, and halvings of an iteration's step.
-ITERATIONS, QUICK, HALVINGS = 40, 12, 8
+#: Norm that will do where a solution only judges another one.
+ROUGH = 3e-5
+#: Most derivatives, those of a step along a branch, and lengths that are tried of a step by a new
+#: derivative, the last of which is taken in any case, and by one that is used again.
+ITERATIONS, QUICK, TRIED, TRIED_AGAIN = 39, 11, 9, 3
 #: Shares of a residual that vanish one after the other. More of them cost more than they find.
 EASED = 0.25, 0.5, 0.75, 1.0
 #: Change of the motion, relative, that is an arc of length 1.
@@ -66,24 +70,29 @@ class Equations(Protocol):
         """Weights (N,) of the squares of changes in the square of the length of arc."""
 
 
-class Solution(NamedTuple):
+@dataclass(frozen=True)
+class Solution:
     """Solution in a plane.
 
     Attributes
     ----------
-    x : ndarray
-        Unknowns.
-    tangent : ndarray
-        Their change along the branch, to the side of the normal.
-    sense : float
-        Sign of the determinant of derivatives and normal.
+    equations : Equations
+    x, normal : ndarray
+        Unknowns, and normal of the plane.
     iterations : int
+        Derivatives that it took.
     """
 
+    equations: Equations
     x: FloatArray
-    tangent: FloatArray
-    sense: float
+    normal: FloatArray
     iterations: int
+
+    @cached_property
+    def ahead(self) -> tuple[FloatArray, float]:
+        """Change of x along the branch, to the side of the normal, and the determinant's sign."""
+        rows = self.equations.rows(self.x)
+        return _tangent(_factor(self.equations, self.x, self.normal, rows))
 
 
 class BranchPoint(NamedTuple):
@@ -117,7 +126,7 @@ class BranchPoint(NamedTuple):
         """Point of an asked parameter, whose motion has a ``shape``; along its tangent."""
         size = int(np.prod(shape))
         q, rest = point.x[:size].reshape(shape), point.x[size:]
-        return cls(q, rest, point.tangent, point.sense)
+        return cls(q, rest, *point.ahead)
 
     @property
     def x(self) -> FloatArray:
@@ -146,42 +155,53 @@ def solved(
     x: FloatArray,
     normal: FloatArray,
     most: int = ITERATIONS,
-    tolerance: float = TOLERANCE,
+    serves: float = 0.0,
+    falls: float = 0.0,
 ) -> Solution:
     """Solution near ``x`` in the plane through it, by Newton's iteration.
 
-    Its steps are halved until residuals fall below a ``tolerance``. There are ``most`` of them.
+    Its steps are halved until residuals fall. A derivative, of which there are ``most``, is used
+    again while a step leaves less than the share that ``serves`` of a residual. The last residual
+    is below `TOLERANCE`, or if that ``falls`` to a share of the first one, below `ROUGH`.
 
     Raises
     ------
     ConvergenceError
         If it is not found.
     """
-    share, rows = 1.0, equations.rows(x)
-    for iteration in range(most):
-        values, derivative = equations(x, True)
-        residual = rows * values
-        size = float(np.linalg.norm(residual))
-        if not np.isfinite(size):
+    rows, share, made = equations.rows(x), 1.0, 0
+    residual, factor = rows * equations(x, False)[0], None
+    tolerance = max(TOLERANCE, min(falls * float(np.linalg.norm(residual)), ROUGH))
+    while True:
+        size, fresh = float(np.linalg.norm(residual)), factor is None
+        if size <= tolerance or (size <= ENOUGH and fresh and made == most):
+            return Solution(equations, x, normal, made)
+        if not np.isfinite(size) or (fresh and made == most):
             break
-        factor = _factor(rows[:, np.newaxis] * derivative, normal)
-        if size <= tolerance or (size <= ENOUGH and iteration == most - 1):
-            return Solution(x, *_tangent(factor), iteration)
+        if factor is None:
+            factor, made = _factor(equations, x, normal, rows), made + 1
         step = -linalg.lu_solve(factor, np.append(residual, 0.0), check_finite=False)
         if not np.isfinite(step).all():
             break
-        share = min(1.0, 2.0 * share)
-        for _ in range(HALVINGS):
-            tried = float(np.linalg.norm(rows * equations(x + share * step, False)[0]))
-            if tried < (1.0 - 0.1 * share) * size:
+        before, longest = share, min(1.0, 2.0 * share)
+        for share in longest * 0.5 ** np.arange(TRIED if fresh else TRIED_AGAIN):
+            tried = rows * equations(x + share * step, False)[0]
+            left = float(np.linalg.norm(tried)) / size
+            if left < (1.0 - 0.1 * share if fresh else serves):
                 break
-            share *= 0.5
-        x = x + share * step
+        else:
+            if not fresh:
+                factor, share = None, before
+                continue
+        x, residual, factor = x + share * step, tried, factor if serves else None
     raise ConvergenceError(f"Newton's iteration ends at a residual of {size:.2g}")
 
 
-def _factor(derivative: FloatArray, normal: FloatArray) -> tuple[FloatArray, FloatArray]:
-    whole = np.vstack([derivative, normal])
+def _factor(
+    equations: Equations, x: FloatArray, normal: FloatArray, rows: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    whole = np.vstack([equations(x, True)[1], normal])
+    whole[:-1] *= rows[:, np.newaxis]
     lu, pivots = linalg.lu_factor(whole, overwrite_a=True, check_finite=False)
     return lu, pivots
 
@@ -204,7 +224,7 @@ def stepped(equations: Equations, point: Solution, end: float, least: float) -> 
     step = end - point.x[-1]
     while point.x[-1] != end:
         step = min(step, end - point.x[-1], key=abs)
-        x = point.x + step * point.tangent
+        x = point.x + step * point.ahead[0]
         x[-1] = end if abs(end - x[-1]) < 1e-12 * abs(end) else x[-1]
         try:
             point = solved(equations, x, normal)
@@ -295,26 +315,27 @@ def _onwards(
 
     ConvergenceError if angle and determinant tell two sides after a long step.
     """
-    ahead = point.tangent / _length(point.tangent, weights)
+    tangent, own = point.ahead
+    ahead = tangent / _length(tangent, weights)
     cosine = float(ahead @ (weights * along))
     side = float(np.sign(cosine))
-    if side != point.sense * sense:  # another sheet, a kink, or another branch that crosses
+    if side != own * sense:  # another sheet, a kink, or another branch that crosses
         if length > SHORT:
             raise ConvergenceError("it turns too sharply")
         side *= 1.0 if abs(cosine) > SHARP else -1.0
-    return side * ahead, side * point.sense
+    return side * ahead, side * own
 
 
 def _beyond(
     equations: Equations, place: BranchPoint, along: FloatArray, weights: FloatArray
 ) -> FloatArray:
     """Direction in which a branch goes on beyond a kink; ConvergenceError if it is not found."""
-    rows = equations.rows(place.x)[:, np.newaxis]
+    normal, rows = weights * along, equations.rows(place.x)
     for distance in BEYOND:
-        _, derivative = equations(place.x + distance * along, True)
-        tangent, sense = _tangent(_factor(rows * derivative, weights * along))
+        x = place.x + distance * along
+        tangent, sense = _tangent(_factor(equations, x, normal, rows))
         turned = tangent * (sense * place.sense / _length(tangent, weights))
-        if turned @ (weights * along) < 0.9:
+        if turned @ normal < 0.9:
             return np.asarray(turned)
     raise ConvergenceError("steps along the branch become too short")
 

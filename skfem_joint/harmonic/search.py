@@ -140,7 +140,7 @@ class Search:
         rest = np.zeros((rungs[0].size, system.n))
         raised = Raised(forced[0], 2.0 * np.pi * float(frequencies[0]))
         at_rest = solved(raised, np.zeros(rest.size + 1), by_parameter(rest.size + 1))
-        linear = at_rest.tangent[:-1].reshape(rest.shape)
+        linear = at_rest.ahead[0][:-1].reshape(rest.shape)
         coulomb = fewest[0].balance.system.with_beta(np.inf)
         rigid = bool(np.any(system.contact.rubs & ~system.contact.sprung))
         return cls(coulomb, forced, softer, frequencies, tally, rigid, linear, rest)
