@@ -41,7 +41,7 @@ from skfem_joint.vibration.response import steady_plan, steady_point
 #: Loads of the plates, N: from micro-slip to full slip; and frequencies, Hz.
 LEVELS, BAND = (2.0, 8.0, 20.0, 40.0), (84.0, 89.0)
 #: Periods that time steps follow from the motion of harmonic balance; the last third is used.
-PERIODS = 40
+PERIODS = 160
 
 
 @cache

@@ -19,7 +19,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Tally
-from skfem_joint.harmonic.balance import LARGEST, MOST, Balance
+from skfem_joint.harmonic.balance import LARGEST, Balance
 from skfem_joint.harmonic.forced import Forced, Raised, corrected
 from skfem_joint.harmonic.newton import BranchPoint, branch, by_parameter, solved, stepped
 from skfem_joint.harmonic.points import point_of
@@ -65,7 +65,7 @@ class Settled(NamedTuple):
     point : SteadyPoint
     errors : tuple of float
         Relative ones of amplitude and friction energy: the differences from the next rung but one,
-        or from the next one where that is not found or has more than `MOST` unknowns.
+        or from the next one where that is not found or has more than `LARGEST` unknowns.
     """
 
     place: BranchPoint
@@ -249,7 +249,7 @@ class Search:
             except ConvergenceError:
                 break
             found = Settled(place, rung, finer, _point(finer, place), (np.nan, np.nan))
-            more = any(x.load.size <= MOST for x in self.forced[rung + 1 : rung + 2])
+            more = rung + 1 < len(self.forced)
             for old in kept[-2:]:
                 amplitude, energy = _apart(found.point, old.point, most)
                 judged = old._replace(errors=(amplitude, energy))
