@@ -2,7 +2,7 @@ r"""
 What becomes of a mode whose joint slips as a whole?
 ====================================================
 
-A backbone keeps the shape of its mode and ends before the joint slips as a whole. Harmonic balance
+A backbone keeps the shape of its mode, and ends where the joint slips as a whole. Harmonic balance
 computes the vibration itself, and goes on: damping has a maximum and falls again, because friction
 is limited while the energy of the vibration grows on.
 
@@ -16,7 +16,8 @@ momentum keeps up,
 
 with the friction forces :math:`q` (see :doc:`/theory/harmonic-balance`). It has the frequency
 :math:`\omega / 2 \pi` and the damping ratio :math:`\zeta`. A free vibration decays faster where
-the joint softens: its decrement takes what a cycle loses from the energy at the turning points.
+the joint softens: with the energy :math:`U` at the turning points and the loss :math:`D` of a cycle
+its damping ratio is :math:`D / (2 \pi\, \mathrm d U / \mathrm d \ln a)` at the amplitude :math:`a`.
 
 By command: ``skfem-joint nonlinear-modes SCENE.toml --out DIR``.
 """
@@ -54,7 +55,7 @@ print(*mode.notes, sep="\n")
 # that the mode says it has.
 figure, (left, right) = plt.subplots(1, 2, figsize=(9.0, 4.0), layout="constrained")
 reach, slow = 1e3 * mode.displacement[:, 0], 1e3 * curve.displacement[:, 0]
-free = np.interp(down.amplitude, mode.displaced, reach)  # of the free end, mm, where it is modal
+free = np.interp(down.amplitude, mode.displaced, reach)  # of the free end, mm
 left.semilogx(slow, curve.frequency, "k--", label="backbone")
 left.semilogx(reach, mode.frequency, "o-", ms=4, label="nonlinear mode")
 left.semilogx(free, down.frequency, "k.", label="ring-down")

@@ -493,12 +493,12 @@ def _response(options: argparse.Namespace) -> int:
     """Compute steady vibration over frequency, write it and print its peaks."""
     from skfem_joint.output import damping
     from skfem_joint.output.universal import check_uff
-    from skfem_joint.study.scene_backbone import backbone_table, given_backbones
+    from skfem_joint.study.scene_backbone import given_backbones, named_backbone
     from skfem_joint.study.scene_response import RESPONSE_ROWS, response_table, scene_response
 
     scene = _asking(options, "response", response_table)
     if "backbone" in scene.model_fields_set:
-        backbone_table(scene)
+        named_backbone(scene)
     check_uff(scene)
     with _kept(options, scene) as notes, _rows(options, RESPONSE_ROWS) as rows:
         with _progress(options) as progress, _executor(options) as executor:

@@ -268,7 +268,8 @@ def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
         name = said[1].casefold()
         if said[2] != ":":
             name = re.sub("[ -]+", "_", name)
-        if said[2] == ":" or name in Head.model_fields:
+        known = Head.model_fields if said[2] else ("peak_to_peak",)  # others may head a column
+        if said[2] == ":" or name in known:
             yield f"{path}: line {number}", name, said[3] or ""
 
 
@@ -276,8 +277,8 @@ def _doubtful_remarks(content: str) -> Iterator[str]:
     """Sentences about remarks by which amplitudes are not half of peak to peak."""
     for number, line in enumerate(io.StringIO(content, newline=None), start=1):
         text = line.partition("#")[2].strip("# \r\n")
-        if ":" not in text and re.search(
-            r"\b(rms|r\.m\.s|(?<!half of )peak.to.peak|pk-pk|p-p|dB)\b", text, re.I
+        if not re.search(r":|\b(error|noise)\b", text, re.I) and re.search(
+            r"\b(rms|r\.m\.s|(?<!half of )(?<!half of the )peak.to.peak|pk-pk|p-p|dB)\b", text, re.I
         ):
             yield (
                 f"line {number} says {text[:60]!r}: amplitudes are taken as half of peak to peak, "

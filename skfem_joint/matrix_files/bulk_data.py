@@ -54,7 +54,7 @@ def entries(text: str, wanted: Callable[[str, int], bool], first: int = 1) -> It
             continue
         head = line[:8].partition(",")[0].strip()
         word = _BREAK.split(line[:8], maxsplit=1)[0].upper()
-        if head and not word:
+        if head[:1].isalpha() and not word:
             raise ValueError(f"line {number}: found {line[:60]!r}, must begin in the first column")
         if word[:1] not in ("", "+", "*"):
             if entry is not None:

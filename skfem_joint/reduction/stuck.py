@@ -107,7 +107,8 @@ class Stuck:
 def check_curve(what: str, system: System, curve: Any) -> None:
     """Refuse a `Backbone` whose mode is none of a system with its contact stuck.
 
-    There it would have another mass or frequency, or slip. InputError, which ``what`` begins.
+    There it would have another mass or frequency, or slip. Other friction limits or damping do not
+    show. InputError, which ``what`` begins.
     """
     shape, contact = curve.shape, system.contact
     if shape.shape == (system.n,):

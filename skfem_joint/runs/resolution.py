@@ -66,8 +66,8 @@ def check_resolution(system: System, plan: Plan) -> None:
     Pulses shorter than two steps are allowed where the vibration of the
     loaded unknowns themselves is resolved: the driver ends steps at the pulse's corners, so that
     its momentum is right, and nothing is fast enough to need more. Smooth pulses, whose corners do
-    not show their shape, are not, nor are tables with more kinks than the driver ends steps at. A
-    plain function of time is compared between the steps with the straight lines through its values
+    not show their shape, are not. A plain function of time, and a table with more kinks than the
+    driver ends steps at, is compared between the steps with the straight lines through its values
     at them, which are all that the run sees of it.
 
     Raises
@@ -163,7 +163,7 @@ def _load_bounds(system: System, duration: float, vibrates: bool = True) -> Iter
             continue
         rise = 0.5 / frequency
         most = rise / 2  # as many steps in it, or in the duration of a rectangle
-        if vibrates and ends_steps(amplitude, duration) and not _is_round(amplitude, peak):
+        if vibrates and not _is_round(amplitude, peak):
             shape = closed().loads[number].vector
             most = max(most, _period(closed(), shape) / _PER_VIBRATION)
         yield Bound(name, most, f"is too long for a pulse that rises in {rise:.4g} s")
@@ -209,10 +209,14 @@ def _name(load: AppliedLoad) -> str:
 
 
 def _unresolved(system: System, plan: Plan) -> Iterator[str]:
-    """Sentences about loads of which no frequency is known, and which the step does not follow."""
+    """Sentences about loads of which no frequency is known, and which the step does not follow.
+
+    Tables with more kinks than steps are ended at are among them.
+    """
     step, n_steps = plan.step, plan.n_steps
     for load in system.loads:
-        if load.amplitude.highest_frequency is not None or not np.any(load.vector):
+        known = load.amplitude.highest_frequency is not None
+        if (known and ends_steps(load.amplitude, plan.duration)) or not np.any(load.vector):
             continue
         missed = _missed(load.amplitude, step, n_steps)
         if missed <= _MISSED:

@@ -72,7 +72,8 @@ def sensitivities(
     check_derivable(structure, wanted)
     for key in keys:
         value_of(structure, key)
-    if not system.has_matrices_of(structure.unloaded, "M", "K", "contact"):
+    own = structure.unloaded.with_beta(np.inf)
+    if not system.with_beta(np.inf).has_matrices_of(own, "M", "K", "contact"):
         raise InputError(
             "sensitivities: the system does not belong to the structure: found another mass, "
             "stiffness or contact, must be the structure's own system, which "

@@ -385,10 +385,16 @@ def backbone_table(scene: Scene) -> BackboneTable:
     InputError if its structure has no such point or mode, or is to be released by loads that act
     until the end of the run.
     """
-    table = scene.backbone
-    _check_names(scene, "backbone", table.modes, "at.point", table.at.point if table.at else None)
+    table = named_backbone(scene)
     if table.ring_down and table.released == "loads":
         _last_loaded_step(scene)
+    return table
+
+
+def named_backbone(scene: Scene) -> BackboneTable:
+    """Table ``[backbone]`` of a scene; InputError if its structure has no such point or mode."""
+    table = scene.backbone
+    _check_names(scene, "backbone", table.modes, "at.point", table.at.point if table.at else None)
     return table
 
 
@@ -464,10 +470,10 @@ def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNon
 def random_table(scene: Scene) -> RandomTable:
     """Table ``[random]`` of a scene.
 
-    InputError if there is none, it does not fit the loads, or as `backbone_table`, of its modes.
+    InputError if there is none, it does not fit the loads, or as `named_backbone`, of its modes.
     """
     table: RandomTable = scene.asked("random")
-    backbone_table(scene)
+    named_backbone(scene)
     try:
         random_loads(scene.system(), table.given, table.load, table.unit)
     except InputError as error:
@@ -513,7 +519,7 @@ def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]
 
 def _largest_model(scene: Scene) -> System:
     """Full model, or of a structure in parts the condensed one with modes for its curves."""
-    return largest_model(scene, max(backbone_table(scene).modes) + MODES_BEYOND)
+    return largest_model(scene, max(named_backbone(scene).modes) + MODES_BEYOND)
 
 
 def _curves(

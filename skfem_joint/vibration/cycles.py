@@ -276,12 +276,11 @@ class CyclePath:
         ways = [[way] for way in levels.walk(levels.rest(), force, np.append(0.0, level))]
         ends = [way[-1][1] for (way,) in ways]
         states, rows, friction = _stacked(contact, ends)
-        still = states @ force <= 0.0
+        still = level * (states @ force) <= 0.0
         if still.any():
             raise InputError(
-                f"backbone: levels: found {level[still][0]:g} m/s² kg^1/2, under which nothing "
-                "moves beyond the round-off of friction limits, together "
-                f"{contact.w.sum():.4g} N; give higher ones"
+                f"backbone: levels: found {level[still][0]:g} m/s² kg^1/2, whose work "
+                "numbers do not tell from zero; give higher ones"
             )
         sliders = contact.slider_slip(rows, friction)
         slip, sliding = contact.slip_norm(rows), contact.slip_norm(sliders)

@@ -169,6 +169,8 @@ def test_what_a_scene_says_itself_is_passed_over_with_a_note(tmp_path):
     ]
     note = read(tmp_path, GRID, CUBES, [f"{word},1,any thing" for word in words]).notes[0]
     assert all(word in note for word in words)
+    tabs = ["PCOMP\t1", "\t1\t.1\t0.\tYES", "TABDMP1,1", " 0.,.1,9.,.1"]  # not read, nor their form
+    assert read(tmp_path, GRID, CUBES, tabs).n_elements == 2
     held = [f"{GRID[0]},,1246", *GRID[1:6]]
     notes = read(tmp_path, held, ["CQUAD4,1,1,1,2,5,4,,0.5", "CQUAD4,2,1,2,3,6,5"]).notes
     assert "say (fixed directions of GRID)" in notes[0]

@@ -76,7 +76,7 @@ def _run(scene: Any, steps: int) -> sj.Run:
     raise AssertionError("no step is short enough")
 
 
-MORE = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(14, 104)]
+MORE = [pytest.param(seed, marks=pytest.mark.slow) for seed in [*range(4), *range(14, 104)]]
 
 
 @pytest.mark.parametrize("seed", [*range(4, 14), *MORE])

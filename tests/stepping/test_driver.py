@@ -331,8 +331,9 @@ def test_a_table_of_many_times_is_followed_whatever_it_acts_on():
     """20 Hz of a cosine at 2 ms on 1 Hz: samples 50 ms apart were a constant load, 20 times it."""
     t = np.arange(0.0, 4.0, 2e-3)
     system = oscillator(sj.Table(t, np.cos(40.0 * np.pi * t)))
-    with pytest.raises(sj.InputError, match=r"rises in 0\.002 s; use a step of at most 0\.001 s"):
+    with pytest.raises(sj.InputError, match="does not follow this function of time"):
         sj.integrate(system, step=0.05, n_steps=79)
+    sj.integrate(system, step=2e-3, n_steps=100)  # sees every value
     run = sj.integrate(system, step=1e-3, n_steps=3998)
     exact = sj.integrate(oscillator(sj.Harmonic(1.0, 20.0, 0.5 * pi)), step=1e-3, n_steps=3998)
     assert run.peak == pytest.approx(exact.peak, rel=0.01)  # 25 samples in a period

@@ -68,3 +68,15 @@ def test_check_refuses_what_a_command_refuses(command, tables, words, tmp_path, 
         said.append(capsys.readouterr().err.partition("skfem-joint: ")[2])
     assert words in said[0]
     assert said[0] == said[1]
+
+
+def test_a_response_does_not_ask_for_the_loads_of_a_ring_down(tmp_path):
+    """One scene serves both, though its harmonic load releases no mode."""
+    write_mesh(build_bar(*BARS["coarse"]), tmp_path / "bar.msh")
+    file = tmp_path / "scene.toml"
+    more = {
+        "response": {"frequencies": FREQUENCIES},
+        "backbone": {"ring_down": 8, "released": "loads"},
+    }
+    file.write_text(tomlkit.dumps(bar_tables("full", reduction={}) | more), encoding="utf-8")
+    assert main(["response", str(file), "--out", str(tmp_path / "out")]) == 0
