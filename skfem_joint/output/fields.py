@@ -331,6 +331,8 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
     pressure, gap = np.zeros((2, *u.shape[:2])) if present else (None, None)
     limits = limits_of(system, forces := normal_forces(structure, run))
     states = np.full(u.shape[:2], -1, dtype=np.int8)
+    for patch in structure.patches:
+        states[:, patch.held_nodes] = 0  # which cannot slip, but may in another joint
     for number, (patch, area) in enumerate(
         zip(structure.patches, _pressed_areas(structure), strict=True)
     ):
@@ -343,7 +345,6 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
             size = -limit[:, free] * contact.friction[:, row]
             traction[:, nodes[free]] += size[..., np.newaxis] * along
             slip[:, nodes[free]] += contact.slip[:, row, np.newaxis] * part[free, None] * along
-        states[:, patch.held_nodes] = 0  # which cannot slip
         states[:, nodes] = contact.state[:, points]
         density[:, nodes] += contact.work[:, points] * own / area
     if pressure is not None and gap is not None:

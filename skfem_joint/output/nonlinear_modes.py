@@ -194,7 +194,6 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
             if name == "damping_ratio" and "ring_down" in _curves(modes.model, c.mode):
                 decay = {"linestyle": ":", "label": "as it rings down"}
                 panel.plot(x / size, factor * c.decrement, color=COLOURS[0], **decay)
-                panel.legend(fontsize="small")
             if c.marched is not None:
                 k, ring = c.marched.levels, {"markerfacecolor": "none", "markersize": 8}
                 label = "judged by time steps"
@@ -216,4 +215,5 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
         row[0].set_title(f"mode {c.mode}", loc="left")
         row[0].legend(fontsize="small")
         row[1].set(ylabel="damping ratio, %")
+        row[1].legend(fontsize="small")
     return figure
