@@ -193,7 +193,8 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
             panel.semilogx(x / size, y, ".-", color=COLOURS[0], label=label)
             if name == "damping_ratio" and "ring_down" in _curves(modes.model, c.mode):
                 decay = {"linestyle": ":", "label": "as it rings down"}
-                panel.plot(x / size, factor * c.decrement, color=COLOURS[0], **decay)
+                decays = panel.plot(x / size, factor * c.decrement, color=COLOURS[0], **decay)
+                panel.legend(handles=decays, fontsize="small")  # others are those of frequency
             if c.marched is not None:
                 k, ring = c.marched.levels, {"markerfacecolor": "none", "markersize": 8}
                 label = "judged by time steps"
@@ -215,5 +216,4 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
         row[0].set_title(f"mode {c.mode}", loc="left")
         row[0].legend(fontsize="small")
         row[1].set(ylabel="damping ratio, %")
-        row[1].legend(fontsize="small")
     return figure
