@@ -4,9 +4,10 @@
 
 Parts are plates, fold, springs and random, all if none is named. The plates are those of
 ``solid_lap_joint.toml`` with a free lower end, bent by a force there, with contact that opens: a
-reduced model of 33 unknowns, up to full slip. *plates* compares its responses at four levels with
-time steps, extrapolated from 800 and 1,600 in a period, which have the same springs of sticking,
-start on the motion that harmonic balance found and forget it. *fold* passes the turning points of
+reduced model of 33 unknowns, up to full slip. *plates* compares its responses at four levels, with
+at most 39 and 79 harmonics, with time steps, extrapolated from 800 and 1,600 in a period, which
+have the same springs of sticking, start on the motion that harmonic balance found and forget it.
+*fold* passes the turning points of
 an oscillator with a gap, beside time steps up and down. *springs* shows at one frequency what the
 springs, the step and the law of friction do to the friction energy. *random* draws reduced systems
 with contact that opens and counts the points that harmonic balance finds without marching. Times
@@ -66,39 +67,50 @@ def followed(system, frequency, level, start, steps, periods=PERIODS):
     return 0.5 * float(np.mean(reach)), float(np.mean(run.cycles.friction[-len(later) :]))
 
 
-def settled(search, level, shares):
-    """Points of a level at shares of its largest amplitude: results, states, and seconds."""
+def settled(search, level, shares, finer=()):
+    """Points of a level at shares of its largest amplitude: results, states, and seconds.
+
+    Each is found with the search, then with each ``finer`` one.
+    """
     begin = time.process_time()
     places = [item for item in search.branches(level)[0] if not isinstance(item, sj.SteadyPoint)]
-    each, begin = (time.process_time() - begin) / len(places), time.process_time()
+    each = (time.process_time() - begin) / len(places)
     reach = np.array([np.linalg.norm(place.q[1:]) for place in places])
-    found = []
     for share in shares:
-        one = search.settled(places[int(np.abs(reach - share * reach.max()).argmin())], level, 0.0)
-        state = state_of(one.forced.balance, one.place.q, one.place.omega)
-        now = time.process_time()
-        found.append((one, state, each, now - begin))
-        begin = now
-    return found
+        place = places[int(np.abs(reach - share * reach.max()).argmin())]
+        for one in (search, *finer):
+            begin = time.process_time()
+            found = one.settled(place, level, 0.0)
+            spent = time.process_time() - begin
+            state = state_of(found.forced.balance, found.place.q, found.place.omega)
+            yield found, state, each, spent
 
 
 def print_plates(quick, _systems):
     """Largest amplitude and half of it at each level beside time steps."""
-    system = plates()
-    search = Search.of(system, np.linspace(*BAND, 3 if quick else 7), STICKING, Tally(silent, 0))
+    system, band = plates(), np.linspace(*BAND, 3 if quick else 7)
+    search, *finer = (
+        Search.of(system, band, STICKING, Tally(silent, 0), harmonics)
+        for harmonics in ((39,) if quick else (39, 79))
+    )
     head(
         *("load, N", "Hz", "amplitude, mm", "friction, mJ", "walks", "harmonics"),
         *("amplitude: off by %", "stated", "friction: off by %", "stated"),
         *("s a point of the branch", "s with all harmonics", "s by steps"),
     )
     for level in LEVELS[: 4 - 3 * quick]:
-        for one, state, *spent in settled(search, level, (1.0, 0.5)[: 2 - quick]):
+        for number, (one, state, *spent) in enumerate(
+            settled(search, level, (1.0, 0.5)[: 2 - quick], finer)
+        ):
             point, begin = one.point, time.process_time()
-            both = [
-                followed(search.system, point.frequency, level, state, n, 6 if quick else PERIODS)
-                for n in ((40,) if quick else (800, 1600))
-            ]
-            steps = (4.0 * np.array(both[-1]) - both[0]) / 3.0
+            if number % (1 + len(finer)) == 0:
+                both = [
+                    followed(
+                        search.system, point.frequency, level, state, n, 6 if quick else PERIODS
+                    )
+                    for n in ((40,) if quick else (800, 1600))
+                ]
+                steps = (4.0 * np.array(both[-1]) - both[0]) / 3.0
             by_steps = time.process_time() - begin
             row(
                 f"{level:g}", f"{point.frequency:.3f}", f"{1e3 * steps[0]:.4f}",

@@ -20,11 +20,20 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
+from skfem_joint.ground.values import POSITIVE, Kind, at_least, check, check_each
 from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.newton import BranchPoint
 from skfem_joint.harmonic.points import notes_of_law, notes_of_restless, state_of
-from skfem_joint.harmonic.search import HELD, OF_WORK, STEPS, Search, Settled, change
+from skfem_joint.harmonic.search import (
+    HARMONICS,
+    HELD,
+    LADDER,
+    OF_WORK,
+    STEPS,
+    Search,
+    Settled,
+    change,
+)
 from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.harmonic.stability import stable
 from skfem_joint.reduction.ranges.points import loaded_at, period_of
@@ -38,6 +47,8 @@ from skfem_joint.vibration.response_curve import Curve, SteadyPoint, nothing_fou
 STICKING = 3000.0
 #: What they may be.
 STIFF = Kind(">= 1 and finite", lambda x: 1.0 <= x < np.inf)
+#: Most harmonics that may be asked for: two rungs of the ladder at least.
+COUNTS = at_least(LADDER[1][0])
 #: Results whose errors are stated.
 NAMES = "amplitude", "friction_energy"
 #: Relative errors of these beyond which a note says so.
@@ -57,8 +68,9 @@ class BalancedCurve(Curve):
         were marched to.
     errors : dict of str to ndarray, shape (points,)
         Relative errors of ``amplitude`` and ``friction_energy`` by harmonics and samples: what a
-        point with about four times as many, or twice, differs by; nan where there is none, and at
-        points that were marched to.
+        point with about four times as many, or twice, differs by, or where that is much, what it
+        differs by from one with half as many; nan where there is none, and at points that were
+        marched to.
     series : FourierSeries or None
         Largest one that a point took; None where all points were marched to.
     why : tuple of str
@@ -160,6 +172,7 @@ def harmonic_response(
     *,
     confirm: bool = True,
     sticking: float = STICKING,
+    harmonics: int = HARMONICS,
     progress: Progress = silent,
     rows: Rows | None = None,
 ) -> list[BalancedCurve]:
@@ -181,6 +194,9 @@ def harmonic_response(
     sticking : float
         Stiffness of the springs of points that have none of their own: they lower the square of the
         nearest stuck frequency by one over it.
+    harmonics : int
+        Most that a point takes, 9 or more: it has 9, 19, 39, 79 or 159. On a bolted lap 39 left
+        0.3 % of an amplitude, and 79 left 0.05 % in eight times as long.
     progress : callable, optional
         Called with (points found, points asked for).
     rows : Rows, optional
@@ -195,18 +211,20 @@ def harmonic_response(
     ------
     InputError
         If there is nothing to vibrate steadily, a frequency or level is not positive, a level is so
-        small or large that numbers lose motion or friction, ``sticking`` is below 1, the system is
-        too large, its loads have too high harmonics, its contact that opens is rigid, or it is a
-        reduced model made for something else or for a range.
+        small or large that numbers lose motion or friction, ``sticking`` is below 1 or
+        ``harmonics`` below 9, the system is too large, its loads have too high harmonics, its
+        contact that opens is rigid, or it is a reduced model made for something else or for a
+        range.
     ConvergenceError
         If no point is found.
     """
     frequencies, asked = _checked(system, frequencies, levels, sticking)
+    check("harmonic_response: harmonics", harmonics, COUNTS)
     tally, rows = Tally(progress, len(asked) * frequencies.size), rows or Rows()
-    search = Search.of(system, frequencies, sticking, tally)
+    search = Search.of(system, frequencies, sticking, tally, harmonics)
     search.check(asked)
     curves = dict[float, BalancedCurve]()
-    origin = rows.mark("harmonic curves", system, frequencies, confirm, float(sticking))
+    origin = rows.mark("harmonic curves", system, frequencies, confirm, float(sticking), harmonics)
     for level in sorted(set(asked)):
         mark = rows.mark(origin, *curves, level)
         if mark in rows:
@@ -268,8 +286,10 @@ def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:
             errors.append((np.nan, np.nan))
             continue
         found = search.settled(item, level, most)
-        balance = found.forced.balance
-        holds = stable(balance, found.place.q, found.place.omega, _slips(found.point))
+        balance, judges = found.forced.balance, found.coarser or found  # exponents take long
+        holds = stable(
+            judges.forced.balance, judges.place.q, judges.place.omega, _slips(found.point)
+        )
         held = max(held, balance.held_softly(found.place.q))
         walks = max(walks, balance.walked(found.place.q))
         restless = max(restless, balance.sampled(found.place.q, False).restless)
@@ -346,7 +366,9 @@ def _sticking(
     slips = [k for k, found in settled.items() if _slips(found.point)]
     least = sorted(slips, key=lambda k: float(settled[k].point.amplitude.max()))[:1]
     at = [settled[k] for k in {*judged, *least}]
-    apart = np.array([search.sticking(found, level) for found in at] or [(np.nan, np.nan)])
+    apart = np.array(
+        [search.sticking(found.coarser or found, level) for found in at] or [(np.nan, np.nan)]
+    )
     return float(apart[:, 0].max()), float(apart[:, 1].max())
 
 

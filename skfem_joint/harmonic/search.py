@@ -30,8 +30,10 @@ from skfem_joint.system.system import System
 from skfem_joint.vibration.response import steady_point
 from skfem_joint.vibration.response_curve import SteadyPoint
 
-#: Harmonics and samples, raised until amplitude and friction energy settle; the last ones judge.
-LADDER = (5, 128), (9, 256), (19, 512), (39, 1024)
+#: Harmonics and samples, raised until amplitude and friction energy settle.
+LADDER = (5, 128), (9, 256), (19, 512), (39, 1024), (79, 2048), (159, 4096)
+#: Most harmonics, if not asked for more.
+HARMONICS = 39
 #: Least samples where contact opens: with fewer a branch has many small turns beside each true one.
 SMOOTH = 1024
 #: Relative errors of amplitude and friction energy with which they have settled.
@@ -65,7 +67,9 @@ class Settled(NamedTuple):
     point : SteadyPoint
     errors : tuple of float
         Relative ones of amplitude and friction energy: the differences from the next rung but one,
-        or from the next one where that is not found or has more than `LARGEST` unknowns.
+        or where it has not settled from the rung before.
+    coarser : Settled or None
+        The point of the rung before, where it has not settled.
     """
 
     place: BranchPoint
@@ -73,6 +77,7 @@ class Settled(NamedTuple):
     forced: Forced
     point: SteadyPoint
     errors: tuple[float, float]
+    coarser: Settled | None = None
 
 
 def change(new: float, old: float, least: float = 0.0) -> float:
@@ -116,7 +121,14 @@ class Search:
     level: float = 0.0
 
     @classmethod
-    def of(cls, system: System, frequencies: FloatArray, sticking: float, tally: Tally) -> Search:
+    def of(
+        cls,
+        system: System,
+        frequencies: FloatArray,
+        sticking: float,
+        tally: Tally,
+        harmonics: int = HARMONICS,
+    ) -> Search:
         """At rest, with springs of a factor ``sticking``, see `springs_of_sticking`."""
         odd, period = odd_loads(system), period_of(system)
         parts = [part for load in system.loads for part in load.amplitude.harmonics]
@@ -135,7 +147,12 @@ class Search:
             Forced.of(Balance.of(system, rungs[0], reference, factor), system, period, grid)
             for factor in (sticking, sticking / SOFTER)
         ]
-        used = [x for x in rungs if x.size * system.n <= LARGEST]
+        most = LARGEST * max(1.0, harmonics / HARMONICS)
+        used = [
+            x
+            for x, (highest, _) in zip(rungs, LADDER, strict=True)
+            if highest <= harmonics and x.size * system.n <= most
+        ]
         forced, softer = ([first.refined(series) for series in used] for first in fewest)
         rest = np.zeros((rungs[0].size, system.n))
         raised = Raised(forced[0], 2.0 * np.pi * float(frequencies[0]))
@@ -235,29 +252,26 @@ class Search:
     def settled(self, place: BranchPoint, level: float, most: float) -> Settled:
         """Point with as many harmonics as it takes; ``most`` is the largest energy so far, J.
 
-        It is the last one that a point with more harmonics judges. Its errors are nan where none
-        beyond the fewest harmonics are found.
+        It is the first one that has settled, or the one with the most harmonics that are found,
+        whose errors are what it differs by from the one before; nan where there is none.
         """
-        first, place = self._let_go(self.forced[0].at(level), place)
-        judged = Settled(place, 0, first, _point(first, place), (np.nan, np.nan))
-        kept = [judged]
+        forced, place = self._let_go(self.forced[0].at(level), place)
+        kept = [Settled(place, 0, forced, _point(forced, place), (np.nan, np.nan))]
         for rung, finer in enumerate(self.forced[1:], start=1):
-            finer = finer.at(level).walking(first.balance.walks)
+            finer = finer.at(level).walking(forced.balance.walks)
             balances = finer.balance, kept[-1].forced.balance
             try:
                 place = corrected(finer, kept[-1].place.mapped(partial(_refined, *balances)))
             except ConvergenceError:
                 break
-            found = Settled(place, rung, finer, _point(finer, place), (np.nan, np.nan))
-            more = rung + 1 < len(self.forced)
+            point, last = _point(finer, place), rung + 1 == len(self.forced)
             for old in kept[-2:]:
-                amplitude, energy = _apart(found.point, old.point, most)
-                judged = old._replace(errors=(amplitude, energy))
-                settles = amplitude <= SETTLED[0] and energy <= SETTLED[1]
-                if settles and (old is not kept[-1] or not more):
-                    return judged
-            kept.append(found)
-        return judged
+                errors = _apart(point, old.point, most)
+                settles = errors[0] <= SETTLED[0] and errors[1] <= SETTLED[1]
+                if settles and (old is not kept[-1] or last):
+                    return old._replace(errors=errors, coarser=None)
+            kept.append(Settled(place, rung, finer, point, errors, kept[-1]))
+        return kept[-1]
 
     def _let_go(self, forced: Forced, place: BranchPoint) -> tuple[Forced, BranchPoint]:
         """Equations in which bodies walk, if soft springs hold them and nothing is in their way.

@@ -210,6 +210,22 @@ def test_stated_errors_are_those_beside_many_more_harmonics():
             assert stated <= 3.0 * apart + 1e-5
 
 
+def test_points_that_few_harmonics_do_not_settle_state_no_less_than_they_lack():
+    frequencies = np.linspace(0.95, 1.25, 4) / (2.0 * np.pi)
+    few, more = (
+        sj.harmonic_response(oscillator(), frequencies, confirm=False, harmonics=most)[0]
+        for most in (9, 159)
+    )
+    assert few.series.highest == 9
+    kept = [k for k, p in enumerate(few.points) if np.isclose(p.frequency, frequencies).any()]
+    for k in kept:
+        point = few.points[k]
+        same = [p for p in more.points if abs(p.frequency / point.frequency - 1.0) < 1e-9]
+        apart = min(abs(p.amplitude[0] / point.amplitude[0] - 1.0) for p in same)
+        assert apart <= few.errors["amplitude"][k] + 1e-9
+    assert few.errors["amplitude"][kept].max() > 1e-5
+
+
 def test_energies_of_a_period_are_in_balance():
     (curve,) = sj.harmonic_response(chain(), np.linspace(95.0, 125.0, 4), (1.0,), confirm=False)
     for point in curve.points:
@@ -225,6 +241,7 @@ def test_energies_of_a_period_are_in_balance():
         ({"levels": [1e-200, 1.0, 1e30]}, r"levels: found 1e-200, 1e\+30, must be from"),
         ({"sticking": 0.5}, "sticking: found 0.5, must be >= 1"),
         ({"sticking": np.inf}, "sticking: found inf, must be >= 1 and finite"),
+        ({"harmonics": 5}, "harmonics: found 5, must be >= 9, a whole number"),
         (
             {"system": beating()},
             "loads: found 100, 100.01 Hz, the highest of which is harmonic 10001",
