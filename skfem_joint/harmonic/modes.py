@@ -37,6 +37,7 @@ from skfem_joint.harmonic.levels import Levels, changes, chosen, climbed, relati
 from skfem_joint.harmonic.marched import march
 from skfem_joint.harmonic.mode_equations import ModeEquations
 from skfem_joint.harmonic.series import FourierSeries
+from skfem_joint.reduction.stuck import traits_of
 from skfem_joint.system.system import System
 
 #: Harmonics and samples with which a mode is followed, one after the other until it reaches all
@@ -169,6 +170,7 @@ def _mode(
     if levels.omega.size:
         settled = _settled(levels, tally)
         curve = _finished(*settled, softer, confirm and not lacking.size, tally)
+        curve = replace(curve, traits=traits_of(system, curve.shape))
         if not lacking.size:
             return curve
     point = levels.equations.point

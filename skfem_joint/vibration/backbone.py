@@ -44,7 +44,7 @@ from skfem_joint.ground.values import (
     check_numbers,
     check_some,
 )
-from skfem_joint.reduction.stuck import Stuck, StuckMode
+from skfem_joint.reduction.stuck import Stuck, StuckMode, traits_of
 from skfem_joint.results.gross_slip import (
     gross_slip_level,
     is_gross,
@@ -153,6 +153,8 @@ class Backbone(Tabular):
     differs : ndarray of bool, shape (levels,), optional
         Levels at which a ring-down differs by more than both stated errors, from
         `skfem_joint.vibration.ring_down.RingDown.beside`; None if there is none beside the curve.
+    traits : dict of str to float
+        Of the system, see `skfem_joint.reduction.stuck.traits_of`; empty if they are not known.
     higher : ndarray, shape (modes,)
         Frequencies of the next higher modes, Hz, with the contact stuck; see ``excites``.
     path : ModePath, optional
@@ -186,6 +188,7 @@ class Backbone(Tabular):
     limits: FloatArray | None = None
     differs: BoolArray | None = None
     work_error: FloatArray | None = None
+    traits: Mapping[str, float] = field(default_factory=dict)
     higher: FloatArray = field(default_factory=lambda: np.zeros(0))
     path: ModePath | None = field(default=None, repr=False, compare=False)
 
@@ -531,6 +534,7 @@ def _curve(
         offset=None if middle is None else middle @ force,
         opened=found.opened,
         work_error=found.work_error,
+        traits=traits_of(path.system, to.outer(shape)),
         higher=mode.frequencies[mode.number :],
         path=ModePath(mode, shape, path, found),
     )
