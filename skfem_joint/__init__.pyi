@@ -102,7 +102,6 @@ from skfem_joint.study.sweep import Row as Row
 from skfem_joint.study.sweep import sweep as sweep
 from skfem_joint.system.contacts import Contact as Contact
 from skfem_joint.system.normal import NormalPart as NormalPart
-from skfem_joint.system.sensitivity import OpeningSensitivity as OpeningSensitivity
 from skfem_joint.system.sensitivity import SystemSensitivity as SystemSensitivity
 from skfem_joint.system.served import Range as Range
 from skfem_joint.system.slips import SlipRows as SlipRows

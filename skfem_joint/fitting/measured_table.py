@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
-from skfem_joint.ground.arrays import FloatArray, IntArray, as_real
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_real, wrong_shapes
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.text_tables import (
     LENGTHS,
@@ -52,8 +52,8 @@ COLUMNS: Mapping[str, Mapping[str, float]] = {
     "signal": _ANY_AMPLITUDE,
 }
 #: Quantities of which empty cells and nan stand for what was not measured.
-OFFSETS = ("frequency", "damping")
-_MAY_LACK = (*OFFSETS, "frequency_deviation", "damping_deviation")
+QUANTITIES = ("frequency", "damping")
+_MAY_LACK = (*QUANTITIES, "frequency_deviation", "damping_deviation")
 #: Sizes of values: squares of what is in between stay within the range of floats.
 _SMALLEST, _LARGEST = 1e-20, 1e20
 _EXAMPLE = "'amplitude (mm), frequency (Hz), damping (%)', or 'time (s), signal (m/s2)' of a decay"
@@ -123,18 +123,16 @@ def given_samples(arrays: Mapping[str, Any], where: str) -> Samples:
     units = _units_of([str(name) for name in arrays], where)
     pairs = zip(units, arrays.values(), strict=True)
     columns = {name: as_real(given, f"{where}: {name}") for name, given in pairs}
-    shapes = {name: own.shape for name, own in columns.items()}
-    if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
-        found = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise InputError(f"{where}: found arrays of shapes {found}; must be one shape (k,)")
     count = next(iter(columns.values())).size
+    wrong = wrong_shapes({name: (own, (count,)) for name, own in columns.items()})
+    refuse(f"{where}: {problem}; arrays must be of one shape (k,)" for problem in wrong)
     return Samples(where, columns, units, "sample", np.arange(count), [], [])
 
 
 def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
     """Units of columns by their names; InputError for others than those of a curve or a signal."""
     units = column_units(texts, COLUMNS, where)
-    for name in OFFSETS:
+    for name in QUANTITIES:
         own, of = units.get(f"{name}_deviation"), units.get(name) or next(iter(COLUMNS[name]))
         if f"{name}_deviation" in units and name not in units:
             raise InputError(f"{where}: found column '{name}_deviation' and no {name!r}")
@@ -145,7 +143,7 @@ def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
             )
         if f"{name}_deviation" in units:
             units[f"{name}_deviation"] = of
-    curve = "amplitude" in units and units.keys() & {*OFFSETS}
+    curve = "amplitude" in units and units.keys() & {*QUANTITIES}
     if units.keys() & {"time", "signal"} if curve else units.keys() != {"time", "signal"}:
         raise InputError(
             f"{where}: found columns {', '.join(units)}; must be amplitude with frequency, damping "
@@ -188,7 +186,7 @@ def check_samples(samples: Samples) -> None:
         must += ", or empty where it was not measured" if name in _MAY_LACK else ""
         for k in np.flatnonzero(~lacks & ~((values >= low) & (values <= high))):
             mistakes.append(f"{samples.place(k)}: {name}: found {values[k]:g}, {must}")
-    either = [samples.columns[name] for name in OFFSETS if name in samples.columns]
+    either = [samples.columns[name] for name in QUANTITIES if name in samples.columns]
     for k in np.flatnonzero(np.isnan(either).all(axis=0)) if either else ():
         mistakes.append(
             f"{samples.place(k)}: found neither a frequency nor a damping; leave the row out"
@@ -319,7 +317,7 @@ def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
     problems += [
         f"{samples.where}: found both column '{name}_deviation' and key "
         f"'relative_{name}_deviation', must be one of them"
-        for name in OFFSETS
+        for name in QUANTITIES
         if f"{name}_deviation" in samples.columns and f"relative_{name}_deviation" in of_file
     ]
     refuse(problems)

@@ -174,4 +174,5 @@ def check_columns(
         f"{where}{first}[{k + 1}]: found {x[k + 1]:g}, must be > {x[k]:g}, the one before"
         for k in np.flatnonzero(~(np.diff(x) > 0.0))
     ]
-    refuse(wrong)
+    more = [f"{where}and {len(wrong) - 10} more mistakes like these"] if len(wrong) > 10 else []
+    refuse(wrong[:10] + more)
