@@ -124,9 +124,9 @@ from skfem_joint.vibration.random_response import random_response as random_resp
 from skfem_joint.vibration.response import response as response
 from skfem_joint.vibration.response_curve import Curve as Curve
 from skfem_joint.vibration.response_curve import SteadyPoint as SteadyPoint
+from skfem_joint.vibration.response_curve import frequency_response as frequency_response
 from skfem_joint.vibration.ring_down import RingDown as RingDown
 from skfem_joint.vibration.ring_down import ring_down as ring_down
-from skfem_joint.vibration.transfer import frequency_response as frequency_response
 
 __version__: str
 __all__: list[str]

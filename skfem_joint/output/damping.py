@@ -46,8 +46,7 @@ from skfem_joint.study.scene_response import ModelResponse, SceneResponse
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.random_response import RandomResponse
 from skfem_joint.vibration.response import HARMONICS
-from skfem_joint.vibration.response_curve import Curve
-from skfem_joint.vibration.transfer import KINDS, frequency_response
+from skfem_joint.vibration.response_curve import KINDS, Curve, frequency_response
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

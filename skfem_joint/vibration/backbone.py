@@ -29,10 +29,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from skfem_joint.accuracy.range_modes import alone, check_modes, distances
-from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_real
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
 from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.progress import Progress, Tally, silent
@@ -43,6 +42,7 @@ from skfem_joint.ground.values import (
     check_kind,
     check_numbers,
     check_some,
+    rising,
 )
 from skfem_joint.reduction.stuck import Stuck, StuckMode, traits_of
 from skfem_joint.results.gross_slip import (
@@ -422,13 +422,7 @@ class _Levels(NamedTuple):
             count = int(np.asarray(levels))
             lowest = 0.05 if count > 1 else 1.0  # over the highest
             return cls(up_to * np.geomspace(lowest, 1.0, count), slips_at, False)
-        level = np.asarray(as_real(levels, "backbone: levels"))
-        rises = level.ndim == 1 and level.size and level[0] > 0.0 and np.all(np.diff(level) > 0.0)
-        if not rises:
-            raise InputError(
-                "backbone: levels: must be a number, or levels that rise from above zero"
-            )
-        return cls(level, 1.0, True)
+        return cls(rising("backbone: levels", levels), 1.0, True)
 
     def text(self, share: float) -> str:
         """A level in words: as such, or as a share of that at which the first joint slips whole."""
@@ -456,19 +450,10 @@ class Factors:
 
 def _differ_in_law(one: Arranged, other: Arranged) -> bool:
     """Whether two systems differ in limits, springs and damping alone."""
-    old, new = one.system, other.system
-    law, new_law = old.contact, new.contact
-    pairs = (old.K, new.K), (old.M, new.M), (law.B, new_law.B), (law.beta, new_law.beta)
+    law, new_law = one.system.contact, other.system.contact
     limited = np.array_equal(law.w > 0.0, new_law.w > 0.0)
-    return one.kind == other.kind and limited and all(_same(a, b) for a, b in pairs)
-
-
-def _same(A: Any, B: Any) -> bool:
-    """Whether two arrays or sparse arrays are the same, entry by entry."""
-    if not (sparse.issparse(A) and sparse.issparse(B)):
-        return type(A) is type(B) and np.array_equal(A, B)
-    parts = ((x.indptr, x.indices, x.data) for x in (A, B))
-    return A.format == B.format and all(map(np.array_equal, *parts))
+    alike = one.kind == other.kind and limited and np.array_equal(law.beta, new_law.beta)
+    return alike and one.system.has_matrices_of(other.system, "K", "M", "B")
 
 
 def _curve(

@@ -347,12 +347,7 @@ class CyclePath:
     def _strain(self, level: Level) -> float:
         """Strain energy of a level, J, that of springs and of contact that opens included."""
         system = self.to.system
-        if not system.contact.has_springs:
-            return system.strain_energy(level.u)
-        limits = system.contact.w if level.limits is None else level.limits
-        w = system.contact.on_rows(limits)
-        sigma = np.divide(level.friction, w, out=np.zeros_like(w), where=w > 0.0)
-        return system.strain_energy(level.u, sigma, limits)
+        return system.strain_energy(level.u, _stacked(system.contact, [level])[2][0], level.limits)
 
     def _around(self, force: FloatArray, level: FloatArray, damping: float) -> RisingCycles:
         """Cycles with contact that opens."""
@@ -387,7 +382,41 @@ class CyclePath:
             "frequency": float(apart[0]) + 0.5 * max(cycle.way_left for cycle in done),
             "damping_ratio": float(apart[1]),
         }
-        return self._cycles(level, done, ways, errors, notes)
+        system, contact = self.to.system, self.levels.contact
+        pressed = max(int(np.count_nonzero(contact.at_all(contact.force))), 1)
+        opened = [np.count_nonzero(contact.at_all(cycle.opened)) for cycle in done]
+        states = np.array([cycle.half for cycle in done])
+        slip = system.contact.slip_norm(np.asarray((system.contact.B @ states.T).T))
+        creep = INCREMENTS * self.levels.creep  # in half of a cycle
+        slip[slip <= creep] = 0.0
+        slid = np.array([cycle.slid for cycle in done])
+        left = max(cycle.slip_left for cycle in done)
+        if left > CLOSED:
+            notes.append(
+                f"cycles are not closed after {MOST} of them: friction would do "
+                f"{100.0 * left:.2g} % of the work of a cycle on the slip that is left at its end."
+            )
+        if errors["damping_ratio"] > DOUBTFUL:
+            notes.append(
+                "the contact opens and slips so abruptly that the damping errs by an "
+                f"estimated {100.0 * errors['damping_ratio']:.2g} % from the increments of cycles."
+            )
+        return RisingCycles(
+            level=level,
+            states=states,
+            by_point=np.array([cycle.by_point for cycle in done]),
+            strain=np.array([cycle.strain for cycle in done]),
+            slip=slip,
+            sliding=np.where(slid > creep, slid, 0.0),
+            friction=_stacked(system.contact, [cycle.end for cycle in done])[2],
+            loops=np.zeros((0, system.n)),
+            ways=ways,
+            middle=np.array([cycle.middle for cycle in done]),
+            opened=np.array(opened) / pressed,
+            limits=np.array([cycle.end.limits for cycle in done]),
+            errors=errors,
+            notes=tuple(notes),
+        )
 
     def _settled(
         self,
@@ -440,51 +469,6 @@ class CyclePath:
             strain=max(map(self._strain, path[1:])),
             slip_left=left / max(work, 0.5 * LEAST * way),
             way_left=abs(float(force @ (end.u - begin.u)) / way),
-        )
-
-    def _cycles(
-        self,
-        level: FloatArray,
-        done: list[_Cycle],
-        ways: list[list[Walk]],
-        errors: dict[str, float],
-        notes: list[str],
-    ) -> RisingCycles:
-        """Result of the cycles at all levels."""
-        system, contact = self.to.system, self.levels.contact
-        pressed = max(int(np.count_nonzero(contact.at_all(contact.force))), 1)
-        opened = [np.count_nonzero(contact.at_all(cycle.opened)) for cycle in done]
-        states = np.array([cycle.half for cycle in done])
-        slip = system.contact.slip_norm(np.asarray((system.contact.B @ states.T).T))
-        creep = INCREMENTS * self.levels.creep  # in half of a cycle
-        slip[slip <= creep] = 0.0
-        slid = np.array([cycle.slid for cycle in done])
-        left = max(cycle.slip_left for cycle in done)
-        if left > CLOSED:
-            notes.append(
-                f"cycles are not closed after {MOST} of them: friction would do "
-                f"{100.0 * left:.2g} % of the work of a cycle on the slip that is left at its end."
-            )
-        if errors["damping_ratio"] > DOUBTFUL:
-            notes.append(
-                "the contact opens and slips so abruptly that the damping errs by an "
-                f"estimated {100.0 * errors['damping_ratio']:.2g} % from the increments of cycles."
-            )
-        return RisingCycles(
-            level=level,
-            states=states,
-            by_point=np.array([cycle.by_point for cycle in done]),
-            strain=np.array([cycle.strain for cycle in done]),
-            slip=slip,
-            sliding=np.where(slid > creep, slid, 0.0),
-            friction=_stacked(system.contact, [cycle.end for cycle in done])[2],
-            loops=np.zeros((0, system.n)),
-            ways=ways,
-            middle=np.array([cycle.middle for cycle in done]),
-            opened=np.array(opened) / pressed,
-            limits=np.array([cycle.end.limits for cycle in done]),
-            errors=errors,
-            notes=tuple(notes),
         )
 
 

@@ -212,7 +212,7 @@ def random_response(
         )
     highest = max(curve.mode for curve in curves) + LOOKED_FOR
     stuck = StuckUnder(system, [each.vector for each in loads], highest)
-    spectra = Spectra(system, curves, found, loads, stuck)
+    spectra = Spectra(system, curves, found, loads, push[:, moves], stuck)
     friction = [mode.mean(mode.power(mode.friction_damping)) for mode in found]
     viscous = [mode.mean(mode.power(mode.viscous_damping)) for mode in found]
     J = as_dense(system.contact.J)

@@ -186,9 +186,9 @@ def all_in_contact() -> sj.System:
         (bar().with_contact(given=np.zeros(100)), {}, "needs friction"),
         (all_in_contact(), {}, "every unknown is in contact"),
         (slider(), {"levels": [1e3]}, r"first level already, 1000 m/s² kg\^1/2; give lower"),
-        (bar(), {"levels": []}, "levels that rise from above zero"),
-        (bar(), {"levels": [0.0, 1.0]}, "levels that rise from above zero"),
-        (bar(), {"levels": [1.0, 1.0]}, "levels that rise from above zero"),
+        (bar(), {"levels": []}, "levels: found .*must be a list of numbers, each > 0"),
+        (bar(), {"levels": [0.0, 1.0]}, r"levels\[0\]: found 0.0, must be > 0"),
+        (bar(), {"levels": [1.0, 1.0]}, r"levels\[1\]: found 1, must be > 1"),
     ],
 )
 def test_modes_that_are_not_there_are_refused(system, how, says):
