@@ -140,7 +140,20 @@ def damping_curve(
     ConvergenceError
         If no fit converges.
     """
-    t, x = _checked(time, signal, quantity)
+    if quantity not in DERIVATIVES:
+        raise InputError(
+            f"damping_curve: quantity: found {quantity!r}, must be one of {', '.join(DERIVATIVES)}"
+        )
+    t, x = as_real(time, "damping_curve: time"), as_real(signal, "damping_curve: signal")
+    check_columns("damping_curve: ", "time", "signal", t, x)
+    steps = np.diff(t)
+    if np.ptp(steps) > 1e-3 * steps.mean() + 4e-16 * np.abs(t).max():
+        raise InputError(
+            "damping_curve: times must rise by even steps; found steps from "
+            f"{steps.min():.6g} to {steps.max():.6g} s; interpolate the signal first"
+        )
+    if np.ptp(x) == 0.0:
+        raise InputError("damping_curve: the signal does not change")
     check_some(POSITIVE, frequency=frequency)
     step = float(t[-1] - t[0]) / (t.size - 1)
     spectrum, power = periodogram(x, 1.0 / step)
@@ -150,8 +163,7 @@ def damping_curve(
             f"damping_curve: found {1.0 / (f * step):.3g} samples in a period of {f:.4g} Hz, must "
             f"be at least {_FEWEST_SAMPLES:g}"
         )
-    fits = _alone(x, step, f)
-    return _curve(float(t[0]), *fits, DERIVATIVES[quantity])
+    return _curve(float(t[0]), *_alone(x, step, f), DERIVATIVES[quantity])
 
 
 def _alone(x: FloatArray, step: float, f: float) -> tuple[_Fit, _Fit]:
@@ -223,25 +235,6 @@ def _other_frequencies(
             found.append(g)
     # Most of them.
     return found[:4]
-
-
-def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatArray, FloatArray]:
-    """Times and values as arrays; InputError as `damping_curve`."""
-    if quantity not in DERIVATIVES:
-        raise InputError(
-            f"damping_curve: quantity: found {quantity!r}, must be one of {', '.join(DERIVATIVES)}"
-        )
-    t, x = as_real(time, "damping_curve: time"), as_real(signal, "damping_curve: signal")
-    check_columns("damping_curve: ", "time", "signal", t, x)
-    steps = np.diff(t)
-    if np.ptp(steps) > 1e-3 * steps.mean() + 4e-16 * np.abs(t).max():
-        raise InputError(
-            "damping_curve: times must rise by even steps; found steps from "
-            f"{steps.min():.6g} to {steps.max():.6g} s; interpolate the signal first"
-        )
-    if np.ptp(x) == 0.0:
-        raise InputError("damping_curve: the signal does not change")
-    return t, x
 
 
 class _Windows(NamedTuple):
@@ -382,9 +375,8 @@ def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
         shares = np.linspace(0.0, 1.0, pieces + 1)[1:-1]
         inner = _fallen(time, windows.log_amplitude, shares)
         # Shortest piece, in periods.
-        if pieces > 1 and np.diff([0.0, *inner, end]).min() < 3.0 * period:
-            break
-        if pieces + 3 > windows.time.size:
+        short = pieces > 1 and np.diff([0.0, *inner, end]).min() < 3.0 * period
+        if short or pieces + 3 > windows.time.size:
             break
         if (fit := _fitted(x, step, inner, windows, 1.0 / period)) is not None:
             fits.append(fit)

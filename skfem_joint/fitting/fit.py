@@ -303,8 +303,7 @@ class FitProblem:
         size = residuals(first).size
         found = least_squares(
             residuals, first, derivatives, (low, high), x_scale="jac",
-            ftol=TOLERANCE, xtol=TOLERANCE, gtol=None,
-            max_nfev=EVALUATIONS,
+            ftol=TOLERANCE, xtol=TOLERANCE, gtol=None, max_nfev=EVALUATIONS,
         )  # fmt: skip
         if found.status <= 0:
             raise ConvergenceError(
@@ -570,12 +569,11 @@ class Fit:
         Of the frequency, Hz, and of the damping ratio, to first order. ``number`` is that of a
         measured curve whose offsets count too.
         """
-        factor, halves = float(norm.ppf(0.5 + 0.5 * level)), []
-        for quantity in QUANTITIES:
-            rates = self.problem.beside(number, quantity, predicted, self.vector)[1]
-            variance = np.einsum("ki,ij,kj->k", rates, self.covariance, rates)
-            halves.append(factor * np.sqrt(np.maximum(variance, 0.0)))
-        return halves[0], halves[1]
+        beside = (self.problem.beside(number, q, predicted, self.vector) for q in QUANTITIES)
+        rates = np.array([of_values for _, of_values in beside])
+        variance = np.einsum("qki,ij,qkj->qk", rates, self.covariance, rates)
+        frequency, damping = norm.ppf(0.5 + 0.5 * level) * np.sqrt(np.maximum(variance, 0.0))
+        return frequency, damping
 
     def curves(self) -> list[MeasuredCurve]:
         """Curves of the structure beside each measured one, finer than it, as far as it reaches.

@@ -321,11 +321,10 @@ def _curve(
         notes = notes + said
     lacking = int(np.isnan(arrays["frequency"]).sum())
     if quantity != "displacement" and lacking:
-        notes = [
-            *notes,
+        notes.append(
             f"{lacking} samples have no frequency; their displacement is found by that between "
-            "their neighbours.",
-        ]
+            "their neighbours."
+        )
     return MeasuredCurve(
         name=head.name or Path(samples.where).name,
         point=head.point,

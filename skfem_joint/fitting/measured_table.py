@@ -108,8 +108,7 @@ def read_samples(path: Path) -> Samples:
         the file and the lines.
     """
     columns, units, lines, content = read_columns(path, _units_of, _MAY_LACK, _EXAMPLE)
-    doubts = [*_doubtful_remarks(content)]
-    return Samples(str(path), columns, units, "line", lines, [*_stated(path, content)], doubts)
+    return Samples(str(path), columns, units, "line", lines, *_comments(path, content))
 
 
 def given_samples(arrays: Mapping[str, Any], where: str) -> Samples:
@@ -243,21 +242,28 @@ class Head(SceneTable):
     offset: _Offsets = key("what is known up to a constant", ())
     lowest: float = key("lowest amplitude that is fitted, in the unit of the data", 0.0, ge=0)
     highest: float = key("highest amplitude that is fitted", math.inf, ge=0)
-    relative_frequency_deviation: _Share | None = key(
-        "share of the values, or percent, as in 5 %", None
-    )
-    relative_damping_deviation: _Share | None = key(
-        "share of the values, or percent, as in 5 %", None
-    )
+    relative_frequency_deviation: _Share = key("share of the values, or percent, as in 5 %", None)
+    relative_damping_deviation: _Share = key("share of the values, or percent, as in 5 %", None)
     frequency: Positive | None = key("about that of the mode of a decay, Hz", None)
 
 
-def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
-    """Places, keys and texts of the comments that state a key.
+def _comments(path: Path, content: str) -> tuple[list[tuple[str, str, str]], list[str]]:
+    """Places, keys and texts of the comments that state a key, and doubts about others.
 
-    One that begins with a key is none of the remarks, whatever follows.
+    One that begins with a key is none of the remarks, whatever follows. Doubts are sentences about
+    remarks by which amplitudes are not half of peak to peak.
     """
+    stated, doubts = list[tuple[str, str, str]](), list[str]()
     for number, line in enumerate(io.StringIO(content, newline=None), start=1):
+        text = line.partition("#")[2].strip("# \r\n")
+        if not re.search(r":|\b(error|noise)\b", text, re.I) and re.search(
+            r"\b(rms|r\.m\.s|(?<!half of )(?<!half of the )peak.to.peak|pk-pk|p-p|dB)\b", text, re.I
+        ):
+            doubts.append(
+                f"line {number} says {text[:60]!r}: amplitudes are taken as half of peak to peak, "
+                "1.414 times the root mean square of a sine; state peak_to_peak: true, or "
+                "convert them, if they are not."
+            )
         said = re.fullmatch(
             r"\s*#+\s*([A-Za-z_][\w -]*?)\s*(?:([:=])\s*([^#]*?)\s*)?(?:#.*)?\s*", line
         )
@@ -268,21 +274,8 @@ def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
             name = re.sub("[ -]+", "_", name)
         known = Head.model_fields if said[2] else ("peak_to_peak",)  # others may head a column
         if said[2] == ":" or name in known:
-            yield f"{path}: line {number}", name, said[3] or ""
-
-
-def _doubtful_remarks(content: str) -> Iterator[str]:
-    """Sentences about remarks by which amplitudes are not half of peak to peak."""
-    for number, line in enumerate(io.StringIO(content, newline=None), start=1):
-        text = line.partition("#")[2].strip("# \r\n")
-        if not re.search(r":|\b(error|noise)\b", text, re.I) and re.search(
-            r"\b(rms|r\.m\.s|(?<!half of )(?<!half of the )peak.to.peak|pk-pk|p-p|dB)\b", text, re.I
-        ):
-            yield (
-                f"line {number} says {text[:60]!r}: amplitudes are taken as half of peak to peak, "
-                "1.414 times the root mean square of a sine; state peak_to_peak: true, or "
-                "convert them, if they are not."
-            )
+            stated.append((f"{path}: line {number}", name, said[3] or ""))
+    return stated, doubts
 
 
 def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:

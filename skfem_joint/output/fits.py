@@ -331,10 +331,9 @@ def _curve_rows(curves: Sequence[MeasuredCurve]) -> Iterator[dict[str, Any]]:
 def _rows(curve: MeasuredCurve, columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
     """Rows of a table over the amplitudes of a curve, from columns (k,)."""
     first = {"data": curve.name, "mode": curve.mode, "quantity": curve.quantity}
-    unit = _unit(curve.quantity)
     for amplitude, *values in zip(curve.amplitude, *columns.values(), strict=True):
         row = dict(zip(columns, values, strict=True))
-        yield first | {"amplitude": amplitude, "unit": unit} | row
+        yield first | {"amplitude": amplitude, "unit": _unit(curve.quantity)} | row
 
 
 def _write_scene(path: Path, fit: Fit, text: str) -> Path:

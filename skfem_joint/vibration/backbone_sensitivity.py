@@ -247,8 +247,7 @@ def backbone_sensitivity(
     q = found.states @ force
     of_q = cycles.amplitude + found.states @ (system.M @ of_shape)
     relative = of_q / q[:, np.newaxis]
-    by_logarithm = np.zeros(of_shape.shape[1])
-    by_logarithm[-1] = 1.0
+    by_logarithm = np.eye(of_shape.shape[1])[-1]
     omega = np.sqrt(level / q)[:, np.newaxis]
     of_omega = 0.5 * omega * (by_logarithm - relative)
     energy = (2.0 * np.pi * level * q)[:, np.newaxis]
@@ -272,5 +271,4 @@ def backbone_sensitivity(
 
 def _inside(parameters: Sequence[SystemSensitivity], to: Arranged) -> list[SystemSensitivity]:
     """Derivatives in the unknowns of a path."""
-    maps = [change.forward for change in to.maps]
-    return [parameter.in_unknowns(*maps) for parameter in parameters]
+    return [one.in_unknowns(*(change.forward for change in to.maps)) for one in parameters]

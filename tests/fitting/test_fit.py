@@ -138,7 +138,7 @@ class NotSearched(sj.FitProblem):
     """A problem whose search ends where it begins, as at a kink."""
 
     def best(self, progress=None):
-        return self.start, 1, 1
+        return self.start, 1
 
 
 def test_a_product_is_named_as_undetermined_where_the_search_stalls():
