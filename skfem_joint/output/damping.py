@@ -133,7 +133,7 @@ def _by_mesh(backbone: SceneBackbone, mode: int, level: int) -> dict[str, float]
     """Cells of a row with the errors of a mode by the mesh at a level; none if not known."""
     if mode not in backbone.mesh:
         return {}
-    errors = backbone.mesh[mode]._asdict()
+    errors = backbone.mesh[mode]
     return {f"mesh_error_{name}": float(error[level]) for name, error in errors.items()}
 
 
@@ -248,7 +248,7 @@ def _mode(
     if c.estimated:
         content["estimated_error"] = dict(c.estimated)
     if c.mode in backbone.mesh:
-        mesh = backbone.mesh[c.mode]._asdict()
+        mesh = backbone.mesh[c.mode]
         content["mesh_error"] = {name: float(np.nanmax(e)) for name, e in mesh.items()}
     if c.opened is not None:
         content["opened_share"] = float(c.opened.max())

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, evenly
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.stuck import StuckMode
 from skfem_joint.slow.levels import Level, NoLevelError, Walk
@@ -130,11 +130,6 @@ def items_of_work(levels: int, opens: bool) -> int:
     """
     checked = min(CHECKED, levels)
     return levels + checked * (1 if opens else HALF_CYCLE)
-
-
-def spread(levels: int, count: int) -> IntArray:
-    """Numbers of ``count`` of some levels, evenly spread with both ends."""
-    return np.unique(np.linspace(0, levels - 1, count).round().astype(np.intp))
 
 
 def between(level: FloatArray, followed: IntArray, ratio: FloatArray) -> FloatArray:
@@ -289,7 +284,7 @@ class CyclePath:
         work = by_point.sum(axis=1)
         along = np.cumsum(contact.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
         masing = bool(np.all(4.0 * along @ contact.w <= np.maximum(TURNED * work, idle)))
-        followed = spread(level.size, CHECKED) if checked is None else checked
+        followed = evenly(level.size, CHECKED) if checked is None else checked
         followed = followed if masing else np.arange(level.size)
         loss = work / (level * (states @ force))
         followed = followed[loss[followed] > COUNTS * loss.max()]
@@ -373,7 +368,7 @@ class CyclePath:
             before, start = alpha, cycle.end
         level = level[: len(done)]
         apart = np.zeros(2)
-        for k in spread(level.size, CHECKED).tolist():
+        for k in evenly(level.size, CHECKED).tolist():
             alpha = float(level[k])
             twice = 2 * INCREMENTS
             finer, _ = self._settled(force, (alpha, alpha), done[k].end, twice, 1)
