@@ -159,8 +159,8 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
         both = zip(model.curves, model.at, strict=False)
         lines += [line for c, at in both for line in _asked_lines(backbone, model.name, c, at)]
     lines += [
-        f"Mode {mode}: the mesh errs by an estimated {_to(errors.frequency)} % in frequency and "
-        f"{_to(errors.damping_ratio)} % in damping, from the lowest level to the highest."
+        f"Mode {mode}: the mesh errs by an estimated {_to(errors['frequency'])} % in frequency and "
+        f"{_to(errors['damping_ratio'])} % in damping, from the lowest level to the highest."
         for mode, errors in backbone.mesh.items()
     ]
     lines += [

@@ -10,8 +10,6 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
 from skfem_joint.ground.arrays import FloatArray, evenly
 from skfem_joint.ground.files import read_text
 from skfem_joint.scene import Scene
