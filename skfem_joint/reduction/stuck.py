@@ -142,14 +142,10 @@ def check_curve(
     wrong = [name for name in others if name not in may_differ]
     if belongs and not wrong:
         return others
-    why = (
-        f"which has other {' and '.join(wrong)}"
-        if belongs
-        else ("which has no such mode with its contact stuck")
-    )
+    why = f"other {' and '.join(wrong)}" if belongs else "no such mode with its contact stuck"
     raise InputError(
-        f"{what}: the curve of mode {curve.mode} does not belong to the system, {why}; compute it "
-        "by sj.backbone(system, ...)"
+        f"{what}: the curve of mode {curve.mode} does not belong to the system, which has {why}; "
+        "compute it by sj.backbone(system, ...)"
     )
 
 
