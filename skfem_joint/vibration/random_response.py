@@ -307,7 +307,7 @@ def _random_load(load: AppliedLoad, psd: Any, unit: str) -> RandomLoad:
     vector = load.vector
     if isinstance(load.amplitude, Scaled):
         vector = load.amplitude.factor * vector
-    if unit not in UNITS:
+    if unit not in [*UNITS]:
         raise InputError(f"random_response: unit: found {unit!r}, must be one of {[*UNITS]}")
     if unit != "SI" and load.carried is None:
         raise InputError(
