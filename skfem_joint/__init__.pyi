@@ -102,7 +102,6 @@ from skfem_joint.study.sweep import Row as Row
 from skfem_joint.study.sweep import sweep as sweep
 from skfem_joint.system.contacts import Contact as Contact
 from skfem_joint.system.normal import NormalPart as NormalPart
-from skfem_joint.system.sensitivity import OpeningSensitivity as OpeningSensitivity
 from skfem_joint.system.sensitivity import SystemSensitivity as SystemSensitivity
 from skfem_joint.system.served import Range as Range
 from skfem_joint.system.slips import SlipRows as SlipRows
@@ -125,9 +124,9 @@ from skfem_joint.vibration.random_response import random_response as random_resp
 from skfem_joint.vibration.response import response as response
 from skfem_joint.vibration.response_curve import Curve as Curve
 from skfem_joint.vibration.response_curve import SteadyPoint as SteadyPoint
+from skfem_joint.vibration.response_curve import frequency_response as frequency_response
 from skfem_joint.vibration.ring_down import RingDown as RingDown
 from skfem_joint.vibration.ring_down import ring_down as ring_down
-from skfem_joint.vibration.transfer import frequency_response as frequency_response
 
 __version__: str
 __all__: list[str]

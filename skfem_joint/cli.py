@@ -530,7 +530,6 @@ def _random(options: argparse.Namespace) -> int:
 def _fit(options: argparse.Namespace) -> int:
     """Fit values of a scene to measured curves, write and print them."""
     from skfem_joint.fitting.fit import FitProblem, solved
-    from skfem_joint.fitting.fit_curves import fine_curves
     from skfem_joint.output import fits
 
     fits.check_apart(options.out, [options.scene, *options.data])
@@ -547,7 +546,7 @@ def _fit(options: argparse.Namespace) -> int:
         with _progress(options) as progress:
             found = solved(problem, progress)
             with announced(progress, "curves of the best values"):
-                curves = fine_curves(found)
+                curves = found.curves()
             names = found.values if options.profile else ()
             profiles = [found.profile(name, progress=progress) for name in names]
         files, warnings = fits.write_fit(options.out, found, curves, text, notes, profiles)

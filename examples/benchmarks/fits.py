@@ -202,7 +202,9 @@ def exact_curve(given, loads, amplitude, **how):
     """Frequency and damping of a structure at some amplitudes of a point."""
     like = measured(np.full(amplitude.size, 1e3), np.full(amplitude.size, 0.01), amplitude, 1.0,
                     **how)  # fmt: skip
-    (found,) = FitModel(given, (FRICTION,), loads).predict([value_of(given, FRICTION)], [like])
+    (found,) = FitModel(given, (FRICTION,), loads).predict(
+        [value_of(given, FRICTION)], [like], [like.displacement]
+    )
     return found.frequency, found.damping
 
 

@@ -1,6 +1,6 @@
 """Values of a structure from measured curves.
 
 `measured_table` reads tables, `measured` makes curves of them and `damping_curve` makes them of a
-signal. `fit_model` is the structure as a function of its free values, `fit` finds these, and
-`fit_curves` draws the fitted curves with bands.
+signal. `fit_model` is the structure as a function of its free values, and `fit` finds these, their
+uncertainty and curves with bands.
 """

@@ -24,7 +24,7 @@ ratio z obey
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,7 +36,7 @@ from scipy.signal.windows import hann, tukey
 from skfem_joint.ground.arrays import BoolArray, FloatArray, as_real
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.plain_values import Tabular
-from skfem_joint.ground.values import POSITIVE, check_some
+from skfem_joint.ground.values import POSITIVE, check_columns, check_some
 
 #: How often a signal of each quantity is the derivative of the displacement.
 DERIVATIVES = {"displacement": 0, "velocity": 1, "acceleration": 2}
@@ -140,7 +140,20 @@ def damping_curve(
     ConvergenceError
         If no fit converges.
     """
-    t, x = _checked(time, signal, quantity)
+    if quantity not in DERIVATIVES:
+        raise InputError(
+            f"damping_curve: quantity: found {quantity!r}, must be one of {', '.join(DERIVATIVES)}"
+        )
+    t, x = as_real(time, "damping_curve: time"), as_real(signal, "damping_curve: signal")
+    check_columns("damping_curve: ", "time", "signal", t, x)
+    steps = np.diff(t)
+    if np.ptp(steps) > 1e-3 * steps.mean() + 4e-16 * np.abs(t).max():
+        raise InputError(
+            "damping_curve: times must rise by even steps; found steps from "
+            f"{steps.min():.6g} to {steps.max():.6g} s; interpolate the signal first"
+        )
+    if np.ptp(x) == 0.0:
+        raise InputError("damping_curve: the signal does not change")
     check_some(POSITIVE, frequency=frequency)
     step = float(t[-1] - t[0]) / (t.size - 1)
     spectrum, power = periodogram(x, 1.0 / step)
@@ -150,8 +163,7 @@ def damping_curve(
             f"damping_curve: found {1.0 / (f * step):.3g} samples in a period of {f:.4g} Hz, must "
             f"be at least {_FEWEST_SAMPLES:g}"
         )
-    fits = _alone(x, step, f)
-    return _curve(float(t[0]), *fits, DERIVATIVES[quantity])
+    return _curve(float(t[0]), *_alone(x, step, f), DERIVATIVES[quantity])
 
 
 def _alone(x: FloatArray, step: float, f: float) -> tuple[_Fit, _Fit]:
@@ -225,31 +237,6 @@ def _other_frequencies(
     return found[:4]
 
 
-def _checked(time: ArrayLike, signal: ArrayLike, quantity: str) -> tuple[FloatArray, FloatArray]:
-    """Times and values as arrays; InputError as `damping_curve`."""
-    if quantity not in DERIVATIVES:
-        raise InputError(
-            f"damping_curve: quantity: found {quantity!r}, must be one of {', '.join(DERIVATIVES)}"
-        )
-    t, x = as_real(time, "damping_curve: time"), as_real(signal, "damping_curve: signal")
-    if t.ndim != 1 or t.shape != x.shape or t.size < 3:
-        raise InputError(
-            f"damping_curve: found time and signal of shapes {t.shape} and {x.shape}, must be the "
-            "same (n,), three values or more"
-        )
-    if not (np.isfinite(t).all() and np.isfinite(x).all()):
-        raise InputError("damping_curve: time and signal must be finite")
-    steps = np.diff(t)
-    if not (steps.min() > 0.0 and np.ptp(steps) <= 1e-3 * steps.mean() + 4e-16 * np.abs(t).max()):
-        raise InputError(
-            "damping_curve: times must rise by even steps; found steps from "
-            f"{steps.min():.6g} to {steps.max():.6g} s; interpolate the signal first"
-        )
-    if np.ptp(x) == 0.0:
-        raise InputError("damping_curve: the signal does not change")
-    return t, x
-
-
 class _Windows(NamedTuple):
     """Amplitude and phase of a vibration in the middle of windows, each of shape (k,).
 
@@ -275,61 +262,53 @@ def _windows(x: FloatArray, step: float, f: float) -> _Windows:
 
     InputError if they are too few, or the amplitude does not fall.
     """
-    size = round(_WINDOW / (f * step))
-    weight, s = hann(size, sym=True), step * (np.arange(size) - 0.5 * (size - 1))
-    omega = 2.0 * np.pi * f
-    rows, stands, levels = list[tuple[float, ...]](), list[bool](), list[float]()
-    for begin in range(0, x.size - size + 1, size // 2):
-        part = x[begin : begin + size]
-        columns = np.exp(1j * omega * s)[:, np.newaxis] * (s[:, np.newaxis] / s[-1]) ** [0, 1]
-        columns = np.hstack([columns.real, -columns.imag, np.ones((size, 1))])
-        found = np.linalg.lstsq(weight[:, np.newaxis] * columns, weight * part, rcond=None)[0]
-        z, change = found[:2] + 1j * found[2:4]
-        noise = _noise(part - columns @ found, step, f)
-        of_amplitude = 2.0 * noise * (weight**2).sum() / weight.sum() ** 2
-        levels.append(noise)
-        stands.append(abs(z) ** 2 > _OUT_OF_NOISE**2 * of_amplitude)
-        if not all(stands):
-            continue
-        at = step * (begin + 0.5 * (size - 1))
-        rate = omega + (change / z).imag / s[-1]
-        before = rows[-1] if rows else (at, 0.0, np.angle(z), rate)
-        ahead = before[2] + 0.5 * (before[3] + rate) * (at - before[0])
-        phase = ahead + np.angle(z * np.exp(-1j * ahead))
-        rows.append((at, np.log(abs(z)), float(phase), rate, 0.5 * np.log(noise + 1e-32)))
-    if len(rows) < _FEWEST_WINDOWS:
-        begin = len(rows) * (size // 2)
-        _refuse_windows(stands, levels, x[begin : begin + size], step, f)
-    at, log_amplitude, phase, _, noises = np.array(rows).T
-    if log_amplitude[0] <= log_amplitude[-1]:
+    size, omega = round(_WINDOW / (f * step)), 2.0 * np.pi * f
+    weight, s = hann(size, sym=True)[:, np.newaxis], step * (np.arange(size) - 0.5 * (size - 1))
+    parts = x[np.arange(size)[:, np.newaxis] + np.arange(0, x.size - size + 1, size // 2)]
+    wave = np.exp(1j * omega * s)[:, np.newaxis] * (s[:, np.newaxis] / s[-1]) ** [0, 1]
+    columns = np.hstack([wave.real, -wave.imag, np.ones((size, 1))])
+    found = np.linalg.lstsq(weight * columns, weight * parts, rcond=None)[0]
+    z, change = found[:2] + 1j * found[2:4]
+    noise = _noise(parts - columns @ found, step, f)
+    of_amplitude = 2.0 * noise * (weight**2).sum() / weight.sum() ** 2
+    stands = np.abs(z) ** 2 > _OUT_OF_NOISE**2 * of_amplitude
+    count = int(np.append(stands, False).argmin())
+    if count < _FEWEST_WINDOWS:
+        _refuse_windows(stands, noise, parts, step, f)
+    z, rate = z[:count], omega + (change / z)[:count].imag / s[-1]
+    at = step * (size // 2 * np.arange(count) + 0.5 * (size - 1))
+    ahead = 0.5 * (rate[1:] + rate[:-1]) * np.diff(at)
+    turned = ahead + np.angle(z[1:] / z[:-1] * np.exp(-1j * ahead))
+    if abs(z[0]) <= abs(z[-1]):
         raise InputError(
             f"damping_curve: the vibration at {f:.4g} Hz does not decay; give the part after the "
             "blow or the release"
         )
-    levels = np.polynomial.Polynomial.fit(at, noises, 2)(at)
-    return _Windows(at, log_amplitude, phase, np.exp(levels))
+    levels = np.polynomial.Polynomial.fit(at, 0.5 * np.log(noise[:count] + 1e-32), 2)(at)
+    phase = np.cumsum(np.append(np.angle(z[0]), turned))
+    return _Windows(np.asarray(at), np.log(np.abs(z)), phase, np.exp(levels))
 
 
 def _refuse_windows(
-    stands: list[bool], noise: list[float], part: FloatArray, step: float, f: float
+    stands: BoolArray, noise: FloatArray, parts: FloatArray, step: float, f: float
 ) -> None:
     """InputError for too few windows from the start on, with the cause.
 
-    What is in the first window that does not stand out, ``part``, is no noise if it lies near some
-    frequency, or if there is by far less later: then it is a vibration that is not a wave of slowly
-    changing amplitude and frequency.
+    What is in the first of the windows, ``parts`` (size, windows), that does not stand out is no
+    noise if it lies near some frequency, or if there is by far less later: then it is a vibration
+    that is not a wave of slowly changing amplitude and frequency.
     """
-    most, count = _FEWEST_WINDOWS, stands.index(False) if False in stands else len(stands)
+    most, count = _FEWEST_WINDOWS, int(np.append(stands, False).argmin())
     periods, needed = count * _WINDOW / 2.0, most * _WINDOW / 2.0
     apart = 0.5 * _WINDOW / f
     if count < len(stands):
-        frequencies, power = periodogram(part, 1.0 / step, "hann")
+        frequencies, power = periodogram(parts[:, count], 1.0 / step, "hann")
         g = float(frequencies[power.argmax()])
         # Share of the power of a window near its highest peak from which on it is no noise.
         vibrates = power[_near(frequencies, g)].sum() > 0.6 * power.sum()
         if vibrates or noise[count] > _OUT_OF_NOISE**2 * min(noise[count:]):
             runs = range(count + 1, len(stands) - most + 1)
-            later = [k for k in runs if all(stands[k : k + most])]
+            later = [k for k in runs if stands[k : k + most].all()]
             other = f"the part from {later[0] * apart:.4g} s on" if later else "another part"
             raise InputError(
                 f"damping_curve: {count * apart:.4g} s after the first sample the signal is no "
@@ -344,10 +323,10 @@ def _refuse_windows(
     )
 
 
-def _noise(left: FloatArray, step: float, f: float) -> float:
-    """Variance of white noise with the level that a residual has near a frequency, Hz."""
-    frequencies, density = periodogram(left, 1.0 / step, "hann")
-    return float(density[_near(frequencies, f)].mean()) / (2.0 * step)
+def _noise(left: FloatArray, step: float, f: float) -> Any:
+    """Variance of white noise with the level that a residual, (n, ...), has near ``f``, Hz."""
+    frequencies, density = periodogram(left, 1.0 / step, "hann", axis=0)
+    return density[_near(frequencies, f)].mean(axis=0) / (2.0 * step)
 
 
 def _squares(left: FloatArray, step: float, f: float) -> float:
@@ -396,12 +375,10 @@ def _best(x: FloatArray, step: float, windows: _Windows) -> tuple[_Fit, _Fit]:
         shares = np.linspace(0.0, 1.0, pieces + 1)[1:-1]
         inner = _fallen(time, windows.log_amplitude, shares)
         # Shortest piece, in periods.
-        if pieces > 1 and np.diff([0.0, *inner, end]).min() < 3.0 * period:
+        short = pieces > 1 and np.diff([0.0, *inner, end]).min() < 3.0 * period
+        if short or pieces + 3 > windows.time.size:
             break
-        if pieces + 3 > windows.time.size:
-            break
-        fit = _fitted(x, step, inner, windows, 1.0 / period)
-        if fit is not None:
+        if (fit := _fitted(x, step, inner, windows, 1.0 / period)) is not None:
             fits.append(fit)
     if not fits:
         raise ConvergenceError("damping_curve: no fit of the vibration converged")
@@ -433,11 +410,9 @@ def _fitted(
     near = BSpline.design_matrix(np.clip(windows.time, 0.0, t[-1]), knots, 3).toarray()
     smooth = 1e-6 * np.diff(np.eye(near.shape[1]), 2, axis=0)  # where there are few windows
     both = np.vstack([near, smooth])
-    zero = np.zeros(len(smooth))
-    k = np.stack([
-        np.linalg.lstsq(both, np.concatenate([values, zero]), rcond=None)[0]
-        for values in (windows.log_amplitude, windows.phase)
-    ])  # fmt: skip
+    wanted = np.zeros((len(both), 2))
+    wanted[: len(near)] = np.transpose([windows.log_amplitude, windows.phase])
+    k = np.linalg.lstsq(both, wanted, rcond=None)[0].T
     count = k.shape[1]
     # Most iterations of a fit.
     for _ in range(30):
@@ -453,8 +428,7 @@ def _fitted(
         change = linalg.cho_solve(factor, J.T @ (weight * left))
         if not np.isfinite(change).all():
             return None
-        largest = np.abs(change).max()
-        k = k + (change * min(1.0, 1.0 / largest if largest > 0.0 else 1.0)).reshape(2, count)
+        k = k + (change / max(1.0, np.abs(change).max())).reshape(2, count)
         noise = _noise(weight * left, step, f)
         inverse = linalg.cho_solve(factor, np.eye(2 * count))
         # Change of the exponents, over their standard deviations, at which a fit has converged.
@@ -471,9 +445,8 @@ def _values(fit: _Fit, t: FloatArray, derivatives: int) -> dict[str, tuple[Float
     They are the logarithm of the "amplitude", the "decay" (1/s) and the angular frequency, "rate"
     (rad/s).
     """
-    value = BSpline.design_matrix(t, fit.knots, 3).toarray()
-    splines = [BSpline(fit.knots, np.eye(value.shape[1]), 3).derivative(order) for order in (1, 2)]
-    slope, bend = (spline(t) for spline in splines)
+    splines = BSpline(fit.knots, np.eye(fit.coefficients.shape[1]), 3)
+    value, slope, bend = (splines(t, order) for order in range(3))
     (a, p), none = fit.coefficients, np.zeros_like(value)
     rate = np.asarray(slope @ p)
 

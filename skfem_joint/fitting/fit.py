@@ -24,8 +24,8 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from scipy.stats import chi2, norm, qmc
 
 from skfem_joint.fitting.fit_model import FitModel, PredictedCurve
 from skfem_joint.fitting.measured import MeasuredCurve, measured_curve
+from skfem_joint.fitting.measured_table import QUANTITIES
 from skfem_joint.ground.arrays import BoolArray, FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError, closest, first_of, refuse
 from skfem_joint.ground.progress import Progress, silent
@@ -49,7 +50,6 @@ from skfem_joint.structure.structure import Structure
 Bounds = tuple[float, float]
 
 
-QUANTITIES = ("frequency", "damping")
 #: Relative change of the sum of squares, and of the values, at which it ends.
 TOLERANCE = 1e-6
 #: Most evaluations of the model.
@@ -65,6 +65,8 @@ SPREAD = (4, 2)
 LEFT = 0.1
 
 
+#: Amplitudes of a curve that is finer than the measured one.
+FINE = 40
 #: Width of a profile over that of the interval.
 PROFILE = 1.3
 
@@ -95,6 +97,8 @@ class FitProblem:
     low, high : ndarray, shape (k,)
         Bounds of the variables of the fit, see `inner`.
     curves : tuple of MeasuredCurve
+    evaluations : int
+        Evaluations of the model in the last search.
 
     Raises
     ------
@@ -134,6 +138,7 @@ class FitProblem:
         for curve in self.curves:
             curve.weights(self.model.points)
         self._bounds(free)
+        self.evaluations = 0
         self._last: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
 
     def _bounds(self, free: Mapping[str, Bounds]) -> None:
@@ -165,11 +170,9 @@ class FitProblem:
         offsets = [(k, name) for k, curve in enumerate(self.curves) for name in curve.offset]
         self._offsets = {which: place for place, which in enumerate(offsets, len(keys))}
         self.names = (*keys, *(f"offset of {self.curves[k].name}: {name}" for k, name in offsets))
-        more = np.zeros(len(offsets))
-        low_high = np.array([free[key] for key in keys], dtype=float)
-        self.lowest = np.append(low_high[:, 0], more - np.inf)
-        self.highest = np.append(low_high[:, 1], more + np.inf)
-        self.start = np.append(self.model.start, more)
+        bounds = [*(free[key] for key in keys), *[(-np.inf, np.inf)] * len(offsets)]
+        self.lowest, self.highest = np.array(bounds, dtype=float).T
+        self.start = np.append(self.model.start, np.zeros(len(offsets)))
         self._logarithmic = self.lowest > 0.0
         self.low, self.high = self.inner(self.lowest), self.inner(self.highest)
 
@@ -265,18 +268,18 @@ class FitProblem:
 
     def minimise(
         self, begin: FloatArray, held: int | None = None, progress: Progress = silent
-    ) -> tuple[FloatArray, int]:
-        """Vector of least squares from a vector, and the evaluations that it took.
+    ) -> FloatArray:
+        """Vector of least squares from a vector, whose entry ``held`` stays as it is.
 
-        The entry ``held`` stays as it is. ConvergenceError if the search does not end.
+        Evaluations are counted. ConvergenceError if the search does not end.
         """
         moves = np.arange(begin.size) != (-1 if held is None else held)
         if not moves.any():
-            return begin, 0
+            return begin
         low, high = self.low[moves], self.high[moves]
         inside = INSIDE * np.where(np.isfinite(high - low), high - low, 1.0)
         first = np.clip(self.inner(begin)[moves], low + inside, high - inside)
-        count = 0
+        size = 0
 
         def whole(x: FloatArray) -> FloatArray:
             variables = self.inner(begin)
@@ -284,32 +287,30 @@ class FitProblem:
             return self.outer(variables)
 
         def residuals(x: FloatArray) -> FloatArray:
-            nonlocal count
-            count += 1
-            progress("fit", count, 0, f"evaluation {count}")
+            self.evaluations += 1
+            progress("fit", self.evaluations, 0, f"evaluation {self.evaluations}")
             try:
                 return self.residuals(whole(x))[0]
             except (InputError, ConvergenceError):
-                if count == 1:
+                if not size:
                     raise
-                return np.full(self._size, np.nan)  # the method tries a smaller step
+                return np.full(size, np.nan)  # the method tries a smaller step
 
         def derivatives(x: FloatArray) -> FloatArray:
             vector = whole(x)
             return np.asarray((self.residuals(vector)[1] * self.rates(vector))[:, moves])
 
-        self._size = residuals(first).size
+        size = residuals(first).size
         found = least_squares(
             residuals, first, derivatives, (low, high), x_scale="jac",
-            ftol=TOLERANCE, xtol=TOLERANCE, gtol=None,
-            max_nfev=EVALUATIONS,
+            ftol=TOLERANCE, xtol=TOLERANCE, gtol=None, max_nfev=EVALUATIONS,
         )  # fmt: skip
         if found.status <= 0:
             raise ConvergenceError(
                 f"fit: the best values were not found in {EVALUATIONS} evaluations; start "
                 "nearer, or narrow the bounds"
             )
-        return whole(found.x), count
+        return whole(found.x)
 
     def squares(self, vector: FloatArray) -> float:
         """Sum of squares of the residuals; ``inf`` where the structure has no curve."""
@@ -358,48 +359,43 @@ class FitProblem:
         inner[:, :keys] = low + shares * (high - low)
         return np.array([self.outer(x) for x in inner])
 
-    def best(self, progress: Progress = silent) -> tuple[FloatArray, int, int]:
-        """The vector of the least minimum, evaluations, and searches that were made for it.
+    def best(self, progress: Progress = silent) -> tuple[FloatArray, int]:
+        """The vector of the least minimum, and searches that were made for it.
 
         ConvergenceError if no search ends.
         """
-        count, searches, keys = 0, 0, len(self.model.keys)
+        searches, keys, self.evaluations = 0, len(self.model.keys), 0
         ends, errors = list[FloatArray](), list[ConvergenceError]()
 
-        def told(what: str, done: int, total: int, note: str = "") -> None:
-            progress(what, count + done, total, f"evaluation {count + done}")
-
         def minimum(begin: FloatArray, held: int | None = None) -> FloatArray | None:
-            nonlocal count
             try:
-                vector, taken = self.minimise(begin, held, told)
+                return self.minimise(begin, held, progress)
             except ConvergenceError as error:
                 errors.append(error)
                 return None
-            count += taken
-            return vector
 
-        def search(begin: FloatArray) -> None:
-            nonlocal searches
+        def starts() -> Iterator[FloatArray]:
+            yield self.start
+            if ends and not self.doubtful(ends[0]):
+                return
+            several = self.spread()
+            squares = np.array([self.squares(vector) for vector in several])
+            self.evaluations += squares.size
+            if np.isfinite(squares).any():
+                yield several[squares.argmin()]
+            for held in range(keys) if keys > 1 else ():  # nested models, each without one key
+                if ends and not self.misses(min(ends, key=self.squares)):
+                    return
+                if (nested := minimum(self.start, held)) is not None:
+                    yield nested
+
+        for begin in starts():
             searches += 1
             if (vector := minimum(begin)) is not None:
                 ends.append(vector)
-
-        search(self.start)
-        if not ends or self.doubtful(ends[0]):
-            several = self.spread()
-            squares = np.array([self.squares(vector) for vector in several])
-            count += squares.size
-            if np.isfinite(squares).any():
-                search(several[squares.argmin()])
-            for held in range(keys) if keys > 1 else ():  # nested models, each without one key
-                if ends and not self.misses(min(ends, key=self.squares)):
-                    break
-                if (nested := minimum(self.start, held)) is not None:
-                    search(nested)
         if not ends:
             raise errors[0]
-        return min(ends, key=self.squares), count, searches
+        return min(ends, key=self.squares), searches
 
 
 @dataclass(frozen=True)
@@ -474,15 +470,13 @@ class Fit:
     @property
     def values(self) -> dict[str, float]:
         """Best value of each free key."""
-        keys = self.problem.model.keys
-        return dict(zip(keys, self.vector[: len(keys)].tolist(), strict=True))
+        return dict(zip(self.problem.model.keys, self.vector.tolist(), strict=False))
 
     @property
     def offsets(self) -> dict[str, float]:
         """What is added to the model, by the name of the offset; Hz, or a damping ratio."""
-        count = len(self.problem.model.keys)
-        names = self.problem.names[count:]
-        return dict(zip(names, self.vector[count:].tolist(), strict=True))
+        pairs = zip(self.problem.names, self.vector.tolist(), strict=True)
+        return dict([*pairs][len(self.problem.model.keys) :])
 
     @property
     def deviations(self) -> dict[str, float]:
@@ -546,12 +540,11 @@ class Fit:
         check("profile: points", points, at_least(3))
         best = problem.inner(self.vector)
         own = self._inner_covariance[:, k] / self._inner_covariance[k, k]
-        wide = PROFILE * norm.ppf(0.5 + 0.5 * level) * np.sqrt(self._inner_covariance[k, k])
-        ends = (
-            np.maximum(best[k] - wide, problem.low[k]),
-            np.minimum(best[k] + wide, problem.high[k]),
-        )
-        at = np.unique(np.append(np.linspace(*ends, points), best[k]))
+        limit = float(norm.ppf(0.5 + 0.5 * level))
+        wide = PROFILE * limit * np.sqrt(self._inner_covariance[k, k])
+        ends = best[k] + wide * np.array([-1.0, 1.0])
+        low, high = np.clip(ends, problem.low[k], problem.high[k]).tolist()
+        at = np.unique(np.append(np.linspace(low, high, points), best[k]))
         excess = np.zeros(at.size)
         for j, x in enumerate(at.tolist()):
             progress(f"profile of {name}", j, at.size)
@@ -559,11 +552,10 @@ class Fit:
                 begin = best + own * (x - best[k])
                 begin[k] = x
                 vector = np.clip(problem.outer(begin), problem.lowest, problem.highest)
-                r = problem.residuals(problem.minimise(vector, held=k)[0])[0]
+                r = problem.residuals(problem.minimise(vector, held=k))[0]
                 excess[j] = (float(r @ r) - self.sum_of_squares) / self.widened**2
         # The root of the excess is linear in the value where the model is.
         place, root = int(np.searchsorted(at, best[k])), np.sqrt(np.maximum(excess, 0.0))
-        limit = float(np.sqrt(chi2.ppf(level, 1)))
         below = np.interp(-limit, -root[: place + 1], at[: place + 1])
         above = np.interp(limit, root[place:], at[place:])
         values = [problem.entry(k, x) for x in (*at.tolist(), below, above)]
@@ -577,12 +569,31 @@ class Fit:
         Of the frequency, Hz, and of the damping ratio, to first order. ``number`` is that of a
         measured curve whose offsets count too.
         """
-        factor, halves = float(norm.ppf(0.5 + 0.5 * level)), []
-        for quantity in QUANTITIES:
-            _, rates = self.problem.beside(number, quantity, predicted, self.vector)
-            variance = np.einsum("ki,ij,kj->k", rates, self.covariance, rates)
-            halves.append(factor * np.sqrt(np.maximum(variance, 0.0)))
-        return halves[0], halves[1]
+        beside = (self.problem.beside(number, q, predicted, self.vector) for q in QUANTITIES)
+        rates = np.array([of_values for _, of_values in beside])
+        variance = np.einsum("qki,ij,qkj->qk", rates, self.covariance, rates)
+        frequency, damping = norm.ppf(0.5 + 0.5 * level) * np.sqrt(np.maximum(variance, 0.0))
+        return frequency, damping
+
+    def curves(self) -> list[MeasuredCurve]:
+        """Curves of the structure beside each measured one, finer than it, as far as it reaches.
+
+        They have the form of measured ones, with offsets added. Deviations are the half widths of
+        their bands by the uncertainty of values and offsets.
+
+        InputError and ConvergenceError as `FitModel.predict`.
+        """
+        problem, fine = self.problem, []
+        places = [_finer(curve) for curve in problem.curves]
+        found = problem.predict(self.vector, [displacement for _, displacement in places])
+        for k, (predicted, (amplitude, _)) in enumerate(zip(found, places, strict=True)):
+            columns: dict[str, Any] = {"amplitude": amplitude, "fitted": predicted.inside}
+            for name, band in zip(QUANTITIES, self.band(predicted, number=k), strict=True):
+                columns[name] = problem.beside(k, name, predicted, self.vector)[0]
+                columns[f"{name}_deviation"] = band
+            columns = {name: values[predicted.inside] for name, values in columns.items()}
+            fine.append(replace(problem.curves[k], **columns))
+        return fine
 
     def draws(self, count: int, seed: int = 0) -> list[dict[str, float]]:
         """Values of the free keys drawn from their distribution to first order.
@@ -595,7 +606,15 @@ class Fit:
         best = problem.inner(self.vector)
         some = random.multivariate_normal(best, self._inner_covariance, count, method="eigh")
         vectors = (np.clip(problem.outer(x), problem.lowest, problem.highest) for x in some)
-        return [dict(zip(keys, x[: len(keys)].tolist(), strict=True)) for x in vectors]
+        return [dict(zip(keys, x.tolist(), strict=False)) for x in vectors]
+
+
+def _finer(curve: MeasuredCurve) -> tuple[FloatArray, FloatArray]:
+    """Amplitudes in equal ratios over the range of a curve, and their displacements (m)."""
+    known, place = np.unique(np.log(curve.amplitude), return_inverse=True)
+    mean = np.bincount(place, np.log(curve.displacement)) / np.bincount(place)
+    wanted = np.linspace(known[0], known[-1], FINE if known.size > 1 else 1)
+    return np.exp(wanted), np.exp(np.interp(wanted, known, mean))
 
 
 def fit(
@@ -635,7 +654,7 @@ def solved(problem: FitProblem, progress: Progress = silent) -> Fit:
     InputError and ConvergenceError as `fit`.
     """
     began = time.perf_counter()
-    vector, evaluations, searches = problem.best(progress)
+    vector, searches = problem.best(progress)
     r, J = problem.residuals(vector)
     squares, degrees = float(r @ r), r.size - vector.size
     widened, notes = _widened(squares, degrees)
@@ -664,7 +683,7 @@ def solved(problem: FitProblem, progress: Progress = silent) -> Fit:
         widened=widened,
         undetermined=tuple(undetermined),
         predicted=tuple(predicted),
-        evaluations=evaluations,
+        evaluations=problem.evaluations,
         computed=problem.model.computed,
         searches=searches,
         seconds=time.perf_counter() - began,
@@ -719,13 +738,12 @@ def _covariance(
             _as_well(problem, vector, k, end, widened) for end in (problem.low, problem.high)
         )
         to_low, to_high = low == problem.low[k], high == problem.high[k]
+        values = "any value within its bounds fits"
         if not (to_low and to_high):
             spread[j] = max(high - inner[k], inner[k] - low) / (width[k] * factor)
+            ends = problem.entry(k, low), problem.entry(k, high)
+            values = "any value from {:.3g} to {:.3g} fits".format(*ends)
         if to_low or to_high:
-            values = "any value within its bounds fits"
-            if not (to_low and to_high):
-                ends = problem.entry(k, low), problem.entry(k, high)
-                values = "any value from {:.3g} to {:.3g} fits".format(*ends)
             sentences.append(f"The data do not determine {problem.names[k]}: {values} as well.")
     return (axes * spread**2) @ axes.T, sentences
 

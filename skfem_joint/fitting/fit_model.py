@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
@@ -89,6 +88,8 @@ class FitModel:
     ----------
     computed : int
         Backbones that were computed.
+    points : tuple of str
+        Names of the points whose amplitude may be measured.
 
     Raises
     ------
@@ -108,16 +109,13 @@ class FitModel:
         self.computed, self._factors = 0, Factors()
         self._found: dict[tuple[object, ...], list[_Found]] = {}  # the newest first
         self.start = np.array([value_of(structure, key) for key in self.keys])
-        sensitivities(structure, self.keys, self.system(structure))  # refuses what cannot be
+        system = self.system(structure)
+        sensitivities(structure, self.keys, system)  # refuses what cannot be
+        self.points = system.points
 
     def system(self, structure: Structure) -> System:
         """System of the structure, or of one with other values."""
         return structure.system(*self._of_system)
-
-    @cached_property
-    def points(self) -> tuple[str, ...]:
-        """Names of the points whose amplitude may be measured."""
-        return self.system(self.structure).points
 
     def let_go(self) -> None:
         """Give back the memory of the factors that are kept from one curve to the next."""
@@ -131,7 +129,7 @@ class FitModel:
         self,
         values: Sequence[float],
         measured: Sequence[MeasuredCurve],
-        asked: Sequence[FloatArray] | None = None,
+        asked: Sequence[FloatArray],
     ) -> list[PredictedCurve]:
         """Curves of the structure beside measured ones.
 
@@ -140,8 +138,8 @@ class FitModel:
         values : sequence of float
             Of the free keys.
         measured : sequence of MeasuredCurve
-        asked : sequence of ndarray, shape (k,) each, optional
-            Displacement of the point of each, m; those that were measured if not given.
+        asked : sequence of ndarray, shape (k,) each
+            Displacement of the point of each, m.
 
         Raises
         ------
@@ -154,19 +152,18 @@ class FitModel:
         system = self.system(structure)
         parameters = sensitivities(structure, self.keys, system)
         at = np.array(values, dtype=float)
-        wanted = [curve.displacement for curve in measured] if asked is None else asked
         found = dict[int, PredictedCurve]()
         kinds = [(curve.mode, tuple(curve.weights(system.points))) for curve in measured]
         for mode, weights in dict.fromkeys(kinds):
             own = [k for k, kind in enumerate(kinds) if kind == (mode, weights)]
             along = np.array(weights)
-            nodes = np.unique(np.concatenate([wanted[k] for k in own]))
+            nodes = np.unique(np.concatenate([asked[k] for k in own]))
             if nodes.size == 1:
                 nodes = nodes * np.array([1.0 - APART, 1.0 + APART])
             if nodes.size > MOST:
                 nodes = np.geomspace(nodes[0], nodes[-1], MOST)
             curve = self._curve(system, at, mode, along, nodes, parameters)
-            found |= {k: curve.at(wanted[k]) for k in own}
+            found |= {k: curve.at(asked[k]) for k in own}
         return [found[k] for k in range(len(measured))]
 
     def _curve(
@@ -212,11 +209,9 @@ class FitModel:
                 # Levels of a stuck structure may be more than friction holds, where those of the
                 # same amplitudes with slip are not.
                 refused = levels[-1]
-                if found is None:
-                    # Share of levels that friction does not hold at which a search goes on.
-                    levels = _up_to(levels, 0.5 ** (trial + 1) * refused)
-                else:
-                    levels = _up_to(levels, np.sqrt(found.curve.level[-1] * refused))
+                # Without a curve the search goes on at a half of the levels, then at less.
+                held = 0.25 ** (trial + 1) * refused if found is None else found.curve.level[-1]
+                levels = _up_to(levels, np.sqrt(held * refused))
                 continue
             self.computed += 1
             if (size := float(np.abs(last.apart).max())) < least:
@@ -299,11 +294,8 @@ class _Found:
         within = np.clip(wanted, X[0], X[-1])
         X, of_x, zeta = X[rises], of_x[rises], curve.damping_ratio[rises]
         of_zeta = rates.damping_ratio[rises] / zeta[:, np.newaxis]
-        columns = []
-        for values, of_values in (
-            (curve.frequency[rises], rates.frequency[rises]),
-            (np.log(zeta), of_zeta),
-        ):
+        columns, pairs = [], [(curve.frequency[rises], rates.frequency[rises])]
+        for values, of_values in (*pairs, (np.log(zeta), of_zeta)):
             spline = CubicHermiteSpline(X, values, of_values[:, -1] / of_x[:, -1])
             held = rates.at_amplitude(of_values, of_x)
             columns += [spline(at), PchipInterpolator(X, held, axis=0)(within)]

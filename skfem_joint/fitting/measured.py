@@ -32,7 +32,7 @@ from skfem_joint.fitting.damping_curve import DERIVATIVES, DampingCurve, damping
 from skfem_joint.fitting.measured_table import (
     AMPLITUDES,
     COLUMNS,
-    OFFSETS,
+    QUANTITIES,
     Head,
     Samples,
     check_samples,
@@ -313,7 +313,7 @@ def _curve(
             f"{raw.min():g} to {raw.max():g} in their unit"
         )
     rise, arrays = np.argsort(raw, kind="stable"), {}
-    for name in OFFSETS:
+    for name in QUANTITIES:
         arrays[name] = samples.in_si(name)[rise]
         share = getattr(head, f"relative_{name}_deviation")
         deviation, said = _deviation(samples, name, share)
@@ -321,11 +321,10 @@ def _curve(
         notes = notes + said
     lacking = int(np.isnan(arrays["frequency"]).sum())
     if quantity != "displacement" and lacking:
-        notes = [
-            *notes,
+        notes.append(
             f"{lacking} samples have no frequency; their displacement is found by that between "
-            "their neighbours.",
-        ]
+            "their neighbours."
+        )
     return MeasuredCurve(
         name=head.name or Path(samples.where).name,
         point=head.point,

@@ -18,7 +18,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, Field, ValidationError
 
-from skfem_joint.ground.arrays import FloatArray, IntArray, as_real
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_real, wrong_shapes
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.ground.text_tables import (
     LENGTHS,
@@ -52,8 +52,8 @@ COLUMNS: Mapping[str, Mapping[str, float]] = {
     "signal": _ANY_AMPLITUDE,
 }
 #: Quantities of which empty cells and nan stand for what was not measured.
-OFFSETS = ("frequency", "damping")
-_MAY_LACK = (*OFFSETS, "frequency_deviation", "damping_deviation")
+QUANTITIES = ("frequency", "damping")
+_MAY_LACK = (*QUANTITIES, "frequency_deviation", "damping_deviation")
 #: Sizes of values: squares of what is in between stay within the range of floats.
 _SMALLEST, _LARGEST = 1e-20, 1e20
 _EXAMPLE = "'amplitude (mm), frequency (Hz), damping (%)', or 'time (s), signal (m/s2)' of a decay"
@@ -108,8 +108,7 @@ def read_samples(path: Path) -> Samples:
         the file and the lines.
     """
     columns, units, lines, content = read_columns(path, _units_of, _MAY_LACK, _EXAMPLE)
-    doubts = [*_doubtful_remarks(content)]
-    return Samples(str(path), columns, units, "line", lines, [*_stated(path, content)], doubts)
+    return Samples(str(path), columns, units, "line", lines, *_comments(path, content))
 
 
 def given_samples(arrays: Mapping[str, Any], where: str) -> Samples:
@@ -123,18 +122,16 @@ def given_samples(arrays: Mapping[str, Any], where: str) -> Samples:
     units = _units_of([str(name) for name in arrays], where)
     pairs = zip(units, arrays.values(), strict=True)
     columns = {name: as_real(given, f"{where}: {name}") for name, given in pairs}
-    shapes = {name: own.shape for name, own in columns.items()}
-    if len(set(shapes.values())) > 1 or any(len(shape) != 1 for shape in shapes.values()):
-        found = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
-        raise InputError(f"{where}: found arrays of shapes {found}; must be one shape (k,)")
     count = next(iter(columns.values())).size
+    wrong = wrong_shapes({name: (own, (count,)) for name, own in columns.items()})
+    refuse(f"{where}: {problem}; arrays must be of one shape (k,)" for problem in wrong)
     return Samples(where, columns, units, "sample", np.arange(count), [], [])
 
 
 def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
     """Units of columns by their names; InputError for others than those of a curve or a signal."""
     units = column_units(texts, COLUMNS, where)
-    for name in OFFSETS:
+    for name in QUANTITIES:
         own, of = units.get(f"{name}_deviation"), units.get(name) or next(iter(COLUMNS[name]))
         if f"{name}_deviation" in units and name not in units:
             raise InputError(f"{where}: found column '{name}_deviation' and no {name!r}")
@@ -145,7 +142,7 @@ def _units_of(texts: Sequence[str], where: str) -> dict[str, str | None]:
             )
         if f"{name}_deviation" in units:
             units[f"{name}_deviation"] = of
-    curve = "amplitude" in units and units.keys() & {*OFFSETS}
+    curve = "amplitude" in units and units.keys() & {*QUANTITIES}
     if units.keys() & {"time", "signal"} if curve else units.keys() != {"time", "signal"}:
         raise InputError(
             f"{where}: found columns {', '.join(units)}; must be amplitude with frequency, damping "
@@ -188,7 +185,7 @@ def check_samples(samples: Samples) -> None:
         must += ", or empty where it was not measured" if name in _MAY_LACK else ""
         for k in np.flatnonzero(~lacks & ~((values >= low) & (values <= high))):
             mistakes.append(f"{samples.place(k)}: {name}: found {values[k]:g}, {must}")
-    either = [samples.columns[name] for name in OFFSETS if name in samples.columns]
+    either = [samples.columns[name] for name in QUANTITIES if name in samples.columns]
     for k in np.flatnonzero(np.isnan(either).all(axis=0)) if either else ():
         mistakes.append(
             f"{samples.place(k)}: found neither a frequency nor a damping; leave the row out"
@@ -245,21 +242,28 @@ class Head(SceneTable):
     offset: _Offsets = key("what is known up to a constant", ())
     lowest: float = key("lowest amplitude that is fitted, in the unit of the data", 0.0, ge=0)
     highest: float = key("highest amplitude that is fitted", math.inf, ge=0)
-    relative_frequency_deviation: _Share | None = key(
-        "share of the values, or percent, as in 5 %", None
-    )
-    relative_damping_deviation: _Share | None = key(
-        "share of the values, or percent, as in 5 %", None
-    )
+    relative_frequency_deviation: _Share = key("share of the values, or percent, as in 5 %", None)
+    relative_damping_deviation: _Share = key("share of the values, or percent, as in 5 %", None)
     frequency: Positive | None = key("about that of the mode of a decay, Hz", None)
 
 
-def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
-    """Places, keys and texts of the comments that state a key.
+def _comments(path: Path, content: str) -> tuple[list[tuple[str, str, str]], list[str]]:
+    """Places, keys and texts of the comments that state a key, and doubts about others.
 
-    One that begins with a key is none of the remarks, whatever follows.
+    One that begins with a key is none of the remarks, whatever follows. Doubts are sentences about
+    remarks by which amplitudes are not half of peak to peak.
     """
+    stated, doubts = list[tuple[str, str, str]](), list[str]()
     for number, line in enumerate(io.StringIO(content, newline=None), start=1):
+        text = line.partition("#")[2].strip("# \r\n")
+        if not re.search(r":|\b(error|noise)\b", text, re.I) and re.search(
+            r"\b(rms|r\.m\.s|(?<!half of )(?<!half of the )peak.to.peak|pk-pk|p-p|dB)\b", text, re.I
+        ):
+            doubts.append(
+                f"line {number} says {text[:60]!r}: amplitudes are taken as half of peak to peak, "
+                "1.414 times the root mean square of a sine; state peak_to_peak: true, or "
+                "convert them, if they are not."
+            )
         said = re.fullmatch(
             r"\s*#+\s*([A-Za-z_][\w -]*?)\s*(?:([:=])\s*([^#]*?)\s*)?(?:#.*)?\s*", line
         )
@@ -270,21 +274,8 @@ def _stated(path: Path, content: str) -> Iterator[tuple[str, str, str]]:
             name = re.sub("[ -]+", "_", name)
         known = Head.model_fields if said[2] else ("peak_to_peak",)  # others may head a column
         if said[2] == ":" or name in known:
-            yield f"{path}: line {number}", name, said[3] or ""
-
-
-def _doubtful_remarks(content: str) -> Iterator[str]:
-    """Sentences about remarks by which amplitudes are not half of peak to peak."""
-    for number, line in enumerate(io.StringIO(content, newline=None), start=1):
-        text = line.partition("#")[2].strip("# \r\n")
-        if not re.search(r":|\b(error|noise)\b", text, re.I) and re.search(
-            r"\b(rms|r\.m\.s|(?<!half of )(?<!half of the )peak.to.peak|pk-pk|p-p|dB)\b", text, re.I
-        ):
-            yield (
-                f"line {number} says {text[:60]!r}: amplitudes are taken as half of peak to peak, "
-                "1.414 times the root mean square of a sine; state peak_to_peak: true, or "
-                "convert them, if they are not."
-            )
+            stated.append((f"{path}: line {number}", name, said[3] or ""))
+    return stated, doubts
 
 
 def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
@@ -319,7 +310,7 @@ def head_of(samples: Samples, given: Mapping[str, Any]) -> Head:
     problems += [
         f"{samples.where}: found both column '{name}_deviation' and key "
         f"'relative_{name}_deviation', must be one of them"
-        for name in OFFSETS
+        for name in QUANTITIES
         if f"{name}_deviation" in samples.columns and f"relative_{name}_deviation" in of_file
     ]
     refuse(problems)

@@ -78,6 +78,11 @@ def dense_rows(given: Any) -> Any:
     return dense.ravel() if 1 in dense.shape else dense
 
 
+def evenly(count: int, most: int) -> IntArray:
+    """Numbers of at most so many of ``count`` items, evenly spread with both ends."""
+    return np.unique(np.linspace(0, count - 1, most).round().astype(np.intp))
+
+
 def slip_norms(slip: FloatArray, directions: NDArray[np.int64]) -> FloatArray:
     """Norms of slip vectors.
 

@@ -612,6 +612,22 @@ class Scaled(Amplitude):
         return self.of.highest_frequency
 
 
+def harmonic_factors(amplitudes: Sequence[Amplitude]) -> dict[int, NDArray[np.complex128]]:
+    """Factors, N, of exp(i k w t) whose real parts add up to amplitudes made of harmonics.
+
+    w is the angular frequency of their common period, and each array, (amplitudes,), that of a k;
+    empty where there is no common period.
+    """
+    period, found = common_period(amplitudes) or 0.0, dict[int, NDArray[np.complex128]]()
+    for number, amplitude in enumerate(amplitudes if period else ()):
+        for part in amplitude.harmonics:
+            own = found.setdefault(
+                round(part.frequency * period), np.zeros(len(amplitudes), complex)
+            )
+            own[number] += part.amplitude * complex(np.sin(part.phase), -np.cos(part.phase))
+    return found
+
+
 def common_period(amplitudes: Iterable[Amplitude]) -> float | None:
     """Shortest time (s) after which all harmonics of the amplitudes repeat together.
 

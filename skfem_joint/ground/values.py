@@ -14,6 +14,7 @@ from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from skfem_joint.ground.errors import InputError, refuse
 
@@ -116,6 +117,22 @@ def check_each(where: str, values: Any, kind: Kind) -> None:
         check(f"{where}[{number}]", value, kind)
 
 
+def rising(where: str, values: Any, kind: Kind = POSITIVE) -> NDArray[np.float64]:
+    """Array of numbers that rise, each of a kind; InputError for others, as `check_each`."""
+    check_each(where, values, kind)
+    found = np.asarray(values, dtype=float)
+    refuse(_falls(where, found)[:1])
+    return found
+
+
+def _falls(where: str, x: NDArray[np.float64]) -> list[str]:
+    """Sentences about entries that are no larger than the one before."""
+    return [
+        f"{where}[{k + 1}]: found {x[k + 1]:g}, must be > {x[k]:g}, the one before"
+        for k in np.flatnonzero(~(np.diff(x) > 0.0))
+    ]
+
+
 def several(where: str, given: Any, kind: type = object) -> tuple[Any, ...]:
     """Tuple of what is given as a list, each of a kind.
 
@@ -170,8 +187,6 @@ def check_columns(
         for k in np.flatnonzero(~(np.isfinite(column) & (column > least)))
         for problem in problems(f"{where}{name}[{k}]", float(column[k]), kind)
     ]
-    wrong += [
-        f"{where}{first}[{k + 1}]: found {x[k + 1]:g}, must be > {x[k]:g}, the one before"
-        for k in np.flatnonzero(~(np.diff(x) > 0.0))
-    ]
-    refuse(wrong)
+    wrong += _falls(f"{where}{first}", x)
+    more = [f"{where}and {len(wrong) - 10} more mistakes like these"] if len(wrong) > 10 else []
+    refuse(wrong[:10] + more)

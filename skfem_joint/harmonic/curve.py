@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -82,6 +82,8 @@ class NonlinearMode(Tabular):
         State of the highest level where its first harmonic turns round, as `integrate` takes it as
         ``initial``, from which a ring-down begins.
     notes : tuple of str
+    traits : dict of str to float
+        Of the system, see `skfem_joint.reduction.stuck.traits_of`.
     """
 
     mode: int
@@ -106,6 +108,7 @@ class NonlinearMode(Tabular):
     marched: Marched | None
     release: tuple[FloatArray, ...]
     notes: tuple[str, ...]
+    traits: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def damping_ratio(self) -> FloatArray:

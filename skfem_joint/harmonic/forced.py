@@ -18,6 +18,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.loads import harmonic_factors
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.harmonic.newton import CHANGE, BranchPoint, by_parameter, eased
 from skfem_joint.harmonic.series import FourierSeries
@@ -48,9 +49,9 @@ class Forced:
     level: float = 1.0
 
     @classmethod
-    def of(cls, balance: Balance, system: System, period: float, grid: float) -> Forced:
-        """From harmonic loads with a common ``period``, s."""
-        return cls(balance, load_of(system, balance.series, period) @ balance.Phi, grid)
+    def of(cls, balance: Balance, system: System, grid: float) -> Forced:
+        """From harmonic loads."""
+        return cls(balance, load_of(system, balance.series) @ balance.Phi, grid)
 
     def refined(self, series: FourierSeries) -> Forced:
         """Same equations of another series, which has the harmonics of the loads."""
@@ -135,16 +136,12 @@ def _joined(derivative: FloatArray | None, by_last: FloatArray) -> FloatArray:
     return np.column_stack([derivative.reshape(by_last.size, by_last.size), by_last.ravel()])
 
 
-def load_of(system: System, series: FourierSeries, period: float) -> FloatArray:
+def load_of(system: System, series: FourierSeries) -> FloatArray:
     """Coefficients (nh, n) of the loads of a system, N."""
-    force = np.zeros((series.size, system.n))
-    for load in system.loads:
-        for part in load.amplitude.harmonics:
-            order = round(part.frequency * period)
-            a = series.first + 2 * int(np.searchsorted(series.orders, order))
-            vector = part.amplitude * np.asarray(load.vector)
-            force[a] += np.sin(part.phase) * vector
-            force[a + 1] += np.cos(part.phase) * vector
+    force, vectors = np.zeros((series.size, system.n)), system.load_vectors()
+    for order, factors in harmonic_factors([load.amplitude for load in system.loads]).items():
+        a = series.first + 2 * int(np.searchsorted(series.orders, order))
+        force[a], force[a + 1] = vectors @ factors.real, -(vectors @ factors.imag)
     return force
 
 

@@ -27,16 +27,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense, as_real
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
-from skfem_joint.ground.values import check_kind, check_numbers
+from skfem_joint.ground.values import between, check_kind, check_numbers, rising
 from skfem_joint.harmonic.balance import LARGEST, MODES, MOST, Balance, check_size, stuck_modes
 from skfem_joint.harmonic.curve import NonlinearMode, curve_of, notes_of_errors
 from skfem_joint.harmonic.levels import Levels, changes, chosen, climbed, relative, resolved
 from skfem_joint.harmonic.marched import march
 from skfem_joint.harmonic.mode_equations import ModeEquations
 from skfem_joint.harmonic.series import FourierSeries
+from skfem_joint.reduction.stuck import traits_of
 from skfem_joint.system.system import System
 
 #: Harmonics and samples with which a mode is followed, one after the other until it reaches all
@@ -68,7 +69,7 @@ STIFFER = (
     "some are lost where points slip in another way"
 )
 #: Least and largest amplitude, whose squares and products with frequencies are numbers.
-AMPLITUDES = 1e-30, 1e30
+AMPLITUDES = between(1e-30, 1e30)
 #: Displacement of a point, over the largest, below which a mode does not move it.
 STILL = 1e-6
 
@@ -123,14 +124,7 @@ def nonlinear_modes(
             "a curve, sj.reduce(system, curve=...), or a small full or condensed system"
         )
     check_numbers("nonlinear_modes: modes", modes)
-    asked = np.asarray(as_real(amplitudes, "nonlinear_modes: amplitudes"))
-    low, high = AMPLITUDES
-    rises = asked.ndim == 1 and asked.size and np.all(np.diff(asked) > 0.0)
-    if not rises or not np.all((asked >= low) & (asked <= high)):
-        raise InputError(
-            f"nonlinear_modes: amplitudes: found {asked.tolist()}, must be positive and rise, from "
-            f"{low:g} to {high:g}"
-        )
+    asked = rising("nonlinear_modes: amplitudes", amplitudes, AMPLITUDES)
     if at is not None and at not in system.points:
         raise InputError(
             f"nonlinear_modes: at: found {at!r}, must be one of "
@@ -169,6 +163,7 @@ def _mode(
     if levels.omega.size:
         settled = _settled(levels, tally)
         curve = _finished(*settled, softer, confirm and not lacking.size, tally)
+        curve = replace(curve, traits=traits_of(system, curve.shape))
         if not lacking.size:
             return curve
     point = levels.equations.point

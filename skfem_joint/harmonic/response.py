@@ -20,7 +20,7 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.ground.values import POSITIVE, Kind, at_least, check, check_each
+from skfem_joint.ground.values import Kind, at_least, check
 from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.newton import BranchPoint
 from skfem_joint.harmonic.points import notes_of_law, notes_of_restless, state_of
@@ -40,7 +40,7 @@ from skfem_joint.reduction.ranges.points import loaded_at, period_of
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.stepping.recording import Save
 from skfem_joint.system.system import System
-from skfem_joint.vibration.response import steady_plan, suited_steps
+from skfem_joint.vibration.response import checked, steady_plan, suited_steps
 from skfem_joint.vibration.response_curve import Curve, SteadyPoint, nothing_found
 
 #: Springs of rigid sticking: they lower the square of the nearest stuck frequency by one over this.
@@ -243,25 +243,18 @@ def _checked(
     system: System, frequencies: FloatArray, levels: Sequence[float], sticking: float
 ) -> tuple[FloatArray, list[float]]:
     """Frequencies and levels; InputError as `harmonic_response`."""
-    check_each("harmonic_response: frequencies", frequencies, POSITIVE)
-    check_each("harmonic_response: levels", levels, POSITIVE)
     check("harmonic_response: sticking", sticking, STIFF)
-    system.check_any_load("response", max(levels, default=0.0))
-    frequencies = np.asarray(frequencies, dtype=float)
-    if frequencies.size < 2 or np.any(np.diff(frequencies) <= 0.0):
+    frequencies, levels = checked("harmonic_response", system, frequencies, levels)
+    if frequencies.size < 2:
         raise InputError(
-            "harmonic_response: frequencies: must be two at least, and rise, in Hz: a branch is "
-            "followed from the first to the last"
+            "harmonic_response: frequencies: must be two at least, in Hz: a branch is followed "
+            "from the first to the last"
         )
     if system.serves is not None:
         raise InputError(
             "harmonic_response: found a reduced model for a range, whose law depends on the "
             "frequency; give sj.at(model, ...), or one that sj.reduce makes for a response"
         )
-    if not system.points:
-        raise InputError("harmonic_response: nothing is observed; name a point")
-    if all(load.amplitude.peak_value == 0.0 for load in system.loads):
-        raise InputError("harmonic_response: no load acts; give one an amplitude above 0")
     loaded_at(system, float(frequencies[0]), 1.0)  # refuses loads without a common period
     parts = {part.frequency for load in system.loads for part in load.amplitude.harmonics}
     highest = round(max(parts) * period_of(system))
@@ -272,7 +265,7 @@ def _checked(
             f"{highest} of their common period, too many for a balance; give frequencies whose "
             "ratios are simple, such as 1 and 2"
         )
-    return frequencies, np.asarray(levels, dtype=float).tolist()
+    return frequencies, levels
 
 
 def _curve(search: Search, level: float, confirm: bool) -> BalancedCurve:

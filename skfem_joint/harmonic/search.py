@@ -18,13 +18,13 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.loads import harmonic_factors
 from skfem_joint.ground.progress import Tally
 from skfem_joint.harmonic.balance import LARGEST, Balance
 from skfem_joint.harmonic.forced import Forced, Raised, corrected
 from skfem_joint.harmonic.newton import BranchPoint, branch, by_parameter, solved, stepped
 from skfem_joint.harmonic.points import point_of
 from skfem_joint.harmonic.series import FourierSeries
-from skfem_joint.reduction.ranges.points import period_of
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.system.system import System
 from skfem_joint.vibration.response import steady_point
@@ -130,9 +130,8 @@ class Search:
         harmonics: int = HARMONICS,
     ) -> Search:
         """At rest, with springs of a factor ``sticking``, see `springs_of_sticking`."""
-        odd, period = odd_loads(system), period_of(system)
-        parts = [part for load in system.loads for part in load.amplitude.harmonics]
-        loaded = max(round(part.frequency * period) for part in parts)
+        odd = odd_loads(system)
+        loaded = max(harmonic_factors([load.amplitude for load in system.loads]))
         least = SMOOTH if system.contact.opens else 1
         times = -(-loaded // LADDER[0][0])
         rungs = [
@@ -144,7 +143,7 @@ class Search:
         reference = 2.0 * np.pi * float(np.sqrt(frequencies[0] * frequencies[-1]))
         grid = 2.0 * np.pi * float(np.ptp(frequencies)) / (frequencies.size - 1)
         fewest = [
-            Forced.of(Balance.of(system, rungs[0], reference, factor), system, period, grid)
+            Forced.of(Balance.of(system, rungs[0], reference, factor), system, grid)
             for factor in (sticking, sticking / SOFTER)
         ]
         most = LARGEST * max(1.0, harmonics / HARMONICS)

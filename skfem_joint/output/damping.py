@@ -46,8 +46,7 @@ from skfem_joint.study.scene_response import ModelResponse, SceneResponse
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.random_response import RandomResponse
 from skfem_joint.vibration.response import HARMONICS
-from skfem_joint.vibration.response_curve import Curve
-from skfem_joint.vibration.transfer import KINDS, frequency_response
+from skfem_joint.vibration.response_curve import KINDS, Curve, frequency_response
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -134,7 +133,7 @@ def _by_mesh(backbone: SceneBackbone, mode: int, level: int) -> dict[str, float]
     """Cells of a row with the errors of a mode by the mesh at a level; none if not known."""
     if mode not in backbone.mesh:
         return {}
-    errors = backbone.mesh[mode]._asdict()
+    errors = backbone.mesh[mode]
     return {f"mesh_error_{name}": float(error[level]) for name, error in errors.items()}
 
 
@@ -160,8 +159,8 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
         both = zip(model.curves, model.at, strict=False)
         lines += [line for c, at in both for line in _asked_lines(backbone, model.name, c, at)]
     lines += [
-        f"Mode {mode}: the mesh errs by an estimated {_to(errors.frequency)} % in frequency and "
-        f"{_to(errors.damping_ratio)} % in damping, from the lowest level to the highest."
+        f"Mode {mode}: the mesh errs by an estimated {_to(errors['frequency'])} % in frequency and "
+        f"{_to(errors['damping_ratio'])} % in damping, from the lowest level to the highest."
         for mode, errors in backbone.mesh.items()
     ]
     lines += [
@@ -249,7 +248,7 @@ def _mode(
     if c.estimated:
         content["estimated_error"] = dict(c.estimated)
     if c.mode in backbone.mesh:
-        mesh = backbone.mesh[c.mode]._asdict()
+        mesh = backbone.mesh[c.mode]
         content["mesh_error"] = {name: float(np.nanmax(e)) for name, e in mesh.items()}
     if c.opened is not None:
         content["opened_share"] = float(c.opened.max())

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from skfem_joint import __version__
-from skfem_joint.fitting.fit import LEVEL, QUANTITIES, Fit, Profile
-from skfem_joint.fitting.fit_curves import FineCurve
+from skfem_joint.fitting.fit import LEVEL, Fit, Profile
 from skfem_joint.fitting.measured import MeasuredCurve
-from skfem_joint.fitting.measured_table import AMPLITUDES
+from skfem_joint.fitting.measured_table import AMPLITUDES, QUANTITIES
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import JointError, refuse
 from skfem_joint.ground.files import replacing
@@ -58,7 +57,7 @@ def check_apart(folder: Path, files: Sequence[Path]) -> None:
 def write_fit(
     folder: Path,
     fit: Fit,
-    curves: Sequence[FineCurve],
+    curves: Sequence[MeasuredCurve],
     text: str,
     notes: Sequence[str] = (),
     profiles: Sequence[Profile] = (),
@@ -70,8 +69,8 @@ def write_fit(
     folder : Path
     fit : Fit
         Of a scene that was read from a file.
-    curves : sequence of FineCurve
-        Of `fine_curves`.
+    curves : sequence of MeasuredCurve
+        Of `Fit.curves`.
     text : str
         Of the scene's file.
     notes : sequence of str
@@ -142,7 +141,7 @@ def fit_lines(fit: Fit) -> list[str]:
     ]
 
 
-def curves_figure(fit: Fit, curves: Sequence[FineCurve]) -> Figure:
+def curves_figure(fit: Fit, curves: Sequence[MeasuredCurve]) -> Figure:
     """Frequency and damping over amplitude: samples, and the curve of the model with its band.
 
     Data of another mode or quantity have panels of their own.
@@ -153,18 +152,20 @@ def curves_figure(fit: Fit, curves: Sequence[FineCurve]) -> Figure:
         alike = len({_what_is_computed(fit, k) for k in own}) == 1
         for k in own:
             curve, fine = fit.problem.curves[k], curves[k]
-            y, deviation = (factor * getattr(curve, name + end) for end in ("", "_deviation"))
+            (y, deviation), (model, half) = (
+                [factor * getattr(one, name + end) for end in ("", "_deviation")]
+                for one in (curve, fine)
+            )
             for chosen, look in _kinds(curve, k, ~np.isnan(y)):
                 panel.errorbar(
                     curve.amplitude[chosen] / size, y[chosen], deviation[chosen],
                     capsize=2.0, elinewidth=1.0, zorder=3, **look,
                 )  # fmt: skip
             x, colour = fine.amplitude / size, _MODEL if alike else _COLOURS[k % len(_COLOURS)]
-            y, half = (factor * getattr(fine, name + end) for end in ("", "_band"))
             label = "model" if alike else f"model of {curve.name}"
-            panel.plot(x, y, color=colour, linewidth=1.5, label=label, zorder=2)
+            panel.plot(x, model, color=colour, linewidth=1.5, label=label, zorder=2)
             panel.fill_between(
-                x, y - half, y + half, color=colour, alpha=0.2, linewidth=0.0, zorder=1,
+                x, model - half, model + half, color=colour, alpha=0.2, linewidth=0.0, zorder=1,
                 label=f"its {100.0 * LEVEL:g} % band",
             )  # fmt: skip
     _legend(figure)
@@ -204,10 +205,9 @@ def _figure_of(fit: Fit, label: str = "") -> tuple[Figure, list[tuple[Any, str, 
             unit, size = _unit(quantity), 1.0
         points = {curve.point for curve in of_all}
         point = points.pop() if len(points) == 1 else ""
+        where = f"{quantity} amplitude{f' of {point}' * bool(point)}, {unit}"
         for panel, name in zip(row, QUANTITIES, strict=True):
-            panel.set_xscale("log")
-            panel.set_xlabel(f"{quantity} amplitude{f' of {point}' * bool(point)}, {unit}")
-            panel.set_ylabel(label or _AXES[name][0])
+            panel.set(xscale="log", xlabel=where, ylabel=label or _AXES[name][0])
             plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
             panel.set_axisbelow(True)
@@ -231,13 +231,11 @@ def _kinds(curve: MeasuredCurve, k: int, known: Any) -> Iterator[tuple[Any, dict
 
 def _legend(figure: Figure) -> None:
     """Legend of the curves of all panels above them, each once."""
-    entries: dict[str, Any] = {}
+    each: dict[str, Any] = {}
     for panel in figure.axes:
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
-    figure.legend(
-        [*entries.values()], [*entries], loc="outside upper center", ncols=4, fontsize="small"
-    )
+        handles, labels = panel.get_legend_handles_labels()
+        each |= dict(zip(labels, handles, strict=True))
+    figure.legend([*each.values()], [*each], loc="outside upper center", ncols=4, fontsize="small")
 
 
 def _what_is_computed(fit: Fit, k: int) -> tuple[float, ...]:
@@ -282,10 +280,7 @@ def _content(fit: Fit, notes: Sequence[str]) -> dict[str, Any]:
         "undetermined": [*fit.undetermined],
         "data": [
             {
-                "name": curve.name,
-                "point": curve.point,
-                "mode": curve.mode,
-                "quantity": curve.quantity,
+                **{key: getattr(curve, key) for key in ("name", "point", "mode", "quantity")},
                 "samples": curve.amplitude.size,
                 "fitted": int(curve.fitted.sum()),
                 "points_turning": predicted.turning,
@@ -318,33 +313,27 @@ def _profile_rows(profiles: Sequence[Profile]) -> Iterator[dict[str, Any]]:
 
 def _residual_rows(fit: Fit) -> Iterator[dict[str, Any]]:
     for k, curve in enumerate(fit.problem.curves):
-        (frequency, of_frequency), (damping, of_damping) = (
-            _beside(fit, k, name) for name in QUANTITIES
-        )
-        for i, amplitude in enumerate(curve.amplitude):
-            yield _sample(curve, amplitude) | {
-                "fitted": bool(curve.fitted[i]), "frequency_Hz": curve.frequency[i],
-                "model_frequency_Hz": frequency[i], "frequency_residual": of_frequency[i],
-                "damping_ratio": curve.damping[i],
-                "model_damping_ratio": damping[i], "damping_residual": of_damping[i],
-            }  # fmt: skip
+        columns: dict[str, Any] = {"fitted": curve.fitted}
+        for name, column in zip(QUANTITIES, ("frequency_Hz", "damping_ratio"), strict=True):
+            columns[column] = getattr(curve, name)
+            columns[f"model_{column}"], columns[f"{name}_residual"] = _beside(fit, k, name)
+        yield from _rows(curve, columns)
 
 
-def _curve_rows(curves: Sequence[FineCurve]) -> Iterator[dict[str, Any]]:
+def _curve_rows(curves: Sequence[MeasuredCurve]) -> Iterator[dict[str, Any]]:
     for fine in curves:
-        for i, amplitude in enumerate(fine.amplitude):
-            yield _sample(fine.measured, amplitude) | {
-                "frequency_Hz": fine.frequency[i], "frequency_band_Hz": fine.frequency_band[i],
-                "damping_ratio": fine.damping[i], "damping_ratio_band": fine.damping_band[i],
-            }  # fmt: skip
+        yield from _rows(fine, {
+            "frequency_Hz": fine.frequency, "frequency_band_Hz": fine.frequency_deviation,
+            "damping_ratio": fine.damping, "damping_ratio_band": fine.damping_deviation,
+        })  # fmt: skip
 
 
-def _sample(curve: MeasuredCurve, amplitude: float) -> dict[str, Any]:
-    """First columns of a table over the amplitude of a curve."""
-    return {
-        "data": curve.name, "mode": curve.mode, "quantity": curve.quantity,
-        "amplitude": amplitude, "unit": _unit(curve.quantity),
-    }  # fmt: skip
+def _rows(curve: MeasuredCurve, columns: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """Rows of a table over the amplitudes of a curve, from columns (k,)."""
+    first = {"data": curve.name, "mode": curve.mode, "quantity": curve.quantity}
+    for amplitude, *values in zip(curve.amplitude, *columns.values(), strict=True):
+        row = dict(zip(columns, values, strict=True))
+        yield first | {"amplitude": amplitude, "unit": _unit(curve.quantity)} | row
 
 
 def _write_scene(path: Path, fit: Fit, text: str) -> Path:

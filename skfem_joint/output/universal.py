@@ -20,8 +20,7 @@ from skfem_joint.scene import Scene
 from skfem_joint.structure.structure import Structure
 from skfem_joint.system.system import System
 from skfem_joint.vibration.backbone import Backbone
-from skfem_joint.vibration.response_curve import Curve
-from skfem_joint.vibration.transfer import frequency_response
+from skfem_joint.vibration.response_curve import Curve, frequency_response
 
 #: Elements of data set 2412 by dimension and corners: rod or beam as line, thin plate, solid.
 _ELEMENTS = {(2, 3): 41, (2, 4): 44, (3, 4): 111, (3, 6): 112, (3, 8): 115}

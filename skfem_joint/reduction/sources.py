@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray, evenly
 from skfem_joint.ground.errors import InputError
 from skfem_joint.reduction.basis import MANY_MODES, MOST_TIMES, Basis, Options, basis_of
 from skfem_joint.reduction.elastic_contact import elastic, strain_norm
@@ -173,8 +173,7 @@ def mode_basis(system: System, curve: Any, options: Options) -> Basis:
     if system.contact.opens:
         stuck, force = system.contact.normal.closed_motions() @ stuck, system.M @ curve.shape
         system = elastic(system)
-        some = np.unique(np.linspace(0, curve.level.size - 1, 3).round().astype(np.intp))
-        u, v, rigid = _states_of_cycles(system, force, curve.level[some])
+        u, v, rigid = _states_of_cycles(system, force, curve.level[evenly(curve.level.size, 3)])
         stuck = orthonormal(np.hstack([stuck, rigid]), system.M)
     slips = np.vstack([u, v])
     slips = slips - (slips @ (system.M @ stuck)) @ stuck.T

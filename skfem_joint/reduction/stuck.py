@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -104,27 +104,64 @@ class Stuck:
         return every, np.asarray(self.F @ np.hstack([rigid, shapes]))[:, :count]
 
 
-def check_curve(what: str, system: System, curve: Any) -> None:
-    """Refuse a `Backbone` whose mode is none of a system with its contact stuck.
+def traits_of(system: System, shape: FloatArray) -> dict[str, float]:
+    """Sums by which systems with a mode of the same shape (n,) are told apart.
 
-    There it would have another mass or frequency, or slip. Other friction limits or damping do not
-    show. InputError, which ``what`` begins.
+    They are of what its curve depends on beside mass, stiffness and slips, with random weights, so
+    that a change of any value shows. The steepness of the law is none: curves are of Coulomb's.
     """
-    shape, contact = curve.shape, system.contact
-    if shape.shape == (system.n,):
-        K, square = system.stuck_stiffness, (2.0 * np.pi * curve.stuck_frequency) ** 2
-        strain = shape @ (K @ shape) + shape @ (contact.normal.springs @ shape)
-        stuck = contact.on_rows((contact.w > 0.0) & ~contact.sprung)
-        slip = np.abs(stuck * (contact.B @ shape)).max(initial=0.0)
-        most = abs(contact.B).sum(axis=1).max(initial=0.0) * np.abs(shape).max()
-        mass, unsure = shape @ (system.M @ shape), float(round_off(K, shape[:, np.newaxis])[0])
-        alike = abs(strain - square) <= ALIKE * square + unsure and abs(mass - 1.0) <= ALIKE
-        if alike and slip <= ALIKE * most:
-            return
+    contact, normal = system.contact, system.contact.normal
+    w, p = (np.random.default_rng(0).random(x.size) for x in (contact.w, normal.gap))
+    return {
+        "friction limits": float(w @ contact.w),
+        "coefficients of friction": float(w @ (contact.gain @ p)),
+        "springs": float(w @ contact.spring_constants),
+        "gaps": float(p @ normal.gap),
+        "normal forces": float(p @ normal.force),
+        "damping": float(shape @ (system.C @ shape)),
+    }
+
+
+def check_curve(
+    what: str, system: System, curve: Any, may_differ: Collection[str] = ()
+) -> list[str]:
+    """Refuse a curve of a mode that does not belong to a system.
+
+    The mode must be one of the system with its contact stuck: elsewhere it would have another mass
+    or frequency, or slip. Those of `traits_of` that ``may_differ`` are returned where they do.
+
+    Raises
+    ------
+    InputError
+        For the curve of another mode or of other traits; ``what`` begins the message.
+    """
+    belongs, others = _is_mode(system, curve), list[str]()
+    if belongs and curve.traits:
+        own = traits_of(system, curve.shape)
+        others = [k for k in own if not np.isclose(own[k], curve.traits[k], ALIKE, 0.0)]
+    wrong = [name for name in others if name not in may_differ]
+    if belongs and not wrong:
+        return others
+    why = f"other {' and '.join(wrong)}" if belongs else "no such mode with its contact stuck"
     raise InputError(
-        f"{what}: the curve of mode {curve.mode} does not belong to the system, which has no such "
-        "mode with its contact stuck; compute it by sj.backbone(system, ...)"
+        f"{what}: the curve of mode {curve.mode} does not belong to the system, which has {why}; "
+        "compute it by sj.backbone(system, ...)"
     )
+
+
+def _is_mode(system: System, curve: Any) -> bool:
+    """Whether the shape of a curve is a mode of a system with its contact stuck."""
+    shape, contact = curve.shape, system.contact
+    if shape.shape != (system.n,):
+        return False
+    K, square = system.stuck_stiffness, (2.0 * np.pi * curve.stuck_frequency) ** 2
+    strain = shape @ (K @ shape) + shape @ (contact.normal.springs @ shape)
+    stuck = contact.on_rows((contact.w > 0.0) & ~contact.sprung)
+    slip = np.abs(stuck * (contact.B @ shape)).max(initial=0.0)
+    most = abs(contact.B).sum(axis=1).max(initial=0.0) * np.abs(shape).max()
+    mass, unsure = shape @ (system.M @ shape), float(round_off(K, shape[:, np.newaxis])[0])
+    alike = abs(strain - square) <= ALIKE * square + unsure and abs(mass - 1.0) <= ALIKE
+    return bool(alike and slip <= ALIKE * most)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.minimise.linearisation import Changes, Tangent
 from skfem_joint.slow.levels import Level
 from skfem_joint.slow.quasi_static import QuasiStatic
-from skfem_joint.system.sensitivity import OpeningSensitivity, SystemSensitivity
+from skfem_joint.system.sensitivity import SystemSensitivity
 
 #: Slips below this share of those before and after an increment are round-off.
 ROUND_OFF = 1e-13
@@ -124,11 +124,11 @@ class LevelRates:
         self._softer = self.flexibility**2 * np.repeat(stiffer, self.contact.directions, axis=0)
         if not self.opens:
             return
-        parts = [p.opening or OpeningSensitivity() for p in self.parameters]
+        parts = self.parameters
         q, stiffness = normal.gap.size, normal.stiffness[:, np.newaxis]
         self.at_rest = columns(q, [part.force for part in parts])
         self._bound = columns(q, [part.gap for part in parts]) - self.at_rest / stiffness
-        self._bound_by_force = columns(q, [part.stiffness for part in parts]) / stiffness**2
+        self._bound_by_force = columns(q, [part.normal_stiffness for part in parts]) / stiffness**2
         self.gains = [part.gain for part in parts]
         # What is given beside normal forces: limits at rest without those of the forces at rest.
         self.given -= self.contact.gain @ self.at_rest + self._by_gain(normal.force)
@@ -253,7 +253,7 @@ class LevelRates:
     @cached_property
     def _pushing(self) -> IntArray:
         """Parameters that push the structure at a given level, beside the force."""
-        return np.flatnonzero([p.K is not None or p.opening is not None for p in self.parameters])
+        return np.flatnonzero([p.K is not None or p.force is not None for p in self.parameters])
 
     def _pushed(self, levels: Sequence[Level]) -> FloatArray:
         """Right sides (n, levels x pushing) of what parameters push at some levels.

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -34,7 +35,7 @@ from skfem_joint.joint.pressure import Bolts, nodal_pressure
 from skfem_joint.structure.parameters import Parameter, check_derivable, parameter, value_of
 from skfem_joint.structure.structure import Structure
 from skfem_joint.system.modes import RayleighFit
-from skfem_joint.system.sensitivity import OpeningSensitivity, SystemSensitivity
+from skfem_joint.system.sensitivity import SystemSensitivity, of_closed_system
 from skfem_joint.system.system import System
 from skfem_joint.system.unknowns import congruent
 
@@ -115,26 +116,16 @@ class _Model:
             Derivatives of the preload, by the number of the joint.
         """
         K = None if all_nodes is None else self._in_unknowns(one, all_nodes)
-        w, opening = self._contact(one, rates)
-        stiffness = self._springs(one)
-        C = self._damping(one, K, stiffness, opening.stiffness)
-        changes = any(value is not None for value in vars(opening).values())
-        of_normal = opening if changes else None
-        return SystemSensitivity(one.name, K=K, C=C, w=w, stiffness=stiffness, opening=of_normal)
+        of_contact = self._contact(one, rates)
+        changes = {name: rate for name, rate in of_contact.items() if abs(rate).sum() > 0.0}
+        C = self._damping(one, K, changes)
+        return SystemSensitivity(one.name, K=K, C=C, **changes)
 
     def stiffness(self, one: Parameter) -> Matrix | None:
         """Derivative of the stiffness of all nodes, (dim N, dim N); None where it is zero."""
-        body, K = self.structure.body, None
-        for place in one.places:
-            match place:
-                case ("material", "E"):
-                    part = body.stiffness_by_modulus()
-                case ("material", "regions", str(region), "E"):
-                    part = body.stiffness_by_modulus(region)
-                case _:
-                    continue
-            K = part if K is None else K + part
-        return K
+        regions = [place[2:3] for place in one.places if place[0] == "material"]
+        parts = [self.structure.body.stiffness_by_modulus(*map(str, of)) for of in regions]
+        return sum(parts[1:], parts[0]) if parts else None
 
     def _in_unknowns(self, one: Parameter, all_nodes: Matrix) -> Matrix:
         """Derivative of the stiffness in the unknowns of the system, from that of all nodes."""
@@ -151,33 +142,25 @@ class _Model:
 
         The dictionaries are empty where there are none. All parameters share a factor.
         """
-        body, found, spaces = self.structure.body, self.structure.preload, self.structure.spaces
-        none: list[dict[int, Rates]] = [{} for _ in wanted]
+        found, spaces = self.structure.preload, self.structure.spaces
         if found is None:
-            return none
-        forces, gaps, columns = [], [], []
-        for number, (one, K) in enumerate(zip(wanted, by_modulus, strict=True)):
-            force = np.zeros(found.force.size)
+            return [{} for _ in wanted]
+        scaled = [[("joint", i, "gap_scale") in one.places for one in wanted] for i in spaces]
+        gaps = map(np.outer, [face.given for face in spaces.values()], scaled)
+        gap, force = np.concatenate([*gaps]), np.zeros((found.force.size, len(wanted)))
+        for column, one, K in zip(force.T, wanted, by_modulus, strict=True):
             bolts = [int(place[1]) for place in one.places if place[0] == "bolt"]
-            scaled = {place[1] for place in one.places if place[2:] == ("gap_scale",)}
-            if bolts:
-                force = np.asarray(found.faces.clamps[:, bolts].sum(axis=1)).ravel()
-            elif K is not None:
-                force = -(K @ found.displacement.ravel())
-            elif not scaled:
-                continue
-            forces.append(force)
-            gaps.append(np.concatenate([(i in scaled) * face.given for i, face in spaces.items()]))
-            columns.append(number)
-        if forces:
-            rates = preload_rates(body, found, np.stack(forces, axis=1), np.stack(gaps, axis=1))
-            for column, number in enumerate(columns):
-                none[number] = {
-                    i: self._at_joint(i, pressed, F[:, column], g[:, column])
-                    for i, (F, g) in rates.items()
-                    if (pressed := found.joints[i]) is not None
-                }
-        return none
+            column += np.asarray(found.faces.clamps[:, bolts].sum(axis=1)).ravel()
+            if K is not None:
+                column -= K @ found.displacement.ravel()
+        if not (force.any() or gap.any()):
+            return [{} for _ in wanted]
+        rates = preload_rates(self.structure.body, found, force, gap)
+        pressed = [(i, one, *rates[i]) for i, one in enumerate(found.joints) if one is not None]
+        return [
+            {i: self._at_joint(i, one, F[:, k], g[:, k]) for i, one, F, g in pressed}
+            for k in range(len(wanted))
+        ]
 
     def _at_joint(
         self, number: int, pressed: NodalForces, force: FloatArray, gap: FloatArray
@@ -190,13 +173,11 @@ class _Model:
         nodal[at] = changes if patch.joint.opens else pressed.means @ changes
         return nodal, gap[: patch.opening.gap.size]
 
-    def _contact(
-        self, one: Parameter, rates: Mapping[int, Rates]
-    ) -> tuple[FloatArray | None, OpeningSensitivity]:
-        """Derivatives of the friction limits at rest, and of contact that opens."""
-        patches = self.structure.patches
+    def _contact(self, one: Parameter, rates: Mapping[int, Rates]) -> dict[str, Any]:
+        """Derivatives of friction limits at rest, springs, and contact that opens, by names."""
+        patches, m = self.structure.patches, self.system.contact.w.size
         own = [{p[2] for p in one.places if p[:2] == ("joint", i)} for i in range(len(patches))]
-        w = np.zeros(self.system.contact.w.size)
+        w, springs = np.zeros((2, m))
         gap, force, stiffness = ([np.zeros(0)] for _ in range(3))
         for i, (patch, keys) in enumerate(zip(patches, own, strict=True)):
             face = patch.opening
@@ -206,17 +187,20 @@ class _Model:
             nodal, gaps = rates.get(i, (self._pressed(one, i), own_gap))
             w[patch.points] += patch.joint.friction * _on_points(patch, nodal)
             w[patch.points] += ("friction" in keys) * patch.normal_force
+            springs[patch.points] += ("tangential_stiffness" in keys) * patch.area
             gap.append(np.where(face.gap > 0.0, gaps, 0.0)[face.moves])
             force.append(nodal[face.nodes][face.moves])
             stiffness.append(("normal_stiffness" in keys) * face.area[face.moves])
-        gain = friction_gain(patches, [float("friction" in keys) for keys in own], w.size)
+        gain = friction_gain(patches, [float("friction" in keys) for keys in own], m)
         gain.eliminate_zeros()
-        return _or_none(w), OpeningSensitivity(
-            gap=_or_none(np.concatenate(gap)),
-            force=_or_none(np.concatenate(force)),
-            gain=gain if gain.nnz else None,
-            stiffness=_or_none(np.concatenate(stiffness)),
-        )
+        return {
+            "w": w,
+            "stiffness": springs,
+            "gap": np.concatenate(gap),
+            "force": np.concatenate(force),
+            "gain": gain,
+            "normal_stiffness": np.concatenate(stiffness),
+        }
 
     def _pressed(self, one: Parameter, number: int) -> FloatArray:
         """Derivative of the nodal forces, (N,), of a joint by its own pressure."""
@@ -232,23 +216,8 @@ class _Model:
         at = manifold.cells, manifold.depth, pressure, joint.label
         return nodal_pressure(body.nodes, *at)[0]
 
-    def _springs(self, one: Parameter) -> FloatArray | None:
-        """Derivative of the springs in series with friction, (m,)."""
-        stiffness = None
-        for place in one.places:
-            if place[0] == "joint" and place[2] == "tangential_stiffness":
-                patch = self.structure.patches[int(place[1])]
-                if stiffness is None:
-                    stiffness = np.zeros(self.system.contact.w.size)
-                stiffness[patch.points] += patch.area
-        return stiffness
-
     def _damping(
-        self,
-        one: Parameter,
-        K: Matrix | None,
-        springs: FloatArray | None,
-        normal: FloatArray | None,
+        self, one: Parameter, K: Matrix | None, contact: Mapping[str, Any]
     ) -> Matrix | None:
         """Derivative of the damping matrix, (n, n), with those of what it depends on."""
         structure, system = self.structure, self.system
@@ -263,25 +232,12 @@ class _Model:
         if ratio is None:
             factor = structure.stiffness_damping
             return sparse.csr_array(factor * K) if K is not None and factor > 0.0 else None
-        if K is None and springs is None and normal is None:
-            return None
         closed, fit = self._rayleigh
-        contact = system.contact.normal
-        motions = contact.closed_motions()
-
-        def square_rate(mode: FloatArray) -> float:
-            u, rate = motions @ mode, 0.0
-            if K is not None:
-                rate += float(u @ (K @ u))
-            if springs is not None:
-                own = closed.contact.on_rows(np.where(closed.contact.sprung, springs, 0.0))
-                rate += float(own @ np.asarray(closed.contact.B @ mode) ** 2)
-            if normal is not None:
-                own = np.where((contact.force > 0.0) & ~contact.rigid, normal, 0.0)
-                rate += float(own @ np.asarray(contact.N @ u) ** 2)
-            return rate
-
-        mass, stiffness = fit.factor_rates(ratio, square_rate)
+        (of_closed,) = of_closed_system([SystemSensitivity(one.name, K=K, **contact)], system)
+        rate = of_closed.of_stuck_stiffness(closed.contact)
+        if rate is None:
+            return None
+        mass, stiffness = fit.factor_rates(ratio, lambda mode: float(mode @ (rate @ mode)))
         C = mass * system.M + stiffness * system.K
         return sparse.csr_array(C if K is None else C + fit.factors(ratio)[1] * K)
 
@@ -290,11 +246,6 @@ class _Model:
         """System with closed contact, and the frequencies of its damping by a ratio."""
         closed = self.system.closed()
         return closed, self.structure.fitted(*closed.stuck_problem)
-
-
-def _or_none(values: FloatArray) -> FloatArray | None:
-    """Derivatives, or None where all are zero."""
-    return values if values.any() else None
 
 
 def _on_points(patch: Patch, nodal: FloatArray) -> FloatArray:

@@ -10,9 +10,7 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-import numpy as np
-
-from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray, evenly
 from skfem_joint.ground.files import read_text
 from skfem_joint.scene import Scene
 from skfem_joint.scene.joint_tables import BoltPressureTable, JointTable
@@ -105,7 +103,7 @@ _POINTS = 12
 
 def density_loads(load: str, frequencies: FloatArray, values: FloatArray, unit: str) -> list[str]:
     """What acts in random vibration: a density of one side, (k,) at (k,) Hz, in its ``unit``."""
-    some = np.unique(np.linspace(0, len(values) - 1, _POINTS).round().astype(int))
+    some = evenly(len(values), _POINTS)
     pairs = zip(frequencies[some].tolist(), values[some].tolist(), strict=True)
     shown = ", ".join(f"{value:.4g} {unit} at {f:g} Hz" for f, value in pairs)
     return [

@@ -37,7 +37,7 @@ from skfem_joint.study.scene_range import model_in_range
 from skfem_joint.system.system import System
 from skfem_joint.vibration.amplitudes import Amplitudes
 from skfem_joint.vibration.backbone import Backbone, backbone
-from skfem_joint.vibration.mesh_of_curve import MeshOfCurve, mesh_of_curve
+from skfem_joint.vibration.mesh_of_curve import mesh_of_curve
 from skfem_joint.vibration.random_response import RandomResponse, random_loads, random_response
 from skfem_joint.vibration.ring_down import RingDown, ring_down
 
@@ -134,7 +134,7 @@ class SceneBackbone:
     normal : dict of int to NormalChange
         Change of the normal force at the highest level of each mode; none where no contact is
         closed.
-    mesh : dict of int to MeshOfCurve
+    mesh : dict of int to dict
         Errors of each mode's curves by the mesh, which are the same for all models; none where a
         finer mesh would cost much.
     shapes : tuple of str
@@ -147,7 +147,7 @@ class SceneBackbone:
     models: list[ModelBackbone]
     notes: tuple[str, ...]
     normal: dict[int, NormalChange]
-    mesh: dict[int, MeshOfCurve] = field(default_factory=dict)
+    mesh: dict[int, dict[str, FloatArray]] = field(default_factory=dict)
     shapes: tuple[str, ...] = ()
 
     @property
@@ -340,7 +340,7 @@ def _of_all_points(system: System, small: System, curve: Backbone) -> Backbone:
 
 def _by_mesh(
     scene: Scene, system: System, curves: Sequence[Backbone], report: Progress
-) -> tuple[dict[int, MeshOfCurve], list[str]]:
+) -> tuple[dict[int, dict[str, FloatArray]], list[str]]:
     """Errors of curves by the mesh, by mode, and why they are not known where they should be.
 
     With contact that opens cycles on a finer mesh would cost too much.

@@ -46,8 +46,7 @@ from skfem_joint.vibration.response import (
     steady_plan,
     suited_steps,
 )
-from skfem_joint.vibration.response_curve import Curve, State, SteadyPoint
-from skfem_joint.vibration.transfer import check_kind
+from skfem_joint.vibration.response_curve import Curve, State, SteadyPoint, check_kind
 
 #: What the response of a reduced model says that has contact that opens.
 CREPT = (

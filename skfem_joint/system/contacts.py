@@ -256,7 +256,11 @@ class Contact:
     @cached_property
     def spring_matrix(self) -> Matrix:
         """Stiffness of all springs in series with friction, (n, n), N/m: sliders that stick."""
-        k = self.on_rows(self.spring_constants)
+        return self.with_springs(self.spring_constants)
+
+    def with_springs(self, stiffness: FloatArray) -> Matrix:
+        """Stiffness, (n, n), N/m, of springs of a ``stiffness`` (m,) in series with friction."""
+        k = self.on_rows(stiffness)
         if isinstance(self.B, np.ndarray):
             return np.asarray((self.B.T * k) @ self.B)
         B = sparse.csr_array(self.B)

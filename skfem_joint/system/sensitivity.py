@@ -8,33 +8,16 @@ nodes touch. :mod:`skfem_joint.structure.sensitivities` makes them for the keys 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray, Matrix
-
-
-@dataclass(frozen=True)
-class OpeningSensitivity:
-    """Derivatives of contact that opens, see `skfem_joint.system.normal.NormalPart`.
-
-    Each is None where it is zero.
-
-    Attributes
-    ----------
-    gap : ndarray, shape (q,)
-        Of the gaps at rest, m.
-    force : ndarray, shape (q,)
-        Of the normal forces at rest, N.
-    gain : sparse array, shape (m, q)
-        Of the friction limits by the normal forces.
-    stiffness : ndarray, shape (q,)
-        Of the stiffness of the pressure points, N/m; zero at rigid ones.
-    """
-
-    gap: FloatArray | None = None
-    force: FloatArray | None = None
-    gain: Matrix | None = None
-    stiffness: FloatArray | None = None
+from skfem_joint.system.contacts import Contact
+from skfem_joint.system.system import System
+from skfem_joint.system.unknowns import congruent
 
 
 @dataclass(frozen=True)
@@ -53,8 +36,13 @@ class SystemSensitivity:
         Of the friction limits, N; with contact that opens of those at rest.
     stiffness : ndarray, shape (m,)
         Of the springs in series with friction, N/m; zero where there are none.
-    opening : OpeningSensitivity
-        Of contact that opens.
+    gap, force : ndarray, shape (q,)
+        Of the gaps, m, and of the normal forces at rest, N, of contact that opens, see
+        `skfem_joint.system.normal.NormalPart`.
+    gain : sparse array, shape (m, q)
+        Of the friction limits by the normal forces.
+    normal_stiffness : ndarray, shape (q,)
+        Of the stiffness of the pressure points, N/m; zero at rigid ones.
     """
 
     name: str
@@ -62,4 +50,41 @@ class SystemSensitivity:
     C: Matrix | None = None
     w: FloatArray | None = None
     stiffness: FloatArray | None = None
-    opening: OpeningSensitivity | None = None
+    gap: FloatArray | None = None
+    force: FloatArray | None = None
+    gain: Matrix | None = None
+    normal_stiffness: FloatArray | None = None
+
+    def in_unknowns(self, *maps: Any) -> SystemSensitivity:
+        """Same derivatives in the unknowns q of u = T q, of each of the ``maps`` T in turn."""
+        K, C = self.K, self.C
+        for T in maps:
+            K, C = (None if A is None else congruent(A, T) for A in (K, C))
+        return replace(self, K=K, C=C)
+
+    def of_stuck_stiffness(self, contact: Contact) -> Matrix | None:
+        """Derivative of `System.stuck_stiffness`, (n, n), N/m; None where it does not change."""
+        if self.stiffness is None or not contact.has_springs:
+            return self.K
+        return _sum(self.K, contact.with_springs(np.where(contact.sprung, self.stiffness, 0.0)))
+
+
+def of_closed_system(
+    parameters: Sequence[SystemSensitivity], system: System
+) -> list[SystemSensitivity]:
+    """Derivatives of `System.closed`, in its unknowns."""
+    contact, found = system.contact.normal, [*parameters]
+    if not system.contact.opens:
+        return found
+    T, pressed = contact.closed_motions(), contact.force > 0.0
+    for k, one in enumerate(found):
+        if one.normal_stiffness is not None:
+            springs = contact.with_springs(np.where(pressed, one.normal_stiffness, 0.0))
+            one = replace(one, K=_sum(one.K, springs))
+        found[k] = one.in_unknowns(T)
+    return found
+
+
+def _sum(K: Matrix | None, springs: Matrix) -> Matrix:
+    """Derivative of a stiffness, which may be None, with that of springs."""
+    return springs if K is None else K + springs

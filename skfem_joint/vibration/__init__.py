@@ -3,6 +3,6 @@
 `backbone` is frequency and damping over amplitude by slow `cycles` about the `stuck` structure, at
 levels or at `amplitudes` of a point; `backbone_sensitivity` and `mode_rates` derive them.
 `ring_down` is free vibration. `response` is steady vibration over frequency, a `response_curve` for
-each level, `linear_response` its limits without and with all slip, `transfer` its motion over the
-load, and `coarse_model` a smaller model that makes it cheaper.
+each level with its motion over the load, `linear_response` its limits without and with all slip,
+and `coarse_model` a smaller model that makes it cheaper.
 """

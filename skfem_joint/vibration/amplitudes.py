@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from skfem_joint.ground.arrays import FloatArray, as_real
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.power_density import GRAVITY
+from skfem_joint.ground.values import rising
 
 #: Largest change of a level from one try to the next before there are levels on both sides of a
 #: value, as a logarithm.
@@ -78,12 +79,7 @@ class Amplitudes:
                 f"amplitudes: found {' and '.join(given) or 'none'}, must be exactly one of "
                 f"{', '.join(UNITS)}"
             )
-        values = self.values
-        rises = values.ndim == 1 and values.size and values[0] > 0.0 and np.all(np.diff(values) > 0)
-        if not rises or not np.isfinite(values).all():
-            raise InputError(
-                f"amplitudes: {self.quantity}: found {values.tolist()}, must be positive and rise"
-            )
+        rising(f"amplitudes: {self.quantity}", self.values)
 
     @property
     def quantity(self) -> str:

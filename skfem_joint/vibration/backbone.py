@@ -29,10 +29,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import sparse
 
 from skfem_joint.accuracy.range_modes import alone, check_modes, distances
-from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, as_real
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
 from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
 from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.progress import Progress, Tally, silent
@@ -43,8 +42,9 @@ from skfem_joint.ground.values import (
     check_kind,
     check_numbers,
     check_some,
+    rising,
 )
-from skfem_joint.reduction.stuck import Stuck, StuckMode
+from skfem_joint.reduction.stuck import Stuck, StuckMode, traits_of
 from skfem_joint.results.gross_slip import (
     gross_slip_level,
     is_gross,
@@ -153,6 +153,8 @@ class Backbone(Tabular):
     differs : ndarray of bool, shape (levels,), optional
         Levels at which a ring-down differs by more than both stated errors, from
         `skfem_joint.vibration.ring_down.RingDown.beside`; None if there is none beside the curve.
+    traits : dict of str to float
+        Of the system, see `skfem_joint.reduction.stuck.traits_of`; empty if they are not known.
     higher : ndarray, shape (modes,)
         Frequencies of the next higher modes, Hz, with the contact stuck; see ``excites``.
     path : ModePath, optional
@@ -186,6 +188,7 @@ class Backbone(Tabular):
     limits: FloatArray | None = None
     differs: BoolArray | None = None
     work_error: FloatArray | None = None
+    traits: Mapping[str, float] = field(default_factory=dict)
     higher: FloatArray = field(default_factory=lambda: np.zeros(0))
     path: ModePath | None = field(default=None, repr=False, compare=False)
 
@@ -419,13 +422,7 @@ class _Levels(NamedTuple):
             count = int(np.asarray(levels))
             lowest = 0.05 if count > 1 else 1.0  # over the highest
             return cls(up_to * np.geomspace(lowest, 1.0, count), slips_at, False)
-        level = np.asarray(as_real(levels, "backbone: levels"))
-        rises = level.ndim == 1 and level.size and level[0] > 0.0 and np.all(np.diff(level) > 0.0)
-        if not rises:
-            raise InputError(
-                "backbone: levels: must be a number, or levels that rise from above zero"
-            )
-        return cls(level, 1.0, True)
+        return cls(rising("backbone: levels", levels), 1.0, True)
 
     def text(self, share: float) -> str:
         """A level in words: as such, or as a share of that at which the first joint slips whole."""
@@ -453,19 +450,10 @@ class Factors:
 
 def _differ_in_law(one: Arranged, other: Arranged) -> bool:
     """Whether two systems differ in limits, springs and damping alone."""
-    old, new = one.system, other.system
-    law, new_law = old.contact, new.contact
-    pairs = (old.K, new.K), (old.M, new.M), (law.B, new_law.B), (law.beta, new_law.beta)
+    law, new_law = one.system.contact, other.system.contact
     limited = np.array_equal(law.w > 0.0, new_law.w > 0.0)
-    return one.kind == other.kind and limited and all(_same(a, b) for a, b in pairs)
-
-
-def _same(A: Any, B: Any) -> bool:
-    """Whether two arrays or sparse arrays are the same, entry by entry."""
-    if not (sparse.issparse(A) and sparse.issparse(B)):
-        return type(A) is type(B) and np.array_equal(A, B)
-    parts = ((x.indptr, x.indices, x.data) for x in (A, B))
-    return A.format == B.format and all(map(np.array_equal, *parts))
+    alike = one.kind == other.kind and limited and np.array_equal(law.beta, new_law.beta)
+    return alike and one.system.has_matrices_of(other.system, "K", "M", "B")
 
 
 def _curve(
@@ -531,6 +519,7 @@ def _curve(
         offset=None if middle is None else middle @ force,
         opened=found.opened,
         work_error=found.work_error,
+        traits=traits_of(path.system, to.outer(shape)),
         higher=mode.frequencies[mode.number :],
         path=ModePath(mode, shape, path, found),
     )

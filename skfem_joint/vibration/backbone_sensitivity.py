@@ -17,19 +17,17 @@ level changes with the parameter there, so that with the derivatives by the leve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense
-from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.arrays import FloatArray, IntArray, as_dense, wrong_shapes
+from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.slow.level_rates import LevelRates, Rates
 from skfem_joint.slow.levels import Level, Walk
 from skfem_joint.stepping.arrangement import Arranged
-from skfem_joint.system.sensitivity import SystemSensitivity
+from skfem_joint.system.sensitivity import SystemSensitivity, of_closed_system
 from skfem_joint.system.system import System
-from skfem_joint.system.unknowns import congruent
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.cycles import CyclePath, RisingCycles, between, lowest
 from skfem_joint.vibration.mode_rates import mode_rates
@@ -84,29 +82,6 @@ class BackboneSensitivity:
         return np.asarray(values[:, :-1] - along * amplitude[:, :-1])
 
 
-def in_unknowns(parameter: SystemSensitivity, T: Any) -> SystemSensitivity:
-    """Same derivative in the unknowns q of u = T q."""
-    K, C = (None if A is None else congruent(A, T) for A in (parameter.K, parameter.C))
-    return replace(parameter, K=K, C=C)
-
-
-def of_closed_system(
-    parameters: Sequence[SystemSensitivity], system: System
-) -> Sequence[SystemSensitivity]:
-    """Derivatives of `System.closed`, in its unknowns."""
-    contact = system.contact.normal
-    if not system.contact.opens:
-        return parameters
-    T, closed = contact.closed_motions(), list[SystemSensitivity]()
-    for parameter in parameters:
-        part, K = parameter.opening, parameter.K
-        if part is not None and part.stiffness is not None:
-            springs = contact.with_springs(np.where(contact.force > 0.0, part.stiffness, 0.0))
-            K = springs if K is None else K + springs
-        closed.append(in_unknowns(replace(parameter, K=K, opening=None), T))
-    return closed
-
-
 def check_parameters(parameters: Sequence[SystemSensitivity], system: System) -> None:
     """InputError for derivatives whose shapes do not fit a system, or of a reduced system."""
     if isinstance(system.contact.B, np.ndarray):
@@ -114,24 +89,13 @@ def check_parameters(parameters: Sequence[SystemSensitivity], system: System) ->
             "derivatives of a backbone: found that of a reduced system, must be that of a full or "
             "condensed one, among whose unknowns slips are"
         )
-    n, m = system.n, system.contact.w.size
-    shapes = {"K": (n, n), "C": (n, n), "w": (m,), "stiffness": (m,)}
-    if system.contact.opens:
-        q = system.contact.normal.gap.size
-        shapes |= {"gap": (q,), "force": (q,), "opening.stiffness": (q,), "gain": (m, q)}
+    n, m, q = system.n, system.contact.w.size, system.contact.normal.gap.size
+    shapes = {"K": (n, n), "C": (n, n), "w": (m,), "stiffness": (m,), "gain": (m, q)}
+    shapes |= dict.fromkeys(("gap", "force", "normal_stiffness"), (q,))
     for parameter in parameters:
-        parts: dict[str, Any] = {f.name: getattr(parameter, f.name) for f in fields(parameter)}
-        if parameter.opening is not None:
-            own = {f.name: getattr(parameter.opening, f.name) for f in fields(parameter.opening)}
-            own["opening.stiffness"] = own.pop("stiffness")
-            parts |= own
-        for name, shape in shapes.items():
-            value = parts.get(name)
-            if value is not None and value.shape != shape:
-                raise InputError(
-                    f"parameter {parameter.name}: {name}: found shape {value.shape}, must be "
-                    f"{shape}, that of the system"
-                )
+        given = {name: (getattr(parameter, name), shape) for name, shape in shapes.items()}
+        wrong = wrong_shapes({name: one for name, one in given.items() if one[0] is not None})
+        refuse(f"parameter {parameter.name}: {problem}, that of the system" for problem in wrong)
 
 
 class CycleRates:
@@ -176,10 +140,8 @@ class CycleRates:
         touch = None
         if path.opens:
             walked = [one for ways in found.ways for walk in ways for _, one in walk]
-            touch = (
-                np.any(np.array([one.limits for one in walked]) > 0.0, axis=0),
-                np.any(np.array([one.normal for one in walked]) > 0.0, axis=0),
-            )
+            carried = ([one.limits for one in walked], [one.normal for one in walked])
+            touch = tuple(np.any(np.array(values) > 0.0, axis=0) for values in carried)
         self.rates = LevelRates(path.levels, force, parameters, force_rates, looked_at, touch)
         of_found = self._around if path.opens else self._by_masings_rule
         values, self.work = of_found(found)
@@ -285,8 +247,7 @@ def backbone_sensitivity(
     q = found.states @ force
     of_q = cycles.amplitude + found.states @ (system.M @ of_shape)
     relative = of_q / q[:, np.newaxis]
-    by_logarithm = np.zeros(of_shape.shape[1])
-    by_logarithm[-1] = 1.0
+    by_logarithm = np.eye(of_shape.shape[1])[-1]
     omega = np.sqrt(level / q)[:, np.newaxis]
     of_omega = 0.5 * omega * (by_logarithm - relative)
     energy = (2.0 * np.pi * level * q)[:, np.newaxis]
@@ -310,6 +271,4 @@ def backbone_sensitivity(
 
 def _inside(parameters: Sequence[SystemSensitivity], to: Arranged) -> list[SystemSensitivity]:
     """Derivatives in the unknowns of a path."""
-    for change in to.maps:
-        parameters = [in_unknowns(parameter, change.forward) for parameter in parameters]
-    return list(parameters)
+    return [one.in_unknowns(*(change.forward for change in to.maps)) for one in parameters]

@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
+from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray, evenly
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.stuck import StuckMode
 from skfem_joint.slow.levels import Level, NoLevelError, Walk
@@ -130,11 +130,6 @@ def items_of_work(levels: int, opens: bool) -> int:
     """
     checked = min(CHECKED, levels)
     return levels + checked * (1 if opens else HALF_CYCLE)
-
-
-def spread(levels: int, count: int) -> IntArray:
-    """Numbers of ``count`` of some levels, evenly spread with both ends."""
-    return np.unique(np.linspace(0, levels - 1, count).round().astype(np.intp))
 
 
 def between(level: FloatArray, followed: IntArray, ratio: FloatArray) -> FloatArray:
@@ -289,7 +284,7 @@ class CyclePath:
         work = by_point.sum(axis=1)
         along = np.cumsum(contact.slip_norm(np.diff(sliders, axis=0, prepend=0.0)), axis=0)
         masing = bool(np.all(4.0 * along @ contact.w <= np.maximum(TURNED * work, idle)))
-        followed = spread(level.size, CHECKED) if checked is None else checked
+        followed = evenly(level.size, CHECKED) if checked is None else checked
         followed = followed if masing else np.arange(level.size)
         loss = work / (level * (states @ force))
         followed = followed[loss[followed] > COUNTS * loss.max()]
@@ -347,12 +342,7 @@ class CyclePath:
     def _strain(self, level: Level) -> float:
         """Strain energy of a level, J, that of springs and of contact that opens included."""
         system = self.to.system
-        if not system.contact.has_springs:
-            return system.strain_energy(level.u)
-        limits = system.contact.w if level.limits is None else level.limits
-        w = system.contact.on_rows(limits)
-        sigma = np.divide(level.friction, w, out=np.zeros_like(w), where=w > 0.0)
-        return system.strain_energy(level.u, sigma, limits)
+        return system.strain_energy(level.u, _stacked(system.contact, [level])[2][0], level.limits)
 
     def _around(self, force: FloatArray, level: FloatArray, damping: float) -> RisingCycles:
         """Cycles with contact that opens."""
@@ -378,7 +368,7 @@ class CyclePath:
             before, start = alpha, cycle.end
         level = level[: len(done)]
         apart = np.zeros(2)
-        for k in spread(level.size, CHECKED).tolist():
+        for k in evenly(level.size, CHECKED).tolist():
             alpha = float(level[k])
             twice = 2 * INCREMENTS
             finer, _ = self._settled(force, (alpha, alpha), done[k].end, twice, 1)
@@ -387,7 +377,41 @@ class CyclePath:
             "frequency": float(apart[0]) + 0.5 * max(cycle.way_left for cycle in done),
             "damping_ratio": float(apart[1]),
         }
-        return self._cycles(level, done, ways, errors, notes)
+        system, contact = self.to.system, self.levels.contact
+        pressed = max(int(np.count_nonzero(contact.at_all(contact.force))), 1)
+        opened = [np.count_nonzero(contact.at_all(cycle.opened)) for cycle in done]
+        states = np.array([cycle.half for cycle in done])
+        slip = system.contact.slip_norm(np.asarray((system.contact.B @ states.T).T))
+        creep = INCREMENTS * self.levels.creep  # in half of a cycle
+        slip[slip <= creep] = 0.0
+        slid = np.array([cycle.slid for cycle in done])
+        left = max(cycle.slip_left for cycle in done)
+        if left > CLOSED:
+            notes.append(
+                f"cycles are not closed after {MOST} of them: friction would do "
+                f"{100.0 * left:.2g} % of the work of a cycle on the slip that is left at its end."
+            )
+        if errors["damping_ratio"] > DOUBTFUL:
+            notes.append(
+                "the contact opens and slips so abruptly that the damping errs by an "
+                f"estimated {100.0 * errors['damping_ratio']:.2g} % from the increments of cycles."
+            )
+        return RisingCycles(
+            level=level,
+            states=states,
+            by_point=np.array([cycle.by_point for cycle in done]),
+            strain=np.array([cycle.strain for cycle in done]),
+            slip=slip,
+            sliding=np.where(slid > creep, slid, 0.0),
+            friction=_stacked(system.contact, [cycle.end for cycle in done])[2],
+            loops=np.zeros((0, system.n)),
+            ways=ways,
+            middle=np.array([cycle.middle for cycle in done]),
+            opened=np.array(opened) / pressed,
+            limits=np.array([cycle.end.limits for cycle in done]),
+            errors=errors,
+            notes=tuple(notes),
+        )
 
     def _settled(
         self,
@@ -440,51 +464,6 @@ class CyclePath:
             strain=max(map(self._strain, path[1:])),
             slip_left=left / max(work, 0.5 * LEAST * way),
             way_left=abs(float(force @ (end.u - begin.u)) / way),
-        )
-
-    def _cycles(
-        self,
-        level: FloatArray,
-        done: list[_Cycle],
-        ways: list[list[Walk]],
-        errors: dict[str, float],
-        notes: list[str],
-    ) -> RisingCycles:
-        """Result of the cycles at all levels."""
-        system, contact = self.to.system, self.levels.contact
-        pressed = max(int(np.count_nonzero(contact.at_all(contact.force))), 1)
-        opened = [np.count_nonzero(contact.at_all(cycle.opened)) for cycle in done]
-        states = np.array([cycle.half for cycle in done])
-        slip = system.contact.slip_norm(np.asarray((system.contact.B @ states.T).T))
-        creep = INCREMENTS * self.levels.creep  # in half of a cycle
-        slip[slip <= creep] = 0.0
-        slid = np.array([cycle.slid for cycle in done])
-        left = max(cycle.slip_left for cycle in done)
-        if left > CLOSED:
-            notes.append(
-                f"cycles are not closed after {MOST} of them: friction would do "
-                f"{100.0 * left:.2g} % of the work of a cycle on the slip that is left at its end."
-            )
-        if errors["damping_ratio"] > DOUBTFUL:
-            notes.append(
-                "the contact opens and slips so abruptly that the damping errs by an "
-                f"estimated {100.0 * errors['damping_ratio']:.2g} % from the increments of cycles."
-            )
-        return RisingCycles(
-            level=level,
-            states=states,
-            by_point=np.array([cycle.by_point for cycle in done]),
-            strain=np.array([cycle.strain for cycle in done]),
-            slip=slip,
-            sliding=np.where(slid > creep, slid, 0.0),
-            friction=_stacked(system.contact, [cycle.end for cycle in done])[2],
-            loops=np.zeros((0, system.n)),
-            ways=ways,
-            middle=np.array([cycle.middle for cycle in done]),
-            opened=np.array(opened) / pressed,
-            limits=np.array([cycle.end.limits for cycle in done]),
-            errors=errors,
-            notes=tuple(notes),
         )
 
 

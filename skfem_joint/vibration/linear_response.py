@@ -7,6 +7,7 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.loads import harmonic_factors
 from skfem_joint.linalg.factors import symmetric_lu
 from skfem_joint.reduction.interface_modes import motions_without_slip
 from skfem_joint.stepping.arrangement import arranged
@@ -56,23 +57,18 @@ def linear_response(system: System, frequencies: FloatArray, stuck: bool) -> Flo
     K, C, M = (sparse.csc_array(congruent(A, V)) for A in (stiffness, inner.C, inner.M))
     P, F = inner.P @ V, (V.T @ inner.load_vectors()).astype(complex)
     turn = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
-    loads = at_frequency(inner, 1.0).loads  # their frequencies are multiples of the common one
-    waves: dict[float, np.ndarray] = {}  # of each multiple: (loads, times)
-    for number, load in enumerate(loads):
-        for part in load.amplitude.harmonics:
-            wave = waves.setdefault(part.frequency, np.zeros((len(loads), turn.size), complex))
-            angle = part.frequency * turn + part.phase
-            wave[number] += part.amplitude * np.exp(1j * angle)
+    loads = at_frequency(inner, 1.0).loads  # refuses those that are not harmonic
+    factors = harmonic_factors([load.amplitude for load in loads])
     motion = np.zeros((frequencies.size, len(system.points), turn.size))
     for moved, frequency in zip(motion, frequencies.tolist(), strict=True):
-        for multiple, wave in waves.items():
+        for multiple, factor in factors.items():
             omega = 2.0 * np.pi * multiple * frequency
             try:
-                factor = symmetric_lu(K + 1j * omega * C - omega**2 * M, pivot=PIVOT)
+                solve = symmetric_lu(K + 1j * omega * C - omega**2 * M, pivot=PIVOT).solve
             except RuntimeError as error:
                 raise InputError(
                     f"response: found {multiple * frequency:.9g} Hz, which is a natural frequency "
                     "of the linear structure that nothing damps: give damping, or another frequency"
                 ) from error
-            moved += ((P @ factor.solve(F)) @ wave).imag
+            moved += np.outer(P @ solve(F @ factor), np.exp(1j * multiple * turn)).real
     return np.asarray(0.5 * np.ptp(motion, axis=2))

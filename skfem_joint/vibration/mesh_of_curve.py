@@ -7,8 +7,6 @@ that one level may agree by chance: the error of a level is the root mean square
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from skfem_joint.accuracy.halved_mesh import BEYOND
@@ -21,20 +19,12 @@ from skfem_joint.vibration.backbone import Backbone, backbone
 NEAR = 1.22
 
 
-class MeshOfCurve(NamedTuple):
-    """Relative errors of a curve by its mesh, (levels,); not a number where nothing is known.
+def mesh_of_curve(
+    curve: Backbone, finer: System, progress: Progress = silent
+) -> dict[str, FloatArray]:
+    """Relative errors of a full model's curve by its mesh, (levels,), at equal levels.
 
-    Attributes
-    ----------
-    frequency, damping_ratio : ndarray, shape (levels,)
-    """
-
-    frequency: FloatArray
-    damping_ratio: FloatArray
-
-
-def mesh_of_curve(curve: Backbone, finer: System, progress: Progress = silent) -> MeshOfCurve:
-    """Errors of a full model's curve by its mesh, at equal levels.
+    They are those of "frequency" and "damping_ratio"; not a number where nothing is known.
 
     Parameters
     ----------
@@ -50,12 +40,10 @@ def mesh_of_curve(curve: Backbone, finer: System, progress: Progress = silent) -
         As `backbone`.
     """
     (other,) = backbone(finer, (curve.mode,), curve.level, progress=progress)
-    return MeshOfCurve(
-        *(
-            _errors(curve.level, getattr(curve, name), getattr(other, name))
-            for name in MeshOfCurve._fields
-        )
-    )
+    return {
+        name: _errors(curve.level, getattr(curve, name), getattr(other, name))
+        for name in ("frequency", "damping_ratio")
+    }
 
 
 def _errors(level: FloatArray, coarse: FloatArray, fine: FloatArray) -> FloatArray:

@@ -131,11 +131,8 @@ class Beside:
 
     def halfway(self, other: Beside) -> Beside:
         """Mean of both."""
-        return Beside(
-            0.5 * (self.amplitude + other.amplitude),
-            0.5 * (self.friction + other.friction),
-            0.5 * (self.flexibility + other.flexibility),
-        )
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return Beside(*(0.5 * (own + others) for own, others in pairs))
 
     def of(self, curve: ModeCurve, amplitude: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Frequencies (k,), rad/s, and damping ratios (k, joints) of a mode at amplitudes (k,)."""

@@ -15,13 +15,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import sparse
 
-from skfem_joint.ground.arrays import FloatArray, Matrix
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.stuck import Stuck, StuckMode
 from skfem_joint.system.sensitivity import SystemSensitivity
-from skfem_joint.system.system import System
 
 #: Relative change of the shape at which the iteration ends, and most iterations.
 SETTLED, MOST = 1e-11, 500
@@ -32,21 +30,6 @@ SAME = 1e-7
 #: Modes of one frequency are mixed by a parameter that couples them by more than this share of its
 #: largest part; what is less is round-off of the modes.
 MIXED = 1e-6
-
-
-def stuck_stiffness_rates(
-    system: System, parameters: Sequence[SystemSensitivity]
-) -> list[Matrix | None]:
-    """Derivatives of `System.stuck_stiffness`, (n, n), N/m; None where it does not change."""
-    B, rates = sparse.csr_array(system.contact.B), list[Matrix | None]()
-    for parameter in parameters:
-        K = parameter.K
-        if parameter.stiffness is not None and system.contact.has_springs:
-            k = system.contact.on_rows(np.where(system.contact.sprung, parameter.stiffness, 0.0))
-            springs = sparse.csr_array(B.T @ sparse.diags_array(k) @ B)
-            K = springs if K is None else K + springs
-        rates.append(K)
-    return rates
 
 
 def mode_rates(
@@ -70,7 +53,7 @@ def mode_rates(
     """
     system, frequencies, shapes = mode.stuck.system, mode.frequencies, mode.shapes
     values, phi, M, place = (2.0 * np.pi * frequencies) ** 2, mode.shape, system.M, mode.number - 1
-    rates = stuck_stiffness_rates(system, parameters)
+    rates = [parameter.of_stuck_stiffness(system.contact) for parameter in parameters]
     of_value = np.zeros(len(rates))
     of_shape = np.zeros((system.n, len(rates)))
     changes = [j for j, rate in enumerate(rates) if rate is not None]

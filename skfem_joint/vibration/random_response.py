@@ -194,8 +194,8 @@ def random_response(
         raise InputError(f"random_response: the load on {names!r} moves none of the modes")
     still = [curve.mode for curve, some in zip(curves, moves, strict=True) if not some]
     curves = [curve for curve, some in zip(curves, moves, strict=True) if some]
-    works = [curve.friction_work for curve in curves]
-    modes = [mode_curve(system, *pair) for pair in zip(curves, works, strict=True)]
+    J = as_dense(system.contact.J)
+    modes = [mode_curve(J, curve) for curve in curves]
     forces = []
     for each, some in zip(push.T[moves], moved.T[moves], strict=True):
         parts = zip(loads, each.tolist(), some.tolist(), strict=True)
@@ -212,11 +212,10 @@ def random_response(
         )
     highest = max(curve.mode for curve in curves) + LOOKED_FOR
     stuck = StuckUnder(system, [each.vector for each in loads], highest)
-    spectra = Spectra(system, curves, found, loads, stuck)
+    spectra = Spectra(system, curves, found, loads, push[:, moves], stuck)
     friction = [mode.mean(mode.power(mode.friction_damping)) for mode in found]
     viscous = [mode.mean(mode.power(mode.viscous_damping)) for mode in found]
-    J = as_dense(system.contact.J)
-    points = [_point_power(J, *each) for each in zip(modes, works, found, strict=True)]
+    points = [_point_power(J, *pair) for pair in zip(curves, found, strict=True)]
     own_peaks = np.array([mode.peak(duration) / mode.rms for mode in found])
     displacement, acceleration = (spectra.of(order) for order in (0, 2))
     return RandomResponse(
@@ -304,23 +303,10 @@ def _chosen(system: System, psd: Any, name: str | None) -> list[AppliedLoad]:
 
 
 def _random_load(load: AppliedLoad, psd: Any, unit: str) -> RandomLoad:
-    """Load with its density in SI."""
+    """Load with its density in SI; InputError for a unit that does not suit it."""
     vector = load.vector
     if isinstance(load.amplitude, Scaled):
         vector = load.amplitude.factor * vector
-    factor, density = _factor(load, unit), PowerDensity.of(psd, unit)
-    force = "Pa2/Hz" if isinstance(load.amplitude, Scaled) else "N2/Hz"
-    suits = [force] if load.carried is None else ["(m/s2)2/Hz", "m2/s4/Hz", "g2/Hz"]
-    if density.stated not in (None, *suits):
-        raise InputError(
-            f"random_response: psd: its header states {density.stated}, must be "
-            f"{' or '.join(suits)} of the load on {load.on!r}"
-        )
-    return RandomLoad(vector, density.scaled(factor), load.carried)
-
-
-def _factor(load: AppliedLoad, unit: str) -> float:
-    """Factor from a density's unit to SI; InputError for one that does not suit the load."""
     if unit not in [*UNITS]:
         raise InputError(f"random_response: unit: found {unit!r}, must be one of {[*UNITS]}")
     if unit != "SI" and load.carried is None:
@@ -328,7 +314,15 @@ def _factor(load: AppliedLoad, unit: str) -> float:
             f"random_response: unit: found {unit!r} for the load on {load.on!r}, must be 'SI' for "
             "a force, N²/Hz; accelerations are of a load with base"
         )
-    return UNITS[unit]
+    density = PowerDensity.of(psd, unit)
+    force = "Pa2/Hz" if isinstance(load.amplitude, Scaled) else "N2/Hz"
+    suits = [force] if load.carried is None else ["(m/s2)2/Hz", "m2/s4/Hz", "g2/Hz"]
+    if density.stated not in (None, *suits):
+        raise InputError(
+            f"random_response: psd: its header states {density.stated}, must be "
+            f"{' or '.join(suits)} of the load on {load.on!r}"
+        )
+    return RandomLoad(vector, density.scaled(UNITS[unit]), load.carried)
 
 
 def _check_beyond(modes: Sequence[ModalAmplitudes]) -> None:
@@ -346,34 +340,30 @@ def _check_beyond(modes: Sequence[ModalAmplitudes]) -> None:
 # Curves by joint
 
 
-def mode_curve(system: System, curve: Backbone, work: FloatArray) -> ModeCurve:
-    """Backbone by joint, from the work of its points, (levels, m), J."""
-    by_joint = np.asarray((system.contact.J @ work.T).T)
-    omega = 2.0 * np.pi * curve.frequency
+def mode_curve(J: FloatArray, curve: Backbone) -> ModeCurve:
+    """Backbone by joint, ``J`` of the contact, (joints, m)."""
+    omega, energy = 2.0 * np.pi * curve.frequency, 2.0 * np.pi * curve.level * curve.amplitude
     return ModeCurve(
         mode=curve.mode,
         stuck=2.0 * np.pi * curve.stuck_frequency,
         viscous=float(2.0 * omega[0] * curve.viscous_damping[0]),
         amplitude=curve.amplitude,
         omega=omega,
-        friction=by_joint / (2.0 * np.pi * curve.level * curve.amplitude)[:, np.newaxis],
+        friction=curve.friction_work @ J.T / energy[:, np.newaxis],
     )
 
 
-def _point_power(
-    J: FloatArray, curve: ModeCurve, work: FloatArray, mode: ModalAmplitudes
-) -> FloatArray:
+def _point_power(J: FloatArray, curve: Backbone, mode: ModalAmplitudes) -> FloatArray:
     """Power of friction that a mode does at each contact point, (m,), W.
 
     Points share that of their joint as in the curve, at the levels about each amplitude; below the
-    lowest level at which the joint slips as there. ``J`` is that of the contact, ``work``,
-    (levels, m), J, that of the points in a cycle.
+    lowest level at which the joint slips as there. ``J`` is that of the contact.
     """
     power = mode.power(mode.friction_damping)
     levels = np.eye(curve.amplitude.size)
     near = np.array([np.interp(mode.amplitude, curve.amplitude, level) for level in levels])
-    points = np.zeros(work.shape[1])
-    for of_joint, own, taken in zip(J, curve.work.T, power.T, strict=True):
+    work, points = curve.friction_work, np.zeros(J.shape[1])
+    for of_joint, own, taken in zip(J, J @ work.T, power.T, strict=True):
         slips = np.flatnonzero(own > 0.0)
         if slips.size:
             at_level = mode.mean((near * taken).T)

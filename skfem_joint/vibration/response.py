@@ -22,11 +22,11 @@ from scipy import sparse
 from skfem_joint.accuracy.range_modes import alone, steady_in_range
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.ground.errors import ConvergenceError, GrossSlipError, InputError
-from skfem_joint.ground.loads import common_period
+from skfem_joint.ground.loads import common_period, harmonic_factors
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_kind
-from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at, period_of
+from skfem_joint.ground.values import COUNT, POSITIVE, check, check_each, check_kind, rising
+from skfem_joint.reduction.ranges.points import check_short_of_gross_slip, loaded_at
 from skfem_joint.results.history import relative
 from skfem_joint.results.loss import losses
 from skfem_joint.runs.integrate import TOLERANCE
@@ -190,7 +190,10 @@ def response(
     ConvergenceError
         If no frequency of any level has a steady vibration.
     """
-    frequencies, levels = _checked(system, frequencies, levels, steps_per_cycle)
+    check("response: steps_per_cycle", steps_per_cycle, COUNT)
+    frequencies, levels = checked("response", system, frequencies, levels)
+    for frequency in frequencies[[0, -1]].tolist():
+        at_frequency(system, frequency)  # refuses what is outside of a range
     by_model = estimated and system.serves is not None  # by the larger model that it carries
     steps_per_cycle = suited_steps(system, steps_per_cycle)
     rows, tally = rows or Rows(), Tally(progress)
@@ -222,24 +225,21 @@ def response(
     return [_with_model_errors(c, system, steps_per_cycle, tally, rows) for c in curves]
 
 
-def _checked(
-    system: System, frequencies: FloatArray, levels: Sequence[float], steps_per_cycle: int
+def checked(
+    what: str, system: System, frequencies: FloatArray, levels: Sequence[float]
 ) -> tuple[FloatArray, list[float]]:
-    """Frequencies and levels of a response; InputError as `response`."""
+    """Frequencies (Hz) and levels of a response; InputError for others, which ``what`` begins.
+
+    InputError too if nothing is observed, or no load acts.
+    """
     check_kind("system", system, System)
-    check_each("response: frequencies", frequencies, POSITIVE)
-    check_each("response: levels", levels, POSITIVE)
-    system.check_any_load("response", max(levels, default=0.0))
-    check("response: steps_per_cycle", steps_per_cycle, COUNT)
-    frequencies = np.asarray(frequencies, dtype=float)
-    if np.any(np.diff(frequencies) <= 0.0):
-        raise InputError("response: frequencies must be positive and rise, in Hz")
+    frequencies = rising(f"{what}: frequencies", frequencies)
+    check_each(f"{what}: levels", levels, POSITIVE)
+    system.check_any_load("response", max(levels))
     if not system.points:
-        raise InputError("response: nothing is observed; name a point")
+        raise InputError(f"{what}: nothing is observed; name a point")
     if all(load.amplitude.peak_value == 0.0 for load in system.loads):
-        raise InputError("response: no load acts; give one an amplitude above 0")
-    for frequency in frequencies[[0, -1]].tolist():
-        at_frequency(system, frequency)  # refuses what is outside of a range
+        raise InputError(f"{what}: no load acts; give one an amplitude above 0")
     return frequencies, np.asarray(levels, dtype=float).tolist()
 
 
@@ -323,15 +323,10 @@ def _curves(
             while True:
                 request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
                 mark = rows.mark(origin, request)
-                if mark in rows:
-                    point = rows.take(mark)
-                elif executor is None:
-                    begin = time.perf_counter()
-                    point = request.compute(system, coarse, tally.within)
-                    point = rows.keep(mark, point, time.perf_counter() - begin)
-                else:
+                if mark not in rows and executor is not None:
                     waiting[number] = mark, request
                     return
+                point = rows.row(mark, partial(request.compute, system, coarse, tally.within))
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
@@ -537,10 +532,7 @@ def phases_of(harmonics: FloatArray, system: System) -> FloatArray:
 
     Where that load has none they are those to a cosine. Its vector does not count.
     """
-    period, load = period_of(system), 0j
-    for part in system.loads[0].amplitude.harmonics:
-        if round(part.frequency * period) == 1:
-            load += part.amplitude * np.exp(1j * (part.phase - 0.5 * np.pi))
+    load = harmonic_factors([load.amplitude for load in system.loads]).get(1, [0.0])[0]
     return np.asarray(np.angle(harmonics[:, 0] / (load or 1.0)))
 
 

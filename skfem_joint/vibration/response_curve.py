@@ -1,4 +1,7 @@
-"""A response over frequency at one level of load: its points, its peak and what to beware of."""
+"""A response over frequency at one level of load: its points, its peak and what to beware of.
+
+Frequency responses of it are the motion of a point over the force, or over that of the base.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,22 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.loads import harmonic_factors
 from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.results.loss import Losses, stacked
 from skfem_joint.results.peaks import parabola_vertex
+from skfem_joint.system.system import System
 
 State = tuple[FloatArray, FloatArray]
 
+#: Kinds, their units over a force, and the power of i omega that makes each of a displacement.
+KINDS = {
+    "receptance": ("m/N", 0),
+    "mobility": ("m/s/N", 1),
+    "accelerance": ("m/s²/N", 2),
+    "transmissibility": ("", 2),
+}
 #: Error of the largest amplitude by the time step alone from which on a note says so.
 DOUBTFUL = 0.05
 
@@ -276,4 +288,78 @@ def _time_step(curve: Curve) -> Iterator[str]:
             f"{frequency[0]:.6g} to {frequency[-1]:.6g} Hz, where harmonics of friction meet "
             "higher modes; see column step_error of response.csv. Take "
             f"{times:.1f} times as many steps_per_cycle."
+        )
+
+
+def frequency_response(
+    system: System, curve: Curve, point: str, kind: str = "receptance"
+) -> FloatArray:
+    """Motion of a named point over the load at each frequency of a response.
+
+    The harmonics of a steady vibration are those of ``exp(i k omega t)``. Each harmonic of a
+    point's displacement, velocity or acceleration is divided by the first harmonic of the first
+    load; those beyond the first are what friction adds. All depend on the level, for the vibration
+    is not linear. Where the load is an accelerated base displacements are relative to it. The
+    transmissibility is the absolute motion of a point, along its own direction, over that of the
+    base.
+
+    Parameters
+    ----------
+    system : System
+        That the response is of.
+    curve : Curve
+        One of its curves.
+    point : str
+        One of ``system.points``.
+    kind : {"receptance", "mobility", "accelerance", "transmissibility"}
+        Displacement (m/N), velocity (m/s/N) or acceleration (m/s²/N) over the force of the first
+        load; or, of a base that is accelerated, absolute motion over that of the base.
+
+    Returns
+    -------
+    ndarray of complex, shape (frequencies, 5)
+        Harmonics over the first harmonic of the load, with the phase after it; nan where there is
+        no steady vibration. The first column is what is measured as frequency response.
+
+    Raises
+    ------
+    InputError
+        For another kind or point, a load without a first harmonic, and a transmissibility where no
+        base moves.
+    """
+    check_kind(system, kind)
+    if point not in system.points:
+        raise InputError(
+            f"frequency response: found point {point!r}, must be one of {', '.join(system.points)}"
+        )
+    load, number = system.loads[0], system.points.index(point)
+    frequency = curve.column("frequency")
+    X = curve.column("harmonics")[:, number]
+    order = np.arange(1, X.shape[1] + 1)
+    i_omega = 2j * np.pi * frequency[:, np.newaxis] * order
+    factors = harmonic_factors([one.amplitude for one in system.loads])
+    force = curve.level * np.array([factors[k][0] if k in factors else 0.0 for k in order.tolist()])
+    if kind != "transmissibility" or load.carried is None:
+        return np.asarray(i_omega ** KINDS[kind][1] * X / force[0])
+    base = -force / load.mass
+    return np.asarray((i_omega**2 * X + load.carried[number] * base) / base[0])
+
+
+def check_kind(system: System, kind: str) -> None:
+    """Refuse a kind of frequency response that there is not, or that a system has not; InputError.
+
+    Its first load must have a first harmonic, and be that of a moving base for a transmissibility.
+    """
+    if kind not in KINDS:
+        raise InputError(f"frequency response: found {kind!r}, must be one of {', '.join(KINDS)}")
+    load = system.loads[0]
+    if not harmonic_factors([one.amplitude for one in system.loads]).get(1, [0.0])[0]:
+        raise InputError(
+            f"frequency response: the first load, on {load.on!r}, has no first harmonic to divide "
+            "by; put one that has it first"
+        )
+    if kind == "transmissibility" and load.carried is None:
+        raise InputError(
+            "frequency response: found 'transmissibility', which needs a base that moves as the "
+            "first load; ask for a receptance, mobility or accelerance"
         )

@@ -177,6 +177,8 @@ class Spectra:
         Backbones, and their amplitudes under the loads.
     loads : sequence of RandomLoad
         Without correlation.
+    push : ndarray, shape (loads, modes)
+        Modal forces of loads of 1, N/kg^1/2.
     stuck : StuckUnder
         Under their forces. What slip adds to the displacement of a mode is that of slow cycles: its
         parts along lower modes, which hardly move at the frequency of a higher one, are left out.
@@ -193,14 +195,14 @@ class Spectra:
         curves: Sequence[Backbone],
         modes: Sequence[ModalAmplitudes],
         loads: Sequence[RandomLoad],
+        push: FloatArray,
         stuck: StuckUnder,
     ) -> None:
         peaks = [peak_of(mode.omega, mode.damping) for mode in modes]
         every = AddedDensities(tuple(load.density for load in loads))
         self.frequency, self.weight = every.quadrature(peaks)
-        self.loads, P = loads, as_dense(system.P)
+        self.loads, self.push, P = loads, push, as_dense(system.P)
         turn, given = 2.0 * np.pi * self.frequency, [curve.mode for curve in curves]
-        self.push = np.array([[curve.shape @ load.vector for curve in curves] for load in loads])
         self.rest = [stuck.rest(k, load, turn, given) for k, load in enumerate(loads)]
         means, squares = [], []
         for curve, mode in zip(curves, modes, strict=True):

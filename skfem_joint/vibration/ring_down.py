@@ -11,7 +11,7 @@ and 3,200 steps in a period. A scheme that damps what its steps do not follow ha
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -76,7 +76,8 @@ class RingDown(Tabular):
         Estimated errors of the same two by the modes of a reduced model for a range that was
         released in its mode; empty for others.
     notes : tuple of str
-        What to beware of: cycles in which other modes have nearly all the energy, or give some.
+        What to beware of: cycles in which other modes have nearly all the energy, or give some; a
+        curve of other friction limits, gaps or damping than the system's.
     """
 
     time: FloatArray
@@ -200,7 +201,7 @@ def ring_down(
     system.check_any_load("ring_down")
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
-    check_curve("ring_down", system, curve)
+    others = check_curve("ring_down", system, curve, curve.traits)
     if system.serves is not None:  # which then are two, the model and its larger one
         if not isinstance(curve, Backbone):
             raise InputError(
@@ -234,7 +235,10 @@ def ring_down(
         friction_work=run.joint_work[::steps_per_cycle],
         step_error=largest_apart(ours, _decay(finer.point("modal"), again), second_order),
         impact_work=run.impact_work,
-        notes=_doubts(curve.mode, decay, energy, steps_per_cycle * plan.step),
+        notes=(
+            *_doubts(curve.mode, decay, energy, steps_per_cycle * plan.step),
+            *_notes_of_others(curve.mode, others),
+        ),
     )
 
 
@@ -253,6 +257,16 @@ def _doubts(mode: int, decay: _Decay, energy: FloatArray, period: float) -> tupl
         f"ratio is {decay.damping_ratio.min():.3g} to {decay.damping_ratio.max():.3g}): what it "
         "may exchange with them is not its own damping. Release the mode itself.",
     )
+
+
+def _notes_of_others(mode: int, others: list[str]) -> Iterator[str]:
+    """Sentence about a curve of a system with ``others`` of its values, if there are some."""
+    if others:
+        yield (
+            f"the curve of mode {mode} is one of other {' and '.join(others)} than the system's: "
+            "it does not begin at a level of the system, and both do not compare. Compute it by "
+            "sj.backbone(system, ...)."
+        )
 
 
 def _in_range(

@@ -163,9 +163,9 @@ def test_each_of_two_modes_has_its_own_damping(frequency):
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"time": np.arange(10.0)}, "shapes"),
+        ({"time": np.arange(10.0)}, "must be two columns of one length"),
         ({"time": np.r_[0.0, np.arange(1, 12000) ** 1.01]}, "even steps"),
-        ({"signal": np.full(12000, np.nan)}, "finite"),
+        ({"signal": np.full(12000, np.nan)}, "and 11990 more mistakes"),
         ({"signal": np.ones(12000)}, "does not change"),
         ({"signal": ["one"] * 12000}, "must be real numbers"),
         ({"quantity": "force"}, "must be one of displacement"),

@@ -300,8 +300,8 @@ def test_wrong_arguments_are_refused_by_name(given, word):
 @pytest.mark.parametrize(
     ("data", "word"),
     [
-        (DATA | {"damping": [0.1, 0.2]}, "data: found arrays of shapes amplitude (3,)"),
-        (DATA | {"damping": [[0.1, 0.2]]}, "must be one shape (k,)"),
+        (DATA | {"damping": [0.1, 0.2]}, "data: damping: found shape (2,), must be (3,)"),
+        (DATA | {"damping": [[0.1, 0.2]]}, "must be of one shape (k,)"),
         (DATA | {"damping": ["a", "b", "c"]}, "damping: found <U1 values, must be real numbers"),
         (DATA | {"damping": [0.1, 0.2, 3.0]}, "must be >= 0 and below 1, a ratio, or empty"),
         (3.0, "found a float as the source, must be the path of a file, a mapping"),

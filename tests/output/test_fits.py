@@ -10,7 +10,6 @@ from scene_texts import GOOD, csv_rows, with_changes, written
 
 import skfem_joint as sj
 from skfem_joint import __version__, cli
-from skfem_joint.fitting.fit_curves import fine_curves
 from skfem_joint.output.fits import curves_figure, residuals_figure
 from skfem_joint.output.record import LIST
 from skfem_joint.scene.rewriting import rewritten
@@ -164,7 +163,7 @@ def test_pictures_show_samples_curves_and_bands(tmp_path, rows):
         sj.measured_curve(accelerations, name="c", point="free_end"),
     ]
     found = sj.fit(scene, every, {"joint[0].friction": (0.1, 1.0)})
-    figure = curves_figure(found, fine_curves(found))
+    figure = curves_figure(found, found.curves())
     labels = [panel.get_xlabel() for panel in figure.axes]
     assert labels[0] == "displacement amplitude of free_end, µm"
     assert labels[2] == "acceleration amplitude of free_end, m/s²"

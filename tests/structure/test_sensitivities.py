@@ -21,17 +21,15 @@ from skfem_joint.structure.parameters import value_of, with_values
 
 def parts(found: Any) -> Iterator[tuple[str, Any]]:
     """Matrices and vectors of a system, or of its derivatives, by name."""
-    contact, normal = found, found
-    if isinstance(found, sj.System):
-        contact, normal = found.contact, found.contact.normal if found.contact.opens else None
-    elif isinstance(found, sj.SystemSensitivity):
-        normal = found.opening
-    for owner, names in ((found, "KC"), (contact, ("w", "stiffness"))):
-        for name in names:
-            yield name, getattr(owner, name)
-    for name in ("gap", "force", "gain", "stiffness"):
-        owner = found.contact if name == "gain" and isinstance(found, sj.System) else normal
-        yield f"opening.{name}", None if normal is None else getattr(owner, name)
+    names = ["K", "C", "w", "stiffness", "gap", "force", "gain", "normal_stiffness"]
+    if isinstance(found, sj.SystemSensitivity):
+        yield from ((name, getattr(found, name)) for name in names)
+        return
+    contact, normal = found.contact, found.contact.normal
+    values = [found.K, found.C, contact.w, contact.stiffness]
+    values += [normal.gap, normal.force, contact.gain, normal.stiffness]
+    for number, (name, value) in enumerate(zip(names, values, strict=True)):
+        yield name, value if number < 4 or contact.opens else None
 
 
 def dense(values: Any) -> Any:
@@ -117,9 +115,9 @@ def test_derivatives_of_bolted_plates_are_those_of_their_system(key, contact, so
     if key.startswith("bolt"):
         assert found.w is not None
         if contact == "unilateral":
-            assert found.opening.force.any()
-            assert found.opening.gap.any()
-            assert not found.opening.gap[touches].any()
+            assert found.force.any()
+            assert found.gap.any()
+            assert not found.gap[touches].any()
 
 
 @pytest.mark.parametrize("key", ["bolt[0].force", "material.E", "material.regions.u1.E"])
@@ -145,8 +143,8 @@ def test_damping_by_a_ratio_follows_elastic_contact_that_opens(key):
 def test_a_pressed_block_that_opens(key):
     found = agrees(block(), loads("top", 2), key)
     assert found.w.all()
-    assert (found.opening.gain is None) == (key == "joint[0].pressure")
-    assert (found.opening.force is None) == (key == "joint[0].friction")
+    assert (found.gain is None) == (key == "joint[0].pressure")
+    assert (found.force is None) == (key == "joint[0].friction")
 
 
 @pytest.mark.parametrize("contact", ["constant", "unilateral"])

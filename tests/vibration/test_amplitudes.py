@@ -85,7 +85,7 @@ def test_what_is_not_reached_or_does_not_move_is_refused():
         sj.backbone(along, levels=sj.Amplitudes("right", displacement=1e-9))
     with pytest.raises(sj.InputError, match="found none, must be exactly one of displacement"):
         sj.Amplitudes("right")
-    with pytest.raises(sj.InputError, match="must be positive and rise"):
+    with pytest.raises(sj.InputError, match=r"force\[1\]: found 1, must be > 2"):
         sj.Amplitudes("right", force=[2.0, 1.0])
     with pytest.raises(sj.InputError, match="keep_path: needs levels"):
         sj.backbone(system, levels=sj.Amplitudes("right", force=1.0), keep_path=True)

@@ -186,9 +186,9 @@ def all_in_contact() -> sj.System:
         (bar().with_contact(given=np.zeros(100)), {}, "needs friction"),
         (all_in_contact(), {}, "every unknown is in contact"),
         (slider(), {"levels": [1e3]}, r"first level already, 1000 m/s² kg\^1/2; give lower"),
-        (bar(), {"levels": []}, "levels that rise from above zero"),
-        (bar(), {"levels": [0.0, 1.0]}, "levels that rise from above zero"),
-        (bar(), {"levels": [1.0, 1.0]}, "levels that rise from above zero"),
+        (bar(), {"levels": []}, "levels: found .*must be a list of numbers, each > 0"),
+        (bar(), {"levels": [0.0, 1.0]}, r"levels\[0\]: found 0.0, must be > 0"),
+        (bar(), {"levels": [1.0, 1.0]}, r"levels\[1\]: found 1, must be > 1"),
     ],
 )
 def test_modes_that_are_not_there_are_refused(system, how, says):
@@ -401,3 +401,23 @@ def test_a_curve_or_run_of_another_structure_of_as_many_unknowns_is_refused():
         ):
             with pytest.raises(sj.InputError, match="does not belong to the system"):
                 analysis(other)
+
+
+def test_a_curve_of_other_friction_limits_or_damping_is_not_taken_for_the_systems_own():
+    """A ring-down says so; modes and random vibration, which are made of the curve, are refused."""
+    system = arm(sj.Harmonic(1e5, 1000.0), elements=(10, 10), stiffness_damping=1e-6)
+    (curve,) = backbone(system, levels=3)
+    psd = [[1.0, 1.0], [2e3, 1.0]]
+    weaker = system.with_contact(given=0.5 * system.contact.given)
+    for other, name in (
+        (weaker, "friction limits"), (replace(system, C=2.0 * system.C), "damping"),
+    ):  # fmt: skip
+        (note,) = sj.ring_down(other, curve, 8).notes
+        assert f"one of other {name} than the system's" in note
+        with pytest.raises(sj.InputError, match=f"which has other {name}; compute"):
+            sj.random_response(other, [curve], psd)
+    with pytest.raises(sj.InputError, match="which has other friction limits; compute"):
+        sj.reduce(weaker, curve=curve)
+    for same in (arm(elements=(10, 10), stiffness_damping=1e-6), system.with_beta(100.0)):
+        assert not sj.ring_down(same, curve, 8).notes
+    assert sj.reduce(replace(system, C=2.0 * system.C), curve=curve).n < system.n  # of its states

@@ -338,12 +338,9 @@ def test_rates_of_modes_of_one_frequency():
         ({"w": np.ones(3)}, r"parameter p: w: found shape \(3,\), must be"),
         ({"K": sparse.eye_array(3)}, r"K: found shape \(3, 3\)"),
         ({"stiffness": np.ones(2)}, r"stiffness: found shape \(2,\)"),
-        ({"opening": sj.OpeningSensitivity(gap=np.ones(2))}, r"gap: found shape \(2,\)"),
-        ({"opening": sj.OpeningSensitivity(force=np.ones(2))}, r"force: found shape \(2,\)"),
-        (
-            {"opening": sj.OpeningSensitivity(stiffness=np.ones(2))},
-            r"stiffness: found shape \(2,\)",
-        ),
+        ({"gap": np.ones(2)}, r"gap: found shape \(2,\)"),
+        ({"force": np.ones(2)}, r"force: found shape \(2,\)"),
+        ({"normal_stiffness": np.ones(2)}, r"normal_stiffness: found shape \(2,\)"),
     ],
 )
 def test_derivatives_of_another_system_are_refused(part, words):

@@ -134,7 +134,7 @@ def test_a_curve_says_where_its_peak_may_be_missing_and_where_its_step_is_coarse
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"frequencies": [2.0, 1.0]}, "rise"),
+        ({"frequencies": [2.0, 1.0]}, r"frequencies\[1\]: found 1, must be > 2"),
         ({"levels": ()}, "levels"),
         ({"system": at_frequency(bar(), 1.0, 0.0)}, "no load acts"),
     ],

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.ground.arrays import FloatArray
+from skfem_joint.ground.arrays import FloatArray, evenly
 from skfem_joint.ground.files import needed, replacing
 from skfem_joint.output.drawing.offscreen import drawn, offscreen, plotter_of
 from skfem_joint.output.fields import Field, Frames
@@ -80,10 +80,9 @@ def animation(path: str | Path, frames: Frames, *, most: int = 60) -> None:
     with _picture(frames) as picture, replacing(Path(path)) as temporary:
         from matplotlib.animation import PillowWriter
 
-        chosen = np.unique(np.linspace(0, len(frames.times) - 1, most).round().astype(int))
         writer = PillowWriter(fps=15)
         with writer.saving(picture.figure, str(temporary), dpi=100):
-            for frame in chosen:
+            for frame in evenly(len(frames.times), most):
                 picture.show(int(frame))
                 writer.grab_frame()
 
