@@ -53,17 +53,25 @@ def manifold_of(grid: Nodes, joint: Joint) -> Manifold:
     InputError
         If facets of the joint meet at more than 30 degrees, or more than two edges at a node.
     """
-    width, thickness = grid.section
     if joint.on in grid.mesh.regions:
-        inside = np.isin(grid.cell_element, grid.mesh.regions[joint.on])
-        own = grid.cell_element[inside]
-        # A bar lies on its base with its width; a cell of a plate in plan is an area already.
-        return Manifold(grid.cells[inside], own, width[own], None)
-    facets = grid.mesh.boundaries[joint.on]
+        return Manifold(*cells_of_region(grid, grid.mesh.regions[joint.on]), None)
+    cells, beside, depth = cells_of_boundary(grid, grid.mesh.boundaries[joint.on])
+    return Manifold(cells, beside, depth, _normals(grid, cells, beside, joint.label))
+
+
+def cells_of_region(grid: Nodes, elements: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """``cells``, ``elements`` and ``depth`` of elements that lie on a base, see `Manifold`."""
+    inside = np.isin(grid.cell_element, elements)
+    own = grid.cell_element[inside]
+    # A bar lies on its base with its width; a cell of a plate in plan is an area already.
+    return grid.cells[inside], own, grid.section[0][own]
+
+
+def cells_of_boundary(grid: Nodes, facets: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """``cells``, ``elements`` and ``depth`` of facets, see `Manifold`."""
     cells, facet = grid.facet_cells(facets)
     beside = grid.mesh.mesh.f2t[0, facets][facet]
-    normals = _normals(grid, cells, beside, joint.label)
-    return Manifold(cells, beside, thickness[beside], normals)
+    return cells, beside, grid.section[1][beside]
 
 
 def _normals(grid: Nodes, cells: IntArray, beside: IntArray, where: str) -> FloatArray:

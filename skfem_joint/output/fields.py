@@ -13,6 +13,8 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
+from skfem_joint.joint.manifold import cells_of_boundary, cells_of_region
+from skfem_joint.joint.pressure import nodal_pressure
 from skfem_joint.results.contact_history import (
     check_fields,
     contact_history,
@@ -158,7 +160,7 @@ class Frames:
             other = None if held is None else joint.other[nodes]
             own = np.zeros(gap.size)  # joints that meet share nodes
             own[nodes] = joint.gap[nodes] * joint.area[nodes] / area[nodes]
-            gap += own + _reaction(other, nodes, joint.area[nodes], gap.size) @ own
+            gap += own + _means(_shares(other, nodes, joint.area[nodes], gap.size)) @ own
         moved = self.structure.body.in_space(preload.displacement)
         return {"gap": gap, "preload_displacement": moved}
 
@@ -191,15 +193,33 @@ class Frames:
         return arrays | self._cycles.get(name, {})
 
     @cached_property
-    def _reactions(self) -> list[sparse.csr_array]:
-        """For each joint the matrix of means from values on the pressed body to the other body."""
+    def _shares(self) -> list[sparse.csr_array]:
+        """Area of pressed nodes that each node of the other body takes, by joint, (N, N), m^2."""
         n = len(self.structure.nodes)
-        return [_reaction(p.other, p.nodes, p.area, n) for p in self.structure.patches]
+        return [_shares(p.other, p.nodes, p.area, n) for p in self.structure.patches]
 
     @cached_property
     def _reaction(self) -> Any:
+        """Means of values on the pressed bodies at the nodes of the others, (N, N)."""
         n = len(self.structure.nodes)
-        return sum(self._reactions, start=sparse.csr_array((n, n)))
+        return sum(map(_means, self._shares), start=sparse.csr_array((n, n)))
+
+    @cached_property
+    def _by_area(self) -> Any:
+        """The same of values by area, (N, N): what acts on a node over its area of its own face."""
+        body, patches = self.structure.body, self.structure.patches
+        names = {patch.joint.against for patch in patches if patch.other is not None}
+        area, mesh = np.zeros(len(body.nodes)), body.mesh
+        for parts, cells_of in (
+            (mesh.regions, cells_of_region),
+            (mesh.boundaries, cells_of_boundary),
+        ):
+            if own := [parts[name] for name in names if name in parts]:
+                cells, _, depth = cells_of(body, np.unique(np.concatenate(own)))
+                area += nodal_pressure(body.nodes, cells, depth, 1.0, "")[1]
+        over = np.divide(1.0, area, out=np.zeros_like(area), where=area > 0.0)
+        whole = sum(self._shares, start=sparse.csr_array(2 * area.shape))
+        return sparse.diags_array(over) @ whole
 
     @cached_property
     def _cell_means(self) -> sparse.csr_array:
@@ -213,10 +233,10 @@ class Frames:
             once[:, j] = (cells[:, :j] != cells[:, [j]]).all(axis=1)
         collapsed = ~once.all(axis=1)
         inside = np.zeros(cells.shape, dtype=bool)
-        for patch, reaction in zip(self.structure.patches, self._reactions, strict=True):
+        for patch, shares in zip(self.structure.patches, self._shares, strict=True):
             pressed, held = np.zeros((2, n), dtype=bool)
             pressed[patch.nodes], held[patch.held_nodes] = True, True
-            for side in (pressed, np.diff(reaction.indptr) > 0):
+            for side in (pressed, np.diff(shares.indptr) > 0):
                 touching = side[cells] & once
                 count = np.count_nonzero(touching | (held[cells] & once), axis=1)
                 corners = patch.cells.shape[1]
@@ -232,7 +252,7 @@ class Frames:
         The body that is not pressed gets the reaction. "contact_state" is -1 unless the cell may
         touch and half of it does, 1 if half of that slips.
         """
-        reaction, in_space = self._reaction, self.structure.body.in_space
+        reaction, by_area, in_space = self._reaction, self._by_area, self.structure.body.in_space
         own, traction = field.slip_state[frame], field.friction_traction[frame]
         work, slip = field.friction_work_density[frame], field.slip[frame]
         body = self.structure.body
@@ -242,10 +262,10 @@ class Frames:
             "displacement": in_space(field.displacement[frame]),
             "velocity": in_space(field.velocity[frame]),
             "slip": in_space(slip - reaction @ slip),
-            "friction_traction": in_space(traction - reaction @ traction),
+            "friction_traction": in_space(traction - by_area @ traction),
             "slip_state": state,
-            "pressure": self.pressure + reaction @ self.pressure,
-            "friction_work_density": work + reaction @ work,
+            "pressure": self.pressure + by_area @ self.pressure,
+            "friction_work_density": work + by_area @ work,
             **self._preloaded,
             **self._opened(field, frame),
             "contact_state": _mean_state(self._cell_means, state),
@@ -258,7 +278,7 @@ class Frames:
             return {}
         pressure, gap = field.contact_pressure[frame], field.gap[frame]
         apart = gap + self._reaction @ gap + self._preloaded.get("gap", 0.0)
-        return {"contact_pressure": pressure + self._reaction @ pressure, "gap": apart}
+        return {"contact_pressure": pressure + self._by_area @ pressure, "gap": apart}
 
 
 def _pressed_areas(structure: Structure) -> list[FloatArray]:
@@ -269,21 +289,25 @@ def _pressed_areas(structure: Structure) -> list[FloatArray]:
     return [area[patch.nodes] for patch in structure.patches]
 
 
-def _reaction(
+def _shares(
     other: sparse.csr_array | None, nodes: IntArray, own: FloatArray, n: int
 ) -> sparse.csr_array:
-    """Matrix of means at the other body's nodes of values on ``nodes`` of areas ``own``, (n, n)."""
+    """Parts of the areas ``own``, m^2, of ``nodes`` that the other body's nodes take, (n, n)."""
     if other is None:
         return sparse.csr_array((n, n))
     # Elements of second order have shapes below zero, which would be negative areas.
     weights = sparse.csr_array(other).maximum(0.0)
     of_node = own / np.asarray(weights.sum(axis=1)).ravel()
-    shares = sparse.csr_array((sparse.diags_array(of_node) @ weights).T)
+    shares = sparse.csr_array((sparse.diags_array(of_node) @ weights).T @ selection(nodes, n))
+    shares.eliminate_zeros()
+    return shares
+
+
+def _means(shares: sparse.csr_array) -> sparse.csr_array:
+    """Matrix of means by areas, (n, n)."""
     area = np.asarray(shares.sum(axis=1)).ravel()
-    scale = np.divide(1.0, area, out=np.zeros(n), where=area > 0.0)
-    mean = sparse.csr_array(sparse.diags_array(scale) @ shares @ selection(nodes, n))
-    mean.eliminate_zeros()
-    return mean
+    scale = np.divide(1.0, area, out=np.zeros_like(area), where=area > 0.0)
+    return sparse.csr_array(sparse.diags_array(scale) @ shares)
 
 
 def _mean_state(means: sparse.csr_array, state: States) -> States:

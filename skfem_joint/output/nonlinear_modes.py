@@ -52,6 +52,7 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
             **{column: getattr(c, name) for name, column in _VALUES.items()},
             **{f"{name}_error": c.error(name) for name in _VALUES},
             "decrement_ratio": c.decrement,
+            "decrement_ratio_error": c.decrement_error,
             **{
                 f"{what}_{column}": values[name]
                 for what, values in _beside(model, c).items()

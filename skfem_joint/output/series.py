@@ -308,8 +308,9 @@ def write_series(path: str | Path, frames: Frames) -> list[Path]:
 
     Points carry `POINT_ARRAYS`, and of `MORE_POINT_ARRAYS` those of clamping bolts and of contact
     that opens: its present pressure and gap. The body that is not
-    pressed carries the reaction, and the other values as means over what lies on it: traction times
-    nodal contact area adds up to the same force with the opposite sign. Cells carry `CELL_ARRAYS`
+    pressed carries the reaction: the integral of traction over either face is the same force with
+    opposite signs, as are those of pressures and friction work. Slip and gap are means there over
+    what lies on it. Cells carry `CELL_ARRAYS`
     (see :meth:`Frames.arrays`), with `MORE_CELL_ARRAYS` likewise, ``region`` (position in the
     field array ``region_names``, -1 without one; of overlapping regions the one with fewest
     elements), ``body`` and ``thickness`` (m, not of solids). The field array ``units`` says this in

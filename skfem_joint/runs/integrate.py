@@ -23,7 +23,7 @@ from skfem_joint.ground.loads import common_period
 from skfem_joint.ground.plain_values import fingerprint
 from skfem_joint.ground.values import COUNT, POSITIVE, between, check, check_kind, check_some
 from skfem_joint.runs.resolution import check_jumps, check_resolution, unfit_times
-from skfem_joint.runs.run_notes import notes_of_run, wrong_energy
+from skfem_joint.runs.run_notes import checked, notes_of_run, wrong_energy
 from skfem_joint.runs.slow_run import slow_run
 from skfem_joint.runs.steady_run import steady_run
 from skfem_joint.stepping.checkpoint import Checkpoint
@@ -104,7 +104,8 @@ def integrate(
     Raises
     ------
     ConvergenceError
-        If a step does not converge, even in 256 parts, or no steady vibration is found.
+        If a step does not converge, even in 256 parts, or no steady vibration is found; if steps
+        add more energy than loads, start and contact have, as too long ones of elastic contact do.
     InputError
         If a number is out of range, the steps are not given in one of the three ways, are too long
         for a load, or store more than memory holds; if no stepper fits the system, nothing can
@@ -151,8 +152,12 @@ def integrate_plan(
     tolerance: float = TOLERANCE,
     progress: Callable[..., None] | None = None,
     checkpoint: Checkpoint | None = None,
+    judged: bool = True,
 ) -> Run:
-    """Integrate a system as a plan says; the other arguments, result and errors as `integrate`."""
+    """Integrate a system as a plan says; the other arguments, result and errors as `integrate`.
+
+    ``judged`` is whether energy that steps add is an error: it is none where only shapes are used.
+    """
     check("tolerance", tolerance, _TOLERANCES)
     # The loads and the law of a whole range are those of no point of it.
     if system.serves is not None and system.serves.point is None:
@@ -181,7 +186,7 @@ def integrate_plan(
         driver.take_up(*saved)
     interrupted = driver.run(progress, checkpoint, identity)
     run = driver.finish(system.stored_energy(*start), interrupted)
-    return _noted(run, plan, moved)
+    return _noted(checked(run) if judged else run, plan, moved)
 
 
 def _noted(run: Run, plan: Plan, start: tuple[FloatArray, ...] | None = None) -> Run:

@@ -19,6 +19,7 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import GrossSlipError, InputError
 from skfem_joint.ground.loads import common_period
 from skfem_joint.runs.resolution import check_resolution
+from skfem_joint.runs.run_notes import checked
 from skfem_joint.steady.advanced import Springs, advanced, state_of
 from skfem_joint.steady.correction import Correction
 from skfem_joint.steady.marching import MAY_DEPEND, Marching, opening_norm
@@ -314,7 +315,7 @@ def steady_run(
     Raises
     ------
     ConvergenceError
-        If a step does not converge, or no steady vibration is found.
+        If a step does not converge, no steady vibration is found, or steps add most of its energy.
     InputError
         If nothing can become steady, or steps are too long for a load.
     """
@@ -370,7 +371,7 @@ def steady_run(
         unstrained=place.motions.shape[1],
         notes=() if not system.contact.opens else (MAY_DEPEND,),
     )
-    return replace(run, steady=vibrates, counters=counters)
+    return checked(replace(run, steady=vibrates, counters=counters))
 
 
 def _found(search: Search, shooting: Shooting) -> FloatArray:

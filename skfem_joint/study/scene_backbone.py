@@ -197,8 +197,6 @@ def scene_backbone(
     full_at, why = _full_at(scene, system, full, mesh, progress)
     warnings += why
     released = _released(scene, system)
-    given = "rho_infinity" in scene.time.model_fields_set
-    scheme = generalized_alpha(scene.time.rho_infinity) if given else None
     models = []
     for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])
@@ -221,18 +219,34 @@ def scene_backbone(
             model.errors.append(_distances(own, curve) if scene.parts is None else {})
             if scene.backbone.ring_down:
                 start = released if small is system else _released(scene, small)
-                report = partial(progress, f"{name} model, mode {curve.mode} rings down")
-                steps = scene.backbone.ring_down, scene.time.steps_per_cycle, scheme
-                rung = ring_down(small, own, *steps, start, report)
-                model.ring_downs.append(rung)
-                model.curves[-1] = rung.beside(own)
-                notes = model.curves[-1].notes[len(own.notes) :]
-                mode = f"Mode {curve.mode}"
-                warnings += [note.replace(mode, f"{mode}, {name} model", 1) for note in notes]
-                warnings += _doubts(model, curve.mode)
+                warnings += _rings_down(scene, model, own, start, progress)
         models.append(model)
     displaced, shapes = _shapes(scene, system, full)
     return SceneBackbone(scene, displaced, models, tuple(warnings), normal, mesh, shapes)
+
+
+def _rings_down(
+    scene: Scene,
+    model: ModelBackbone,
+    curve: Backbone | NonlinearMode,
+    start: State | None,
+    progress: Progress,
+) -> tuple[str, ...]:
+    """Notes of the free vibration of a model's next mode, which begins on a curve or in ``start``.
+
+    It is added to the model, and compared with its slow curve.
+    """
+    given, k = "rho_infinity" in scene.time.model_fields_set, len(model.ring_downs)
+    scheme = generalized_alpha(scene.time.rho_infinity) if given else None
+    steps = scene.backbone.ring_down, scene.time.steps_per_cycle, scheme
+    own, mode = model.curves[k], f"Mode {curve.mode}"
+    report = partial(progress, f"{model.name} model, mode {curve.mode} rings down")
+    rung = ring_down(model.systems[k], curve, *steps, start, report)
+    model.ring_downs.append(rung)
+    model.curves[k] = rung.beside(own)
+    notes = model.curves[k].notes[len(own.notes) :]
+    named = (note.replace(mode, f"{mode}, {model.name} model", 1) for note in notes)
+    return *named, *_doubts(model, curve.mode)
 
 
 def _amplitudes(scene: Scene) -> Amplitudes | None:
@@ -433,22 +447,23 @@ def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNon
     """Modes into gross slip as a scene's table ``[nonlinear_modes]`` asks for.
 
     Their models are those of :func:`scene_backbone`, of the levels of the table ``[backbone]``,
-    whose curves and ring-downs stand beside them.
+    whose curves stand beside them, with ring-downs that begin on the motion of the highest level.
 
     InputError and ConvergenceError as :func:`backbone` and :func:`nonlinear_modes`; modes that end
     early are among the results, if there are any.
     """
     table = nonlinear_table(scene)
-    beside = {"modes": list(table.modes), "at": None}
+    beside = {"modes": list(table.modes), "at": None, "ring_down": 0, "released": "mode"}
     one = {"run": [table.model]}
     slow = scene_backbone(
         scene.changed(backbone=beside, models=one, reduction={"range": None}), progress
     )
     (model,) = slow.models
     curves, failures, notes = {}, list[ConvergenceError](), [*slow.notes]
-    for number, system in zip(table.modes, model.systems, strict=True):
+    for number, system, own in zip(table.modes, model.systems, model.curves, strict=True):
         report = partial(progress, f"{model.name} model, nonlinear mode {number}")
         asked, judged = table.levels, table.confirm
+        curve: NonlinearMode | None
         try:
             (curve,) = nonlinear_modes(
                 system, (number,), amplitudes=asked, at=table.at, confirm=judged, progress=report
@@ -456,8 +471,11 @@ def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNon
         except ConvergenceError as error:
             failures.append(error)
             curve = error.run
-            if curve is None:
-                continue
+        if scene.backbone.ring_down:
+            start = _released(scene, system)
+            notes += _rings_down(scene, model, own if curve is None else curve, start, progress)
+        if curve is None:
+            continue
         work, slip = of_all(system, curve.friction_work), slips_of_all(system, curve.slip)
         curves[number] = replace(curve, slip=slip, friction_work=work)
         notes += curve.notes

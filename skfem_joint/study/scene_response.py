@@ -141,7 +141,11 @@ def response_table(scene: Scene) -> ResponseTable:
     table: ResponseTable = scene.asked("response")
     at_frequency(scene.system(), table.frequencies.to)
     for kind in table.functions:
-        check_kind(scene.system(), kind)
+        try:
+            check_kind(scene.system(), kind)
+        except InputError as error:
+            own = str(error).replace("frequency response: ", f"{scene.path}: response.functions: ")
+            raise InputError(own) from error
     if table.sweep_rates:
         swept_loads(scene.system(), table.frequencies.from_, table.frequencies.to, 1.0)
         if scene.reduction.range is not None and "reduced" in scene.models.run:

@@ -513,7 +513,11 @@ def _steady(
 
 def _without_vibration(system: System, frequency: float, why: ConvergenceError) -> SteadyPoint:
     """Point of a frequency (Hz) without steady vibration."""
-    nothing = np.full(len(system.points), np.nan)
+    nothing, gross = np.full(len(system.points), np.nan), isinstance(why, GrossSlipError)
+    cure = (
+        "; or balance harmonics, which marches through no periods, of a reduced or small model: "
+        "sj.harmonic_response, in a scene response.method = 'harmonic'"
+    )
     return SteadyPoint(
         frequency=frequency,
         amplitude=nothing,
@@ -522,8 +526,8 @@ def _without_vibration(system: System, frequency: float, why: ConvergenceError) 
         phase=nothing,
         slip=np.full(system.contact.w.size, np.nan),
         periods=why.periods if isinstance(why, GrossSlipError) else 0,
-        failure=str(why),
-        gross=isinstance(why, GrossSlipError),
+        failure=str(why) if gross else f"{why}{cure}",
+        gross=gross,
     )
 
 

@@ -81,13 +81,19 @@ def test_loss_of_a_jenkins_oscillator_has_its_closed_form():
 def test_a_ring_down_loses_what_the_cycles_of_a_mode_take_from_its_energy_at_turning_points():
     """Free vibration on a Jenkins element: from a to b it loses 4 w ((a + b) / 2 - w / spring)."""
     system, w, spring = jenkins(spring=0.08, limit=0.02, damping=0.0), 0.02, 0.08
-    (mode,) = sj.nonlinear_modes(system, amplitudes=np.geomspace(0.4, 3.0, 40), confirm=False)
+    levels = np.geomspace(0.4, 3.0, 40)
+    (mode,) = sj.nonlinear_modes(system, amplitudes=levels, confirm=False)
     a, found = mode.displaced, mode.decrement
     middle = np.linspace(0.5, 2.5, 9)
     # the energy at turning points is a^2 / 2 + w^2 / (2 spring) with the stiffness of 1 N/m
     drop = 4.0 * w * (middle - w / spring) / middle
     expected = np.log((middle + 0.5 * drop) / (middle - 0.5 * drop)) / (2.0 * np.pi)
     np.testing.assert_allclose(np.interp(middle, a, found), expected, rtol=3e-3)
+    (few,) = sj.nonlinear_modes(system, amplitudes=levels[::13], confirm=False)
+    apart = np.abs(few.decrement / found[::13] - 1.0)
+    assert (apart < few.decrement_error).all()
+    assert 3e-3 < few.decrement_error.max() < 10.0 * apart.max()
+    assert mode.decrement_error.max() < 0.1 * few.decrement_error.max()
     down = sj.ring_down(system, mode, 12, 400)  # begins on the motion of the highest level
     own = np.interp(down.amplitude, a, found)
     np.testing.assert_allclose(down.damping_ratio, own, rtol=0.01)

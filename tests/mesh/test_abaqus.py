@@ -214,6 +214,9 @@ def test_how_elements_are_computed_is_said(tmp_path):
     two = ["*MATERIAL, NAME=Steel", "*DENSITY", "1.", "*MATERIAL, NAME=Alu", "*DENSITY", "2."]
     assert "it has 2 materials, 'Alu', 'Steel': [material] holds for all" in said(CUBE, BRICK, two)
     assert "B31 are computed as bars" in said(NODE, ALL)
+    pair = ["*CONTACT PAIR, INTERACTION=A, ADJUST=0.1", "S, M"]
+    assert "ADJUST of *CONTACT PAIR, which moves nodes" in said(CUBE, BRICK, pair)
+    assert "ADJUST" not in said(CUBE, BRICK, ["*CONTACT PAIR, INTERACTION=A", "S, M"])
     model = [f"*{name.strip()}" for text in PASSED.values() for name in text.split(",")]
     note = said(CUBE, BRICK, model, ["*STEP", "*ANY NEW THING", "1, 2", "*END STEP"])
     for word in ("[material] says (*MATERIAL, ", "[[joint]] says", "steps, which", "*ANY NEW"):

@@ -111,6 +111,24 @@ def test_a_slow_load_that_lifts_a_body_off_ends_the_run_of_a_reduced_model_too(l
         sj.quasi_static(small, cycles=1, steps_per_cycle=40)
 
 
+def test_energy_that_steps_alone_give_raises_and_shorter_ones_have_the_motion():
+    """40 cycles on a shaken base, beyond the level of the modes: loads put in 0.2 J, steps 6e6."""
+    weak, strong = (
+        block(elements=5).system([sj.Load(base="x", amplitude=sj.Harmonic(a, 300.0))])
+        for a in (1e5, 5e5)
+    )
+    made, peaks = sj.reduce(weak, modes=10, duration=2 / 300.0, step=1 / 60e3), []
+    push = replace(made.loads[0], amplitude=strong.loads[0].amplitude)
+    small = replace(made, loads=(push,))
+    for steps in (120, 240):
+        run = sj.integrate(small, cycles=40, steps_per_cycle=steps)
+        assert abs(run.scheme_work) < 0.01 * run.input_work.sum()
+        peaks.append(run.peak)
+    np.testing.assert_allclose(*peaks, rtol=2e-3)
+    with pytest.raises(sj.ConvergenceError, match=r"the time steps added .* shorter step"):
+        sj.integrate(small, cycles=40, steps_per_cycle=60)
+
+
 def test_modes_of_a_run_are_refused():
     system = _system(elements=3)
     run = sj.integrate(system, **TIMING, save=sj.Save(fields=True))

@@ -49,6 +49,19 @@ def test_each_written_scene_is_valid_and_differs_in_its_mesh_s_path_alone(name, 
     assert (tmp_path / name / mesh).read_bytes() == (ROOT / "meshes" / mesh).read_bytes()
 
 
+@pytest.mark.parametrize(
+    "name",
+    [
+        # those of bolts on many pressure points take four seconds each
+        pytest.param(x, marks=[pytest.mark.slow] * (x in ("plate_bolts", "solid_lap_joint")))
+        for x in QUESTIONS
+    ],
+)
+def test_each_scene_is_accepted_by_check_with_its_frequencies(name, capsys):
+    assert cli.main(["check", str(ROOT / "examples" / f"{name}.toml")]) == 0
+    assert " Hz" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("name", QUESTIONS)
 def test_no_command_is_told_of_keys_that_are_for_another_one(name):
     """They have ``vtk`` for ``run``, and serve other commands too."""

@@ -67,6 +67,12 @@ def test_an_oscillator_of_two_stiffnesses_vibrates_as_its_exact_flows_say():
     assert 1.7 < order < 2.3
 
 
+def test_steady_vibration_that_steps_alone_keep_up_raises():
+    """Twelve steps a period of a blow give it three times what the load does."""
+    with pytest.raises(sj.ConvergenceError, match=r"the time steps added .* shorter step"):
+        sj.integrate(oscillator(0.7, 0.03, 10.0), until="steady", steps_per_cycle=12)
+
+
 def test_contact_that_stays_pressed_is_a_spring():
     """With the frequency of the trapezoidal rule it is linear theory, (2 / h) tan(omega h / 2)."""
     steps, frequency, damping, contact = 40, 0.8, 0.05, 4.0

@@ -45,7 +45,7 @@ TWO = [harmonic(), harmonic("junction")]
         (
             "response",
             {"response": {"frequencies": FREQUENCIES, "functions": ["transmissibility"]}},
-            "found 'transmissibility', which needs a base that moves",
+            "response.functions: found 'transmissibility', which needs a base that moves",
         ),
         (
             "response", {"response": {"frequencies": FREQUENCIES}, "backbone": {"modes": [900]}},

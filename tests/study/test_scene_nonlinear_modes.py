@@ -40,7 +40,7 @@ def bar(parts: Sequence[Any] = HEAVY_TIP, **table: object) -> sj.Scene:
 
 
 def test_a_scene_has_the_modes_of_python():
-    scene = bar()
+    scene = bar().changed(backbone={"ring_down": 12})
     found = scene_nonlinear_modes(scene)
     (slow,) = sj.backbone(scene.system(), levels=8, up_to=0.9)
     model = sj.reduce(scene.system(), curve=slow)
@@ -50,6 +50,8 @@ def test_a_scene_has_the_modes_of_python():
     assert mode.friction_damping[-1] > mode.viscous_damping[-1]
     assert found.curves[1].friction_work.sum(axis=1) == pytest.approx(mode.losses.friction)
     assert set(mode.notes) <= set(found.notes)
+    down = sj.ring_down(model, mode, 12, 100)  # begins on the motion of the highest level
+    np.testing.assert_array_equal(found.model.ring_downs[0].amplitude, down.amplitude)
 
 
 def test_a_small_full_model_and_a_range_of_amplitudes_are_served():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from bodies import structure
 from joint_scenes import bar_scene, harmonic, joint
+from opening_blocks import oscillator
 from scipy import sparse
 from stepping_systems import arm
 
@@ -21,6 +22,12 @@ from skfem_joint.vibration.response import at_frequency, steady_plan, steady_poi
 def bar() -> sj.System:
     """Bar with a joint of 350 kN and 0.2 % damping at 2.5 kHz."""
     return arm(sj.Harmonic(1.0, 1000.0), stiffness_damping=4e-3 / 2500.0 / 2.0 / np.pi)
+
+
+def test_where_no_steady_vibration_is_found_harmonic_balance_is_named():
+    """A light one-sided spring of a hundred times the other's stiffness keeps no period."""
+    with pytest.raises(sj.ConvergenceError, match=r"no steady vibration .* sj\.harmonic_response"):
+        sj.response(oscillator(0.7, 0.01, 100.0), np.array([0.7]), steps_per_cycle=20)
 
 
 def test_small_and_large_loads_go_to_the_linear_limits():

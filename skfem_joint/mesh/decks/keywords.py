@@ -115,7 +115,7 @@ def sorted_out(cards: Iterable[Card]) -> tuple[list[tuple[str, Card]], list[str]
     step that does not end.
     """
     read, passed = list[tuple[str, Card]](), dict[str, dict[str, None]]()
-    materials = dict[str, None]()
+    materials, adjusted = dict[str, None](), list[str]()
     step: Card | None = None
     for card in cards:
         plain = _plain(card.keyword)
@@ -142,6 +142,8 @@ def sorted_out(cards: Iterable[Card]) -> tuple[list[tuple[str, Card]], list[str]
             passed.setdefault(why, {})[keyword] = None
             if keyword == "MATERIAL" and "NAME" in card.options:
                 materials[card.name("NAME")] = None
+            if keyword == "CONTACT PAIR" and any(o.startswith("ADJ") for o in card.options):
+                adjusted.append(str(card.line))
         else:
             card.refuse(
                 "a card that is not known: is it spelt right? Take it out if it changes neither "
@@ -151,6 +153,12 @@ def sorted_out(cards: Iterable[Card]) -> tuple[list[tuple[str, Card]], list[str]
         step.refuse("has no *END STEP: the file is cut")
     groups = [f"{why} ({', '.join(f'*{name}' for name in own)})" for why, own in passed.items()]
     notes = [f"passed over are {'; '.join(groups)}"] if groups else []
+    if adjusted:
+        notes.append(
+            "ADJUST of *CONTACT PAIR, which moves nodes onto the other surface before the first "
+            f"step, is not done (line {', '.join(adjusted)}): nodes stay where the file has them, "
+            "and gaps are those of the mesh. Save the file with the nodes where they are to be"
+        )
     if len(materials) > 1:
         notes.append(
             f"it has {len(materials)} materials, {listed(materials)}: [material] holds for all "

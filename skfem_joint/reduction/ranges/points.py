@@ -270,12 +270,12 @@ def searched_level(system: System, point: Point) -> tuple[float | None, float]:
 def from_rest(model: System, cycles: int, steps: int, fields_every: int = 0) -> Run:
     """Run of some cycles of the loads' common period, in so many steps each, from rest.
 
-    What is doubtful in it is not logged: nobody asked for this run.
+    What is doubtful in it is not told: nobody asked for this run.
     """
     period = period_of(model)
     save = Save(fields=fields_every > 0, fields_every=max(fields_every, 1))
     plan = Plan(period / steps, cycles * steps, save=save, cycle_steps=steps)
-    return integrate_plan(model, plan).finished()
+    return integrate_plan(model, plan, judged=False).finished()
 
 
 def least_energy(run: Run) -> float:
