@@ -442,8 +442,8 @@ def _notes(
     if missing:
         yield (
             f"The density, from {low:g} to {high:g} Hz, has the natural frequencies of modes "
-            f"{', '.join(missing)}, of which no curve is given: they are taken to follow the load "
-            "without inertia, and what they do to the joints is left out. Root mean squares are "
+            f"{', '.join(missing)}, of which no curve is given: they are taken without their "
+            "resonance, and what they do to the joints is left out. Root mean squares are "
             "too low there, and those of the modes given may be too large."
         )
     for mode in found:
