@@ -20,7 +20,7 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.rows import Rows
-from skfem_joint.ground.values import POSITIVE, Kind, check, check_each
+from skfem_joint.ground.values import POSITIVE, Kind, check, check_each, check_kind
 from skfem_joint.harmonic.balance import MOST
 from skfem_joint.harmonic.newton import BranchPoint
 from skfem_joint.harmonic.points import notes_of_law, notes_of_restless, state_of
@@ -225,6 +225,7 @@ def _checked(
     system: System, frequencies: FloatArray, levels: Sequence[float], sticking: float
 ) -> tuple[FloatArray, list[float]]:
     """Frequencies and levels; InputError as `harmonic_response`."""
+    check_kind("system", system, System)
     check_each("harmonic_response: frequencies", frequencies, POSITIVE)
     check_each("harmonic_response: levels", levels, POSITIVE)
     check("harmonic_response: sticking", sticking, STIFF)

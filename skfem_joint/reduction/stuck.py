@@ -110,6 +110,11 @@ def check_curve(what: str, system: System, curve: Any) -> None:
     There it would have another mass or frequency, or slip. Other friction limits or damping do not
     show. InputError, which ``what`` begins.
     """
+    if not hasattr(curve, "stuck_frequency"):  # of a class whose folder comes later
+        raise InputError(
+            f"{what}: curve: found {type(curve).__name__}, must be one of those that sj.backbone "
+            "gives as a list"
+        )
     shape, contact = curve.shape, system.contact
     if shape.shape == (system.n,):
         K, square = system.stuck_stiffness, (2.0 * np.pi * curve.stuck_frequency) ** 2

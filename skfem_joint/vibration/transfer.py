@@ -15,6 +15,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import common_period
+from skfem_joint.ground.values import check_kind as check_type
 from skfem_joint.system.system import System
 from skfem_joint.vibration.response import at_frequency, harmonics_of
 from skfem_joint.vibration.response_curve import Curve
@@ -57,6 +58,8 @@ def frequency_response(
         For another kind or point, a load without a first harmonic, and a transmissibility where no
         base moves.
     """
+    check_type("system", system, System)
+    check_type("curve", curve, Curve)
     check_kind(system, kind)
     if point not in system.points:
         raise InputError(
