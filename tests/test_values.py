@@ -157,3 +157,30 @@ def test_tables_and_lists_hold_real_numbers():
     for wrong in (3.0, "abc", [], None):
         with pytest.raises(sj.InputError, match="levels: found"):
             sj.response(SYSTEM, [500.0], wrong)
+
+
+@pytest.mark.parametrize(
+    ("argument", "call"),
+    [
+        ("reference", lambda _: sj.compare(3, 4)),
+        ("other", lambda one: sj.compare(one, 4)),
+        ("run", lambda _: sj.losses(SYSTEM)),
+        ("run", lambda _: sj.estimate(SYSTEM)),
+        ("finer", lambda one: sj.estimate(one, finer=3)),
+        ("run", lambda _: sj.reduce(SYSTEM, run=3)),
+        ("system", lambda _: sj.ring_down(3, None, 8)),
+        ("ring_down: curve", lambda _: sj.ring_down(SYSTEM, [], 8)),
+        ("reduce: curve", lambda _: sj.reduce(SYSTEM, curve=[])),
+        ("random_response: curves", lambda _: sj.random_response(SYSTEM, 3, [[1.0, 1.0]])),
+        ("system", lambda _: sj.harmonic_response(3, [1.0, 2.0])),
+        ("system", lambda _: sj.frequency_response(3, None, "end")),
+        ("curve", lambda _: sj.frequency_response(SYSTEM, [], "end")),
+        ("path", lambda _: sj.load_scene(3)),
+        ("path", lambda _: sj.load_sweep(3)),
+        ("scene", lambda _: sj.run_scene("scene.toml")),
+        ("regions.free", lambda _: bar(regions={"free": sj.Material(1e9, 1e3)})),
+    ],
+)
+def test_what_is_of_another_kind_is_refused_by_name(argument, call):
+    with pytest.raises(sj.InputError, match=f"^{argument}: found .*, must be "):
+        call(run(**CYCLES))

@@ -14,6 +14,7 @@ from skfem_joint.accuracy.against_coulomb import against_coulomb
 from skfem_joint.accuracy.estimate import Estimate
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
+from skfem_joint.ground.values import check_kind
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
@@ -61,6 +62,9 @@ def estimate(
     KeyboardInterrupt
         If a verification run is interrupted.
     """
+    check_kind("run", run, Run)
+    if finer is not None:
+        check_kind("finer", finer, System)
     system, plan = run.system, run.plan
     if run.interrupted or plan is None:
         raise InputError("estimate: found an interrupted run, must have reached its end")

@@ -318,6 +318,7 @@ def _override_problems(body: Body) -> Iterator[str]:
     for region, values in body.regions.items():
         where = f"regions.{region}"
         yield from wrong_name(body.mesh, region, ("region",), where)
+        check_kind(where, values, Mapping)
         for name, value in values.items():
             yield from one_of(f"{where}: property", name, known)
             kind = POISSON if name == "poisson" else POSITIVE

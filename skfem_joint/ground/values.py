@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from numbers import Integral, Real
+from types import UnionType
 from typing import Any
 
 import numpy as np
@@ -147,10 +148,12 @@ def several(where: str, given: Any, kind: type = object) -> tuple[Any, ...]:
     return found
 
 
-def check_kind(where: str, value: Any, kind: type) -> None:
+def check_kind(where: str, value: Any, kind: type | UnionType) -> None:
     """Raise InputError unless a value is of a kind."""
     if not isinstance(value, kind):
-        raise InputError(f"{where}: found {type(value).__name__}, must be a {kind.__name__}")
+        raise InputError(
+            f"{where}: found {type(value).__name__}, must be a {getattr(kind, '__name__', kind)}"
+        )
 
 
 def check_numbers(where: str, values: Any) -> None:

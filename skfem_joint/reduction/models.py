@@ -168,6 +168,8 @@ def reduce(
             f"reduce: found {' and '.join(found)} beside {given[0]}, from which the modes are "
             "made; leave out either of them"
         )
+    if run is not None:
+        check_kind("run", run, Run)
     check("interface_modes", interface_modes, WHOLE, "auto")
     check("friction_points", friction_points, COUNT, "auto", "all")
     check("beta", beta, BETA, "auto")

@@ -64,7 +64,7 @@ MODES = 14
 #: The preliminary model's law is no steeper than this over the slip velocity, s/m.
 RESOLVED = 10000.0
 #: Slip velocity below which that does not grow, m/s.
-SLOW = 0.001
+SLOW = 1e-9
 
 
 @dataclass(frozen=True)

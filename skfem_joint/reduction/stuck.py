@@ -133,8 +133,14 @@ def check_curve(
     Raises
     ------
     InputError
-        For the curve of another mode or of other traits; ``what`` begins the message.
+        For something else, or the curve of another mode or of other traits; ``what`` begins the
+        message.
     """
+    if not hasattr(curve, "stuck_frequency"):  # of a class whose folder comes later
+        raise InputError(
+            f"{what}: curve: found {type(curve).__name__}, must be one of those that sj.backbone "
+            "gives as a list"
+        )
     belongs, others = _is_mode(system, curve), list[str]()
     if belongs and curve.traits:
         own = traits_of(system, curve.shape)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.values import check_kind
 from skfem_joint.runs.last_cycle import beyond_round_off, energies, peaks
 from skfem_joint.stepping.recording import Run
 
@@ -116,6 +117,8 @@ def compare(reference: Run, other: Run) -> Errors:
     InputError
         If the stored times or the named points differ.
     """
+    check_kind("reference", reference, Run)
+    check_kind("other", other, Run)
     same_times = reference.times.shape == other.times.shape and np.allclose(
         reference.times, other.times, rtol=1e-9, atol=0.0
     )

@@ -21,6 +21,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.plain_values import Tabular, spread
+from skfem_joint.ground.values import check_kind
 from skfem_joint.runs.last_cycle import beyond_round_off
 from skfem_joint.stepping.recording import Run
 
@@ -174,6 +175,7 @@ def losses(run: Run) -> Losses:
     InputError
         If the run has no complete cycle, as one of a pulse.
     """
+    check_kind("run", run, Run)
     cycles = run.cycles
     if not cycles.friction.size:
         raise InputError(

@@ -14,6 +14,7 @@ from pydantic import TypeAdapter, ValidationError
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.files import read_text
 from skfem_joint.ground.progress import Progress, silent
+from skfem_joint.ground.values import check_kind
 from skfem_joint.mesh import NamedMesh, load_meshes
 from skfem_joint.scene.changes import with_changes
 from skfem_joint.scene.messages import sentences, value_text
@@ -60,6 +61,7 @@ def load_scene(
         its ``problems`` and starts with the file and the key. With bolts that clamp, mistakes in
         names of supports and joints follow when the tables are right: they are tightened for them.
     """
+    check_kind("path", path, str | Path)
     path = Path(path)
     tables = _read_toml(path)
     mesh, problems = _read_mesh(tables, path.parent)
@@ -228,6 +230,7 @@ def load_sweep(path: str | Path, progress: Progress = silent) -> Swept:
     InputError
         As `load_scene`. A problem of several scenes is reported once, with the first of them.
     """
+    check_kind("path", path, str | Path)
     path = Path(path)
     tables = _read_toml(path)
     try:

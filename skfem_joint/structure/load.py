@@ -181,7 +181,7 @@ def _direction_problems(load: Load, dim: int) -> Iterator[str]:
     vector = np.ravel(load.direction)
     if not (vector.shape == (dim,) and all(x in FINITE for x in vector) and np.any(vector)):
         yield (
-            f"{load.label}: direction: found {list(load.direction)}, must be {dim} "
+            f"{load.label}: direction: found {vector.tolist()}, must be {dim} "
             "finite numbers, not all zero"
         )
 

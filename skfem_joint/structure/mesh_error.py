@@ -352,7 +352,7 @@ def _matrices(body: Body) -> tuple[Matrix, Matrix]:
     # Exact for products of shape functions, and of their gradients.
     of_mass, of_stiffness = (4, 2) if body.is_simplex else (5, 5)
     for kind, elements, _ in body.mesh.parts:
-        whole = kind is body.cell
+        whole = kind == body.cell
         element = _Hierarchical(*of_both) if whole else _Collapsed(*of_both, kind)
         for part in np.array_split(elements, 1 + elements.size // _AT_ONCE):
             basis = skfem.Basis(body.mesh.mesh, element, intorder=of_mass, elements=part)

@@ -25,6 +25,7 @@ from skfem_joint.accuracy.estimate import Estimate
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, JointError
 from skfem_joint.ground.progress import Progress, silent
+from skfem_joint.ground.values import check_kind
 from skfem_joint.linalg.schur import condensing_pays
 from skfem_joint.minimise.problem import ContactPoints
 from skfem_joint.reduction.active_length import gross_slip
@@ -99,6 +100,7 @@ def run_scene(
     KeyboardInterrupt
         If it is interrupted before the first model has run a step.
     """
+    check_kind("scene", scene, Scene)
     study = run_models(scene, progress, checkpoints, folder, described=described)
     return estimated(study, progress)
 

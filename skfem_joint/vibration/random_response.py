@@ -23,7 +23,7 @@ from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.loads import Scaled
 from skfem_joint.ground.plain_values import Tabular
 from skfem_joint.ground.power_density import GRAVITY, AddedDensities, PowerDensity
-from skfem_joint.ground.values import POSITIVE, check
+from skfem_joint.ground.values import POSITIVE, check, several
 from skfem_joint.reduction.stuck import check_curve
 from skfem_joint.system.system import AppliedLoad, System
 from skfem_joint.vibration.backbone import Backbone
@@ -182,6 +182,7 @@ def random_response(
         If the amplitudes of a mode are not found, or modes do not settle beside each other.
     """
     check("random_response: duration", duration, POSITIVE)
+    curves = several("random_response: curves", curves, Backbone)
     _check_curves(system, curves)
     names, loads = random_loads(system, psd, load, unit)
     push = np.array([[float(curve.shape @ each.vector) for curve in curves] for each in loads])
@@ -432,8 +433,8 @@ def _notes(
     if missing:
         yield (
             f"The density, from {low:g} to {high:g} Hz, has the natural frequencies of modes "
-            f"{', '.join(missing)}, of which no curve is given: they are taken to follow the load "
-            "without inertia, and what they do to the joints is left out. Root mean squares are "
+            f"{', '.join(missing)}, of which no curve is given: they are taken without their "
+            "resonance, and what they do to the joints is left out. Root mean squares are "
             "too low there, and those of the modes given may be too large."
         )
     for mode in found:

@@ -16,6 +16,7 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.loads import harmonic_factors
 from skfem_joint.ground.plain_values import Tabular, spread
+from skfem_joint.ground.values import check_kind as check_type
 from skfem_joint.results.loss import Losses, stacked
 from skfem_joint.results.peaks import parabola_vertex
 from skfem_joint.system.system import System
@@ -327,6 +328,8 @@ def frequency_response(
         For another kind or point, a load without a first harmonic, and a transmissibility where no
         base moves.
     """
+    check_type("system", system, System)
+    check_type("curve", curve, Curve)
     check_kind(system, kind)
     if point not in system.points:
         raise InputError(

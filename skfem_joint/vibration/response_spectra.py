@@ -4,7 +4,7 @@
 
 with G that of a load, H_k the transfer function of mode k at an amplitude, c_k its displacement
 of the point there, R what is left of the structure with its contact stuck (other modes inside the
-frequencies of G follow the load without inertia), and < > the mean over amplitudes by their share
+frequencies of G have no resonance), and < > the mean over amplitudes by their share
 in the mean square. Densities of loads without correlation are added.
 """
 
@@ -142,8 +142,9 @@ class StuckUnder:
     ) -> FloatArray:
         """Transfer functions without the modes ``given``, by number, (points, k), m.
 
-        Modes outside of the load's frequencies are linear; those inside follow the load without
-        inertia, as all do whose frequencies are not known.
+        Modes outside of the load's frequencies are linear. Those inside have no resonance: they
+        follow the load without inertia up to 1.41 times their frequency, from where on inertia
+        leaves less. All whose frequencies are not known follow it without inertia.
 
         Parameters
         ----------
@@ -162,8 +163,11 @@ class StuckUnder:
             square, part = (2.0 * np.pi * frequency) ** 2, pushed[:, [k]]
             if k + 1 in given:
                 moved -= part / square
-            elif not load.moves(frequency):
-                moved += part * (1.0 / (square - turn**2 + 1.0j * damping * turn) - 1.0 / square)
+            else:
+                size = square - turn**2 + 1.0j * damping * turn
+                if load.moves(frequency):  # without the resonance
+                    size = np.where(turn**2 < 2.0 * square, square, square - turn**2)
+                moved += part * (1.0 / size - 1.0 / square)
         return moved
 
 

@@ -23,7 +23,7 @@ from skfem_joint.accuracy.range_modes import alone, distances, largest_apart, ri
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.plain_values import Tabular
-from skfem_joint.ground.values import at_least, check
+from skfem_joint.ground.values import at_least, check, check_kind
 from skfem_joint.reduction.stuck import check_curve
 from skfem_joint.results.history import extrapolation
 from skfem_joint.results.peaks import parabola_vertex
@@ -198,6 +198,7 @@ def ring_down(
     ConvergenceError
         If a step does not converge, or no cycle is left to measure.
     """
+    check_kind("system", system, System)
     system.check_any_load("ring_down")
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))

@@ -57,6 +57,18 @@ def test_a_law_that_creeps_everywhere_is_followed():
     assert max(error(system, sj.reduce(system, 12, friction_points="all"))) < 0.002
 
 
+def test_small_slow_slip_is_followed_as_large_slip():
+    def missed(factor: float) -> float:
+        regions = [("joint", 0.1, 20), ("linear", 0.5, 20)]
+        loads = [("end", sj.Harmonic(factor * 87.5e3, 500.0))]
+        made, _ = bar(regions, ["joint"], loads, beta=np.inf)
+        pressed = replace(made.joints[0], pressure=factor * 50e6)
+        system = replace(made, joints=[pressed]).system([sj.Load(*loads[0])])
+        return float(sj.reduce(system, 12).origin.basis.history.missed)
+
+    assert missed(1e-7) == pytest.approx(missed(1.0), rel=1e-3)
+
+
 def test_no_step_of_the_full_model_is_taken():
     path = slip_path(fig_18()[1], Plan(1e-5, 800))
     offline = path.work

@@ -1,5 +1,6 @@
 """The stated error of first frequencies by a mesh of first order, beside what is true."""
 
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -192,3 +193,10 @@ def test_a_mesh_that_is_too_large_is_said_to_err_by_an_unknown_amount(monkeypatc
     some = structure(beam("quadrilateral", 30, 1), **PLAIN)
     assert some.mesh_error is None
     assert sum("How much too stiff" in text for text in some.system().notes) == 1
+
+
+def test_a_copy_of_a_mesh_as_processes_get_it_has_its_error():
+    mesh = beam("quadrilateral", 15, 1)
+    assert mesh.parts  # known, and copied with the mesh
+    here, there = (structure(each) for each in (mesh, deepcopy(mesh)))
+    assert there.mesh_error.largest == here.mesh_error.largest > 0.0

@@ -275,6 +275,14 @@ def test_modes_inside_the_density_without_a_curve_are_named():
     assert "modes 2 (750" in result.notes[-1]
 
 
+def test_modes_without_a_curve_leave_accelerations_too_low_as_the_note_says():
+    """Above their frequencies masses alone resist: accelerations were up to 4.5 times too high."""
+    system, psd = bar(), [[100.0, 1e-9], [30e3, 1e-9]]
+    every = sj.backbone(system, modes=[1, 2, 3, 4, 5, 6], levels=5)
+    few, more = (sj.random_response(system, curves, psd) for curves in (every[:1], every))
+    assert np.all(few.acceleration_rms < more.acceleration_rms)
+
+
 def test_condensed_and_reduced_models_respond_as_the_full_one():
     system, G = bar(), 1e-2
     curves = sj.backbone(system, levels=20, up_to=3.0)
