@@ -151,15 +151,15 @@ def sizes(errors: Parts) -> FloatArray:
     return np.array([errors[name] for name in QUANTITIES], dtype=float)
 
 
-def by_quantity(errors: FloatArray) -> Parts:
-    """Errors by quantity from those in the order of `QUANTITIES`; None for nan."""
+def named(errors: FloatArray) -> Parts:
+    """Errors by the names of quantities, from those in the order of `QUANTITIES`; None for nan."""
     known = [None if np.isnan(error) else error for error in errors.tolist()]
     return dict(zip(QUANTITIES, known, strict=True))
 
 
 def added(*parts: Parts) -> Parts:
     """Sum of errors by quantity; None where one of them is not known."""
-    return by_quantity(np.sum([sizes(errors) for errors in parts], axis=0))
+    return named(np.sum([sizes(errors) for errors in parts], axis=0))
 
 
 def verification_run(system: System, plan: Plan, *, fields_every: int = 0, **others: Any) -> Run:

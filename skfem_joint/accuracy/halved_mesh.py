@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skfem_joint.accuracy.estimate import Parts, by_quantity, verification_run
+from skfem_joint.accuracy.estimate import Parts, named, verification_run
 from skfem_joint.accuracy.ladder import apart
 from skfem_joint.accuracy.rungs import is_small, model_beside
 from skfem_joint.ground.errors import InputError
@@ -79,4 +79,4 @@ def of_run(
         run if each is run.system else verification_run(each, plan, progress=progress)
         for each in systems
     )
-    return by_quantity(BEYOND * apart(after, before))
+    return named(BEYOND * apart(after, before))

@@ -26,23 +26,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.accuracy.estimate import (
-    SOURCES,
-    Estimate,
-    MissingModes,
-    Parts,
-    by_quantity,
-    sizes,
-    verification_run,
-)
+from skfem_joint.accuracy.estimate import SOURCES, Estimate, Parts, named, sizes, verification_run
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.results.history import (
-    QUANTITIES,
-    Results,
-    difference,
-    joint_differences,
-    results,
-)
+from skfem_joint.results.history import QUANTITIES, Results, difference, joint_differences, results
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
@@ -127,7 +113,7 @@ def errors_of(base: Results, rungs: Sequence[Rung]) -> dict[str, Parts]:
     if len(parts) > 1:
         others = [rung for rung in rungs if rung.source != STEP]
         total = at_least(total, _climbed(base, others), base, *parts.values())
-    return {source: by_quantity(errors) for source, errors in {**parts, "total": total}.items()}
+    return {source: named(errors) for source, errors in {**parts, "total": total}.items()}
 
 
 def of(rungs: Iterable[Rung], source: str) -> list[Rung]:
@@ -233,14 +219,14 @@ class Ladder:
         """What each rung of a source changes, by `QUANTITIES`."""
         return [rung.change for rung in of(self.rungs, source)]
 
-    def estimate(self, missing: MissingModes | None = None) -> Estimate:
+    def estimate(self) -> Estimate:
         """Errors of the run by source, in total and of each joint."""
         base, joints = results(self.base), self.base.system.contact.joints
         found = errors_of(base, self.rungs)
         rests = np.nansum([rest_of(of(self.rungs, s)) for s in found if s != "total"], axis=0)
         left = float(rests[QUANTITIES.index("friction_energy")])
         by_joint = joint_differences(_climbed(base, self.rungs), base, joints, left)
-        return Estimate({s: found[s] for s in SOURCES if s in found}, missing, by_joint=by_joint)
+        return Estimate({s: found[s] for s in SOURCES if s in found}, by_joint=by_joint)
 
 
 def keeps_contact(system: System) -> bool:

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.accuracy.estimate import Estimate, added, by_quantity, sizes, verification_run
+from skfem_joint.accuracy.estimate import Estimate, added, named, sizes, verification_run
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.reduction.ranges.points import (
     check_short_of_gross_slip,
@@ -158,5 +158,5 @@ def of_range(run: Run, plan: Plan, progress: Callable[..., None] | None = None) 
     friction = float(run.cycles.friction[-1])
     times = max(1.0, least_energy(run) / friction) if friction > 0.0 else 1.0
     basis = {k: None if e is None else serves.error(k, e, times) for k, e in larger.items()}
-    step = by_quantity(extrapolation(4.0) * sizes(halved))
+    step = named(extrapolation(4.0) * sizes(halved))
     return Estimate({"basis": basis, "time_step": step, "total": added(basis, step)})

@@ -231,10 +231,9 @@ def of_condensed(run: Run, plan: Plan, progress: Callable[..., None] | None = No
     way, plan = _until_settled(run, plan, progress)
     system, better = run.system.origin.system, run.system
     inner = with_points_of(system, better)
-    modes, unseen = interface_modes_in(inner, better.origin.basis.V), np.zeros(len(QUANTITIES))
-    if np.any(points_of(better) > 1):
-        unseen = _merged(way, condense(system, modes), condense(inner, modes), plan)
-    way.add("points", way.top, unseen=unseen)
+    modes, merged = interface_modes_in(inner, better.origin.basis.V), np.any(points_of(better) > 1)
+    both = (condense(each, modes) if merged else better for each in (system, inner))
+    way.add("points", way.top, unseen=_merged(way, *both, plan))
     if inner.contact.steepest > better.contact.steepest:
         better = better.with_contact(beta=inner.contact.beta)
     way.climb("law", better, plan)
@@ -299,7 +298,7 @@ def of_reduced(
         return way.estimate()
     most = max(2 * ADDED, basis.V.shape[1] // 2)
     V, velocities = reference.missing_modes(basis.V, same, most)
-    return way.estimate(_missing(system, basis, V, velocities))
+    return replace(way.estimate(), missing=_missing(system, basis, V, velocities))
 
 
 def _missing(system: System, basis: Basis, V: FloatArray, velocities: FloatArray) -> MissingModes:
@@ -344,15 +343,13 @@ def _with_added_modes(
         *before, last = way.changes("basis")
         if np.nan_to_num(last).max() < ENOUGH:
             break
-        if k == 0 or V.shape[1] < most:
-            continue
-        if not np.any(last > np.fmax(enough, SLOWEST * before[-1])):
+        if k and V.shape[1] >= most and not np.any(last > np.fmax(enough, SLOWEST * before[-1])):
             break
     missing = _missing(system, basis, V, way.top.v)
     if not _stands_for(way.top, steps, ENOUGH):
         steps = _halved(way, way.top, plan)
     way.rungs += steps.rungs
-    return way.estimate(missing)
+    return replace(way.estimate(), missing=missing)
 
 
 def _merged(way: Ladder, every: System, merged: System, plan: Plan) -> FloatArray:
