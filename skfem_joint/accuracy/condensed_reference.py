@@ -71,6 +71,7 @@ class CondensedReference:
         opens, times = system.contact.opens, 4.0 if shared else 1.0
         if not opens and arranged(system).kind == "chain":  # whose steps cost less than condensed
             return CondensedReference(system, system, times)
+        # With more slip rows that carry friction contact is large.
         if not opens and (system.is_dense or not 0 < _rows(system) <= 700):
             return None
         try:

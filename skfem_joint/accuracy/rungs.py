@@ -232,8 +232,8 @@ def of_condensed(run: Run, plan: Plan, progress: Callable[..., None] | None = No
     system, better = run.system.origin.system, run.system
     inner = with_points_of(system, better)
     modes, merged = interface_modes_in(inner, better.origin.basis.V), np.any(points_of(better) > 1)
-    both = (condense(each, modes) if merged else better for each in (system, inner))
-    way.add("points", way.top, unseen=_merged(way, *both, plan))
+    every, fewer = (condense(each, modes) if merged else better for each in (system, inner))
+    way.add("points", way.top, unseen=_merged(way, every, fewer, plan))
     if inner.contact.steepest > better.contact.steepest:
         better = better.with_contact(beta=inner.contact.beta)
     way.climb("law", better, plan)
