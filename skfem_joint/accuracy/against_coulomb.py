@@ -26,12 +26,10 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy import sparse
 
-from skfem_joint.accuracy.estimate import Estimate, Parts, verification_run
-from skfem_joint.accuracy.ladder import cycles_to_settle
+from skfem_joint.accuracy.estimate import Estimate, MissingModes, Parts, verification_run
+from skfem_joint.accuracy.ladder import cycles_to_settle, keeps_contact
 from skfem_joint.accuracy.rungs import model_beside
-from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.basis import Basis
 from skfem_joint.reduction.elastic_contact import elastic
@@ -46,15 +44,13 @@ from skfem_joint.system.system import System
 SETTLED = 0.02
 #: Fewest cycles that are compared.
 FEWEST = 3
-#: Steps times (unknowns + 1000) up to which the full model itself is run.
-SMALL = 1e6
 
 
 def against_coulomb(
     system: System,
     run: Run,
     plan: Plan,
-    errors: Estimate | None = None,
+    errors: Estimate,
     progress: Callable[..., None] | None = None,
 ) -> Parts | None:
     """Differences of a model's results from those under Coulomb's law, relative to the latter.
@@ -66,7 +62,7 @@ def against_coulomb(
     run : Run
         Of the full model, or of the condensed or reduced one, by ``plan``.
     plan : Plan
-    errors : Estimate, optional
+    errors : Estimate
         Of the run; it may have the modes that a reduced model misses.
     progress : callable, optional
         As `integrate` takes it.
@@ -85,20 +81,17 @@ def against_coulomb(
     """
     if np.isinf(system.contact.beta[system.contact.rubs]).all():
         return None
-    origin = run.system.origin
-    basis = None if origin is None else origin.basis
-    V = None if errors is None or errors.missing is None else errors.missing.V
     whole, verify = plan, partial(verification_run, progress=progress)
     if plan.cycle_steps is not None and plan.until == "end":
         plan = plan.first(cycles_to_settle(run, SETTLED, FEWEST))
-    steep, own = _models(system, run, plan, basis, V)
+    pairs = _models(system, run, plan, errors.missing)
     while True:
+        steep, own = pairs[0]
         coulomb, judged = verify(steep, plan), _until(run, plan)
         base = judged if own is None else results(verify(own, plan))
         apart = _apart(results(coulomb), base)
-        beside = own is not None and basis is None and run.system.serves is None
-        if beside and _is_poor(judged, base, apart):
-            steep, own = system.with_beta(np.inf), None
+        if len(pairs) > 1 and _is_poor(judged, base, apart):
+            pairs = pairs[1:]
             continue
         count = coulomb.cycles.friction.size
         if plan.n_steps == whole.n_steps or cycles_to_settle(coulomb, SETTLED, FEWEST) < count:
@@ -107,29 +100,33 @@ def against_coulomb(
 
 
 def _models(
-    system: System, run: Run, plan: Plan, basis: Basis | None, V: FloatArray | None
-) -> tuple[System, System | None]:
-    """Model under a law that stands for Coulomb's, and under its own; None: that of the run."""
-    if run.system.serves is not None:  # the law of a point is no steeper than its modes resolve
-        return _laws(run.system.serves.larger)
-    by_itself, kind = (run.system.with_beta(np.inf), None), arranged(system).kind
-    if basis is not None:
-        if kind == "chain":  # whose steps cost next to nothing
-            return system.with_beta(np.inf), system
-        if sparse.issparse(run.system.contact.B):  # condensed
-            return by_itself
-        small = elastic(system).project(basis.V if V is None else V)
+    system: System, run: Run, plan: Plan, missing: MissingModes | None
+) -> list[tuple[System, System | None]]:
+    """Model under a law that stands for Coulomb's, and under its own; None: that of the run.
+
+    A second pair takes the place of one whose errors are too large.
+    """
+    model, origin = run.system, run.system.origin
+    if model.serves is not None:  # the law of a point is no steeper than its modes resolve
+        return [_laws(model.serves.larger)]
+    by_itself, kind = (model.with_beta(np.inf), None), arranged(system).kind
+    if origin is not None and kind == "chain":  # whose steps cost next to nothing
+        return [(system.with_beta(np.inf), system)]
+    if origin is not None and not keeps_contact(model):
+        basis = origin.basis
+        small = elastic(system).project(basis.V if missing is None else missing.V)
         if not system.contact.opens:
             small = basis.merging(system, MANY, MERGED)(small)
-        return _laws(small, basis)
-    if system.is_dense or kind == "dense":  # as of points that share an unknown
-        return _laws(system)[0], None
+        return [_laws(small, basis)]
+    if origin is None and (system.is_dense or kind == "dense"):  # as of points that share unknowns
+        return [(_laws(system)[0], None)]
     # Unknowns that cost as much as what a step costs anyhow.
-    large = plan.n_steps * (system.n + 1000) > SMALL
+    large = origin is None and plan.n_steps * (system.n + 1000) > 1e6
     if large and kind != "chain" and not system.contact.opens:
         with suppress(InputError, ConvergenceError):  # no static slip path
-            return _laws(*model_beside(system, plan, np.inf))
-    return by_itself
+            small = model_beside(system, plan, np.inf)
+            return [_laws(small, small.origin.basis), by_itself]
+    return [by_itself]
 
 
 def _is_poor(full: Results, small: Results, apart: Parts) -> bool:
@@ -142,18 +139,10 @@ def _is_poor(full: Results, small: Results, apart: Parts) -> bool:
 
 def _until(run: Run, plan: Plan) -> Results:
     """Results of the first cycles of a run, as many as a plan has."""
-    cycles = run.cycles
-    if plan.cycle_steps is None or not cycles.friction.size:
-        return results(run)
-    last = min(plan.n_steps // plan.cycle_steps, cycles.friction.size) - 1
-    peak, work = cycles.peak[last].max(initial=0.0), cycles.input[last].sum()
-    return replace(
-        results(run),
-        peak_displacement=float(peak),
-        friction_energy=float(cycles.friction[last]),
-        loop_energy=float(work),
-        by_joint=cycles.by_joint[last],
-    )
+    count = plan.n_steps // (plan.cycle_steps or 1)
+    names = "input", "peak", "friction", "by_joint"
+    first = {name: getattr(run.cycles, name)[:count] for name in names}
+    return results(replace(run, cycles=replace(run.cycles, **first)))
 
 
 def _apart(reference: Results, own: Results) -> Parts:

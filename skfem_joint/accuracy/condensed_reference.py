@@ -16,7 +16,7 @@ plates, as many modes of residuals 1 to 2 %.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -32,18 +32,9 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.system.system import System
 
-#: Most slip rows that carry friction.
-ROWS = 700
 #: Largest product of the steps of a run and the square of its slip rows, where the full model's
-#: law is steeper than the reduced model's, and where it is not.
+#: law is steeper than the reduced model's.
 WORK = 6e8
-WORK_SMOOTH = 2e7
-#: The same with the square of all its unknowns, where contact opens.
-WORK_OPENING = 1e8
-#: So many times as much work where several estimates share its runs, as in the search for a model
-#: of some accuracy. (On a plate with six bolts, whose step had become eight times as short, modes
-#: of residuals took 300 s for each estimate, and did not end.)
-SHARED = 4.0
 #: Fixed-interface modes; all of them where there are fewer.
 MODES = 24
 
@@ -56,16 +47,14 @@ class CondensedReference:
     ----------
     system : System
         The full model.
-    V : ndarray or sparse array, shape (n, j)
-        Basis of the condensed model, not orthonormal.
     small : System
-        The condensed model.
+        The condensed model; the full one where that takes its place: of chains, and in slow runs
+        where contact is large.
     times : float
         How many times as much work as by itself a run may take.
     """
 
     system: System
-    V: Matrix
     small: System
     times: float = 1.0
     _runs: dict[tuple[Any, ...], Run] = field(default_factory=dict, repr=False)
@@ -76,23 +65,27 @@ class CondensedReference:
 
         ``shared`` is whether several estimates use its runs.
         """
-        opens, times = system.contact.opens, SHARED if shared else 1.0
+        # So many times as much work where several estimates share its runs, as in the search for a
+        # model of some accuracy. (On a plate with six bolts, whose step had become eight times as
+        # short, modes of residuals took 300 s for each estimate, and did not end.)
+        opens, times = system.contact.opens, 4.0 if shared else 1.0
         if not opens and arranged(system).kind == "chain":  # whose steps cost less than condensed
-            return replace(CondensedReference.whole(system), times=times)
-        if not opens and (system.is_dense or not 0 < _rows(system) <= ROWS):
+            return CondensedReference(system, system, times)
+        # With more slip rows that carry friction contact is large.
+        if not opens and (system.is_dense or not 0 < _rows(system) <= 700):
             return None
         try:
-            small = condense(system, MODES)
+            return CondensedReference(system, condense(system, MODES), times)
         except InputError:  # slip rows depend on each other: there is no condensed model
             if opens:  # nor any other that is better
                 raise
             return None
-        return CondensedReference(system, small.origin.basis.V, small, times)
 
-    @staticmethod
-    def whole(system: System) -> CondensedReference:
-        """The full system as its own reference: chains, and slow runs where contact is large."""
-        return CondensedReference(system, sparse.eye_array(system.n, format="csr"), system)
+    @property
+    def V(self) -> Matrix:
+        """Basis of the condensed model, not orthonormal, (n, j)."""
+        whole = self.small is self.system
+        return sparse.eye_array(self.system.n) if whole else self.small.origin.basis.V
 
     def affords(self, plan: Plan, periods: int = 1, steeper: bool = True) -> bool:
         """Whether a run costs little enough.
@@ -107,14 +100,15 @@ class CondensedReference:
             Whether the full model's law is steeper than the reduced model's. Otherwise modes of
             residuals do well, and less is spent.
         """
-        if self.system.contact.opens:
-            return plan.n_steps * self.small.n**2 <= WORK_OPENING
+        steps = plan.n_steps * periods
+        if self.system.contact.opens:  # then with all of its unknowns
+            return plan.n_steps * self.small.n**2 <= 1e8
         if plan.quasi_static:
             return True
         if self.small is self.system:  # a chain
-            return plan.n_steps * periods * self.system.n <= self.times * WORK
-        most = WORK if steeper else WORK_SMOOTH
-        return plan.n_steps * periods * _rows(self.system) ** 2 <= self.times * most
+            return steps * self.system.n <= self.times * WORK
+        most = WORK if steeper else 2e7
+        return steps * _rows(self.system) ** 2 <= self.times * most
 
     def run(self, plan: Plan, verify: Callable[..., Run]) -> Run:
         """Run of the condensed model with fields; made once for each plan."""

@@ -5,7 +5,7 @@ How they are found says :mod:`skfem_joint.accuracy.ladder`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -82,15 +82,12 @@ class Estimate(Tabular):
         A total that is not known is then that distance, without the full model's own error.
         ``by_joint`` has the distances of the joints' friction energies.
         """
-        stated = self.parts.get("total", {})
-        total: Parts = {}
-        for name in QUANTITIES:
-            known = [e for errors in (stated, full_run) if (e := errors.get(name)) is not None]
-            total[name] = max(known, default=None)
+        stated, joints = self.parts.get("total", {}), dict(self.by_joint)
+        total = {name: _larger(stated.get(name), full_run.get(name)) for name in QUANTITIES}
         parts = {**self.parts, "full_run": full_run, "total": total}
-        joints = dict(self.by_joint)
-        for name, measured in (by_joint or {}).items():
-            joints[name] = _larger(measured, joints.get(name, (None, None)))
+        for name, (share, own) in (by_joint or {}).items():
+            known = joints.get(name, (None, None))
+            joints[name] = _larger(share, known[0]), _larger(own, known[1])
         return replace(self, parts=parts, unmeasured=dict(stated), by_joint=joints)
 
     def with_mesh(self, errors: Parts) -> Estimate:
@@ -144,38 +141,31 @@ class Estimate(Tabular):
         return self.parts.get(source, {}).get(quantity)
 
 
-def _larger(
-    first: tuple[float | None, float | None], second: tuple[float | None, float | None]
-) -> tuple[float | None, float | None]:
-    """The larger ones of two pairs of errors that may be unknown."""
-    a, b = (
-        max((e for e in pair if e is not None), default=None)
-        for pair in zip(first, second, strict=True)
-    )
-    return a, b
+def _larger(*errors: float | None) -> float | None:
+    """The largest of some errors that may be unknown."""
+    return max((e for e in errors if e is not None), default=None)
+
+
+def sizes(errors: Parts) -> FloatArray:
+    """Errors in the order of `QUANTITIES`, nan where they are not known."""
+    return np.array([errors[name] for name in QUANTITIES], dtype=float)
+
+
+def named(errors: FloatArray) -> Parts:
+    """Errors by the names of quantities, from those in the order of `QUANTITIES`; None for nan."""
+    known = [None if np.isnan(error) else error for error in errors.tolist()]
+    return dict(zip(QUANTITIES, known, strict=True))
 
 
 def added(*parts: Parts) -> Parts:
     """Sum of errors by quantity; None where one of them is not known."""
-    errors: Parts = {}
-    for name in QUANTITIES:
-        known = [error for part in parts if (error := part[name]) is not None]
-        errors[name] = sum(known) if len(known) == len(parts) else None
-    return errors
+    return named(np.sum([sizes(errors) for errors in parts], axis=0))
 
 
-def verification_run(
-    system: System,
-    plan: Plan,
-    *,
-    fields_every: int = 0,
-    initial: tuple[FloatArray, FloatArray] | None = None,
-    progress: Callable[..., None] | None = None,
-) -> Run:
+def verification_run(system: System, plan: Plan, *, fields_every: int = 0, **others: Any) -> Run:
     """Run a system to estimate errors: it stores its named points, and fields every so many steps.
 
-    ``initial`` is where a search for steady vibration starts. An interrupt is raised as
-    KeyboardInterrupt: half a run is of no use.
+    ``others`` are those of `integrate_plan`, as where a search for steady vibration starts. An
+    interrupt is raised as KeyboardInterrupt: half a run is of no use.
     """
-    plan = plan.storing(fields_every=fields_every)
-    return integrate_plan(system, plan, initial=initial, progress=progress).finished()
+    return integrate_plan(system, plan.storing(fields_every=fields_every), **others).finished()

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from skfem_joint.accuracy.estimate import Parts, verification_run
+from skfem_joint.accuracy.estimate import Parts, named, verification_run
 from skfem_joint.accuracy.ladder import apart
 from skfem_joint.accuracy.rungs import is_small, model_beside
 from skfem_joint.ground.errors import InputError
@@ -74,10 +74,9 @@ def of_run(
     elif system.contact.opens:
         raise InputError("contact opens, and on halved elements the full model is large")
     else:
-        systems = model_beside(system, plan)[0], model_beside(finer, plan)[0]
+        systems = model_beside(system, plan), model_beside(finer, plan)
     before, after = (
         run if each is run.system else verification_run(each, plan, progress=progress)
         for each in systems
     )
-    changes = apart(after, before)
-    return {name: None if e is None else BEYOND * e for name, e in changes.items()}
+    return named(BEYOND * apart(after, before))

@@ -19,7 +19,6 @@ What rungs a kind of model has says :mod:`skfem_joint.accuracy.rungs`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -27,22 +26,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from skfem_joint.accuracy.estimate import (
-    SOURCES,
-    Estimate,
-    MissingModes,
-    Parts,
-    added,
-    verification_run,
-)
+from skfem_joint.accuracy.estimate import SOURCES, Estimate, Parts, named, sizes, verification_run
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.results.history import (
-    QUANTITIES,
-    Results,
-    difference,
-    joint_differences,
-    results,
-)
+from skfem_joint.results.history import QUANTITIES, Results, difference, joint_differences, results
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
@@ -67,16 +53,15 @@ class Series(NamedTuple):
     most: float
     single: float
 
-    def rest(self, changes: list[Parts]) -> Parts:
-        """Sum of what follows the last of some changes."""
-        errors: Parts = {}
-        for name, last in changes[-1].items():
-            ratio = self.single
-            if len(changes) > 1 and last is not None:
-                before = changes[-2][name]
-                ratio = min(max(last / before, self.least), self.most) if before else self.most
-            errors[name] = None if last is None else last * ratio / (1.0 - ratio)
-        return errors
+    def rest(self, changes: Sequence[FloatArray]) -> FloatArray:
+        """Sum of what follows the last of some changes, each by `QUANTITIES`."""
+        last, ratio = changes[-1], np.full(len(QUANTITIES), self.single)
+        if len(changes) > 1:
+            before = changes[-2]
+            shown = np.divide(last, before, out=np.full_like(last, np.inf), where=before > 0.0)
+            ratio = np.clip(shown, self.least, self.most)
+        rest: FloatArray = last * ratio / (1.0 - ratio)
+        return rest
 
 
 #: A step that is halved: from second order, as of smooth motion, to first order, as kinks of
@@ -95,37 +80,25 @@ class Rung:
     source : str
         What is better, see `skfem_joint.accuracy.estimate.SOURCES`.
     before, after : Results
-    change : dict
-        Size of what it changes, by which the series goes on.
+    change : ndarray
+        Size of what it changes, by `QUANTITIES`, by which the series goes on; nan: not known.
     series : Series
         How still better rungs of this source would go on.
-    unseen : dict, optional
-        Error of the source that no rung shows.
+    unseen : ndarray or float
+        Error of the source that no rung shows, by `QUANTITIES`.
     """
 
     source: str
     before: Results
     after: Results
-    change: Parts
+    change: FloatArray
     series: Series
-    unseen: Parts | None = None
+    unseen: FloatArray | float = 0.0
 
     @staticmethod
     def of(source: str, before: Results, after: Results, series: Series) -> Rung:
         """Rung of results alone, whose change is their difference."""
-        return Rung(source, before, after, difference(after, before), series)
-
-    def way(self, name: str) -> FloatArray:
-        """Change of a quantity with its sign: one number, or the histories (rows, points)."""
-        return _way(self.before, self.after, name)
-
-
-def _way(before: Results, after: Results, name: str) -> FloatArray:
-    """From a quantity of some results to that of others."""
-    if name != QUANTITIES[0]:
-        return np.atleast_1d(getattr(after, name) - getattr(before, name))
-    rows = min(len(after.point_u), len(before.point_u))
-    return after.point_u[:rows] - before.point_u[:rows]
+        return Rung(source, before, after, sizes(difference(after, before)), series)
 
 
 def errors_of(base: Results, rungs: Sequence[Rung]) -> dict[str, Parts]:
@@ -140,9 +113,7 @@ def errors_of(base: Results, rungs: Sequence[Rung]) -> dict[str, Parts]:
     if len(parts) > 1:
         others = [rung for rung in rungs if rung.source != STEP]
         total = at_least(total, _climbed(base, others), base, *parts.values())
-    order = {source: place for place, source in enumerate(SOURCES)}
-    named = sorted(parts, key=lambda source: order.get(source, 0))
-    return {source: parts[source] for source in named} | {"total": total}
+    return {source: named(errors) for source, errors in {**parts, "total": total}.items()}
 
 
 def of(rungs: Iterable[Rung], source: str) -> list[Rung]:
@@ -157,34 +128,32 @@ def _climbed(start: Results, rungs: Iterable[Rung], factor: float = 1.0) -> Resu
     return start
 
 
-def rest_of(rungs: Sequence[Rung]) -> Parts:
+def rest_of(rungs: Sequence[Rung]) -> FloatArray:
     """What the last rung of a source leaves."""
-    rest = rungs[-1].series.rest([rung.change for rung in rungs])
-    return rest if rungs[-1].unseen is None else added(rest, rungs[-1].unseen)
+    return rungs[-1].series.rest([rung.change for rung in rungs]) + rungs[-1].unseen
 
 
-def _with_rests(by_source: Iterable[list[Rung]], truth: Results, start: Results) -> Parts:
+def _with_rests(by_source: Iterable[list[Rung]], truth: Results, start: Results) -> FloatArray:
     """Distance of results from better ones with what the last rungs of some sources leave."""
-    errors = difference(truth, start)
+    errors = sizes(difference(truth, start))
     for rungs in by_source:
-        for name, rest in rest_of(rungs).items():
-            distance = errors[name]
-            if distance is None or rest is None:
-                errors[name] = None
-            elif _go_on(rungs, name, _way(start, truth, name)):
-                errors[name] = distance + rest
-            else:
-                errors[name] = math.hypot(distance, rest)
+        rest, goes_on = rest_of(rungs), _go_on(rungs, start, truth)
+        errors = np.where(goes_on, errors + rest, np.hypot(errors, rest))
     return errors
 
 
-def _go_on(rungs: Sequence[Rung], name: str, distance: FloatArray) -> bool:
-    """Whether the last two changes of a source go the way of a distance."""
+def _go_on(rungs: Sequence[Rung], start: Results, truth: Results) -> bool | list[bool]:
+    """Whether the last two changes of a source go the way of a distance, by `QUANTITIES`."""
     if len(rungs) == 1:
         return True
-    ways = [rung.way(name) for rung in rungs[-2:]] + [distance]
-    first, last, whole = (way[: min(map(len, ways))] for way in ways)
-    return bool(min(np.vdot(last, first), np.vdot(last, whole)) > 0.0)
+    pairs = [*((rung.before, rung.after) for rung in rungs[-2:]), (start, truth)]
+    rows = min(len(each.point_u) for pair in pairs for each in pair)
+    ways = []
+    for before, after in pairs:
+        numbers = (getattr(after, name) - getattr(before, name) for name in QUANTITIES[1:])
+        ways.append((after.point_u[:rows] - before.point_u[:rows], *numbers))
+    by_name = zip(*ways, strict=True)
+    return [min(np.vdot(last, first), np.vdot(last, all_)) > 0.0 for first, last, all_ in by_name]
 
 
 class Ladder:
@@ -202,21 +171,19 @@ class Ladder:
         As `integrate` takes it.
     """
 
-    def __init__(self, run: Run, progress: Callable[..., None] | None = None) -> None:
+    def __init__(self, run: Run, progress: Callable[..., None] | None) -> None:
         self.base = self.top = run
         self.progress = progress
         self.rungs: list[Rung] = []
-        self.states = {_condensed(run.system): run.final}
+        self.states = {keeps_contact(run.system): run.final}
 
     def run(self, system: System, plan: Plan, *, fields_every: int = 0) -> Run:
         """Run a system as `verification_run`."""
-        kind, initial = _condensed(system), None
+        kind, initial = keeps_contact(system), None
         alike = plan.until == "steady" and (odd_loads(system) or system.contact.opens)
         if alike and kind in self.states:
             # The unknowns of a larger model begin with those of a smaller one.
-            initial = np.zeros(system.n), np.zeros(system.n)
-            for whole, known in zip(initial, self.states[kind], strict=True):
-                whole[: known.size] = known[: whole.size]
+            initial = tuple(np.append(x, np.zeros(system.n))[: system.n] for x in self.states[kind])
         run = verification_run(
             system, plan, fields_every=fields_every, initial=initial, progress=self.progress
         )
@@ -224,105 +191,83 @@ class Ladder:
         return run
 
     def climb(
-        self,
-        source: str,
-        system: System,
-        plan: Plan,
-        series: Series = WHOLE,
-        *,
-        before: Run | None = None,
-        fields_every: int = 0,
+        self, source: str, system: System, plan: Plan, series: Series = WHOLE, fields_every: int = 0
     ) -> Run:
         """Run a system as the next rung; where nothing is better the last rung's run serves.
 
-        ``before`` is a run that it is compared with in place of the last rung's: of another model
-        on which the source has the same error. ``series`` is what it leaves.
+        ``series`` is what it leaves.
         """
-        last = before or self.top
-        stepped = last.plan is not None and plan.step == last.plan.step
-        same = system is last.system and stepped and not fields_every
-        after = last if same else self.run(system, plan, fields_every=fields_every)
-        return self.add(source, after, series, before=last)
+        same = system is self.top.system and source != STEP
+        run = self.top if same else self.run(system, plan, fields_every=fields_every)
+        return self.add(source, run, series)
 
     def add(
-        self,
-        source: str,
-        after: Run,
-        series: Series = WHOLE,
-        *,
-        before: Run | None = None,
-        unseen: Parts | None = None,
+        self, source: str, run: Run, series: Series = WHOLE, unseen: FloatArray | float = 0.0
     ) -> Run:
         """Add a run that is known as the next rung."""
-        before = before or self.top
-        both = results(before), results(after)
-        self.rungs.append(Rung(source, *both, apart(after, before), series, unseen))
-        self.top = after
-        return after
+        both = results(self.top), results(run)
+        self.rungs.append(Rung(source, *both, apart(run, self.top), series, unseen))
+        self.top = run
+        return run
 
-    def halve(
-        self, system: System, plan: Plan, finer: Iterable[int] = (2, 4), before: Run | None = None
-    ) -> None:
+    def halve(self, system: System, plan: Plan, finer: Iterable[int] = (2, 4)) -> None:
         """Add rungs of a system with a ``finer``-th of the step each."""
         for factor in finer:
-            before = self.climb(STEP, system, plan.finer(factor), HALVED, before=before)
+            self.climb(STEP, system, plan.finer(factor), HALVED)
 
-    def changes(self, source: str) -> list[Parts]:
-        """What each rung of a source changes."""
+    def changes(self, source: str) -> list[FloatArray]:
+        """What each rung of a source changes, by `QUANTITIES`."""
         return [rung.change for rung in of(self.rungs, source)]
 
-    def estimate(self, missing: MissingModes | None = None) -> Estimate:
+    def estimate(self) -> Estimate:
         """Errors of the run by source, in total and of each joint."""
-        base = results(self.base)
-        parts = errors_of(base, self.rungs)
-        rests = (rest_of(of(self.rungs, source)) for source in parts if source != "total")
-        left = sum(rest["friction_energy"] or 0.0 for rest in rests)
-        truth, joints = _climbed(base, self.rungs), self.base.system.contact.joints
-        return Estimate(parts, missing, by_joint=joint_differences(truth, base, joints, left))
+        base, joints = results(self.base), self.base.system.contact.joints
+        found = errors_of(base, self.rungs)
+        rests = np.nansum([rest_of(of(self.rungs, s)) for s in found if s != "total"], axis=0)
+        left = float(rests[QUANTITIES.index("friction_energy")])
+        by_joint = joint_differences(_climbed(base, self.rungs), base, joints, left)
+        return Estimate({s: found[s] for s in SOURCES if s in found}, by_joint=by_joint)
 
 
-def _condensed(system: System) -> bool:
+def keeps_contact(system: System) -> bool:
     """Whether contact has unknowns of its own, and does not share the few of a reduced model."""
     return bool(sparse.issparse(system.contact.B))
 
 
-def apart(fine: Run, coarse: Run) -> Parts:
-    """Difference of two runs over the same times.
+def apart(fine: Run, coarse: Run) -> FloatArray:
+    """Difference of two runs over the same times, by `QUANTITIES`; nan where it is not known.
 
     Energies and peaks of different runs may agree by chance in the last cycle. The root mean square
     of their differences in the last quarter of the cycles is therefore a lower bound, unless the
     difference of the displacement histories is smaller.
     """
     better, other = results(fine), results(coarse)
-    errors = difference(better, other)
-    last, motion = max(1, fine.cycles.friction.size // 4), errors[QUANTITIES[0]]
-    for name, ours, theirs in zip(QUANTITIES[1:], by_cycle(fine), by_cycle(coarse), strict=True):
-        error = errors[name]
-        if error is not None and ours.size:
-            mean = float(np.sqrt(np.mean((ours - theirs)[-last:] ** 2))) / abs(float(ours[-1]))
-            errors[name] = max(error, mean if motion is None else min(mean, motion))
+    errors, ours, theirs = sizes(difference(better, other)), by_cycle(fine), by_cycle(coarse)
+    if ours.size:
+        last = max(1, ours.shape[1] // 4)
+        mean = np.sqrt(np.mean((ours - theirs)[:, -last:] ** 2, axis=1))
+        size = np.abs(ours[:, -1])
+        mean = np.divide(mean, size, out=np.zeros(3), where=size > 0.0)
+        errors[1:] = np.maximum(errors[1:], np.fmin(mean, errors[0]))
     return at_least(errors, better, other)
 
 
-def at_least(total: Parts, truth: Results, base: Results, *parts: Parts) -> Parts:
+def at_least(total: FloatArray, truth: Results, base: Results, *parts: FloatArray) -> FloatArray:
     """Errors with lower bounds, because parts may cancel by chance.
 
     The bounds are the largest part, and of peaks and energies a share of the error in the
     displacement history of the point that moves most.
     """
-    errors = dict(total)
-    main = difference(truth.most_moving(), base.most_moving(truth))[QUANTITIES[0]]
-    for name, error in total.items():
-        if error is not None:
-            share = 0.0 if name == QUANTITIES[0] else 0.1 * (main or 0.0)
-            errors[name] = max(error, share, *(part[name] or 0.0 for part in parts))
-    return errors
+    main = difference(truth.most_moving(), base.most_moving(truth))[QUANTITIES[0]] or 0.0
+    share = 0.1 * main * (np.arange(len(QUANTITIES)) > 0)
+    return np.maximum(total, np.fmax.reduce([share, *parts]))
 
 
-def by_cycle(run: Run) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Peak, friction energy and work of the loads of each cycle."""
+def by_cycle(run: Run) -> FloatArray:
+    """Peak, friction energy and work of the loads of each cycle, (3, cycles)."""
     cycles = run.cycles
-    return cycles.peak.max(axis=1, initial=0.0), cycles.friction, cycles.input.sum(axis=1)
+    peak = cycles.peak.max(axis=1, initial=0.0)
+    return np.stack([peak, cycles.friction, cycles.input.sum(axis=1)])
 
 
 def cycles_to_settle(run: Run, settled: float, fewest: int) -> int:
@@ -330,7 +275,7 @@ def cycles_to_settle(run: Run, settled: float, fewest: int) -> int:
 
     At least ``fewest``; all of them where they go on changing.
     """
-    series = np.stack(by_cycle(run))
+    series = by_cycle(run)
     last = series[:, -1:]
     changes = np.any(np.abs(series - last) > settled * np.abs(last), axis=0)
     return max(fewest, int(np.flatnonzero(changes).max(initial=-1)) + 2)

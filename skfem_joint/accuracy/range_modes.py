@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.accuracy.estimate import Estimate, added, verification_run
+from skfem_joint.accuracy.estimate import Estimate, added, named, sizes, verification_run
 from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.reduction.ranges.points import (
     check_short_of_gross_slip,
@@ -152,17 +152,11 @@ def of_range(run: Run, plan: Plan, progress: Callable[..., None] | None = None) 
     if serves.point is None:
         raise InputError("estimate: found a run of no point of a range; take one by sj.at")
     check_short_of_gross_slip(run)
-    base = results(run)
-    larger = results(verification_run(serves.larger, plan, progress=progress))
-    halved = results(verification_run(run.system, plan.finer(2), progress=progress))
+    better = (serves.larger, plan), (run.system, plan.finer(2))
+    runs = (verification_run(*one, progress=progress) for one in better)
+    larger, halved = (difference(results(one), results(run)) for one in runs)
     friction = float(run.cycles.friction[-1])
     times = max(1.0, least_energy(run) / friction) if friction > 0.0 else 1.0
-    basis = {
-        name: None if e is None else serves.error(name, e, times)
-        for name, e in difference(larger, base).items()
-    }
-    step = {
-        name: None if e is None else extrapolation(4.0) * e
-        for name, e in difference(halved, base).items()
-    }
+    basis = {k: None if e is None else serves.error(k, e, times) for k, e in larger.items()}
+    step = named(extrapolation(4.0) * sizes(halved))
     return Estimate({"basis": basis, "time_step": step, "total": added(basis, step)})

@@ -11,7 +11,8 @@ from scipy import sparse
 
 from skfem_joint.accuracy import halved_mesh, range_modes, rungs
 from skfem_joint.accuracy.against_coulomb import against_coulomb
-from skfem_joint.accuracy.estimate import Estimate
+from skfem_joint.accuracy.estimate import Estimate, verification_run
+from skfem_joint.accuracy.ladder import keeps_contact
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.values import check_kind
@@ -120,17 +121,20 @@ def of_run(run: Run, plan: Plan, progress: Callable[..., None] | None = None) ->
 
     Those of a model for a range are estimated by what it carries.
     """
-    system, origin = run.system, run.system.origin
+    system = run.system
     if system.serves is not None:  # judged without the full system
         return range_modes.of_range(run, plan, progress)
-    if origin is None and (system.made_for or not (system.T is None or sparse.issparse(system.T))):
+    made = system.made_for or not (system.T is None or sparse.issparse(system.T))
+    if system.origin is None and made:
         raise InputError(
             "estimate: the full system that this model was made from is not known: it was loaded "
             "from a file, projected by hand, or condensed by parts. Give a run of a model as "
             "reduce or condense return it"
         )
-    if origin is None:
-        return rungs.of_full(run.system, run, plan, progress)
-    if sparse.issparse(run.system.contact.B):
-        return rungs.of_condensed(origin.system, origin.basis, run, plan, progress)
-    return rungs.of_reduced(origin.system, origin.basis, run.system, plan, run, progress)
+    if system.origin is None:
+        return rungs.of_full(run, plan, progress)
+    if keeps_contact(system):
+        return rungs.of_condensed(run, plan, progress)
+    if not plan.save.points:  # which the run did not store
+        run = verification_run(system, plan, progress=progress)
+    return rungs.of_reduced(run, plan, progress)

@@ -52,15 +52,8 @@ from dataclasses import replace
 import numpy as np
 
 from skfem_joint.accuracy.condensed_reference import MODES, CondensedReference
-from skfem_joint.accuracy.estimate import Estimate, MissingModes, Parts, verification_run
-from skfem_joint.accuracy.ladder import (
-    HALVED,
-    STEP,
-    Ladder,
-    Series,
-    apart,
-    cycles_to_settle,
-)
+from skfem_joint.accuracy.estimate import Estimate, MissingModes, sizes, verification_run
+from skfem_joint.accuracy.ladder import HALVED, STEP, Ladder, Series, apart, cycles_to_settle
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.basis import Basis, Options
@@ -77,21 +70,6 @@ from skfem_joint.stepping.recording import Run
 from skfem_joint.system.modes import lowest_modes
 from skfem_joint.system.system import System
 
-#: Steps of a run times (unknowns + 150) up to which the full model itself is run with half
-#: and quarter steps, some two seconds of its own run; chains, whose steps cost next to nothing,
-#: always are.
-SMALL = 5e5
-#: Most contact points of the reduced model beside a full one; more are merged. (With 150 in place
-#: of 1,408 that friction energy is 1.8 % off.)
-POINTS = 500
-#: Largest difference between the reduced and the full model, over the error of the step, with
-#: which the estimate is believed. (Of 293 quantities 7 had more than one, 3 of these were stated
-#: wrongly; of the others 1.5 %.)
-TRUSTED = 1.0
-#: Such a difference that does not count.
-NEGLIGIBLE = 1e-2
-#: Relative change of cycles below which they are alike.
-SETTLED = 0.01
 #: Modes that are added to a basis at a time, twice; oftener where a residual has fewer, as those
 #: of a slip front that the basis holds (each run frees the next points), and twice and four times
 #: as many where the changes do not fall.
@@ -100,11 +78,6 @@ ADDED = 8
 ENOUGH = 1e-3
 #: Ratio of a change by added modes to the one before above which more are added.
 SLOWEST = 0.4
-#: Change by added modes over the error of the step up to which no more are added.
-BESIDE_STEP = 0.2
-#: Instants of a run from whose residual they come. (With 100 they left as much on a lapped solid,
-#: and took twice as long.)
-INSTANTS = 40
 #: Steepness of the better law over that of the model.
 STEEPER = 10.0
 #: The error of a less steep law is proportional to 1 / beta.
@@ -115,17 +88,13 @@ MODES_ADDED = Series(0.0, 0.75, SLOWEST)
 INTERFACE_MODES = Series(*[0.2] * 3)
 
 
-def of_full(
-    system: System, run: Run, plan: Plan, progress: Callable[..., None] | None = None
-) -> Estimate:
+def of_full(run: Run, plan: Plan, progress: Callable[..., None] | None = None) -> Estimate:
     """Errors of a full model's run.
 
     Parameters
     ----------
-    system : System
-        Any system; one of full models.
     run : Run
-        By ``plan``, with its named points.
+        Of any system, by ``plan``, with its named points.
     plan : Plan
     progress : callable, optional
         As `integrate` takes it.
@@ -137,70 +106,67 @@ def of_full(
     KeyboardInterrupt
         If one is interrupted.
     """
-    way = Ladder(run, progress)
+    way, system = Ladder(run, progress), run.system
     if is_small(system, plan):
         way.halve(system, plan)
+        half, quarter = np.nan_to_num(way.changes(STEP))
+        # A change by the quarter of the step that counts, and is more than that by half of it.
+        grows = np.any(quarter > np.maximum(5e-3, half))
         # Energy lost by impacts that counts, over the work of the loads.
-        struck = run.impact_work > 1e-3 * np.abs(run.input_work).sum()
-        if struck or _grow(way.changes(STEP)):
+        if grows or run.impact_work > 1e-3 * np.abs(run.input_work).sum():
             way.halve(system, plan, (8,))
     # Levels cost about as much as those of a reduced model; contact that opens has none.
-    elif plan.quasi_static or system.contact.opens or not _halved_beside(way, system, plan):
+    elif plan.quasi_static or system.contact.opens or not _halved_beside(way, plan):
         way.halve(system, plan, (2,))
     return way.estimate()
 
 
-def _grow(changes: list[Parts]) -> bool:
-    """Whether half of a step changes a result by more than the step before it did."""
-    first, second = changes
-    # Change by a quarter of the step that counts, where it is more than that by half of it.
-    return any((second[name] or 0.0) > max(5e-3, first[name] or 0.0) for name in second)
-
-
 def is_small(system: System, plan: Plan) -> bool:
-    """Whether half and quarter steps of the model itself cost little."""
+    """Whether half and quarter steps of the model itself cost little.
+
+    They do up to some two seconds of its own run; of chains, whose steps cost next to nothing, they
+    always do.
+    """
     # Unknowns that cost as much as what a step costs anyhow.
-    if plan.n_steps * (system.n + 150) <= SMALL or system.is_dense:
+    if plan.n_steps * (system.n + 150) <= 5e5 or system.is_dense:
         return True
     return system.contact.count > 0 and arranged(system).kind == "chain"
 
 
-def _halved_beside(way: Ladder, system: System, plan: Plan) -> bool:
+def _halved_beside(way: Ladder, plan: Plan) -> bool:
     """Halve the step on a reduced model; False where there is none, or where it is too poor."""
     try:
-        small, _ = model_beside(system, plan)
+        small = model_beside(way.base.system, plan)
     except (InputError, ConvergenceError):
         return False  # without friction, without a load, or no path
-    own = Ladder(way.run(small, plan), way.progress)
-    own.halve(small, plan)
-    if not _stands_for(way.base, own, NEGLIGIBLE):
-        return False
-    way.rungs += own.rungs
-    return True
+    steps = _halved(way, way.run(small, plan), plan)
+    good = _stands_for(way.base, steps, 1e-2)  # a difference that does not count
+    way.rungs += steps.rungs if good else []
+    return good
 
 
-def _stands_for(run: Run, own: Ladder, negligible: float) -> bool:
-    """Whether the error of the step of another model is that of a run.
+def _halved(way: Ladder, run: Run, plan: Plan) -> Ladder:
+    """Ladder of the steps alone, from a run beside another ladder's."""
+    steps = Ladder(run, way.progress)
+    steps.halve(run.system, plan)
+    return steps
 
-    ``own`` has the steps of the other model, and ``negligible`` is a difference of both models that
-    does not count.
+
+def _stands_for(run: Run, steps: Ladder, negligible: float) -> bool:
+    """Whether the error of the step of another model, which has ``steps``, is that of a run.
+
+    It is believed where both models differ by no more than it, or by what is ``negligible``. (Of
+    293 quantities 7 differed by more, 3 of these were stated wrongly; of the others 1.5 %.)
     """
-    errors = own.estimate()
-    for name, distance in apart(run, own.base).items():
-        error = errors.of("total", name)
-        if error is None and distance is None:
-            continue  # zero in both
-        if error is None or distance is None:
-            return False
-        if distance > max(negligible, TRUSTED * error):
-            return False
-    return True
+    distance, error = apart(run, steps.base), sizes(steps.estimate().parts["total"])
+    zero = np.isnan(distance) & np.isnan(error)  # in both
+    return bool(np.all(zero | (distance <= np.maximum(negligible, error))))
 
 
-def model_beside(system: System, plan: Plan, beta: str | float = "auto") -> tuple[System, Basis]:
-    """Reduced model of a system that takes the same steps at little cost, and its first basis.
+def model_beside(system: System, plan: Plan, beta: str | float = "auto") -> System:
+    """Reduced model of a system that takes the same steps at little cost.
 
-    ``beta`` is as for `reduced_on`.
+    Its basis has the history of the one that it began with. ``beta`` is as for `reduced_on`.
 
     Raises
     ------
@@ -215,7 +181,11 @@ def model_beside(system: System, plan: Plan, beta: str | float = "auto") -> tupl
     V = orthonormal(np.hstack([basis.V, _natural_modes(system)]), system.M)
     wide = replace(basis, V=orthonormal(V, system.M))
     small = reduced_on(system, wide, friction_points="all", beta=beta)
-    return basis.merging(system, POINTS, POINTS)(small), basis
+    # Most contact points; more are merged. (With 150 in place of 1,408 that friction energy is
+    # 1.8 % off.)
+    most = 500
+    merge: Callable[[System], System] = basis.merging(system, most, most)
+    return merge(small)
 
 
 def _natural_modes(system: System) -> FloatArray:
@@ -232,32 +202,21 @@ def _until_settled(
     run: Run, plan: Plan, progress: Callable[..., None] | None
 ) -> tuple[Ladder, Plan]:
     """Ladder of a run up to the cycle in which it has become steady, and its plan."""
-    way = Ladder(run, progress)
-    if plan.cycle_steps is None or run.system.contact.opens:
-        return way, plan
-    short = plan.first(cycles_to_settle(run, SETTLED, 4))
-    if short.n_steps < plan.n_steps:
-        way = Ladder(way.run(run.system, short), progress)
-    return way, short
+    if plan.cycle_steps is not None and not run.system.contact.opens:
+        # Relative change of cycles below which they are alike, and the fewest of them.
+        short = plan.first(cycles_to_settle(run, 0.01, 4))
+        if short.n_steps < plan.n_steps:
+            run, plan = verification_run(run.system, short, progress=progress), short
+    return Ladder(run, progress), plan
 
 
-def of_condensed(
-    system: System,
-    basis: Basis,
-    run: Run,
-    plan: Plan,
-    progress: Callable[..., None] | None = None,
-) -> Estimate:
+def of_condensed(run: Run, plan: Plan, progress: Callable[..., None] | None = None) -> Estimate:
     """Errors of a condensed model's run.
 
     Parameters
     ----------
-    system : System
-        The full model.
-    basis : Basis
-        Of the condensed one.
     run : Run
-        By ``plan``, with its named points.
+        Of a model that knows the full one, by ``plan``, with its named points.
     plan : Plan
     progress : callable, optional
         As `integrate` takes it.
@@ -270,15 +229,13 @@ def of_condensed(
         If one is interrupted.
     """
     way, plan = _until_settled(run, plan, progress)
-    inner, better = with_points_of(system, run.system), run.system
-    modes = interface_modes_in(inner, basis.V)
+    system, better = run.system.origin.system, run.system
+    inner = with_points_of(system, better)
+    modes, merged = interface_modes_in(inner, better.origin.basis.V), np.any(points_of(better) > 1)
+    every, fewer = (condense(each, modes) if merged else better for each in (system, inner))
+    way.add("points", way.top, unseen=_merged(way, every, fewer, plan))
     if inner.contact.steepest > better.contact.steepest:
         better = better.with_contact(beta=inner.contact.beta)
-    if np.any(points_of(run.system) > 1):
-        both = condense(system, modes), condense(inner, modes)
-        way.add("points", way.top, unseen=_merged(way, *both, plan))
-    else:
-        way.climb("points", run.system, plan)
     way.climb("law", better, plan)
     if not plan.quasi_static:
         more = condense(inner, max(MODES, 2 * modes))
@@ -290,31 +247,22 @@ def of_condensed(
 
 
 def of_reduced(
-    system: System,
-    basis: Basis,
-    small: System,
+    run: Run,
     plan: Plan,
-    run: Run | None = None,
     progress: Callable[..., None] | None = None,
     reference: CondensedReference | None = None,
 ) -> Estimate:
-    """Errors of a reduced model.
+    """Errors of a reduced model's run.
 
     Parameters
     ----------
-    system : System
-        The full model.
-    basis : Basis
-    small : System
-        The model on it.
+    run : Run
+        Of a model that knows the full one, by ``plan``, with its named points.
     plan : Plan
-        Of its whole run.
-    run : Run, optional
-        That run; it is made here if it is needed and not given.
     progress : callable, optional
         As `integrate` takes it.
     reference : CondensedReference, optional
-        Condensed model of the system, if it exists already, whose runs are used again.
+        Condensed model of the full one, if it exists already, whose runs are used again.
 
     Raises
     ------
@@ -323,47 +271,41 @@ def of_reduced(
     KeyboardInterrupt
         If one is interrupted.
     """
-    if run is None or not plan.save.points:
-        run = verification_run(small, plan, progress=progress)
+    small, system, basis = run.system, run.system.origin.system, run.system.origin.basis
     way, plan = _until_settled(run, plan, progress)
     opens, beta = system.contact.opens, small.contact.steepest
     steeper = system.contact.steepest > beta
-    if reference is None:
-        reference = CondensedReference.of(system)
+    reference = reference or CondensedReference.of(system)
     if reference is None and plan.quasi_static:
-        reference = CondensedReference.whole(system)
+        reference = CondensedReference(system, system)
     periods = run.steady.periods if run.steady else 1
     affords = reference is not None and reference.affords(plan, periods, steeper)
     if reference is None or not (affords or opens):
         return _with_added_modes(way, system, basis, plan, beta)
     if not opens:
-        every = small
-        if small.contact.w.size < system.contact.w.size:
-            every = system.project(basis.V).no_steeper(beta)
+        whole = system.project(basis.V)
+        merged = small.contact.w.size < system.contact.w.size
+        every = whole.no_steeper(beta) if merged else small
         way.climb("points", every, plan)
-        if steeper:
-            every = system.project(basis.V).no_steeper(STEEPER * beta)
-        way.climb("law", every, plan)
+        way.climb("law", whole.no_steeper(STEEPER * beta) if steeper else every, plan)
     same = way.add("basis", reference.run(plan, way.run))
     if affords:
         for factor in (2, 4):
             way.add(STEP, reference.run(plan.finer(factor), way.run), HALVED)
     else:
-        way.halve(small, plan, before=way.base)
+        way.rungs += _halved(way, way.base, plan).rungs
     if opens:
         return way.estimate()
     most = max(2 * ADDED, basis.V.shape[1] // 2)
     V, velocities = reference.missing_modes(basis.V, same, most)
-    return way.estimate(_missing(system, basis, V, velocities))
+    return replace(way.estimate(), missing=_missing(system, basis, V, velocities))
 
 
 def _missing(system: System, basis: Basis, V: FloatArray, velocities: FloatArray) -> MissingModes:
     """Modes that a basis misses, which follow those of the basis in ``V``."""
-    added = V[:, basis.V.shape[1] :]
-    if added.shape[1] == 0:
-        return MissingModes(V, velocities, slips=False)
-    slip = float(np.abs(system.contact.B @ added[:, 0]).max(initial=0.0))
-    return MissingModes(V, velocities, slip > 0.5 * float(np.abs(added[:, 0]).max()))
+    first = V[:, basis.V.shape[1] :][:, :1]
+    slip, most = (float(np.abs(x).max(initial=0.0)) for x in (system.contact.B @ first, first))
+    return MissingModes(V, velocities, slip > 0.5 * most)
 
 
 def _with_added_modes(
@@ -377,53 +319,43 @@ def _with_added_modes(
     """
     V, merge = basis.V, basis.merging(system, MANY, MERGED)
     residual = Residual(system, basis.stiffness)
-    fields = stride(plan.n_steps, plan.cycle_steps, INSTANTS)
+    # Instants from whose residual modes come. (With 100 they left as much on a lapped solid, and
+    # took twice as long.)
+    fields = stride(plan.n_steps, plan.cycle_steps, 40)
     steeper, most = system.contact.steepest > beta, V.shape[1] + 2 * ADDED
 
     every = system.project(V).no_steeper(beta)
     merged = merge(every)
     unseen = _merged(way, every, merged, plan)
-    first = way.run(merged, plan, fields_every=fields)
-    way.add("points", first, unseen=unseen)
+    way.add("points", way.run(merged, plan, fields_every=fields), unseen=unseen)
     for k in range(4):
         more = ADDED * 2 ** max(0, k - 1)
         V = np.hstack([V, residual.missing_modes(V, way.top, more, basis.followed)])
         every = system.project(V)
-        way.climb("basis", merge(every.no_steeper(beta)), plan, MODES_ADDED, fields_every=fields)
-        if k == 0 and steeper:
-            beta = STEEPER * beta
-            way.climb("law", merge(every.no_steeper(beta)), plan, LAW, fields_every=fields)
+        way.climb("basis", merge(every.no_steeper(beta)), plan, MODES_ADDED, fields)
         if k == 0:
-            steps = _halved(way, plan)
-            step = steps.estimate().parts["total"]
-        *_, before, last = {}, *way.changes("basis")
-        if max((e for e in last.values() if e is not None), default=0.0) < ENOUGH:
+            if steeper:
+                beta = STEEPER * beta
+                way.climb("law", merge(every.no_steeper(beta)), plan, LAW, fields)
+            steps = _halved(way, way.top, plan)
+            # Change beside the error of the step up to which no more are added.
+            enough = np.fmax(ENOUGH, 0.2 * sizes(steps.estimate().parts["total"]))
+        *before, last = way.changes("basis")
+        if np.nan_to_num(last).max() < ENOUGH:
             break
-        slow = any(
-            (last[n] or 0.0)
-            > max(ENOUGH, SLOWEST * (before[n] or 0.0), BESIDE_STEP * (step[n] or 0.0))
-            for n in before
-        )
-        if k > 0 and V.shape[1] >= most and not slow:
+        if k and V.shape[1] >= most and not np.any(last > np.fmax(enough, SLOWEST * before[-1])):
             break
     missing = _missing(system, basis, V, way.top.v)
     if not _stands_for(way.top, steps, ENOUGH):
-        steps = _halved(way, plan)
+        steps = _halved(way, way.top, plan)
     way.rungs += steps.rungs
-    return way.estimate(missing)
+    return replace(way.estimate(), missing=missing)
 
 
-def _halved(way: Ladder, plan: Plan) -> Ladder:
-    """Ladder of the steps alone, from the last run of another ladder."""
-    steps = Ladder(way.top, way.progress)
-    steps.halve(way.top.system, plan)
-    return steps
-
-
-def _merged(way: Ladder, every: System, merged: System, plan: Plan) -> Parts:
+def _merged(way: Ladder, every: System, merged: System, plan: Plan) -> FloatArray:
     """Error that merged contact points cause, by the first cycles of a run with all of them."""
     if merged.contact.w.size == every.contact.w.size:
-        return dict.fromkeys(QUANTITIES, 0.0)
+        return np.zeros(len(QUANTITIES))
     # Cycles of a run with all points.
     some = plan.first(plan.n_steps // 2 if plan.cycle_steps is None else 2)
-    return difference(*(results(way.run(system, some)) for system in (every, merged)))
+    return sizes(difference(*(results(way.run(system, some)) for system in (every, merged))))

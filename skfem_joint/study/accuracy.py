@@ -19,7 +19,7 @@ import numpy as np
 
 from skfem_joint.accuracy import rungs
 from skfem_joint.accuracy.condensed_reference import CondensedReference
-from skfem_joint.accuracy.estimate import Estimate
+from skfem_joint.accuracy.estimate import Estimate, verification_run
 from skfem_joint.ground.errors import ConvergenceError
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.reduction.models import reduced_on
@@ -166,7 +166,7 @@ def _accurate_model(
         if done:
             small = reduced_on(system, basis, **own)
         step, plan = scene.time_step, plan_of(scene)
-        stands = rungs.of_reduced(system, basis, small, plan, reference=reference)
+        stands = rungs.of_reduced(verification_run(small, plan), plan, reference=reference)
         errors.append(excess(accuracy, stands))
         if errors[-1] <= 1.0:
             return scene, small, stands

@@ -86,8 +86,8 @@ def halved(source: str, runs: Sequence[Results]) -> Source:
     Of two runs, the error is taken to be `BEYOND` times their difference.
     """
     rungs = [Rung.of(source, *pair, HALVED) for pair in pairwise(runs)]
-    first, last = (rungs[k].change[QUANTITIES[0]] for k in (0, -1))
-    order = log2(first / last) if len(rungs) > 1 and first and last else None
+    first, last = (float(rungs[k].change[0]) for k in (0, -1))
+    order = log2(first / last) if len(rungs) > 1 and first > 0.0 < last else None
     return Source(source, errors_of(runs[0], rungs)[source], order)
 
 
