@@ -314,7 +314,9 @@ class Contact:
 
         ``sigma``, (..., rows), is the friction over its limit.
         """
-        return slip - self.spring_stretch * sigma
+        left = slip - self.spring_stretch * sigma
+        # Friction has the round-off of a solver, over its limit.
+        return np.where(np.abs(left) > 1e-14 * self.spring_stretch, left, 0.0)
 
     def slider_peak(self, slip_peak: FloatArray) -> FloatArray:
         """Largest slip of each slider, (m,), m, from that of its point: what its spring leaves.

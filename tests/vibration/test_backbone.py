@@ -421,3 +421,19 @@ def test_a_curve_of_other_friction_limits_or_damping_is_not_taken_for_the_system
     for same in (arm(elements=(10, 10), stiffness_damping=1e-6), system.with_beta(100.0)):
         assert not sj.ring_down(same, curve, 8).notes
     assert sj.reduce(replace(system, C=2.0 * system.C), curve=curve).n < system.n  # of its states
+
+
+def test_levels_far_below_the_first_slip_have_no_damping_by_friction_on_springs():
+    """The round-off of forces of springs was slip: a damping of 2 % at 1e-16 of gross slip."""
+    body = sj.build_bar([("joint", 0.1, 20), ("free", 0.5, 20)], {"fixed": 0.0, "end": 0.6})
+    some = sj.Structure(
+        body,
+        sj.Material(2e11, 8000.0, 0.3),
+        width=0.05,
+        thickness=0.01,
+        fixed=["fixed"],
+        joints=[sj.Joint("joint", friction=0.5, pressure=1e7, tangential_stiffness=1e13)],
+    )
+    for up_to in (1e-6, 1e-12, 1e-16):
+        (curve,) = sj.backbone(some.system(), levels=3, up_to=up_to)
+        assert not curve.friction_damping.any()
