@@ -11,7 +11,6 @@ import numpy as np
 from skfem_joint.output.plots import new_figure, prefixed_unit
 from skfem_joint.study.backbone_peaks import BackbonePeak, backbone_errors
 from skfem_joint.study.scene_response import SceneResponse
-from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.response_curve import Curve
 
 if TYPE_CHECKING:
@@ -64,9 +63,7 @@ def peak_lines(peaks: Sequence[BackbonePeak]) -> list[str]:
     return lines
 
 
-def peaks_figure(
-    response: SceneResponse, curves: Sequence[Backbone], peaks: Sequence[BackbonePeak]
-) -> Figure:
+def peaks_figure(response: SceneResponse, peaks: Sequence[BackbonePeak]) -> Figure:
     """Amplitude over frequency at each level, its peaks, and the backbones, with their errors."""
     figure = new_figure(7.5, 5.0)
     panel, most = figure.subplots(), response.models[0].largest
@@ -77,7 +74,7 @@ def peaks_figure(
         panel.semilogy(curve.column("frequency"), column / scale, **look)
     low, high = response.frequencies[[0, -1]]
     least = min(float(np.nanmin(column)) for column in columns) / scale
-    for mode in curves:
+    for mode in response.backbones:
         f, error = np.r_[mode.stuck_frequency, mode.frequency], np.r_[0.0, backbone_errors(mode)]
         if f.max() < low or f.min() > high:
             continue

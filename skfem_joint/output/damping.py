@@ -10,6 +10,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import safe_names
+from skfem_joint.ground.plain_values import spread
 from skfem_joint.output import loss
 from skfem_joint.output.backbone_peaks import (
     COLOURS,
@@ -22,14 +23,13 @@ from skfem_joint.output.backbone_peaks import (
 from skfem_joint.output.drawing.shapes import shapes_figure
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import adding, writing
-from skfem_joint.output.tables import Table, by_columns, write_table
+from skfem_joint.output.tables import Table, below, by_columns, write_table
 from skfem_joint.output.universal import over_one_force, scene_uff
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.results.loss import over
 from skfem_joint.results.places import JointPlaces, PlaceResults, places_of
 from skfem_joint.scene import Scene
-from skfem_joint.scene.tables import RandomTable
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.structure.structure import Structure
 from skfem_joint.study.backbone_peaks import backbone_peaks
@@ -37,11 +37,11 @@ from skfem_joint.study.description import made_of
 from skfem_joint.study.premises import (
     OF_MODES,
     damping_given,
-    density_loads,
     premises,
+    random_loads_of,
     response_loads,
 )
-from skfem_joint.study.scene_backbone import AtAmplitudes, ModelBackbone, SceneBackbone
+from skfem_joint.study.scene_backbone import AtAmplitudes, ModelBackbone, SceneBackbone, SceneRandom
 from skfem_joint.study.scene_response import ModelResponse, SceneResponse
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.random_response import RandomResponse
@@ -57,40 +57,41 @@ _DOTS = {"full": ".", "condensed": "+", "reduced": "x"}
 
 def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     """Write ``backbone.csv``, ``backbone.png``, a summary, and what else is asked for."""
-    structure = backbone.scene.structure()
-    system = backbone.scene.system()
+    structure, system = backbone.scene.structure(), backbone.scene.system()
     names, places = safe_names(system.points), places_of(structure, system)
-    rows, at_rows = [], []
+    curves, asked, rung = [], [], []
     for model in backbone.models:
         for c in model.curves:
             by_place = places.of_curve(c.friction_work, c.slip)
-            for k, row in enumerate(_curve_rows(model.name, c, names)):
-                row["slipping_share"] = by_place.slipping_share_of_all[k]
-                row |= _by_mesh(backbone, c.mode, k)
-                row |= c.losses.row(k) | loss.place_cells(by_place, k)
-                rows.append(row | _active_lengths(structure, c.slip[k]))
+            mesh = backbone.mesh[c.mode]._asdict() if c.mode in backbone.mesh else {}
+            curves.append(
+                _of_curve(model.name, c, names, by_place)
+                | {f"mesh_error_{name}": error for name, error in mesh.items()}
+                | c.losses.columns()
+                | loss.place_columns(by_place)
+                | by_columns(_active_lengths(structure, slip) for slip in c.slip)
+            )
         for at in model.at:
-            c, by_place = at.curve, places.of_curve(at.curve.friction_work, at.curve.slip)
-            for k, row in enumerate(_curve_rows(model.name, c, names)):
-                row |= c.losses.row(k) | loss.error_cells(at, k) | loss.place_cells(by_place, k)
-                row["slipping_share"] = by_place.slipping_share_of_all[k]
-                row["not_counted"] = loss.not_counted(at, k, backbone.normal.get(c.mode))
-                at_rows.append(loss.asked_cells(at, k) | row)
-    tables = {"backbone.csv": by_columns(rows)}
-    if at_rows:
-        tables["amplitudes.csv"] = by_columns(at_rows)
-    if backbone.models[0].ring_downs:
-        rows = [
+            c, normal = at.curve, backbone.normal.get(at.curve.mode)
+            by_place = places.of_curve(c.friction_work, c.slip)
+            asked.append(
+                loss.asked_columns(at)
+                | _of_curve(model.name, c, names, by_place)
+                | c.losses.columns()
+                | loss.error_columns(at)
+                | loss.place_columns(by_place)
+                | {"not_counted": [loss.not_counted(at, k, normal) for k in range(c.level.size)]}
+            )
+        rung += [
             {
-                "model": model.name, "mode": c.mode, "time_s": d.time[k],
-                "modal_amplitude": d.amplitude[k], "frequency_Hz": d.frequency[k],
-                "damping_ratio": d.damping_ratio[k],
+                "model": model.name, "mode": c.mode, "time_s": d.time,
+                "modal_amplitude": d.amplitude, "frequency_Hz": d.frequency,
+                "damping_ratio": d.damping_ratio,
             }
-            for model in backbone.models
-            for c, d in zip(model.curves, model.ring_downs, strict=True)
-            for k in range(d.time.size)
+            for c, d in zip(model.curves, model.ring_downs, strict=False)
         ]  # fmt: skip
-        tables["ring_down.csv"] = by_columns(rows)
+    every = {"backbone.csv": curves, "amplitudes.csv": asked, "ring_down.csv": rung}
+    tables = {name: below(parts) for name, parts in every.items() if parts}
     models = {
         model.name: {"modes": [_mode(backbone, model, k, places) for k in range(len(model.curves))]}
         for model in backbone.models
@@ -111,31 +112,24 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     return files
 
 
-def _curve_rows(model: str, c: Backbone, names: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """Rows of the table of a curve, without what comes from elsewhere."""
+def _of_curve(
+    model: str, c: Backbone, names: Sequence[str], by_place: PlaceResults
+) -> dict[str, Any]:
+    """Columns of a curve, without what comes from elsewhere."""
     # At points that the mode leaves at rest no force drives it.
     moves = np.where(c.displacement > 1e-9 * c.amplitude[:, np.newaxis], c.displacement, 0.0)
-    for k in range(c.level.size):
-        yield {
-            "model": model, "mode": c.mode, "level": c.level[k] / c.slips_at,
-            "modal_amplitude": c.amplitude[k], "frequency_Hz": c.frequency[k],
-            "damping_ratio": c.damping_ratio[k],
-            **_named("displacement_{}_m", names, c.displacement[k]),
-            **_named("force_{}_N", names, over(c.losses.lost[k], np.pi * moves[k])),
-            "slipping_share": c.share[k], "friction_damping_ratio": c.friction_damping[k],
-            "viscous_damping_ratio": c.viscous_damping[k],
-            "state": c.state[k], "doubt": c.doubts[k],
-            **({} if c.offset is None else {"modal_offset": c.offset[k]}),
-            **({} if c.opened is None else {"opened_share": c.opened[k]}),
-        }  # fmt: skip
-
-
-def _by_mesh(backbone: SceneBackbone, mode: int, level: int) -> dict[str, float]:
-    """Cells of a row with the errors of a mode by the mesh at a level; none if not known."""
-    if mode not in backbone.mesh:
-        return {}
-    errors = backbone.mesh[mode]._asdict()
-    return {f"mesh_error_{name}": float(error[level]) for name, error in errors.items()}
+    return {
+        "model": model, "mode": c.mode, "level": c.level / c.slips_at,
+        "modal_amplitude": c.amplitude, "frequency_Hz": c.frequency,
+        "damping_ratio": c.damping_ratio,
+        **spread("displacement_{}_m", c.displacement, names),
+        **spread("force_{}_N", over(c.losses.lost[:, np.newaxis], np.pi * moves), names),
+        "slipping_share": by_place.slipping_share_of_all,
+        "friction_damping_ratio": c.friction_damping,
+        "viscous_damping_ratio": c.viscous_damping, "state": c.state, "doubt": c.doubts,
+        **({} if c.offset is None else {"modal_offset": c.offset}),
+        **({} if c.opened is None else {"opened_share": c.opened}),
+    }  # fmt: skip
 
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
@@ -212,11 +206,6 @@ def _opened(curve: Backbone) -> str:
     )
 
 
-def _named(column: str, names: Sequence[str], values: Iterable[Any]) -> dict[str, Any]:
-    """Cells of a row whose columns have a name each in place of {}."""
-    return {column.format(name): value for name, value in zip(names, values, strict=True)}
-
-
 def _active_lengths(structure: AnyStructure, slip: FloatArray) -> dict[str, float]:
     """Cells of a row with the active length (m) of each joint with an axis.
 
@@ -226,7 +215,7 @@ def _active_lengths(structure: AnyStructure, slip: FloatArray) -> dict[str, floa
     lengths = measured_lengths(structure, np.zeros_like(slip) if unknown else slip)
     if unknown:
         lengths = dict.fromkeys(lengths, np.nan)
-    return _named("active_length_{}_m", safe_names(lengths), lengths.values())
+    return spread("active_length_{}_m", [*lengths.values()], safe_names(lengths))
 
 
 def _mode(
@@ -326,19 +315,17 @@ def _draw_losses(
     panel.semilogx(c.amplitude / scale, c.losses.loss_factor, LINES[model], color=colour)
     for at in asked:
         eta = at.curve.losses.loss_factor
-        error = np.nan_to_num(at.total) * eta
+        error = np.nan_to_num(at.total[0]) * eta
         look = {"color": colour, "capsize": 3, "markerfacecolor": "none"}
         x, told = at.curve.amplitude / scale, f"{model} model, asked for, ± stated error"
         panel.errorbar(x, eta, error, fmt="o", label=told, **look)
         panel.legend(fontsize="small")
 
 
-def write_response(
-    folder: Path, response: SceneResponse, backbones: Sequence[Backbone] = ()
-) -> list[Path]:
+def write_response(folder: Path, response: SceneResponse) -> list[Path]:
     """Write ``response.csv``, ``response.png`` and ``summary.json``.
 
-    With ``backbones`` also ``peaks.csv`` and ``backbone_response.png``, which compare the peaks.
+    With backbones also ``peaks.csv`` and ``backbone_response.png``, which compare the peaks.
     """
     scene = response.scene
     system, structure = scene.system(), scene.structure()
@@ -347,34 +334,32 @@ def write_response(
     every = [p for model in response.models for curve in model.curves for p in curve.points]
     served = any(np.isfinite(p.model_error) for p in every)  # by a model for a range
     judged = any(p.stable is not None for p in every)  # by harmonic balance
-    harmonics = [f"{k}_{name}" for name in names for k in numbers]
     rows, swept, models = list[dict[str, Any]](), list[dict[str, Any]](), dict[str, Any]()
     for model in response.models:
         levels = []
         for number, curve in enumerate(model.curves):
-            losses, functions = curve.losses, _functions(response, curve)
-            by_place = loss.of_response(places, curve)
-            rows += [
-                {
-                    "model": model.name, "level": curve.level, "frequency_Hz": p.frequency,
-                    "converged": p.failure is None,
-                    **_named("amplitude_{}_m", names, p.amplitude),
-                    **_named("phase_{}_rad", names, p.phase),
-                    **_named("offset_{}_m", names, p.offset),
-                    **_named("harmonic_{}_m", harmonics, np.abs(p.harmonics).ravel()),
-                    "friction_energy_J": p.friction_energy, "input_energy_J": p.input_energy,
-                    "largest_slip_m": p.slip.max(initial=0.0),
-                    "slipping_share": by_place.slipping_share_of_all[k],
-                    **{column: values[k] for column, values in functions.items()},
-                    "periods": p.periods, "residual": p.change, "step_error": p.step_error,
-                    **({"model_error": p.model_error} if served else {}),
-                    **({"stable": p.stable} if judged else {}),
-                    **losses.row(k),
-                    **loss.place_cells(by_place, k),
-                    **_active_lengths(structure, p.slip),
-                }
-                for k, p in enumerate(curve.points)
-            ]  # fmt: skip
+            by_place, column = loss.of_response(places, curve), curve.column
+            harmonics = np.abs(column("harmonics")).reshape(len(curve.points), -1)
+            rows.append({
+                "model": model.name, "level": curve.level, "frequency_Hz": column("frequency"),
+                "converged": [p.failure is None for p in curve.points],
+                **spread("amplitude_{}_m", column("amplitude"), names),
+                **spread("phase_{}_rad", column("phase"), names),
+                **spread("offset_{}_m", column("offset"), names),
+                **spread("harmonic_{}_m", harmonics, [f"{k}_{x}" for x in names for k in numbers]),
+                "friction_energy_J": column("friction_energy"),
+                "input_energy_J": column("input_energy"),
+                "largest_slip_m": [p.slip.max(initial=0.0) for p in curve.points],
+                "slipping_share": by_place.slipping_share_of_all,
+                **_functions(response, curve),
+                "periods": column("periods"), "residual": column("change"),
+                "step_error": column("step_error"),
+                **({"model_error": column("model_error")} if served else {}),
+                **({"stable": column("stable")} if judged else {}),
+                **curve.losses.columns(),
+                **loss.place_columns(by_place),
+                **by_columns(_active_lengths(structure, p.slip) for p in curve.points),
+            })  # fmt: skip
             estimate = model.estimates[number] if model.estimates else None
             level = _level(curve, system.points, estimate) | {"peak": _at_peak(curve, by_place)}
             levels.append(level | _swept(model, curve))
@@ -387,26 +372,25 @@ def write_response(
         swept += [
             {
                 "model": model.name, "level": sweep.level, "octaves_per_minute": sweep.rate,
-                "frequency_Hz": frequency, **_named("amplitude_{}_m", names, amplitude),
+                "frequency_Hz": sweep.frequency, **spread("amplitude_{}_m", sweep.amplitude, names),
             }
             for sweep in model.sweeps
-            for frequency, amplitude in zip(sweep.frequency, sweep.amplitude, strict=True)
         ]  # fmt: skip
-    tables = {"response.csv": by_columns(rows)}
+    tables: dict[str, Table] = {"response.csv": below(rows)}
     figures = {"response.png": response_figure(response)}
     if swept:
-        tables["swept.csv"] = by_columns(swept)
-    if backbones:
-        peaks = backbone_peaks(response.models, backbones)
+        tables["swept.csv"] = below(swept)
+    if response.backbones:
+        peaks = backbone_peaks(response)
         tables["peaks.csv"] = peak_columns(peaks)
-        figures["backbone_response.png"] = peaks_figure(response, backbones, peaks)
+        figures["backbone_response.png"] = peaks_figure(response, peaks)
     over_force, notes = over_one_force(system), [*response.notes]
     if scene.output.uff and not over_force:
         notes.append(
             "response.uff has geometry and modes alone: responses are taken over one force, which "
             "must be the only load."
         )
-    told, acting = response_lines(response, backbones), response_loads(scene)
+    told, acting = response_lines(response), response_loads(scene)
     about = folder, scene, models, tables, figures
     files = written(*about, told=told, notes=notes, acting=acting)
     if scene.output.uff:
@@ -416,7 +400,7 @@ def write_response(
     return files
 
 
-def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) -> list[str]:
+def response_lines(response: SceneResponse) -> list[str]:
     """What is printed of steady vibration: the peak of each curve, and its place on a backbone."""
     lines = [
         f"{model.name} model, level {curve.level:g}: peak {1e3 * curve.peak[1]:.5g} mm at "
@@ -433,7 +417,7 @@ def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) 
                 f"{100.0 * (amplitude / largest - 1.0):+.2g} % in amplitude and "
                 f"{100.0 * (frequency / steady - 1.0):+.2g} % in frequency from the steady peak."
             )
-    return [*lines, *peak_lines(backbone_peaks(response.models, backbones))] if backbones else lines
+    return [*lines, *peak_lines(backbone_peaks(response))]
 
 
 def _swept(model: ModelResponse, curve: Curve) -> dict[str, Any]:
@@ -531,17 +515,16 @@ def response_figure(response: SceneResponse) -> Figure:
     return figure
 
 
-def write_random(
-    folder: Path, scene: Scene, found: RandomResponse, curves: Sequence[Backbone]
-) -> list[Path]:
+def write_random(folder: Path, random: SceneRandom) -> list[Path]:
     """Write ``random.csv``, ``random_psd.csv``, ``random.png`` and a summary.
 
     Works are in ``random_joints.csv``, and of contact points in ``random_points.csv``.
     """
+    scene, found = random.scene, random.found
     names = safe_names(found.points)
     spectra: dict[str, Any] = {"frequency_Hz": found.frequencies}
-    spectra |= _named("displacement_{}_m2_Hz", names, found.displacement_psd)
-    spectra |= _named("acceleration_{}_m2_s4_Hz", names, found.acceleration_psd)
+    spectra |= spread("displacement_{}_m2_Hz", found.displacement_psd.T, names)
+    spectra |= spread("acceleration_{}_m2_s4_Hz", found.acceleration_psd.T, names)
     tables: dict[str, Any] = {
         "random.csv": found.table,
         "random_joints.csv": {"joint": list(found.joints), "work_J_per_hour": found.joint_work},
@@ -550,7 +533,7 @@ def write_random(
     wear = _wear(scene.structure(), found.point_work)
     if wear:
         tables["random_points.csv"] = by_columns(wear)
-    whole = {c.mode: float(np.interp(c.slips_at, c.level, c.amplitude)) for c in curves}
+    whole = {c.mode: float(np.interp(c.slips_at, c.level, c.amplitude)) for c in random.curves}
     modes = [
         {
             "mode": mode.mode,
@@ -569,34 +552,14 @@ def write_random(
         {"full": {"modes": modes}},
         tables,
         {"random.png": random_figure(found)},
-        told=random_lines(found),
-        notes=found.notes,
-        acting=_random_loads(scene, found),
+        told=random_lines(random),
+        notes=random.notes,
+        acting=random_loads_of(scene, found.load),
         load=found.load,
         duration_s=found.duration,
         viscous_work_J_per_hour=found.viscous_work,
         estimated_error=dict(found.estimated),
     )
-
-
-def _random_loads(scene: Scene, found: RandomResponse) -> Iterator[str]:
-    """What acts in random vibration, a sentence for each load."""
-    table: RandomTable = scene.asked("random")
-    several = not isinstance(table.psd, str)
-    places = [load.on for load in scene.system().loads] if several else [found.load]
-    for place, density in zip(places, table.densities, strict=True):
-        unit = "g²/Hz" if table.unit == "g2/Hz" else _unit_of_density(scene, place)
-        yield from density_loads(place, density.frequencies, density.values, unit)
-    if several:
-        yield "These loads act without correlation."
-
-
-def _unit_of_density(scene: Scene, on: str) -> str:
-    """SI unit of a density of the load on a place."""
-    for load in scene.load:
-        if load.on == on:
-            return "N²/Hz" if load.quantity == "force" else "Pa²/Hz"
-    return "(m/s²)²/Hz"
 
 
 def _wear(structure: AnyStructure, work: FloatArray) -> list[dict[str, Any]]:
@@ -620,8 +583,9 @@ def _wear(structure: AnyStructure, work: FloatArray) -> list[dict[str, Any]]:
     ]
 
 
-def random_lines(found: RandomResponse) -> list[str]:
+def random_lines(random: SceneRandom) -> list[str]:
     """What is printed of random vibration: modes, points, joints and errors."""
+    found = random.found
     lines = [
         f"Mode {mode.mode}: {mode.frequency:.6g} Hz, damping {100.0 * mode.damping_ratio:.3g} %."
         for mode in found.modes

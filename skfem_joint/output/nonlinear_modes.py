@@ -10,12 +10,13 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import safe_names
+from skfem_joint.ground.plain_values import spread
 from skfem_joint.harmonic.curve import NonlinearMode
 from skfem_joint.output import loss
 from skfem_joint.output.backbone_peaks import COLOURS
 from skfem_joint.output.damping import written
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit
-from skfem_joint.output.tables import by_columns
+from skfem_joint.output.tables import below
 from skfem_joint.results.loss import known
 from skfem_joint.results.places import places_of
 from skfem_joint.study.scene_backbone import ModelBackbone, SceneNonlinearModes
@@ -46,7 +47,9 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
     rows, content = list[dict[str, Any]](), []
     for c in modes.curves.values():
         by_place = places.of_curve(c.friction_work, c.slip)
-        columns = {
+        table: dict[str, Any] = {
+            "model": model.name,
+            "mode": c.mode,
             "amplitude_m": _amplitude(c, system.points),
             "modal_amplitude": c.amplitude,
             **{column: getattr(c, name) for name, column in _VALUES.items()},
@@ -61,15 +64,9 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
             "viscous_damping_ratio": c.viscous_damping,
             "state": c.state,
             "opened_share": c.opened,
-            **{f"displacement_{n}_m": x for n, x in zip(names, c.displacement.T, strict=True)},
+            **spread("displacement_{}_m", c.displacement, names),
         }
-        rows += [
-            {"model": model.name, "mode": c.mode}
-            | {column: values[k] for column, values in columns.items()}
-            | c.losses.row(k)
-            | loss.place_cells(by_place, k)
-            for k in range(c.frequency.size)
-        ]
+        rows.append(table | c.losses.columns() | loss.place_columns(by_place))
         content.append(
             {
                 "mode": c.mode,
@@ -85,7 +82,7 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
                 "highest_level": loss.content(c.losses, by_place, -1),
             }
         )
-    by_model, tables = {model.name: {"modes": content}}, {"nonlinear_modes.csv": by_columns(rows)}
+    by_model, tables = {model.name: {"modes": content}}, {"nonlinear_modes.csv": below(rows)}
     figures = {"nonlinear_modes.png": nonlinear_figure(modes)}
     about = {"told": nonlinear_lines(modes), "notes": modes.notes, "acting": _ACTS}
     return written(folder, scene, by_model, tables, figures, **about)

@@ -48,6 +48,19 @@ def by_columns(rows: Iterable[Mapping[str, Any]]) -> Table:
     return columns
 
 
+def below(tables: Iterable[Mapping[str, Any]]) -> Table:
+    """Columns of tables below each other; a value that is no column stands in all rows of its own.
+
+    All tables have the same names.
+    """
+    columns: dict[str, list[Any]] = {}
+    for table in tables:
+        count = max(len(values) for values in table.values() if np.ndim(values))
+        for name, values in table.items():
+            columns.setdefault(name, []).extend(values if np.ndim(values) else [values] * count)
+    return columns
+
+
 def _plain(value: Any) -> Any:
     """Cell of a table."""
     if isinstance(value, float | np.floating):

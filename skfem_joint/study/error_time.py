@@ -396,12 +396,16 @@ def markdown_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 @dataclass(frozen=True)
 class Report:
-    """All of a report; ``sections`` are Markdown between advice and table of all points."""
+    """All of a report; ``sections`` are Markdown between advice and table of all points.
+
+    ``notes`` say what to beware of; they stand in the summary.
+    """
 
     title: str
     reference: Reference
     points: list[Measured]
     sections: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def table(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of all points, in SI units; ``front`` is 1 on the front."""

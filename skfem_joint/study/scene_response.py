@@ -36,16 +36,13 @@ from skfem_joint.study.models import (
     other_reference,
     with_friction,
 )
+from skfem_joint.study.scene_backbone import given_backbones, named_backbone
 from skfem_joint.study.scene_range import model_in_range
 from skfem_joint.system.system import System
+from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.coarse_model import CoarseModel
 from skfem_joint.vibration.linear_response import linear_response
-from skfem_joint.vibration.response import (
-    at_frequency,
-    response,
-    steady_plan,
-    suited_steps,
-)
+from skfem_joint.vibration.response import at_frequency, response, steady_plan, suited_steps
 from skfem_joint.vibration.response_curve import Curve, State, SteadyPoint
 from skfem_joint.vibration.transfer import check_kind
 
@@ -121,7 +118,9 @@ class SceneResponse:
         Amplitudes of the linear limits at level 1, m.
     models : list of ModelResponse
     notes : tuple of str
-        Of the structure and of all models.
+        Of the structure, all models and the backbones.
+    backbones : list of Backbone
+        Full model's curves beside the response, of a scene with a table ``[backbone]``.
     """
 
     scene: Scene
@@ -131,13 +130,15 @@ class SceneResponse:
     loose: FloatArray
     models: list[ModelResponse]
     notes: tuple[str, ...]
+    backbones: list[Backbone] = field(default_factory=list)
 
 
 def response_table(scene: Scene) -> ResponseTable:
     """Table ``[response]`` of a scene.
 
     InputError if there is none, a load of the scene has no frequency that could be changed, no
-    joint carries friction and the full model is not asked for, or a sine cannot be swept.
+    joint carries friction and the full model is not asked for, or a sine cannot be swept; as
+    `named_backbone` for a table ``[backbone]`` beside it.
     """
     table: ResponseTable = scene.asked("response")
     at_frequency(scene.system(), table.frequencies.to)
@@ -151,6 +152,8 @@ def response_table(scene: Scene) -> ResponseTable:
                 "leave out reduction.range, or the rates"
             )
     with_friction(scene)
+    if "backbone" in scene.model_fields_set:
+        named_backbone(scene)
     return table
 
 
@@ -186,6 +189,8 @@ def scene_response(
         As `skfem_joint.response`.
     """
     table = response_table(scene)
+    # The backbones first: they take seconds, and a wrong mode ends the command at once.
+    beside = given_backbones(scene, progress)
     scene, left_out = with_friction(scene)
     between, levels = table.frequencies, sorted(table.levels)
     highest = _highest(scene.system(), between.to)
@@ -254,7 +259,8 @@ def scene_response(
         warnings += (MAY_DEPEND,)
     if scene.time.rho_infinity < 1.0:
         warnings += ("time.rho_infinity has no effect on responses: their steps are trapezoidal.",)
-    return SceneResponse(scene, frequencies, fine, stuck, loose, models, warnings)
+    warnings += tuple(note for curve in beside for note in curve.notes)
+    return SceneResponse(scene, frequencies, fine, stuck, loose, models, warnings, beside)
 
 
 def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
@@ -360,10 +366,7 @@ def _estimates(
 
 
 def _errors(
-    loaded: System,
-    steps_per_cycle: int,
-    start: State,
-    report: Callable[..., None] | None = None,
+    loaded: System, steps_per_cycle: int, start: State, report: Callable[..., None] | None = None
 ) -> dict[str, Parts]:
     """Estimated errors of the steady vibration of a model, by source and quantity."""
     full = run_estimate.full_of(loaded)
