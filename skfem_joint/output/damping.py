@@ -105,11 +105,8 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         notes.append("backbone.uff has stuck modes alone: shapes at levels are of the full model.")
     about = {"told": backbone_lines(backbone), "notes": notes, "acting": OF_MODES}
     files = written(folder, scene, models, tables, figures, **about)
-    if scene.output.uff:
-        curves = first.curves if first.name == "full" else []
-        with adding(folder):
-            files.append(scene_uff(folder / "backbone.uff", scene, backbones=curves))
-    return files
+    shapes = first.curves if first.name == "full" else []
+    return [*files, *_uff(folder / "backbone.uff", scene, backbones=shapes)]
 
 
 def _of_curve(
@@ -278,8 +275,7 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
             c, down = model.curves[k], [*model.ring_downs[k : k + 1]]
             x = c.amplitude / scale
             gross = np.array([state == "gross" for state in c.state])
-            for panel, name in ((row[0], "frequency"), (row[1], "damping_ratio")):
-                factor = 1.0 if panel is row[0] else 100.0
+            for panel, name, factor in (row[0], "frequency", 1.0), (row[1], "damping_ratio", 100.0):
                 y, how = factor * getattr(c, name), {"color": colour}
                 panel.semilogx(x, y, LINES[model.name], label=f"{model.name} model", **how)
                 if gross.any():
@@ -296,13 +292,12 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
                         at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
                     )
             _draw_losses(row[2], c, model.at[k : k + 1], scale, colour, model.name)
-        row[0].set(xlabel=label, ylabel="frequency, Hz")
-        row[1].set(xlabel=label, ylabel="damping ratio, %")
-        row[2].set(xlabel=label, ylabel="loss factor")
         row[0].axhline(curve.stuck_frequency, color="#888888", linestyle=":", label="stuck")
         row[0].set_title(f"mode {curve.mode}", loc="left")
         row[0].legend(fontsize="small")
-        for panel in row:
+        shown = "frequency, Hz", "damping ratio, %", "loss factor"
+        for panel, values in zip(row, shown, strict=True):
+            panel.set(xlabel=label, ylabel=values)
             plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
     return figure
@@ -360,9 +355,7 @@ def write_response(folder: Path, response: SceneResponse) -> list[Path]:
                 **loss.place_columns(by_place),
                 **by_columns(_active_lengths(structure, p.slip) for p in curve.points),
             })  # fmt: skip
-            estimate = model.estimates[number] if model.estimates else None
-            level = _level(curve, system.points, estimate) | {"peak": _at_peak(curve, by_place)}
-            levels.append(level | _swept(model, curve))
+            levels.append(_level(model, number, system.points, by_place))
         models[model.name] = {
             "offline_s": model.offline_s,
             "compilation_s": model.compilation_s,
@@ -393,11 +386,16 @@ def write_response(folder: Path, response: SceneResponse) -> list[Path]:
     told, acting = response_lines(response), response_loads(scene)
     about = folder, scene, models, tables, figures
     files = written(*about, told=told, notes=notes, acting=acting)
-    if scene.output.uff:
-        curves = response.models[0].curves if over_force else []
-        with adding(folder):
-            files.append(scene_uff(folder / "response.uff", scene, curves))
-    return files
+    curves = response.models[0].curves if over_force else []
+    return [*files, *_uff(folder / "response.uff", scene, curves=curves)]
+
+
+def _uff(path: Path, scene: Scene, **results: Any) -> list[Path]:
+    """Write a universal file beside results, if a scene asks for one."""
+    if not scene.output.uff:
+        return []
+    with adding(path.parent):
+        return [scene_uff(path, scene, **results)]
 
 
 def response_lines(response: SceneResponse) -> list[str]:
@@ -420,22 +418,17 @@ def response_lines(response: SceneResponse) -> list[str]:
     return [*lines, *peak_lines(backbone_peaks(response))]
 
 
-def _swept(model: ModelResponse, curve: Curve) -> dict[str, Any]:
-    """Content of the summary about the swept sines beside a curve."""
-    sweeps = [
-        {
-            "octaves_per_minute": sweep.rate,
-            "peak_frequency_Hz": sweep.peak[0],
-            "peak_amplitude_m": sweep.peak[1],
-        }
-        for sweep in model.sweeps_at(curve.level)
-    ]
-    return {"sweeps": sweeps} if sweeps else {}
-
-
-def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]:
+def _level(
+    model: ModelResponse, number: int, points: Sequence[str], by_place: PlaceResults
+) -> dict[str, Any]:
+    """Content of the summary about a curve of a response."""
+    curve, sweeps = model.curves[number], model.sweeps_at(model.curves[number].level)
     (frequency, amplitude), error = curve.peak, curve.column("step_error")
-    return {
+    estimate = model.estimates[number] if model.estimates else None
+    f, moved = curve.column("frequency"), curve.column("amplitude")[:, curve.largest]
+    nearest = int(np.where(np.isfinite(moved), np.abs(f - frequency), np.inf).argmin())
+    at_peak = loss.content(curve.losses, by_place, nearest)
+    content = {
         "level": curve.level,
         "point": points[curve.largest],
         "peak_frequency_Hz": frequency,
@@ -445,9 +438,19 @@ def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]
         "largest_step_error": None if np.isnan(error).all() else float(np.nanmax(error)),
         "slips_as_a_whole_Hz": curve.gross.tolist(),
         "failed_Hz": [p.frequency for p in curve.points if p.failure is not None],
-        "estimated_error": estimate
-        and {quantity: estimate.of("total", quantity) for quantity in QUANTITIES},
+        "estimated_error": estimate and {q: estimate.of("total", q) for q in QUANTITIES},
+        "peak": {"frequency_Hz": float(f[nearest]), **at_peak},
     }
+    if sweeps:
+        content["sweeps"] = [
+            {
+                "octaves_per_minute": sweep.rate,
+                "peak_frequency_Hz": sweep.peak[0],
+                "peak_amplitude_m": sweep.peak[1],
+            }
+            for sweep in sweeps
+        ]
+    return content
 
 
 def _functions(response: SceneResponse, curve: Curve) -> dict[str, FloatArray]:
@@ -463,14 +466,6 @@ def _functions(response: SceneResponse, curve: Curve) -> dict[str, FloatArray]:
     return columns
 
 
-def _at_peak(curve: Curve, by_place: PlaceResults) -> dict[str, Any]:
-    """Content of the summary about the frequency of a response nearest to its peak."""
-    f, amplitude = curve.column("frequency"), curve.column("amplitude")[:, curve.largest]
-    known = np.isfinite(amplitude)
-    nearest = int(np.where(known, np.abs(f - curve.peak[0]), np.inf).argmin())
-    return {"frequency_Hz": float(f[nearest]), **loss.content(curve.losses, by_place, nearest)}
-
-
 def response_figure(response: SceneResponse) -> Figure:
     """Amplitude over load level and phase of the point that moves most, and loss factor.
 
@@ -480,13 +475,12 @@ def response_figure(response: SceneResponse) -> Figure:
     points, most = response.scene.system().points, response.models[0].largest
     figure = new_figure(7.5, 7.5)
     upper, lower, lost = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 1))
-    drawn = drawn_curves(response)
-    columns = [curve.column("amplitude")[:, most] / curve.level for curve, _ in drawn]
-    unit, scale = prefixed_unit("m", [np.nan_to_num(column) for column in columns])
+    drawn = [(c, A / c.level, look) for c, A, look in drawn_curves(response)]
+    unit, scale = prefixed_unit("m", [np.nan_to_num(column) for _, column, _ in drawn])
     for name, limit, line in (("stuck", response.stuck, ":"), ("loose", response.loose, "-.")):
         y, look = limit[:, most] / scale, {"color": "#888888", "label": f"{name} joint"}
         upper.semilogy(response.linear_frequencies, y, line, **look)
-    for (curve, look), column in zip(drawn, columns, strict=True):
+    for curve, column, look in drawn:
         f = curve.column("frequency")
         unstable = curve.column("stable") == np.False_
         upper.semilogy(f, np.where(unstable, np.nan, column) / scale, **look)

@@ -39,7 +39,7 @@ def write_table(path: Path, columns: Table) -> None:
     write_csv(path, [[*columns], *([_plain(value) for value in row] for row in cells)])
 
 
-def by_columns(rows: Iterable[Mapping[str, Any]]) -> Table:
+def by_columns(rows: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Columns of a table whose rows all have the same names."""
     columns: dict[str, list[Any]] = {}
     for row in rows:
@@ -48,7 +48,7 @@ def by_columns(rows: Iterable[Mapping[str, Any]]) -> Table:
     return columns
 
 
-def below(tables: Iterable[Mapping[str, Any]]) -> Table:
+def below(tables: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """Columns of tables below each other; a value that is no column stands in all rows of its own.
 
     All tables have the same names.

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from skfem_joint.accuracy import range_modes, rungs
+from skfem_joint.accuracy import range_modes, run_estimate, rungs
 from skfem_joint.accuracy.condensed_reference import CondensedReference
 from skfem_joint.accuracy.estimate import Estimate, verification_run
 from skfem_joint.ground.errors import ConvergenceError, JointError
@@ -31,7 +31,6 @@ from skfem_joint.runs.resolution import longest_step
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import AccuracyTable
 from skfem_joint.slow.quasi_static import QuasiStatic
-from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.study.models import model_of, options_of, plan_of
@@ -242,7 +241,7 @@ def shorter(scene: Scene, errors: Estimate) -> Scene | None:
 
 
 def shortened_steps(
-    scene: Scene, integrate: Callable[..., Run], estimated: Callable[[Run, Plan], Estimate]
+    scene: Scene, integrate: Callable[..., Run]
 ) -> tuple[Scene, Run, Estimate | None]:
     """Run a full or condensed model with steps that meet the accuracy asked for.
 
@@ -253,8 +252,6 @@ def shortened_steps(
     integrate : callable
         Runs the model by a plan, as `integrate_plan`. What it saved is not taken up again with
         another step.
-    estimated : callable
-        Estimates the errors of a run by its plan.
 
     Returns
     -------
@@ -273,7 +270,7 @@ def shortened_steps(
     for _ in range(ROUNDS):
         if run.interrupted:
             return scene, run, None
-        errors = estimated(run, plan_of(scene))
+        errors = run_estimate.of_run(run, plan_of(scene))
         finer = shorter(scene, errors)
         if finer is None:
             return scene, run, errors
@@ -305,32 +302,29 @@ def choose_in_range(
     InputError, ConvergenceError
         If the model for the range cannot be made or loaded.
     """
-    watch = Stopwatch()
+    watch, known = Stopwatch(), None
     progress("model for the range", 0, 1)
     model = range_model(served, folder)
     progress("model for the range", 1, 1)
     try:
         point = point_of(scene, model)
         if scene.accuracy.is_given:
-            shorter, errors = _with_steps(scene, point, partial(progress, "errors in the range"))
+            scene, known = _with_steps(scene, point, partial(progress, "errors in the range"))
         else:
             report = partial(progress, "slip in the range")
             check_short_of_gross_slip(verification_run(point, plan_of(scene), progress=report))
     except JointError as error:
         return Choice(scene, notes=(_own(str(error)),))
     short = Served.by(model).shortfall
-    notes, stated = () if short is None else (f"{short}.",), None
-    if scene.accuracy.is_given:
-        scene = shorter
-        if excess(scene.accuracy, errors) > 1.0:
-            return Choice(scene, notes=(_own(f"it errs by an estimated {stated(errors)}"),))
-        notes = (
-            *notes,
+    notes: tuple[str, ...] = () if short is None else (f"{short}.",)
+    if known is not None:
+        if excess(scene.accuracy, known) > 1.0:
+            return Choice(scene, notes=(_own(f"it errs by an estimated {stated(known)}"),))
+        notes += (
             f"The reduced model for the range has steps of {scene.time_step:.4g} s for the "
-            f"accuracy asked for; it errs by an estimated {stated(errors)}.",
+            f"accuracy asked for; it errs by an estimated {stated(known)}.",
         )
-        stated = errors
-    return Choice(scene, point, stated, notes, *watch.read())
+    return Choice(scene, point, known, notes, *watch.read())
 
 
 def _own(why: str) -> str:

@@ -106,7 +106,7 @@ _POINTS = 12
 def random_loads_of(scene: Scene, acts: str) -> Iterator[str]:
     """What acts in random vibration, of the loads of a scene or of that one which ``acts``."""
     table: RandomTable = scene.asked("random")
-    several, named = not isinstance(table.psd, str), {load.on: load for load in reversed(scene.load)}
+    several, named = not isinstance(table.psd, str), {x.on: x for x in reversed(scene.load)}
     places = [load.on for load in scene.system().loads] if several else [acts]
     for place, density in zip(places, table.densities, strict=True):
         unit = "g²/Hz" if table.unit == "g2/Hz" else "(m/s²)²/Hz"

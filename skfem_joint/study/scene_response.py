@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -203,35 +204,24 @@ def scene_response(
         with announced(progress, f"linear response, {limit}"):
             limits.append(linear_response(system, fine, held))
     stuck, loose = limits
-    rows = rows or Rows()
+    rows, cycles = rows or Rows(), {"steps_per_cycle": scene.time.steps_per_cycle}
     resonance = float(frequencies[stuck[np.isin(fine, frequencies)].max(axis=1).argmax()])
     models = []
     for name in scene.models.run:
         watch = Stopwatch()
         with announced(progress, f"making the {name} model"):
             model = system if scene.parts else _model(name, scene, resonance, rows)
-            coarse, notes = (
-                _coarse(model, scene, resonance) if table.method == "time" else (None, [])
-            )
+            coarse, notes = _coarse(model, scene, resonance)
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
-        report = partial(progress, f"{name} model")
+        how: dict[str, Any] = {"progress": partial(progress, f"{name} model"), "rows": rows}
         curves: list[Curve]
         if table.method == "harmonic":
-            curves = [*harmonic_response(model, frequencies, levels, progress=report, rows=rows)]
+            curves = [*harmonic_response(model, frequencies, levels, **how)]
         else:
-            curves = response(
-                model,
-                frequencies,
-                levels,
-                steps_per_cycle=scene.time.steps_per_cycle,
-                estimated=scene.accuracy.estimate,
-                executor=executor,
-                workers=workers,
-                coarse=coarse,
-                progress=report,
-                rows=rows,
-            )
+            how |= {"executor": executor, "workers": workers, "coarse": coarse}
+            how |= {"estimated": scene.accuracy.estimate, **cycles}
+            curves = response(model, frequencies, levels, **how)
         curves = [_with_all_slips(curve, model, system) for curve in curves]
         wall, compiled = watch.read()
         if name == "reduced":
@@ -282,13 +272,9 @@ def _sweeps(model: System, scene: Scene, report: Progress, rows: Rows) -> list[S
     table = scene.asked("response")
     ends, steps = (table.frequencies.from_, table.frequencies.to), scene.time.steps_per_cycle
     origin = rows.mark("swept sine", model, steps)
+    swept = partial(swept_response, model, steps_per_cycle=steps, progress=report)
     return [
-        rows.row(
-            rows.mark(origin, way, rate, level),
-            partial(
-                swept_response, model, way, rate, level, steps_per_cycle=steps, progress=report
-            ),
-        )
+        rows.row(rows.mark(origin, way, rate, level), partial(swept, way, rate, level))
         for level in sorted(table.levels)
         for rate in table.sweep_rates
         for way in (ends, ends[::-1])
@@ -303,12 +289,13 @@ def _highest(system: System, frequency: float) -> float:
 
 def _coarse(model: System, scene: Scene, resonance: float) -> tuple[CoarseModel | None, list[str]]:
     """Reduced model beside a full or condensed one, where that helps, and a note if it fails."""
-    if model.made_for or model.serves or not model.contact.count or scene.parts:
+    table = scene.asked("response")
+    alone = model.made_for or model.serves or not model.contact.count or scene.parts
+    if alone or table.method != "time":
         return None, []
     V = None if model.origin is None else model.origin.basis.V
-    level = max(scene.asked("response").levels)
     try:
-        return CoarseModel.of(scene.system(), resonance, level, V), []
+        return CoarseModel.of(scene.system(), resonance, max(table.levels), V), []
     except (InputError, ConvergenceError) as error:
         name = "full" if V is None else "condensed"
         note = f"No reduced model helps the {name} model's response, which takes longer then"

@@ -4,9 +4,8 @@ Structure and system follow from the scene. `describe` states what they are and 
 static loads; `choose` finds time steps and a reduced model for an accuracy, if the scene asks for
 one. Then, for each model of the scene, `make_model` runs it, and `compare_with_full` compares it
 with the full model. All that is `run_models`. After it `estimated` goes through the models once
-more: `estimate_errors` estimates a model's errors, `count_mesh` adds those by the mesh,
-`compare_with_coulomb` says how far an arctan law takes it from Coulomb's. Each takes a study, which
-is frozen, and returns one that says more.
+more, for their errors, those by the mesh, and how far an arctan law takes them from Coulomb's. Each
+takes a study, which is frozen, and returns one that says more.
 """
 
 from __future__ import annotations
@@ -165,9 +164,9 @@ def estimated(study: Study, progress: Progress = silent) -> Study:
     for name in study.models:
         if study.interrupted:
             break
-        study = estimate_errors(study, name, progress)
-        study = count_mesh(study, name, progress)
-        study = compare_with_coulomb(study, name, progress)
+        for what, (label, source) in _SOURCES.items():
+            report = partial(progress, label.format(name))
+            study = _with_estimate(study, name, what, partial(source, report=report))
         if (model := study.whole(name)) is not None:
             study = study.noting(*violated(study, model))
     return study
@@ -228,81 +227,75 @@ def compare_with_full(study: Study, name: str) -> Study:
     return study.holding(replace(model, errors=compare(full.run, model.run)))
 
 
-def _with_estimate(study: Study, model: Model, what: str, compute: Callable[[], Estimate]) -> Study:
+def _with_estimate(
+    study: Study, name: str, what: str, source: Callable[[Study, Model], Estimate | None]
+) -> Study:
     """Model with estimated errors; what ends their computation early costs no more than a note."""
-    watch = Stopwatch()
+    model, watch = study.whole(name), Stopwatch()
+    if model is None or study.interrupted:
+        return study
     try:
-        errors = compute()
+        errors = source(study, model)
     except JointError as error:
-        return study.noting(f"The {what} of the {model.name} model are not estimated: {error}")
+        return study.noting(f"The {what} of the {name} model are not estimated: {error}")
     except KeyboardInterrupt:
-        note = f"The run was interrupted in the {what} of the {model.name} model."
+        note = f"The run was interrupted in the {what} of the {name} model."
         return study.noting(note, interrupted=True)
+    if errors is None or errors is model.estimate:
+        return study
     took, compiled = watch.read()
-    _log.info("The %s of the %s model are estimated, in %.3g s.", what, model.name, took)
+    _log.info("The %s of the %s model are estimated, in %.3g s.", what, name, took)
     took, compiled = took + model.estimate_s, compiled + model.compilation_s
     return study.holding(replace(model, estimate=errors, estimate_s=took, compilation_s=compiled))
 
 
-def estimate_errors(study: Study, name: str, progress: Progress) -> Study:
-    """Give a model its estimated errors, if they are not known.
-
-    The distance from the full model, where that was run, counts among them.
-    """
-    model = study.whole(name)
-    if model is not None and model.estimate is None and study.scene.accuracy.estimate:
-        report = partial(progress, f"errors of the {name} model")
-        compute = partial(run_estimate.of_run, model.run, plan_of(study.scene), report)
-        study = _with_estimate(study, model, "errors", compute)
-        model = study.models[name]
-    if model is None or model.estimate is None or model.errors is None:
-        return study
+def _own_errors(study: Study, model: Model, report: Progress) -> Estimate | None:
+    """Estimated errors of a model; the distance from a full one beside it counts among them."""
+    errors = model.estimate
+    if errors is None and study.scene.accuracy.estimate:
+        errors = run_estimate.of_run(model.run, plan_of(study.scene), report)
+    if errors is None or model.errors is None:
+        return errors
     runs = results(study.models["full"].run), results(model.run)
     joints = joint_differences(*runs, study.system.contact.joints)
-    beside = model.estimate.beside(difference(*runs), joints)
-    return study.holding(replace(model, estimate=beside))
+    return errors.beside(difference(*runs), joints)
 
 
-def count_mesh(study: Study, name: str, progress: Progress) -> Study:
-    """Add the error by the mesh to a model's estimated errors, where a finer mesh costs little.
+def _with_mesh(study: Study, model: Model, report: Progress) -> Estimate | None:
+    """The same with the error by the mesh, where a finer one costs little.
 
     It is found once, beside the first model, and is the same for all.
     """
-    model, scene = study.whole(name), study.scene
-    if model is None or model.estimate is None or study.interrupted:
-        return study
-    first = next(iter(study.models.values())).estimate
-    known = None if first is None else first.parts.get("mesh")
-    if known is not None:
-        return study.holding(replace(model, estimate=model.estimate.with_mesh(known)))
+    scene, first = study.scene, next(iter(study.models.values()))
+    if model.estimate is None:
+        return None
+    known = None if first.estimate is None else first.estimate.parts.get("mesh")
     served = model.run.system.serves is not None  # no full model is assembled
-    if name != next(iter(study.models)) or served or scene.matrices is not None:
-        return study
-    if not halved_mesh.affords(study.system, scene.named_mesh.dim):
-        return study
-    errors, report = model.estimate, partial(progress, "error of the mesh")
-
-    def compute() -> Estimate:
+    if known is None:
+        if model.name != first.name or served or scene.matrices is not None:
+            return None
+        if not halved_mesh.affords(study.system, scene.named_mesh.dim):
+            return None
         finer, plan = finer_mesh(scene).system(), plan_of(scene)
-        return errors.with_mesh(halved_mesh.of_run(model.run, plan, study.system, finer, report))
+        known = halved_mesh.of_run(model.run, plan, study.system, finer, report)
+    return model.estimate.with_mesh(known)
 
-    return _with_estimate(study, model, "errors by the mesh", compute)
+
+def _with_coulomb(study: Study, model: Model, report: Progress) -> Estimate | None:
+    """The same with the distance from Coulomb's law, unless the model has that."""
+    if (errors := model.estimate) is None:
+        return None
+    apart = against_coulomb(study.system, model.run, plan_of(study.scene), errors, report)
+    parts = {} if apart is None else {"coulomb": apart}
+    return replace(errors, parts={**errors.parts, **parts})
 
 
-def compare_with_coulomb(study: Study, name: str, progress: Progress) -> Study:
-    """Give a model with estimated errors its distance from Coulomb's law, unless it has that."""
-    model = study.whole(name)
-    if model is None or model.estimate is None or study.interrupted:
-        return study
-    errors, report = model.estimate, partial(progress, f"{name} model, Coulomb's law")
-    plan = plan_of(study.scene)
-
-    def compute() -> Estimate:
-        apart = against_coulomb(study.system, model.run, plan, errors, report)
-        parts = {} if apart is None else {"coulomb": apart}
-        return replace(errors, parts={**errors.parts, **parts})
-
-    return _with_estimate(study, model, "distances from Coulomb's law", compute)
+#: Estimated errors of a model, one after the other: what they are called, also in progress.
+_SOURCES: dict[str, tuple[str, Callable[..., Estimate | None]]] = {
+    "errors": ("errors of the {} model", _own_errors),
+    "errors by the mesh": ("error of the mesh", _with_mesh),
+    "distances from Coulomb's law": ("{} model, Coulomb's law", _with_coulomb),
+}
 
 
 def _with_model(
@@ -323,7 +316,7 @@ def _with_model(
         run, errors = integrate(system, plan_of(scene)), ready.estimate
     else:
         call = partial(_named_places, study, integrate) if name == "full" else integrate
-        scene, run, errors = shortened_steps(scene, partial(call, system), run_estimate.of_run)
+        scene, run, errors = shortened_steps(scene, partial(call, system))
         if errors is not None:
             notes += (
                 f"For the accuracy asked for the {name} model has steps of {scene.time_step:.4g} "
