@@ -23,7 +23,7 @@ from skfem_joint.output.backbone_peaks import (
 from skfem_joint.output.drawing.shapes import shapes_figure
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import adding, writing
-from skfem_joint.output.tables import Table, below, by_columns, write_table
+from skfem_joint.output.tables import Table, by_columns, write_table
 from skfem_joint.output.universal import over_one_force, scene_uff
 from skfem_joint.reduction.active_length import measured_lengths
 from skfem_joint.results.history import QUANTITIES
@@ -91,7 +91,7 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
             for c, d in zip(model.curves, model.ring_downs, strict=False)
         ]  # fmt: skip
     every = {"backbone.csv": curves, "amplitudes.csv": asked, "ring_down.csv": rung}
-    tables = {name: below(parts) for name, parts in every.items() if parts}
+    tables = {name: by_columns(parts) for name, parts in every.items() if parts}
     models = {
         model.name: {"modes": [_mode(backbone, model, k, places) for k in range(len(model.curves))]}
         for model in backbone.models
@@ -369,10 +369,10 @@ def write_response(folder: Path, response: SceneResponse) -> list[Path]:
             }
             for sweep in model.sweeps
         ]  # fmt: skip
-    tables: dict[str, Table] = {"response.csv": below(rows)}
+    tables: dict[str, Table] = {"response.csv": by_columns(rows)}
     figures = {"response.png": response_figure(response)}
     if swept:
-        tables["swept.csv"] = below(swept)
+        tables["swept.csv"] = by_columns(swept)
     if response.backbones:
         peaks = backbone_peaks(response)
         tables["peaks.csv"] = peak_columns(peaks)

@@ -16,7 +16,7 @@ from skfem_joint.output import loss
 from skfem_joint.output.backbone_peaks import COLOURS
 from skfem_joint.output.damping import written
 from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit
-from skfem_joint.output.tables import below
+from skfem_joint.output.tables import by_columns
 from skfem_joint.results.loss import known
 from skfem_joint.results.places import places_of
 from skfem_joint.study.scene_backbone import ModelBackbone, SceneNonlinearModes
@@ -82,7 +82,7 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
                 "highest_level": loss.content(c.losses, by_place, -1),
             }
         )
-    by_model, tables = {model.name: {"modes": content}}, {"nonlinear_modes.csv": below(rows)}
+    by_model, tables = {model.name: {"modes": content}}, {"nonlinear_modes.csv": by_columns(rows)}
     figures = {"nonlinear_modes.png": nonlinear_figure(modes)}
     about = {"told": nonlinear_lines(modes), "notes": modes.notes, "acting": _ACTS}
     return written(folder, scene, by_model, tables, figures, **about)

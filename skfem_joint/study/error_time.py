@@ -207,7 +207,7 @@ def _timed(job: Job) -> float:
 
 
 def full_jobs(
-    reference: Reference, wanted: Mapping[str, tuple[Any, ...]], rows: Rows | None = None
+    reference: Reference, wanted: Mapping[str, tuple[Any, ...]], rows: Rows
 ) -> Iterator[Job]:
     """Full models: the scene's law, and others."""
     system, parts = reference.system, wanted["parts"]
@@ -238,16 +238,13 @@ def other_jobs(
 
 
 def reduced_jobs(
-    scene: Scene,
-    reference: Reference,
-    wanted: Mapping[str, tuple[Any, ...]],
-    rows: Rows | None = None,
+    scene: Scene, reference: Reference, wanted: Mapping[str, tuple[Any, ...]], rows: Rows
 ) -> Iterator[Job]:
     """Reduced models: friction at all nodes, and at few points, else with the scene's options.
 
     They are made when a run needs them first.
     """
-    rows, given = rows or Rows(), options_of(scene)
+    given = options_of(scene)
     # With contact that opens all friction points are kept.
     families = {REDUCED: "all"} | ({} if scene.opens else {FEW_POINTS: "auto"})
 
