@@ -305,7 +305,8 @@ def _like(
     """
     full, table = scene.system(), scene.backbone
     if levels is None:
-        ends = curve.level.size < table.levels  # where the structure lifts off
+        # Where the structure lifts off; a model for a range follows its own curve.
+        ends = model.serves is None and curve.level.size < table.levels
         levels = curve.level if ends else table.levels
     (own,) = backbone(model, (curve.mode,), levels, table.up_to, curve.slips_at, report)
     if model is full:
