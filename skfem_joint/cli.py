@@ -18,8 +18,16 @@ import threading
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor
-from contextlib import AbstractContextManager, closing, contextmanager, redirect_stdout, suppress
+from contextlib import (
+    AbstractContextManager,
+    closing,
+    contextmanager,
+    nullcontext,
+    redirect_stdout,
+    suppress,
+)
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -297,8 +305,22 @@ def _vibrating(options: argparse.Namespace) -> Scene:
     return _loaded(options, lambda scene: scene.check_vibrates(options.name))
 
 
-def _asking(options: argparse.Namespace, table: str, check: Callable[[Scene], object]) -> Scene:
-    """Scene of a command about vibration with a table that asks for it and fits the structure."""
+def _checks() -> dict[str, Callable[[Scene], object]]:
+    """What refuses a table of vibration that does not fit its scene, by the name of the table."""
+    from skfem_joint.study.scene_backbone import backbone_table, nonlinear_table, random_table
+    from skfem_joint.study.scene_response import response_table
+
+    return {
+        "backbone": backbone_table,
+        "nonlinear_modes": nonlinear_table,
+        "random": random_table,
+        "response": response_table,
+    }
+
+
+def _asking(options: argparse.Namespace) -> Scene:
+    """Scene of a command about vibration with the table of its name, which fits the structure."""
+    table = options.name.replace("-", "_")
 
     def ready(scene: Scene) -> None:
         scene.check_vibrates(options.name)
@@ -306,8 +328,32 @@ def _asking(options: argparse.Namespace, table: str, check: Callable[[Scene], ob
 
     scene = _loaded(options, ready)
     with _progress(options) as progress, announced(progress, "making the structure"):
-        check(scene)  # before earlier results are removed
+        _checks()[table](scene)  # before earlier results are removed
     return scene
+
+
+def _answered(
+    options: argparse.Namespace,
+    scene: Scene,
+    compute: Callable[..., Any],
+    write: Callable[[Path, Any], list[Path]],
+    lines: Callable[[Any], Iterable[str]],
+    kinds: Sequence[type] = (),
+) -> Any:
+    """Compute, write and print the results of a command, which are returned.
+
+    ``compute`` is given ``progress``, and ``rows`` of these ``kinds``, if there are any. Results
+    have ``notes``, to which those about folder and scene are added.
+    """
+    kept_rows = _rows(options, kinds) if kinds else nullcontext()
+    with _kept(options, scene) as notes, kept_rows as rows:
+        with _progress(options) as progress:
+            found = compute(progress=progress, **({"rows": rows} if kinds else {}))
+        found = replace(found, notes=(*found.notes, *notes))
+        files = write(options.out, found)
+    print("\n".join(lines(found)))
+    _print_notes(found.notes, options.out, files)
+    return found
 
 
 def _is_saved(scene: Scene) -> bool:
@@ -358,8 +404,6 @@ def _check(options: argparse.Namespace) -> int:
     from skfem_joint.study.against_opening import against_opening
     from skfem_joint.study.description import description_of
     from skfem_joint.study.models import plan_of, with_friction
-    from skfem_joint.study.scene_backbone import backbone_table, nonlinear_table, random_table
-    from skfem_joint.study.scene_response import response_table
 
     # Everything is checked before the scene is called valid.
     with _progress(options) as progress:
@@ -368,12 +412,7 @@ def _check(options: argparse.Namespace) -> int:
     if not scene.accuracy.is_given:  # the accuracy would choose the step
         check_resolution(system, plan_of(scene))
         check_jumps(system, plan_of(scene))
-    for table, check in (
-        ("backbone", backbone_table),
-        ("nonlinear_modes", nonlinear_table),
-        ("random", random_table),
-        ("response", response_table),
-    ):
+    for table, check in _checks().items():
         if table in scene.model_fields_set:
             check(scene)
     if plan_of(scene).until == "steady":
@@ -460,32 +499,23 @@ def _backbone(options: argparse.Namespace) -> int:
     """Compute frequency and damping of modes over their amplitude, write and print them."""
     from skfem_joint.output import damping
     from skfem_joint.output.universal import check_uff
-    from skfem_joint.study.scene_backbone import backbone_table, scene_backbone
+    from skfem_joint.study.scene_backbone import scene_backbone
 
-    scene = _asking(options, "backbone", backbone_table)
+    scene = _asking(options)
     check_uff(scene)
-    with _kept(options, scene) as notes:
-        with _progress(options) as progress:
-            backbone = scene_backbone(scene, progress, options.out)
-        backbone = replace(backbone, notes=(*backbone.notes, *notes))
-        files = damping.write_backbone(options.out, backbone)
-    print("\n".join(damping.backbone_lines(backbone)))
-    return _print_notes(backbone.notes, options.out, files)
+    compute = partial(scene_backbone, scene, folder=options.out)
+    _answered(options, scene, compute, damping.write_backbone, damping.backbone_lines)
+    return 0
 
 
 def _nonlinear_modes(options: argparse.Namespace) -> int:
     """Compute modes into gross slip, write and print them."""
-    from skfem_joint.output import nonlinear_modes as output
-    from skfem_joint.study.scene_backbone import nonlinear_table, scene_nonlinear_modes
+    from skfem_joint.output.nonlinear_modes import nonlinear_lines, write_nonlinear_modes
+    from skfem_joint.study.scene_backbone import scene_nonlinear_modes
 
-    scene = _asking(options, "nonlinear_modes", nonlinear_table)
-    with _kept(options, scene) as notes:
-        with _progress(options) as progress:
-            modes = scene_nonlinear_modes(scene, progress)
-        modes = replace(modes, notes=(*modes.notes, *notes))
-        files = output.write_nonlinear_modes(options.out, modes)
-    print("\n".join(output.nonlinear_lines(modes)))
-    _print_notes(modes.notes, options.out, files)
+    scene = _asking(options)
+    compute = partial(scene_nonlinear_modes, scene)
+    modes = _answered(options, scene, compute, write_nonlinear_modes, nonlinear_lines)
     return ConvergenceError.exit_status if modes.failures else 0
 
 
@@ -493,38 +523,29 @@ def _response(options: argparse.Namespace) -> int:
     """Compute steady vibration over frequency, write it and print its peaks."""
     from skfem_joint.output import damping
     from skfem_joint.output.universal import check_uff
-    from skfem_joint.study.scene_backbone import given_backbones, named_backbone
-    from skfem_joint.study.scene_response import RESPONSE_ROWS, response_table, scene_response
+    from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
 
-    scene = _asking(options, "response", response_table)
-    if "backbone" in scene.model_fields_set:
-        named_backbone(scene)
+    scene = _asking(options)
     check_uff(scene)
-    with _kept(options, scene) as notes, _rows(options, RESPONSE_ROWS) as rows:
-        with _progress(options) as progress, _executor(options) as executor:
-            # The backbones first: they take seconds, and a wrong mode ends the command at once.
-            curves = given_backbones(scene, progress)
-            response = scene_response(scene, executor, progress, rows, options.workers)
-        notes = [*notes, *(note for curve in curves for note in curve.notes)]
-        response = replace(response, notes=(*response.notes, *notes))
-        files = damping.write_response(options.out, response, curves)
-    print("\n".join(damping.response_lines(response, curves)))
-    return _print_notes(response.notes, options.out, files)
+
+    def compute(**how: Any) -> Any:
+        with _executor(options) as executor:
+            return scene_response(scene, executor, workers=options.workers, **how)
+
+    written = damping.write_response, damping.response_lines
+    _answered(options, scene, compute, *written, RESPONSE_ROWS)
+    return 0
 
 
 def _random(options: argparse.Namespace) -> int:
     """Compute the response to a random load, write and print it."""
     from skfem_joint.output import damping
-    from skfem_joint.study.scene_backbone import random_table, scene_random
+    from skfem_joint.study.scene_backbone import scene_random
 
-    scene = _asking(options, "random", random_table)
-    with _kept(options, scene) as notes:
-        with _progress(options) as progress:
-            found, curves = scene_random(scene, progress)
-        found = replace(found, notes=(*found.notes, *notes))
-        files = damping.write_random(options.out, scene, found, curves)
-    print("\n".join(damping.random_lines(found)))
-    return _print_notes(found.notes, options.out, files)
+    scene = _asking(options)
+    compute = partial(scene_random, scene)
+    _answered(options, scene, compute, damping.write_random, damping.random_lines)
+    return 0
 
 
 def _fit(options: argparse.Namespace) -> int:
@@ -615,15 +636,14 @@ def _error_time(options: argparse.Namespace) -> int:
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
         return _status_of(again, pinned)
     comparison.check_options(scene, options.repeats)  # before earlier results are removed
-    with _kept(options, scene) as notes, _rows(options, comparison.ROWS) as rows:
-        with _progress(options) as progress:
-            measured = comparison.error_time(
-                scene, repeats=options.repeats, quick=options.quick, progress=progress, rows=rows
-            )
-        files = folder.write_error_time(options.out, measured, notes)
-    for level in comparison.LEVELS:
-        print(comparison.advice(measured.points, level), end="\n\n")
-    return _print_notes(notes, options.out, files)
+    asked: dict[str, Any] = {"repeats": options.repeats, "quick": options.quick}
+    compute = partial(comparison.error_time, scene, **asked)
+
+    def lines(measured: comparison.Report) -> Iterator[str]:
+        return (f"{comparison.advice(measured.points, k)}\n" for k in comparison.LEVELS)
+
+    _answered(options, scene, compute, folder.write_error_time, lines, comparison.ROWS)
+    return 0
 
 
 def _sweep(options: argparse.Namespace) -> int:

@@ -15,7 +15,6 @@ from benchmarks import EXAMPLES, head, row
 
 from skfem_joint import build_bar, load_scene, natural_modes
 from skfem_joint.study.backbone_peaks import backbone_peaks
-from skfem_joint.study.scene_backbone import given_backbones
 from skfem_joint.study.scene_response import scene_response
 
 #: Density of the last 20 mm (kg/m³), and frequencies of the response (Hz).
@@ -44,7 +43,7 @@ def main(arguments):
         scene = scene_of(*values, levels)
         modes = natural_modes(scene.system(), 3, joints="stuck").frequencies
         ratios = " : ".join(f"{x:.3g}" for x in modes / modes[0])
-        for p in backbone_peaks(scene_response(scene).models, given_backbones(scene)):
+        for p in backbone_peaks(scene_response(scene)):
             numbers = f"{p.frequency:.2f}", f"{p.backbone_frequency:.2f}"
             shares = f"{100 * p.apart:+.2g} %", f"{100 * p.error:.2g} %"
             row(title, ratios, f"{p.level:g}", *numbers, *shares)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.output.plots import new_figure, prefixed_unit
 from skfem_joint.study.backbone_peaks import BackbonePeak, backbone_errors
 from skfem_joint.study.scene_response import SceneResponse
-from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.response_curve import Curve
 
 if TYPE_CHECKING:
@@ -64,20 +64,17 @@ def peak_lines(peaks: Sequence[BackbonePeak]) -> list[str]:
     return lines
 
 
-def peaks_figure(
-    response: SceneResponse, curves: Sequence[Backbone], peaks: Sequence[BackbonePeak]
-) -> Figure:
+def peaks_figure(response: SceneResponse, peaks: Sequence[BackbonePeak]) -> Figure:
     """Amplitude over frequency at each level, its peaks, and the backbones, with their errors."""
     figure = new_figure(7.5, 5.0)
     panel, most = figure.subplots(), response.models[0].largest
-    curves_of_models = drawn_curves(response)
-    columns = [curve.column("amplitude")[:, most] for curve, _ in curves_of_models]
-    unit, scale = prefixed_unit("m", [np.nan_to_num(column) for column in columns])
-    for (curve, look), column in zip(curves_of_models, columns, strict=True):
+    drawn = drawn_curves(response)
+    unit, scale = prefixed_unit("m", [np.nan_to_num(column) for _, column, _ in drawn])
+    for curve, column, look in drawn:
         panel.semilogy(curve.column("frequency"), column / scale, **look)
     low, high = response.frequencies[[0, -1]]
-    least = min(float(np.nanmin(column)) for column in columns) / scale
-    for mode in curves:
+    least = min(float(np.nanmin(column)) for _, column, _ in drawn) / scale
+    for mode in response.backbones:
         f, error = np.r_[mode.stuck_frequency, mode.frequency], np.r_[0.0, backbone_errors(mode)]
         if f.max() < low or f.min() > high:
             continue
@@ -89,11 +86,8 @@ def peaks_figure(
     for name, mark in _MARKS.items():
         own = [p for p in peaks if p.model == name and not p.at_end]
         if own:
-            f, A = (np.array([getattr(p, of) for p in own]) for of in ("frequency", "amplitude"))
-            of_f, of_A = (
-                np.array([getattr(p, of) for p in own])
-                for of in ("frequency_error", "amplitude_error")
-            )
+            names = "frequency", "amplitude", "frequency_error", "amplitude_error"
+            f, A, of_f, of_A = (np.array([getattr(p, of) for p in own]) for of in names)
             panel.errorbar(
                 f, A / scale, A * np.nan_to_num(of_A) / scale, f * of_f,
                 fmt=mark, color="#c2185b", capsize=3, markersize=5, markerfacecolor="none",
@@ -107,11 +101,15 @@ def peaks_figure(
     return figure
 
 
-def drawn_curves(response: SceneResponse) -> list[tuple[Curve, dict[str, Any]]]:
-    """Curves of all models, with the colour, line and label of each."""
-    drawn = []
+def drawn_curves(response: SceneResponse) -> list[tuple[Curve, FloatArray, dict[str, Any]]]:
+    """Curves of all models, with the amplitude (m) of the point that moves most in the first one.
+
+    Also the colour, line and label of each.
+    """
+    drawn, most = [], response.models[0].largest
     for model in response.models:
         for curve, colour in zip(model.curves, cycle(COLOURS), strict=False):
             label = f"{model.name}, level {curve.level:g}"
-            drawn.append((curve, {"color": colour, "ls": LINES[model.name], "label": label}))
+            look = {"color": colour, "ls": LINES[model.name], "label": label}
+            drawn.append((curve, curve.column("amplitude")[:, most], look))
     return drawn

@@ -10,6 +10,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import safe_names
+from skfem_joint.ground.plain_values import spread
 from skfem_joint.output import loss
 from skfem_joint.output.backbone_peaks import (
     COLOURS,
@@ -29,7 +30,6 @@ from skfem_joint.results.history import QUANTITIES
 from skfem_joint.results.loss import over
 from skfem_joint.results.places import JointPlaces, PlaceResults, places_of
 from skfem_joint.scene import Scene
-from skfem_joint.scene.tables import RandomTable
 from skfem_joint.structure.model import AnyStructure
 from skfem_joint.structure.structure import Structure
 from skfem_joint.study.backbone_peaks import backbone_peaks
@@ -37,11 +37,11 @@ from skfem_joint.study.description import made_of
 from skfem_joint.study.premises import (
     OF_MODES,
     damping_given,
-    density_loads,
     premises,
+    random_loads_of,
     response_loads,
 )
-from skfem_joint.study.scene_backbone import AtAmplitudes, ModelBackbone, SceneBackbone
+from skfem_joint.study.scene_backbone import AtAmplitudes, ModelBackbone, SceneBackbone, SceneRandom
 from skfem_joint.study.scene_response import ModelResponse, SceneResponse
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.random_response import RandomResponse
@@ -56,40 +56,41 @@ _DOTS = {"full": ".", "condensed": "+", "reduced": "x"}
 
 def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
     """Write ``backbone.csv``, ``backbone.png``, a summary, and what else is asked for."""
-    structure = backbone.scene.structure()
-    system = backbone.scene.system()
+    structure, system = backbone.scene.structure(), backbone.scene.system()
     names, places = safe_names(system.points), places_of(structure, system)
-    rows, at_rows = [], []
+    curves, asked, rung = [], [], []
     for model in backbone.models:
         for c in model.curves:
             by_place = places.of_curve(c.friction_work, c.slip)
-            for k, row in enumerate(_curve_rows(model.name, c, names)):
-                row["slipping_share"] = by_place.slipping_share_of_all[k]
-                row |= _by_mesh(backbone, c.mode, k)
-                row |= c.losses.row(k) | loss.place_cells(by_place, k)
-                rows.append(row | _active_lengths(structure, c.slip[k]))
+            mesh = backbone.mesh.get(c.mode, {})
+            curves.append(
+                _of_curve(model.name, c, names, by_place)
+                | {f"mesh_error_{name}": error for name, error in mesh.items()}
+                | c.losses.columns()
+                | loss.place_columns(by_place)
+                | by_columns(_active_lengths(structure, slip) for slip in c.slip)
+            )
         for at in model.at:
-            c, by_place = at.curve, places.of_curve(at.curve.friction_work, at.curve.slip)
-            for k, row in enumerate(_curve_rows(model.name, c, names)):
-                row |= c.losses.row(k) | loss.error_cells(at, k) | loss.place_cells(by_place, k)
-                row["slipping_share"] = by_place.slipping_share_of_all[k]
-                row["not_counted"] = loss.not_counted(at, k, backbone.normal.get(c.mode))
-                at_rows.append(loss.asked_cells(at, k) | row)
-    tables = {"backbone.csv": by_columns(rows)}
-    if at_rows:
-        tables["amplitudes.csv"] = by_columns(at_rows)
-    if backbone.models[0].ring_downs:
-        rows = [
+            c, normal = at.curve, backbone.normal.get(at.curve.mode)
+            by_place = places.of_curve(c.friction_work, c.slip)
+            asked.append(
+                loss.asked_columns(at)
+                | _of_curve(model.name, c, names, by_place)
+                | c.losses.columns()
+                | loss.error_columns(at)
+                | loss.place_columns(by_place)
+                | {"not_counted": [loss.not_counted(at, k, normal) for k in range(c.level.size)]}
+            )
+        rung += [
             {
-                "model": model.name, "mode": c.mode, "time_s": d.time[k],
-                "modal_amplitude": d.amplitude[k], "frequency_Hz": d.frequency[k],
-                "damping_ratio": d.damping_ratio[k],
+                "model": model.name, "mode": c.mode, "time_s": d.time,
+                "modal_amplitude": d.amplitude, "frequency_Hz": d.frequency,
+                "damping_ratio": d.damping_ratio,
             }
-            for model in backbone.models
-            for c, d in zip(model.curves, model.ring_downs, strict=True)
-            for k in range(d.time.size)
+            for c, d in zip(model.curves, model.ring_downs, strict=False)
         ]  # fmt: skip
-        tables["ring_down.csv"] = by_columns(rows)
+    every = {"backbone.csv": curves, "amplitudes.csv": asked, "ring_down.csv": rung}
+    tables = {name: by_columns(parts) for name, parts in every.items() if parts}
     models = {
         model.name: {"modes": [_mode(backbone, model, k, places) for k in range(len(model.curves))]}
         for model in backbone.models
@@ -103,38 +104,28 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
         notes.append("backbone.uff has stuck modes alone: shapes at levels are of the full model.")
     about = {"told": backbone_lines(backbone), "notes": notes, "acting": OF_MODES}
     files = written(folder, scene, models, tables, figures, **about)
-    if scene.output.uff:
-        curves = first.curves if first.name == "full" else []
-        with adding(folder):
-            files.append(scene_uff(folder / "backbone.uff", scene, backbones=curves))
-    return files
+    shapes = first.curves if first.name == "full" else []
+    return [*files, *_uff(folder / "backbone.uff", scene, backbones=shapes)]
 
 
-def _curve_rows(model: str, c: Backbone, names: Sequence[str]) -> Iterator[dict[str, Any]]:
-    """Rows of the table of a curve, without what comes from elsewhere."""
+def _of_curve(
+    model: str, c: Backbone, names: Sequence[str], by_place: PlaceResults
+) -> dict[str, Any]:
+    """Columns of a curve, without what comes from elsewhere."""
     # At points that the mode leaves at rest no force drives it.
     moves = np.where(c.displacement > 1e-9 * c.amplitude[:, np.newaxis], c.displacement, 0.0)
-    for k in range(c.level.size):
-        yield {
-            "model": model, "mode": c.mode, "level": c.level[k] / c.slips_at,
-            "modal_amplitude": c.amplitude[k], "frequency_Hz": c.frequency[k],
-            "damping_ratio": c.damping_ratio[k],
-            **_named("displacement_{}_m", names, c.displacement[k]),
-            **_named("force_{}_N", names, over(c.losses.lost[k], np.pi * moves[k])),
-            "slipping_share": c.share[k], "friction_damping_ratio": c.friction_damping[k],
-            "viscous_damping_ratio": c.viscous_damping[k],
-            "state": c.state[k], "doubt": c.doubts[k],
-            **({} if c.offset is None else {"modal_offset": c.offset[k]}),
-            **({} if c.opened is None else {"opened_share": c.opened[k]}),
-        }  # fmt: skip
-
-
-def _by_mesh(backbone: SceneBackbone, mode: int, level: int) -> dict[str, float]:
-    """Cells of a row with the errors of a mode by the mesh at a level; none if not known."""
-    if mode not in backbone.mesh:
-        return {}
-    errors = backbone.mesh[mode]
-    return {f"mesh_error_{name}": float(error[level]) for name, error in errors.items()}
+    return {
+        "model": model, "mode": c.mode, "level": c.level / c.slips_at,
+        "modal_amplitude": c.amplitude, "frequency_Hz": c.frequency,
+        "damping_ratio": c.damping_ratio,
+        **spread("displacement_{}_m", c.displacement, names),
+        **spread("force_{}_N", over(c.losses.lost[:, np.newaxis], np.pi * moves), names),
+        "slipping_share": by_place.slipping_share_of_all,
+        "friction_damping_ratio": c.friction_damping,
+        "viscous_damping_ratio": c.viscous_damping, "state": c.state, "doubt": c.doubts,
+        **({} if c.offset is None else {"modal_offset": c.offset}),
+        **({} if c.opened is None else {"opened_share": c.opened}),
+    }  # fmt: skip
 
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
@@ -211,11 +202,6 @@ def _opened(curve: Backbone) -> str:
     )
 
 
-def _named(column: str, names: Sequence[str], values: Iterable[Any]) -> dict[str, Any]:
-    """Cells of a row whose columns have a name each in place of {}."""
-    return {column.format(name): value for name, value in zip(names, values, strict=True)}
-
-
 def _active_lengths(structure: AnyStructure, slip: FloatArray) -> dict[str, float]:
     """Cells of a row with the active length (m) of each joint with an axis.
 
@@ -225,7 +211,7 @@ def _active_lengths(structure: AnyStructure, slip: FloatArray) -> dict[str, floa
     lengths = measured_lengths(structure, np.zeros_like(slip) if unknown else slip)
     if unknown:
         lengths = dict.fromkeys(lengths, np.nan)
-    return _named("active_length_{}_m", safe_names(lengths), lengths.values())
+    return spread("active_length_{}_m", [*lengths.values()], safe_names(lengths))
 
 
 def _mode(
@@ -288,8 +274,7 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
             c, down = model.curves[k], [*model.ring_downs[k : k + 1]]
             x = c.amplitude / scale
             gross = np.array([state == "gross" for state in c.state])
-            for panel, name in ((row[0], "frequency"), (row[1], "damping_ratio")):
-                factor = 1.0 if panel is row[0] else 100.0
+            for panel, name, factor in (row[0], "frequency", 1.0), (row[1], "damping_ratio", 100.0):
                 y, how = factor * getattr(c, name), {"color": colour}
                 panel.semilogx(x, y, LINES[model.name], label=f"{model.name} model", **how)
                 if gross.any():
@@ -306,13 +291,12 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
                         at, free, _DOTS[model.name], label=f"{model.name} model's ring-down", **how
                     )
             _draw_losses(row[2], c, model.at[k : k + 1], scale, colour, model.name)
-        row[0].set(xlabel=label, ylabel="frequency, Hz")
-        row[1].set(xlabel=label, ylabel="damping ratio, %")
-        row[2].set(xlabel=label, ylabel="loss factor")
         row[0].axhline(curve.stuck_frequency, color="#888888", linestyle=":", label="stuck")
         row[0].set_title(f"mode {curve.mode}", loc="left")
         row[0].legend(fontsize="small")
-        for panel in row:
+        shown = "frequency, Hz", "damping ratio, %", "loss factor"
+        for panel, values in zip(row, shown, strict=True):
+            panel.set(xlabel=label, ylabel=values)
             plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
     return figure
@@ -325,19 +309,17 @@ def _draw_losses(
     panel.semilogx(c.amplitude / scale, c.losses.loss_factor, LINES[model], color=colour)
     for at in asked:
         eta = at.curve.losses.loss_factor
-        error = np.nan_to_num(at.total) * eta
+        error = np.nan_to_num(at.total[0]) * eta
         look = {"color": colour, "capsize": 3, "markerfacecolor": "none"}
         x, told = at.curve.amplitude / scale, f"{model} model, asked for, ± stated error"
         panel.errorbar(x, eta, error, fmt="o", label=told, **look)
         panel.legend(fontsize="small")
 
 
-def write_response(
-    folder: Path, response: SceneResponse, backbones: Sequence[Backbone] = ()
-) -> list[Path]:
+def write_response(folder: Path, response: SceneResponse) -> list[Path]:
     """Write ``response.csv``, ``response.png`` and ``summary.json``.
 
-    With ``backbones`` also ``peaks.csv`` and ``backbone_response.png``, which compare the peaks.
+    With backbones also ``peaks.csv`` and ``backbone_response.png``, which compare the peaks.
     """
     scene = response.scene
     system, structure = scene.system(), scene.structure()
@@ -346,37 +328,33 @@ def write_response(
     every = [p for model in response.models for curve in model.curves for p in curve.points]
     served = any(np.isfinite(p.model_error) for p in every)  # by a model for a range
     judged = any(p.stable is not None for p in every)  # by harmonic balance
-    harmonics = [f"{k}_{name}" for name in names for k in numbers]
     rows, swept, models = list[dict[str, Any]](), list[dict[str, Any]](), dict[str, Any]()
     for model in response.models:
         levels = []
         for number, curve in enumerate(model.curves):
-            losses, functions = curve.losses, _functions(response, curve)
-            by_place = loss.of_response(places, curve)
-            rows += [
-                {
-                    "model": model.name, "level": curve.level, "frequency_Hz": p.frequency,
-                    "converged": p.failure is None,
-                    **_named("amplitude_{}_m", names, p.amplitude),
-                    **_named("phase_{}_rad", names, p.phase),
-                    **_named("offset_{}_m", names, p.offset),
-                    **_named("harmonic_{}_m", harmonics, np.abs(p.harmonics).ravel()),
-                    "friction_energy_J": p.friction_energy, "input_energy_J": p.input_energy,
-                    "largest_slip_m": p.slip.max(initial=0.0),
-                    "slipping_share": by_place.slipping_share_of_all[k],
-                    **{column: values[k] for column, values in functions.items()},
-                    "periods": p.periods, "residual": p.change, "step_error": p.step_error,
-                    **({"model_error": p.model_error} if served else {}),
-                    **({"stable": p.stable} if judged else {}),
-                    **losses.row(k),
-                    **loss.place_cells(by_place, k),
-                    **_active_lengths(structure, p.slip),
-                }
-                for k, p in enumerate(curve.points)
-            ]  # fmt: skip
-            estimate = model.estimates[number] if model.estimates else None
-            level = _level(curve, system.points, estimate) | {"peak": _at_peak(curve, by_place)}
-            levels.append(level | _swept(model, curve))
+            by_place, column = loss.of_response(places, curve), curve.column
+            harmonics = np.abs(column("harmonics")).reshape(len(curve.points), -1)
+            rows.append({
+                "model": model.name, "level": curve.level, "frequency_Hz": column("frequency"),
+                "converged": [p.failure is None for p in curve.points],
+                **spread("amplitude_{}_m", column("amplitude"), names),
+                **spread("phase_{}_rad", column("phase"), names),
+                **spread("offset_{}_m", column("offset"), names),
+                **spread("harmonic_{}_m", harmonics, [f"{k}_{x}" for x in names for k in numbers]),
+                "friction_energy_J": column("friction_energy"),
+                "input_energy_J": column("input_energy"),
+                "largest_slip_m": [p.slip.max(initial=0.0) for p in curve.points],
+                "slipping_share": by_place.slipping_share_of_all,
+                **_functions(response, curve),
+                "periods": column("periods"), "residual": column("change"),
+                "step_error": column("step_error"),
+                **({"model_error": column("model_error")} if served else {}),
+                **({"stable": column("stable")} if judged else {}),
+                **curve.losses.columns(),
+                **loss.place_columns(by_place),
+                **by_columns(_active_lengths(structure, p.slip) for p in curve.points),
+            })  # fmt: skip
+            levels.append(_level(model, number, system.points, by_place))
         models[model.name] = {
             "offline_s": model.offline_s,
             "compilation_s": model.compilation_s,
@@ -386,36 +364,40 @@ def write_response(
         swept += [
             {
                 "model": model.name, "level": sweep.level, "octaves_per_minute": sweep.rate,
-                "frequency_Hz": frequency, **_named("amplitude_{}_m", names, amplitude),
+                "frequency_Hz": sweep.frequency, **spread("amplitude_{}_m", sweep.amplitude, names),
             }
             for sweep in model.sweeps
-            for frequency, amplitude in zip(sweep.frequency, sweep.amplitude, strict=True)
         ]  # fmt: skip
-    tables = {"response.csv": by_columns(rows)}
+    tables: dict[str, Table] = {"response.csv": by_columns(rows)}
     figures = {"response.png": response_figure(response)}
     if swept:
         tables["swept.csv"] = by_columns(swept)
-    if backbones:
-        peaks = backbone_peaks(response.models, backbones)
+    if response.backbones:
+        peaks = backbone_peaks(response)
         tables["peaks.csv"] = peak_columns(peaks)
-        figures["backbone_response.png"] = peaks_figure(response, backbones, peaks)
+        figures["backbone_response.png"] = peaks_figure(response, peaks)
     over_force, notes = over_one_force(system), [*response.notes]
     if scene.output.uff and not over_force:
         notes.append(
             "response.uff has geometry and modes alone: responses are taken over one force, which "
             "must be the only load."
         )
-    told, acting = response_lines(response, backbones), response_loads(scene)
+    told, acting = response_lines(response), response_loads(scene)
     about = folder, scene, models, tables, figures
     files = written(*about, told=told, notes=notes, acting=acting)
-    if scene.output.uff:
-        curves = response.models[0].curves if over_force else []
-        with adding(folder):
-            files.append(scene_uff(folder / "response.uff", scene, curves))
-    return files
+    curves = response.models[0].curves if over_force else []
+    return [*files, *_uff(folder / "response.uff", scene, curves=curves)]
 
 
-def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) -> list[str]:
+def _uff(path: Path, scene: Scene, **results: Any) -> list[Path]:
+    """Write a universal file beside results, if a scene asks for one."""
+    if not scene.output.uff:
+        return []
+    with adding(path.parent):
+        return [scene_uff(path, scene, **results)]
+
+
+def response_lines(response: SceneResponse) -> list[str]:
     """What is printed of steady vibration: the peak of each curve, and its place on a backbone."""
     lines = [
         f"{model.name} model, level {curve.level:g}: peak {1e3 * curve.peak[1]:.5g} mm at "
@@ -432,25 +414,20 @@ def response_lines(response: SceneResponse, backbones: Sequence[Backbone] = ()) 
                 f"{100.0 * (amplitude / largest - 1.0):+.2g} % in amplitude and "
                 f"{100.0 * (frequency / steady - 1.0):+.2g} % in frequency from the steady peak."
             )
-    return [*lines, *peak_lines(backbone_peaks(response.models, backbones))] if backbones else lines
+    return [*lines, *peak_lines(backbone_peaks(response))]
 
 
-def _swept(model: ModelResponse, curve: Curve) -> dict[str, Any]:
-    """Content of the summary about the swept sines beside a curve."""
-    sweeps = [
-        {
-            "octaves_per_minute": sweep.rate,
-            "peak_frequency_Hz": sweep.peak[0],
-            "peak_amplitude_m": sweep.peak[1],
-        }
-        for sweep in model.sweeps_at(curve.level)
-    ]
-    return {"sweeps": sweeps} if sweeps else {}
-
-
-def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]:
+def _level(
+    model: ModelResponse, number: int, points: Sequence[str], by_place: PlaceResults
+) -> dict[str, Any]:
+    """Content of the summary about a curve of a response."""
+    curve, sweeps = model.curves[number], model.sweeps_at(model.curves[number].level)
     (frequency, amplitude), error = curve.peak, curve.column("step_error")
-    return {
+    estimate = model.estimates[number] if model.estimates else None
+    f, moved = curve.column("frequency"), curve.column("amplitude")[:, curve.largest]
+    nearest = int(np.where(np.isfinite(moved), np.abs(f - frequency), np.inf).argmin())
+    at_peak = loss.content(curve.losses, by_place, nearest)
+    content = {
         "level": curve.level,
         "point": points[curve.largest],
         "peak_frequency_Hz": frequency,
@@ -460,9 +437,19 @@ def _level(curve: Curve, points: Sequence[str], estimate: Any) -> dict[str, Any]
         "largest_step_error": None if np.isnan(error).all() else float(np.nanmax(error)),
         "slips_as_a_whole_Hz": curve.gross.tolist(),
         "failed_Hz": [p.frequency for p in curve.points if p.failure is not None],
-        "estimated_error": estimate
-        and {quantity: estimate.of("total", quantity) for quantity in QUANTITIES},
+        "estimated_error": estimate and {q: estimate.of("total", q) for q in QUANTITIES},
+        "peak": {"frequency_Hz": float(f[nearest]), **at_peak},
     }
+    if sweeps:
+        content["sweeps"] = [
+            {
+                "octaves_per_minute": sweep.rate,
+                "peak_frequency_Hz": sweep.peak[0],
+                "peak_amplitude_m": sweep.peak[1],
+            }
+            for sweep in sweeps
+        ]
+    return content
 
 
 def _functions(response: SceneResponse, curve: Curve) -> dict[str, FloatArray]:
@@ -478,14 +465,6 @@ def _functions(response: SceneResponse, curve: Curve) -> dict[str, FloatArray]:
     return columns
 
 
-def _at_peak(curve: Curve, by_place: PlaceResults) -> dict[str, Any]:
-    """Content of the summary about the frequency of a response nearest to its peak."""
-    f, amplitude = curve.column("frequency"), curve.column("amplitude")[:, curve.largest]
-    known = np.isfinite(amplitude)
-    nearest = int(np.where(known, np.abs(f - curve.peak[0]), np.inf).argmin())
-    return {"frequency_Hz": float(f[nearest]), **loss.content(curve.losses, by_place, nearest)}
-
-
 def response_figure(response: SceneResponse) -> Figure:
     """Amplitude over load level and phase of the point that moves most, and loss factor.
 
@@ -495,13 +474,12 @@ def response_figure(response: SceneResponse) -> Figure:
     points, most = response.scene.system().points, response.models[0].largest
     figure = new_figure(7.5, 7.5)
     upper, lower, lost = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 1))
-    drawn = drawn_curves(response)
-    columns = [curve.column("amplitude")[:, most] / curve.level for curve, _ in drawn]
-    unit, scale = prefixed_unit("m", [np.nan_to_num(column) for column in columns])
+    drawn = [(c, A / c.level, look) for c, A, look in drawn_curves(response)]
+    unit, scale = prefixed_unit("m", [np.nan_to_num(column) for _, column, _ in drawn])
     for name, limit, line in (("stuck", response.stuck, ":"), ("loose", response.loose, "-.")):
         y, look = limit[:, most] / scale, {"color": "#888888", "label": f"{name} joint"}
         upper.semilogy(response.linear_frequencies, y, line, **look)
-    for (curve, look), column in zip(drawn, columns, strict=True):
+    for curve, column, look in drawn:
         f = curve.column("frequency")
         unstable = curve.column("stable") == np.False_
         upper.semilogy(f, np.where(unstable, np.nan, column) / scale, **look)
@@ -530,17 +508,16 @@ def response_figure(response: SceneResponse) -> Figure:
     return figure
 
 
-def write_random(
-    folder: Path, scene: Scene, found: RandomResponse, curves: Sequence[Backbone]
-) -> list[Path]:
+def write_random(folder: Path, random: SceneRandom) -> list[Path]:
     """Write ``random.csv``, ``random_psd.csv``, ``random.png`` and a summary.
 
     Works are in ``random_joints.csv``, and of contact points in ``random_points.csv``.
     """
+    scene, found = random.scene, random.found
     names = safe_names(found.points)
     spectra: dict[str, Any] = {"frequency_Hz": found.frequencies}
-    spectra |= _named("displacement_{}_m2_Hz", names, found.displacement_psd)
-    spectra |= _named("acceleration_{}_m2_s4_Hz", names, found.acceleration_psd)
+    spectra |= spread("displacement_{}_m2_Hz", found.displacement_psd.T, names)
+    spectra |= spread("acceleration_{}_m2_s4_Hz", found.acceleration_psd.T, names)
     tables: dict[str, Any] = {
         "random.csv": found.table,
         "random_joints.csv": {"joint": list(found.joints), "work_J_per_hour": found.joint_work},
@@ -549,7 +526,7 @@ def write_random(
     wear = _wear(scene.structure(), found.point_work)
     if wear:
         tables["random_points.csv"] = by_columns(wear)
-    whole = {c.mode: float(np.interp(c.slips_at, c.level, c.amplitude)) for c in curves}
+    whole = {c.mode: float(np.interp(c.slips_at, c.level, c.amplitude)) for c in random.curves}
     modes = [
         {
             "mode": mode.mode,
@@ -568,34 +545,14 @@ def write_random(
         {"full": {"modes": modes}},
         tables,
         {"random.png": random_figure(found)},
-        told=random_lines(found),
-        notes=found.notes,
-        acting=_random_loads(scene, found),
+        told=random_lines(random),
+        notes=random.notes,
+        acting=random_loads_of(scene, found.load),
         load=found.load,
         duration_s=found.duration,
         viscous_work_J_per_hour=found.viscous_work,
         estimated_error=dict(found.estimated),
     )
-
-
-def _random_loads(scene: Scene, found: RandomResponse) -> Iterator[str]:
-    """What acts in random vibration, a sentence for each load."""
-    table: RandomTable = scene.asked("random")
-    several = not isinstance(table.psd, str)
-    places = [load.on for load in scene.system().loads] if several else [found.load]
-    for place, density in zip(places, table.densities, strict=True):
-        unit = "g²/Hz" if table.unit == "g2/Hz" else _unit_of_density(scene, place)
-        yield from density_loads(place, density.frequencies, density.values, unit)
-    if several:
-        yield "These loads act without correlation."
-
-
-def _unit_of_density(scene: Scene, on: str) -> str:
-    """SI unit of a density of the load on a place."""
-    for load in scene.load:
-        if load.on == on:
-            return "N²/Hz" if load.quantity == "force" else "Pa²/Hz"
-    return "(m/s²)²/Hz"
 
 
 def _wear(structure: AnyStructure, work: FloatArray) -> list[dict[str, Any]]:
@@ -619,8 +576,9 @@ def _wear(structure: AnyStructure, work: FloatArray) -> list[dict[str, Any]]:
     ]
 
 
-def random_lines(found: RandomResponse) -> list[str]:
+def random_lines(random: SceneRandom) -> list[str]:
     """What is printed of random vibration: modes, points, joints and errors."""
+    found = random.found
     lines = [
         f"Mode {mode.mode}: {mode.frequency:.6g} Hz, damping {100.0 * mode.damping_ratio:.3g} %."
         for mode in found.modes

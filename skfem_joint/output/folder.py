@@ -7,7 +7,7 @@ ended: see `record`.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -95,11 +95,11 @@ def kept(folder: Path, drawn: bool = True, overwrite: bool = False) -> Iterator[
         yield [note] if left else []
 
 
-def write_error_time(folder: Path, measured: Report, notes: Sequence[str] = ()) -> list[Path]:
+def write_error_time(folder: Path, measured: Report) -> list[Path]:
     """Write a report's page, table and pictures with a summary, into a folder that exists."""
     files = [folder / name for name in FILES]
     header, rows = measured.table()
-    with writing(folder, {"title": measured.title, "warnings": notes}) as summary:
+    with writing(folder, {"title": measured.title, "warnings": measured.notes}) as summary:
         with replacing(files[0]) as temporary:
             temporary.write_text(measured.markdown(), encoding="utf-8")
         write_csv(files[1], [header, *rows])

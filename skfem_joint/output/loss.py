@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import safe_names
+from skfem_joint.ground.plain_values import spread
 from skfem_joint.output.plots import prefixed_unit
 from skfem_joint.results.loss import Losses, known, losses
 from skfem_joint.results.normal_force import NormalChange
@@ -34,40 +36,32 @@ def of_response(places: JointPlaces, curve: Curve) -> PlaceResults:
     return places.of_curve(np.array(works), slip, 1.0 / curve.column("frequency"))
 
 
-def place_cells(results: PlaceResults, row: int) -> dict[str, float]:
-    """Cells of a row with results of each joint and bolt; none where there is a single joint."""
-    if len(results.names) < 2:
-        return {}
-    names = safe_names(results.names)
-    return {
-        column.format(name): value
-        for column, values in results.columns.items()
-        for name, value in zip(names, values[row].tolist(), strict=True)
-    }
+def place_columns(results: PlaceResults) -> dict[str, Any]:
+    """Columns of results of each joint and bolt; none where there is a single joint."""
+    columns, names = dict[str, Any](), safe_names(results.names)
+    for column, values in results.columns.items() if len(names) > 1 else ():
+        columns |= spread(column, values, names)
+    return columns
 
 
-def asked_cells(at: AtAmplitudes, k: int) -> dict[str, Any]:
-    """First cells of a row of the amplitude number ``k``: point, quantity, value, its unit."""
+def asked_columns(at: AtAmplitudes) -> dict[str, Any]:
+    """First columns over amplitudes that are asked for: point, quantity, value, its unit."""
     asked = at.asked
-    return {
-        "point": asked.point,
-        "quantity": asked.quantity.removesuffix("_g"),
-        "value": float(asked.values[k]),
-        "unit": UNITS[asked.quantity],
-    }
+    quantity, unit = asked.quantity.removesuffix("_g"), UNITS[asked.quantity]
+    return {"point": asked.point, "quantity": quantity, "value": asked.values, "unit": unit}
 
 
-def error_cells(at: AtAmplitudes, k: int) -> dict[str, float]:
-    """Stated relative errors of the loss factor and of the friction loss at an amplitude.
+def error_columns(at: AtAmplitudes) -> dict[str, FloatArray]:
+    """Columns of stated relative errors of the loss factor and of the friction loss.
 
     By source and in all; nan where a source is not known, or does not apply.
     """
-    unknown = np.full(at.total.size, np.nan)
-    totals = (at.errors, at.total), (at.of_friction, at.total_of_friction)
+    errors = dict.fromkeys(("mesh", "cycles", "model"), np.full(at.total.shape, np.nan))
+    errors |= at.errors | {"total": at.total}
     return {
-        f"{of}_error_{source}": float((errors | {"total": total}).get(source, unknown)[k])
-        for of, (errors, total) in zip(("loss_factor", "friction_loss"), totals, strict=True)
-        for source in ("mesh", "cycles", "model", "total")
+        f"{of}_error_{source}": error[number]
+        for number, of in enumerate(("loss_factor", "friction_loss"))
+        for source, error in errors.items()
     }
 
 
@@ -106,7 +100,7 @@ def not_counted(at: AtAmplitudes, k: int, normal: NormalChange | None) -> str:
 
 def _is_known(at: AtAmplitudes, source: str) -> bool:
     """Whether the error by a source is known at all amplitudes."""
-    return source in at.errors and bool(np.isfinite(at.errors[source]).all())
+    return source in at.errors and bool(np.isfinite(at.errors[source][0]).all())
 
 
 def amplitude_content(
@@ -117,11 +111,12 @@ def amplitude_content(
     by_place = places.of_curve(c.friction_work, c.slip)
     return [
         {
-            **asked_cells(at, k),
+            **asked_columns(at),
+            "value": float(at.asked.values[k]),
             "frequency_Hz": float(c.frequency[k]),
             "damping_ratio": float(c.damping_ratio[k]),
             "state": c.state[k],
-            **known(error_cells(at, k)),
+            **known({name: float(errors[k]) for name, errors in error_columns(at).items()}),
             "not_counted": not_counted(at, k, normal),
             **content(c.losses, by_place, k),
         }
@@ -255,10 +250,10 @@ def _error(at: AtAmplitudes, k: int) -> str:
     lacks = ["mesh"] if not _is_known(at, "mesh") else []
     lacks += ["higher modes"] if at.curve.at_levels(np.array([k])).excites else []
     without = f" without {' and '.join(lacks)}" if lacks else ""
-    own = ""
-    if np.isfinite(at.total_of_friction[k]) and at.curve.losses.friction[k] > 0.0:
-        own = f" (of the friction part ± {100.0 * at.total_of_friction[k]:.2g} %)"
-    error = f"± {100.0 * at.total[k]:.2g} %{own} by {' and '.join(known)}"
+    total, friction, own = *at.total[:, k], ""
+    if np.isfinite(friction) and at.curve.losses.friction[k] > 0.0:
+        own = f" (of the friction part ± {100.0 * friction:.2g} %)"
+    error = f"± {100.0 * total:.2g} %{own} by {' and '.join(known)}"
     return f", numerical error{without} {error}"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.files import safe_names
+from skfem_joint.ground.plain_values import spread
 from skfem_joint.harmonic.curve import NonlinearMode
 from skfem_joint.output import loss
 from skfem_joint.output.backbone_peaks import COLOURS
@@ -46,7 +47,9 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
     rows, content = list[dict[str, Any]](), []
     for c in modes.curves.values():
         by_place = places.of_curve(c.friction_work, c.slip)
-        columns = {
+        table: dict[str, Any] = {
+            "model": model.name,
+            "mode": c.mode,
             "amplitude_m": _amplitude(c, system.points),
             "modal_amplitude": c.amplitude,
             **{column: getattr(c, name) for name, column in _VALUES.items()},
@@ -62,15 +65,9 @@ def write_nonlinear_modes(folder: Path, modes: SceneNonlinearModes) -> list[Path
             "viscous_damping_ratio": c.viscous_damping,
             "state": c.state,
             "opened_share": c.opened,
-            **{f"displacement_{n}_m": x for n, x in zip(names, c.displacement.T, strict=True)},
+            **spread("displacement_{}_m", c.displacement, names),
         }
-        rows += [
-            {"model": model.name, "mode": c.mode}
-            | {column: values[k] for column, values in columns.items()}
-            | c.losses.row(k)
-            | loss.place_cells(by_place, k)
-            for k in range(c.frequency.size)
-        ]
+        rows.append(table | c.losses.columns() | loss.place_columns(by_place))
         content.append(
             {
                 "mode": c.mode,

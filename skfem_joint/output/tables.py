@@ -39,12 +39,16 @@ def write_table(path: Path, columns: Table) -> None:
     write_csv(path, [[*columns], *([_plain(value) for value in row] for row in cells)])
 
 
-def by_columns(rows: Iterable[Mapping[str, Any]]) -> Table:
-    """Columns of a table whose rows all have the same names."""
+def by_columns(parts: Iterable[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """Columns of a table from its rows, or from tables below each other, which have the same names.
+
+    A value that is no column stands in all rows of its part.
+    """
     columns: dict[str, list[Any]] = {}
-    for row in rows:
-        for name, value in row.items():
-            columns.setdefault(name, []).append(value)
+    for part in parts:
+        count = max((len(values) for values in part.values() if np.ndim(values)), default=1)
+        for name, values in part.items():
+            columns.setdefault(name, []).extend(values if np.ndim(values) else [values] * count)
     return columns
 
 

@@ -5,6 +5,8 @@ is asked for: by the modes that it misses, more friction points, a steeper law, 
 The full model is run with the step that the reduced one needs, and again with a shorter one if its
 own estimate says so. With contact that opens the modes that a reduced model misses are not known:
 it is made anew with twice as many; full and condensed models find their steps by themselves.
+
+A scene that is a point of its range takes the model for the range, if that is good enough.
 """
 
 from __future__ import annotations
@@ -13,24 +15,27 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, log2
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from skfem_joint.accuracy import rungs
+from skfem_joint.accuracy import range_modes, run_estimate, rungs
 from skfem_joint.accuracy.condensed_reference import CondensedReference
 from skfem_joint.accuracy.estimate import Estimate, verification_run
-from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.errors import ConvergenceError, JointError
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.reduction.models import reduced_on
+from skfem_joint.reduction.ranges.points import check_short_of_gross_slip
 from skfem_joint.runs.resolution import longest_step
 from skfem_joint.scene import Scene
 from skfem_joint.scene.tables import AccuracyTable
 from skfem_joint.slow.quasi_static import QuasiStatic
-from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.study.models import model_of, options_of, plan_of
+from skfem_joint.study.scene_range import ServedScene, point_of, range_model
+from skfem_joint.system.served import Served
 from skfem_joint.system.system import System
 
 #: Rounds of refinement, vectors of a basis, and halvings of the step that are tried.
@@ -138,10 +143,7 @@ def resolved(scene: Scene, system: System) -> Scene:
 
 
 def _accurate_model(
-    scene: Scene,
-    small: System,
-    report: Progress,
-    remade: Callable[[int], System],
+    scene: Scene, small: System, report: Progress, remade: Callable[[int], System]
 ) -> tuple[Scene, System, Estimate]:
     """Refine a reduced model until its estimated errors are below what the scene asks for.
 
@@ -239,9 +241,7 @@ def shorter(scene: Scene, errors: Estimate) -> Scene | None:
 
 
 def shortened_steps(
-    scene: Scene,
-    integrate: Callable[..., Run],
-    estimated: Callable[[Run, Plan], Estimate],
+    scene: Scene, integrate: Callable[..., Run]
 ) -> tuple[Scene, Run, Estimate | None]:
     """Run a full or condensed model with steps that meet the accuracy asked for.
 
@@ -252,8 +252,6 @@ def shortened_steps(
     integrate : callable
         Runs the model by a plan, as `integrate_plan`. What it saved is not taken up again with
         another step.
-    estimated : callable
-        Estimates the errors of a run by its plan.
 
     Returns
     -------
@@ -272,7 +270,7 @@ def shortened_steps(
     for _ in range(ROUNDS):
         if run.interrupted:
             return scene, run, None
-        errors = estimated(run, plan_of(scene))
+        errors = run_estimate.of_run(run, plan_of(scene))
         finer = shorter(scene, errors)
         if finer is None:
             return scene, run, errors
@@ -282,3 +280,71 @@ def shortened_steps(
         f"accuracy: no step that the model meets it with was found; {scene.time_step:.4g} s does "
         "not do. Ask for less"
     )
+
+
+def choose_in_range(
+    scene: Scene, served: ServedScene, folder: Path | None, progress: Progress = silent
+) -> Choice:
+    """Take the point that a scene is of the model for its range, if that serves it.
+
+    The model is loaded from the folder, or made and saved there. A run of the point shows whether a
+    joint slips as a whole. Where the scene asks for an accuracy, the time steps are chosen by the
+    point's estimated errors.
+
+    Returns
+    -------
+    Choice
+        Without ``model`` where the model does not serve the scene: its notes say why, and that
+        the scene needs a reduced model of its own.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        If the model for the range cannot be made or loaded.
+    """
+    watch, known = Stopwatch(), None
+    progress("model for the range", 0, 1)
+    model = range_model(served, folder)
+    progress("model for the range", 1, 1)
+    try:
+        point = point_of(scene, model)
+        if scene.accuracy.is_given:
+            scene, known = _with_steps(scene, point, partial(progress, "errors in the range"))
+        else:
+            report = partial(progress, "slip in the range")
+            check_short_of_gross_slip(verification_run(point, plan_of(scene), progress=report))
+    except JointError as error:
+        return Choice(scene, notes=(_own(str(error)),))
+    short = Served.by(model).shortfall
+    notes: tuple[str, ...] = () if short is None else (f"{short}.",)
+    if known is not None:
+        if excess(scene.accuracy, known) > 1.0:
+            return Choice(scene, notes=(_own(f"it errs by an estimated {stated(known)}"),))
+        notes += (
+            f"The reduced model for the range has steps of {scene.time_step:.4g} s for the "
+            f"accuracy asked for; it errs by an estimated {stated(known)}.",
+        )
+    return Choice(scene, point, known, notes, *watch.read())
+
+
+def _own(why: str) -> str:
+    return (
+        "The reduced model for the range does not serve this scene, which has one of its own: "
+        f"{why.removeprefix('at: ')}."
+    )
+
+
+def _with_steps(scene: Scene, point: System, progress: Progress) -> tuple[Scene, Estimate]:
+    """Scene with steps short enough for the accuracy that it asks for, and errors with them.
+
+    They are halved as long as most of a too large error comes from them.
+    """
+    scene = resolved(scene, point)
+    for left in reversed(range(MOST_HALVINGS + 1)):
+        plan = plan_of(scene)
+        errors = range_modes.of_range(verification_run(point, plan, progress=progress), plan)
+        in_time = excess(scene.accuracy, errors, "time_step")
+        if in_time <= WORTHWHILE or excess(scene.accuracy, errors) <= 1.0 or not left:
+            break
+        scene = scene.finer(2)
+    return scene, errors

@@ -28,14 +28,13 @@ the sum.)
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.results.peaks import parabola_vertex
-from skfem_joint.study.scene_response import ModelResponse
+from skfem_joint.study.scene_response import SceneResponse
 from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.response_curve import Curve
 
@@ -137,34 +136,24 @@ def _peak(curve: Curve) -> tuple[float, float, float]:
     return frequency, amplitude, float(error)
 
 
-def backbone_peaks(
-    models: Iterable[ModelResponse], curves: Sequence[Backbone]
-) -> list[BackbonePeak]:
-    """Peaks of the responses of some models beside the backbones of some modes.
+def backbone_peaks(response: SceneResponse) -> list[BackbonePeak]:
+    """Peaks of a response beside its backbones; none without these.
 
     A peak belongs to the mode whose backbone is nearest in frequency. Curves of fewer than three
     points with an amplitude have no peak.
-
-    Parameters
-    ----------
-    models : iterable of ModelResponse
-    curves : sequence of Backbone
-        Of the same structure and named points.
     """
-    peaks = []
-    for model in models:
-        for k, response in enumerate(model.curves):
-            f, A = response.known
-            if f.size < 3 or not A.any():
-                continue
-            frequency, amplitude, off = _peak(response)
-            curve = min(curves, key=lambda c: float(np.abs(c.frequency / frequency - 1.0).min()))
-            reading = _read(curve, response.largest, amplitude)
-            known = None
-            if model.estimates:
-                known = model.estimates[k].of("total", "peak_displacement")
-            where = model.name, response.level, curve.mode, frequency, amplitude, off
-            peaks.append(BackbonePeak(*where, np.nan if known is None else known, *reading))
+    peaks, modes = [], response.backbones
+    curves = ((model, *each) for model in response.models for each in enumerate(model.curves))
+    for model, k, curve in curves if modes else ():
+        f, A = curve.known
+        if f.size < 3 or not A.any():
+            continue
+        frequency, amplitude, off = _peak(curve)
+        mode = min(modes, key=lambda c: float(np.abs(c.frequency / frequency - 1.0).min()))
+        known = model.estimates[k].of("total", "peak_displacement") if model.estimates else None
+        where = model.name, curve.level, mode.mode, frequency, amplitude, off
+        reading = _read(mode, curve.largest, amplitude)
+        peaks.append(BackbonePeak(*where, np.nan if known is None else known, *reading))
     return peaks
 
 

@@ -12,7 +12,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cache, partial
 from math import inf, isinf
 from typing import Any
 
@@ -207,7 +207,7 @@ def _timed(job: Job) -> float:
 
 
 def full_jobs(
-    reference: Reference, wanted: Mapping[str, tuple[Any, ...]], rows: Rows | None = None
+    reference: Reference, wanted: Mapping[str, tuple[Any, ...]], rows: Rows
 ) -> Iterator[Job]:
     """Full models: the scene's law, and others."""
     system, parts = reference.system, wanted["parts"]
@@ -237,70 +237,50 @@ def other_jobs(
     return _jobs(reference, parts, family, lambda: system, details, own=own)
 
 
-@dataclass
-class _Reduction:
-    """Reduced models of some modes, made when they are first needed."""
+def reduced_jobs(
+    scene: Scene, reference: Reference, wanted: Mapping[str, tuple[Any, ...]], rows: Rows
+) -> Iterator[Job]:
+    """Reduced models: friction at all nodes, and at few points, else with the scene's options.
 
-    scene: Scene
-    system: System
-    modes: int
+    They are made when a run needs them first.
+    """
+    given = options_of(scene)
+    # With contact that opens all friction points are kept.
+    families = {REDUCED: "all"} | ({} if scene.opens else {FEW_POINTS: "auto"})
 
-    @cached_property
-    def models(self) -> dict[str, tuple[System, float]]:
+    @cache
+    def models(modes: int) -> dict[str, tuple[System, float]]:
         """By family: the model, and how long it took to make, s."""
-        begin, made, given = time.perf_counter(), {}, options_of(self.scene)
-        options = replace(given, modes=self.modes, friction_points="all")
-        every = model_of("reduced", self.scene, options)
+        begin, made = time.perf_counter(), {}
+        every = model_of("reduced", scene, replace(given, modes=modes, friction_points="all"))
         offline = time.perf_counter() - begin
-        for family, points in _families(self.scene).items():
+        for family, points in families.items():
             begin, small = time.perf_counter(), every
             if points != "all":
-                basis = every.origin.basis
-                small = reduced_on(self.system, basis, friction_points=points, beta=given.beta)
+                how: dict[str, Any] = {"friction_points": points, "beta": given.beta}
+                small = reduced_on(reference.system, every.origin.basis, **how)
             made[family] = small, offline + time.perf_counter() - begin
         return made
 
-    def model(self, family: str) -> System:
-        """Model of a family."""
-        return self.models[family][0]
+    def model_of_family(modes: int, family: str) -> System:
+        return models(modes)[family][0]
 
-    def facts(self) -> dict[str, Any]:
+    def facts(modes: int) -> dict[str, Any]:
         """By family: what its models are, and how long they took to make, s; or why none is."""
         try:
-            return {k: (_details(model), spent) for k, (model, spent) in self.models.items()}
+            return {k: (_details(model), spent) for k, (model, spent) in models(modes).items()}
         except InputError as error:  # more modes than the mesh has, for one
             return {"failure": str(error)}
 
-
-def reduced_jobs(
-    scene: Scene,
-    reference: Reference,
-    wanted: Mapping[str, tuple[Any, ...]],
-    rows: Rows | None = None,
-) -> Iterator[Job]:
-    """Reduced models: friction at all nodes, and at few points, else with the scene's options."""
-    rows = rows or Rows()
     for modes in wanted["modes"]:
-        reduction = _Reduction(scene, reference.system, modes)
-        mark = rows.mark("reduction", origin_of(scene), modes)
-        facts = rows.row(mark, reduction.facts)
-        if "failure" in facts:
-            yield Job(REDUCED, {"modes": modes}, partial(Outcome, None, status=facts["failure"]))
+        found = rows.row(rows.mark("reduction", origin_of(scene), modes), partial(facts, modes))
+        if "failure" in found:
+            yield Job(REDUCED, {"modes": modes}, partial(Outcome, None, status=found["failure"]))
             continue
-        for family, (what, spent) in facts.items():
-            yield from _jobs(
-                reference,
-                wanted["reduced_parts"],
-                family,
-                partial(reduction.model, family),
-                {"modes": what["unknowns"], **what},
-                offline_s=spent,
-            )
-
-
-def _families(scene: Scene) -> dict[str, str]:
-    """Friction points of reduced models, by family; with contact that opens all are kept."""
-    return {REDUCED: "all"} | ({} if scene.opens else {FEW_POINTS: "auto"})
+        for family, (what, spent) in found.items():
+            made = {"modes": what["unknowns"], **what}
+            make, parts = partial(model_of_family, modes, family), wanted["reduced_parts"]
+            yield from _jobs(reference, parts, family, make, made, offline_s=spent)
 
 
 def _details(system: System) -> dict[str, Any]:
@@ -396,12 +376,16 @@ def markdown_table(header: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
 
 @dataclass(frozen=True)
 class Report:
-    """All of a report; ``sections`` are Markdown between advice and table of all points."""
+    """All of a report; ``sections`` are Markdown between advice and table of all points.
+
+    ``notes`` say what to beware of; they stand in the summary.
+    """
 
     title: str
     reference: Reference
     points: list[Measured]
     sections: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def table(self) -> tuple[list[str], list[list[Any]]]:
         """Header and rows of all points, in SI units; ``front`` is 1 on the front."""

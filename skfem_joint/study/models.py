@@ -95,9 +95,7 @@ def origin_of(scene: Scene) -> str:
     # `model_copy` takes values as they are: here a list is as good as a tuple.
     content = scene.model_dump(mode="json", exclude={"sweep"}, warnings=False)
     return fingerprint(
-        content,
-        [load.amplitude for load in scene.loads()],
-        *scene.structure().identity,
+        content, [load.amplitude for load in scene.loads()], *scene.structure().identity
     )
 
 

@@ -10,10 +10,11 @@ import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from skfem_joint.ground.arrays import FloatArray, evenly
+from skfem_joint.ground.arrays import evenly
 from skfem_joint.ground.files import read_text
 from skfem_joint.scene import Scene
 from skfem_joint.scene.joint_tables import BoltPressureTable, JointTable
+from skfem_joint.scene.tables import RandomTable
 
 
 def premises(
@@ -101,15 +102,25 @@ def response_loads(scene: Scene) -> Iterator[str]:
 _POINTS = 12
 
 
-def density_loads(load: str, frequencies: FloatArray, values: FloatArray, unit: str) -> list[str]:
-    """What acts in random vibration: a density of one side, (k,) at (k,) Hz, in its ``unit``."""
-    some = evenly(len(values), _POINTS)
-    pairs = zip(frequencies[some].tolist(), values[some].tolist(), strict=True)
-    shown = ", ".join(f"{value:.4g} {unit} at {f:g} Hz" for f, value in pairs)
-    return [
-        f"Stationary random load on '{load}', in place of its course over time: density of one "
-        f"side {shown}, straight between on logarithmic axes and zero beyond."
-    ]
+def random_loads_of(scene: Scene, acts: str) -> Iterator[str]:
+    """What acts in random vibration, of the loads of a scene or of that one which ``acts``."""
+    table: RandomTable = scene.asked("random")
+    several, named = not isinstance(table.psd, str), {x.on: x for x in reversed(scene.load)}
+    places = [load.on for load in scene.system().loads] if several else [acts]
+    for place, density in zip(places, table.densities, strict=True):
+        unit = "g²/Hz" if table.unit == "g2/Hz" else "(m/s²)²/Hz"
+        if table.unit != "g2/Hz" and place in named:
+            unit = "N²/Hz" if named[place].quantity == "force" else "Pa²/Hz"
+        f, values = density.frequencies, density.values
+        some = evenly(len(values), _POINTS)
+        pairs = zip(f[some].tolist(), values[some].tolist(), strict=True)
+        shown = ", ".join(f"{value:.4g} {unit} at {x:g} Hz" for x, value in pairs)
+        yield (
+            f"Stationary random load on '{place}', in place of its course over time: density of "
+            f"one side {shown}, straight between on logarithmic axes and zero beyond."
+        )
+    if several:
+        yield "These loads act without correlation."
 
 
 #: What acts in curves of modes.

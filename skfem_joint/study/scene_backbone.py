@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -87,12 +87,11 @@ class AtAmplitudes:
     asked : Amplitudes
     curve : Backbone
         Its levels are those of the amplitudes.
-    errors : dict of str to ndarray, shape (levels,)
-        Stated relative errors of the loss factor by source, as far as they are known: "mesh",
-        "cycles", of their increments, and "model", the distance of a smaller model from the full
-        one. They are for friction, pressure and damping as given.
-    of_friction : dict of str to ndarray, shape (levels,)
-        The same of the energy that friction takes, and of its part in the loss factor: the larger.
+    errors : dict of str to ndarray, shape (2, levels)
+        Stated relative errors by source, as far as they are known: "mesh", "cycles", of their
+        increments, and "model", the distance of a smaller model from the full one. They are for
+        friction, pressure and damping as given. The first are of the loss factor, the others of the
+        energy that friction takes, and of its part in the loss factor: the larger.
     merged : int
         Friction points of a smaller model that stand for the full one's; 0 if it has all of them.
     """
@@ -100,22 +99,14 @@ class AtAmplitudes:
     asked: Amplitudes
     curve: Backbone
     errors: dict[str, FloatArray]
-    of_friction: dict[str, FloatArray]
     merged: int = 0
 
     @property
     def total(self) -> FloatArray:
-        """Sum of all known errors of the loss factor, (levels,); nan where none is."""
-        return self._sum(self.errors)
-
-    @property
-    def total_of_friction(self) -> FloatArray:
-        """The same of friction's part."""
-        return self._sum(self.of_friction)
-
-    def _sum(self, errors: dict[str, FloatArray]) -> FloatArray:
-        known = [error for error in errors.values() if np.isfinite(error).all()]
-        return np.sum(known, axis=0) if known else np.full(self.curve.level.size, np.nan)
+        """Sums of all known errors, (2, levels); nan where none is."""
+        unknown, every = np.full((2, self.curve.level.size), np.nan), [*self.errors.values()]
+        known = ([each[k] for each in every if np.isfinite(each[k]).all()] for k in (0, 1))
+        return np.array([np.sum(x, axis=0) if x else unknown[0] for x in known])
 
 
 @dataclass(frozen=True)
@@ -177,9 +168,8 @@ def scene_backbone(
     InputError, ConvergenceError
         As :func:`backbone` and :func:`ring_down`.
     """
-    structure, system = scene.structure(), _largest_model(scene)
-    asked = _amplitudes(scene)
-    full = _curves(scene, system, scene.backbone.modes, partial(progress, "full model"))
+    structure = scene.structure()
+    system, full = full_backbones(scene, partial(progress, "full model"))
     warnings = [*system.notes, *other_reference(scene)]
     warnings += [warning for curve in full for warning in curve.notes]
     acts = structure.reactions(scene.loads())
@@ -192,9 +182,9 @@ def scene_backbone(
         if change is not None:
             normal[c.mode] = change
             warnings += change.doubts(f"Mode {c.mode}: at the highest level ")
-    mesh, why = _by_mesh(scene, system, full, partial(progress, "error of the mesh"))
+    mesh, finer, why = _by_mesh(scene, system, full, partial(progress, "error of the mesh"))
     warnings += why
-    full_at, why = _full_at(scene, system, full, mesh, progress)
+    full_at, why = _full_at(scene, system, full, finer, progress)
     warnings += why
     released = _released(scene, system)
     models = []
@@ -202,17 +192,17 @@ def scene_backbone(
         model = ModelBackbone(name, [], [], [])
         in_range = model_in_range(scene, folder) if name == "reduced" else None
         for curve in full:
-            small, own, notes = system, curve, tuple[str, ...]()
             report = partial(progress, f"{name} model, mode {curve.mode}")
-            if in_range is not None:
-                small, own, notes = _of_range_model(scene, in_range, curve, report)
-            elif name != "full" and scene.parts is None:
-                small, own, notes = _of_small_model(name, scene, curve, report)
-            warnings += notes
-            if asked is not None:
+            small, own = in_range, curve
+            if small is None:
+                small = system if scene.parts else _model(name, scene, curve)
+            if small is not system:
+                own = _like(curve, scene, small, report)
+                warnings += notes_of(small) if in_range is None else [_in_range(own)]
+            if curve.mode in full_at:
                 at = full_at[curve.mode]
                 if small is not system:
-                    at = _beside(_at(scene, small, own, asked, report), at)
+                    at = _beside(_at(scene, small, own, at.asked, report), at)
                 model.at.append(at)
             model.curves.append(own)
             model.systems.append(small)
@@ -249,33 +239,37 @@ def _rings_down(
     return *named, *_doubts(model, curve.mode)
 
 
-def _amplitudes(scene: Scene) -> Amplitudes | None:
-    """Amplitudes that a scene asks for."""
-    table = scene.backbone.at
-    return None if table is None else Amplitudes(**table.model_dump(exclude_none=True))
-
-
 def _full_at(
     scene: Scene,
     system: System,
     curves: Sequence[Backbone],
-    mesh: Collection[int],
+    finer: System | None,
     progress: Progress,
 ) -> tuple[dict[int, AtAmplitudes], list[str]]:
     """Full model's modes at the amplitudes that a scene asks for, and notes; none if it asks none.
 
-    The error by the mesh is that of the modes of which ``mesh`` has that of the curve.
+    Their errors by the mesh are what a ``finer`` one changes at the same amplitudes.
     """
-    asked, found, notes = _amplitudes(scene), dict[int, AtAmplitudes](), list[str]()
-    if asked is None:
+    found, notes, table = dict[int, AtAmplitudes](), list[str](), scene.backbone.at
+    if table is None:
         return found, notes
+    asked = Amplitudes(**table.model_dump(exclude_none=True))
     for curve in curves:
-        report = partial(progress, "full model, amplitudes")
-        at = _at(scene, system, curve, asked, report)
-        if curve.mode in mesh:
-            at, why = _mesh_at(scene, at, partial(progress, "error of the mesh, amplitudes"))
-            notes += why
-        found[curve.mode] = at
+        mode, report = curve.mode, partial(progress, "full model, amplitudes")
+        found[mode] = at = _at(scene, system, curve, asked, report)
+        if finer is None:
+            continue
+        report = partial(progress, "error of the mesh, amplitudes")
+        try:
+            (other,) = backbone(finer, (mode,), asked, scene.backbone.up_to, progress=report)
+        except JointError as error:
+            notes.append(
+                f"Mode {mode}: the errors by the mesh at given amplitudes are not estimated: "
+                f"{error}"
+            )
+        else:
+            errors = at.errors | {"mesh": BEYOND * _apart(other, at.curve)}
+            found[mode] = replace(at, errors=errors)
     return found, notes
 
 
@@ -283,91 +277,76 @@ def _at(
     scene: Scene, system: System, curve: Backbone, asked: Amplitudes, report: Progress
 ) -> AtAmplitudes:
     """Mode of a model at amplitudes, with slips and works of the full model's points."""
-    up_to = scene.backbone.up_to
-    (found,) = backbone(system, (curve.mode,), asked, up_to, curve.slips_at, report)
+    found = _like(curve, scene, system, report, asked)
     share = over(found.losses.friction, found.losses.lost)
-    errors, of_friction, source = {}, {}, "cycles" if system.serves is None else "model"
+    errors, source = {}, "cycles" if system.serves is None else "model"
     if found.work_error is not None and system.serves is None:
-        of_friction[source] = found.work_error
-        errors[source] = share * found.work_error
+        errors[source] = np.array([share * found.work_error, found.work_error])
     elif "damping_ratio" in found.estimated:  # all of it by friction
-        errors[source] = np.full(found.level.size, found.estimated["damping_ratio"])
-        of_friction[source] = over(errors[source], share)
-    if system is not scene.system():
-        found = _of_all_points(scene.system(), system, found)
+        whole = np.full(found.level.size, found.estimated["damping_ratio"])
+        errors[source] = np.array([whole, over(whole, share)])
     merged = 0 if system.contact.shares is None else system.contact.w.size
-    return AtAmplitudes(asked, found, errors, of_friction, merged)
+    return AtAmplitudes(asked, found, errors, merged)
 
 
-def _mesh_at(scene: Scene, at: AtAmplitudes, report: Progress) -> tuple[AtAmplitudes, list[str]]:
-    """Mode at amplitudes with its errors by the mesh, and why they are not known.
-
-    They are what halved elements change at the same amplitudes.
-    """
-    mode, up_to = at.curve.mode, scene.backbone.up_to
-    try:
-        finer = finer_mesh(scene).system()
-        (other,) = backbone(finer, (mode,), at.asked, up_to, progress=report)
-    except JointError as error:
-        return at, [
-            f"Mode {mode}: the errors by the mesh at given amplitudes are not estimated: {error}"
-        ]
-    return _with(at, "mesh", [BEYOND * apart for apart in _apart(other, at.curve)]), []
-
-
-def _with(at: AtAmplitudes, source: str, errors: Sequence[FloatArray]) -> AtAmplitudes:
-    """With errors of the loss factor and of friction's part by a source."""
-    whole, friction = errors
-    of_friction = at.of_friction | {source: friction}
-    return replace(at, errors=at.errors | {source: whole}, of_friction=of_friction)
-
-
-def _apart(one: Backbone, other: Backbone) -> list[FloatArray]:
-    """Relative distances of loss factors and of friction's part in them, (levels,) each."""
+def _apart(one: Backbone, other: Backbone) -> FloatArray:
+    """Relative distances of loss factors and of friction's part in them, (2, levels)."""
 
     def distance(name: str) -> FloatArray:
         a, b = getattr(one.losses, name), getattr(other.losses, name)
         return np.where(a == b, 0.0, np.abs(over(a, b) - 1.0))
 
-    return [distance("loss_factor"), np.maximum(distance("friction"), distance("by_friction"))]
+    friction = np.maximum(distance("friction"), distance("by_friction"))
+    return np.array([distance("loss_factor"), friction])
 
 
 def _beside(small: AtAmplitudes, full: AtAmplitudes) -> AtAmplitudes:
     """Smaller model's results with their distance from the full one's, and its other errors."""
-    own = replace(
-        small,
-        curve=replace(small.curve, higher=full.curve.higher),
-        errors=full.errors,
-        of_friction=full.of_friction,
-    )
-    return _with(own, "model", _apart(small.curve, full.curve))
+    errors = full.errors | {"model": _apart(small.curve, full.curve)}
+    return replace(small, curve=replace(small.curve, higher=full.curve.higher), errors=errors)
 
 
-def _of_all_points(system: System, small: System, curve: Backbone) -> Backbone:
-    """Curve of a smaller model with slips and works of the full model's points."""
-    work, slip = of_all(small, curve.friction_work), slips_of_all(small, curve.slip)
-    if small.origin is not None:
-        slip = system.contact.slip_norm(curve.states @ (system.contact.B @ small.origin.basis.V).T)
-    share = system.slipping_share(system.contact.slid(work))
-    return replace(curve, slip=slip, friction_work=work, share=share)
+def _like(
+    curve: Backbone,
+    scene: Scene,
+    model: System,
+    report: Progress,
+    levels: Amplitudes | FloatArray | int | None = None,
+) -> Backbone:
+    """Curve of a model at the levels of one of the full model, with all points of that model.
+
+    At others, where they are given.
+    """
+    full, table = scene.system(), scene.backbone
+    if levels is None:
+        # Where the structure lifts off; a model for a range follows its own curve.
+        ends = model.serves is None and curve.level.size < table.levels
+        levels = curve.level if ends else table.levels
+    (own,) = backbone(model, (curve.mode,), levels, table.up_to, curve.slips_at, report)
+    if model is full:
+        return own
+    work, slip = of_all(model, own.friction_work), slips_of_all(model, own.slip)
+    if model.origin is not None:
+        slip = full.contact.slip_norm(own.states @ (full.contact.B @ model.origin.basis.V).T)
+    share = full.slipping_share(full.contact.slid(work))
+    return replace(own, slip=slip, friction_work=work, share=share)
 
 
 def _by_mesh(
     scene: Scene, system: System, curves: Sequence[Backbone], report: Progress
-) -> tuple[dict[int, dict[str, FloatArray]], list[str]]:
-    """Errors of curves by the mesh, by mode, and why they are not known where they should be.
+) -> tuple[dict[int, dict[str, FloatArray]], System | None, list[str]]:
+    """Errors of curves by the mesh, by mode, the finer system, and why they are not known.
 
-    With contact that opens cycles on a finer mesh would cost too much.
+    Nothing where a finer mesh would cost too much, as cycles do with contact that opens.
     """
-    if not scene.accuracy.estimate or scene.matrices is not None or system.contact.opens:
-        return {}, []
-    if scene.parts is not None or not affords(system, scene.named_mesh.dim):
-        return {}, []
+    judged = scene.accuracy.estimate and scene.matrices is None and scene.parts is None
+    if not judged or system.contact.opens or not affords(system, scene.named_mesh.dim):
+        return {}, None, []
     try:
         finer = finer_mesh(scene).system()
-        return {curve.mode: mesh_of_curve(curve, finer, report) for curve in curves}, []
+        return {c.mode: mesh_of_curve(c, finer, report) for c in curves}, finer, []
     except JointError as error:
-        return {}, [f"The errors by the mesh are not estimated: {error}"]
+        return {}, None, [f"The errors by the mesh are not estimated: {error}"]
 
 
 @dataclass(frozen=True)
@@ -501,27 +480,37 @@ def random_table(scene: Scene) -> RandomTable:
     return table
 
 
-def scene_random(
-    scene: Scene, progress: Progress = silent
-) -> tuple[RandomResponse, list[Backbone]]:
-    """Response of a scene's full model to its random load, and the curves that it is made of.
+@dataclass(frozen=True)
+class SceneRandom:
+    """Response of a scene's full model to its random load.
 
-    They are of the modes and levels of the scene's table ``[backbone]``.
+    Attributes
+    ----------
+    scene : Scene
+    found : RandomResponse
+    curves : list of Backbone
+        That it is made of, of the modes and levels of the scene's table ``[backbone]``.
+    notes : tuple of str
+    """
+
+    scene: Scene
+    found: RandomResponse
+    curves: list[Backbone]
+    notes: tuple[str, ...]
+
+
+def scene_random(scene: Scene, progress: Progress = silent) -> SceneRandom:
+    """Response of a scene's full model to its random load, as its table ``[random]`` asks for.
 
     InputError and ConvergenceError as :func:`backbone` and :func:`random_response`.
     """
-    table, system = random_table(scene), _largest_model(scene)
-    curves = _curves(scene, system, scene.backbone.modes, partial(progress, "backbones"))
+    table = random_table(scene)
+    system, curves = full_backbones(scene, partial(progress, "backbones"))
     with announced(progress, "random vibration"):
         found = random_response(
-            system,
-            curves,
-            table.given,
-            load=table.load,
-            unit=table.unit,
-            duration=table.duration,
+            system, curves, table.given, load=table.load, unit=table.unit, duration=table.duration
         )
-    return replace(found, notes=tuple(dict.fromkeys((*system.notes, *found.notes)))), curves
+    return SceneRandom(scene, found, curves, tuple(dict.fromkeys((*system.notes, *found.notes))))
 
 
 def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]:
@@ -531,60 +520,35 @@ def given_backbones(scene: Scene, progress: Progress = silent) -> list[Backbone]
     """
     if "backbone" not in scene.model_fields_set or not scene.system().contact.count:
         return []
-    system = _largest_model(scene)
-    return _curves(scene, system, scene.backbone.modes, partial(progress, "backbone"))
+    return full_backbones(scene, partial(progress, "backbone"))[1]
 
 
-def _largest_model(scene: Scene) -> System:
-    """Full model, or of a structure in parts the condensed one with modes for its curves."""
-    return largest_model(scene, max(named_backbone(scene).modes) + MODES_BEYOND)
+def full_backbones(scene: Scene, report: Progress) -> tuple[System, list[Backbone]]:
+    """Full model, or of a structure in parts the condensed one, and its curves."""
+    table = named_backbone(scene)
+    system = largest_model(scene, max(table.modes) + MODES_BEYOND)
+    return system, backbone(system, table.modes, table.levels, table.up_to, progress=report)
 
 
-def _curves(
-    scene: Scene,
-    system: System,
-    modes: Sequence[int],
-    report: Progress,
-    slips_at: float | None = None,
-) -> list[Backbone]:
-    """Curves of some modes of a model at the levels of a scene."""
-    table = scene.backbone
-    return backbone(system, modes, table.levels, table.up_to, slips_at, report)
-
-
-def _of_range_model(
-    scene: Scene, model: System, curve: Backbone, report: Progress
-) -> tuple[System, Backbone, tuple[str, ...]]:
-    """Model for the range of a scene, its curve of a mode of the full model, and a note.
-
-    InputError if the mode or its levels are outside the range.
-    """
-    (own,) = _curves(scene, model, (curve.mode,), report, curve.slips_at)
+def _in_range(curve: Backbone) -> str:
+    """Note of the errors of a curve of a model for a range."""
     shown = " and ".join(
         f"its {name.replace('_', ' ')} by {100.0 * error:.2g} %"
-        for name, error in own.estimated.items()
+        for name, error in curve.estimated.items()
     )
-    note = (
+    return (
         f"Mode {curve.mode}: the curve of the reduced model for the range errs by an estimated "
         f"share of its largest value: {shown}."
     )
-    return model, _of_all_points(scene.system(), model, own), (note,)
 
 
-def _of_small_model(
-    name: str, scene: Scene, curve: Backbone, report: Progress
-) -> tuple[System, Backbone, tuple[str, ...]]:
-    """Condensed or reduced model of a mode of the full model, its curve, and notes on it."""
-    system = scene.system()
+def _model(name: str, scene: Scene, curve: Backbone) -> System:
+    """Model of a scene for a mode of the full model."""
+    if name == "full":
+        return scene.system()
     if name == "condensed":
-        small = condensed_model(scene, frequency=curve.stuck_frequency)
-    else:
-        small = reduced_for_mode(system, curve, options_of(scene, "static"))
-    ends = curve.level.size < scene.backbone.levels  # where the structure lifts off
-    levels = curve.level if ends else scene.backbone.levels
-    up_to, slips_at = scene.backbone.up_to, curve.slips_at
-    (own,) = backbone(small, (curve.mode,), levels, up_to, slips_at, report)
-    return small, _of_all_points(system, small, own), notes_of(small)
+        return condensed_model(scene, frequency=curve.stuck_frequency)
+    return reduced_for_mode(scene.system(), curve, options_of(scene, "static"))
 
 
 def _doubts(model: ModelBackbone, mode: int) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -36,16 +37,13 @@ from skfem_joint.study.models import (
     other_reference,
     with_friction,
 )
+from skfem_joint.study.scene_backbone import given_backbones, named_backbone
 from skfem_joint.study.scene_range import model_in_range
 from skfem_joint.system.system import System
+from skfem_joint.vibration.backbone import Backbone
 from skfem_joint.vibration.coarse_model import CoarseModel
 from skfem_joint.vibration.linear_response import linear_response
-from skfem_joint.vibration.response import (
-    at_frequency,
-    response,
-    steady_plan,
-    suited_steps,
-)
+from skfem_joint.vibration.response import at_frequency, response, steady_plan, suited_steps
 from skfem_joint.vibration.response_curve import Curve, State, SteadyPoint, check_kind
 
 #: What the response of a reduced model says that has contact that opens.
@@ -120,7 +118,9 @@ class SceneResponse:
         Amplitudes of the linear limits at level 1, m.
     models : list of ModelResponse
     notes : tuple of str
-        Of the structure and of all models.
+        Of the structure, all models and the backbones.
+    backbones : list of Backbone
+        Full model's curves beside the response, of a scene with a table ``[backbone]``.
     """
 
     scene: Scene
@@ -130,13 +130,15 @@ class SceneResponse:
     loose: FloatArray
     models: list[ModelResponse]
     notes: tuple[str, ...]
+    backbones: list[Backbone] = field(default_factory=list)
 
 
 def response_table(scene: Scene) -> ResponseTable:
     """Table ``[response]`` of a scene.
 
     InputError if there is none, a load of the scene has no frequency that could be changed, no
-    joint carries friction and the full model is not asked for, or a sine cannot be swept.
+    joint carries friction and the full model is not asked for, or a sine cannot be swept; as
+    `named_backbone` for a table ``[backbone]`` beside it.
     """
     table: ResponseTable = scene.asked("response")
     at_frequency(scene.system(), table.frequencies.to)
@@ -154,6 +156,8 @@ def response_table(scene: Scene) -> ResponseTable:
                 "leave out reduction.range, or the rates"
             )
     with_friction(scene)
+    if "backbone" in scene.model_fields_set:
+        named_backbone(scene)
     return table
 
 
@@ -189,6 +193,8 @@ def scene_response(
         As `skfem_joint.response`.
     """
     table = response_table(scene)
+    # The backbones first: they take seconds, and a wrong mode ends the command at once.
+    beside = given_backbones(scene, progress)
     scene, left_out = with_friction(scene)
     between, levels = table.frequencies, sorted(table.levels)
     highest = _highest(scene.system(), between.to)
@@ -201,35 +207,24 @@ def scene_response(
         with announced(progress, f"linear response, {limit}"):
             limits.append(linear_response(system, fine, held))
     stuck, loose = limits
-    rows = rows or Rows()
+    rows, cycles = rows or Rows(), {"steps_per_cycle": scene.time.steps_per_cycle}
     resonance = float(frequencies[stuck[np.isin(fine, frequencies)].max(axis=1).argmax()])
     models = []
     for name in scene.models.run:
         watch = Stopwatch()
         with announced(progress, f"making the {name} model"):
             model = system if scene.parts else _model(name, scene, resonance, rows)
-            coarse, notes = (
-                _coarse(model, scene, resonance) if table.method == "time" else (None, [])
-            )
+            coarse, notes = _coarse(model, scene, resonance)
         offline, compilation = watch.read()
         watch, earlier = Stopwatch(), rows.earlier_s
-        report = partial(progress, f"{name} model")
+        how: dict[str, Any] = {"progress": partial(progress, f"{name} model"), "rows": rows}
         curves: list[Curve]
         if table.method == "harmonic":
-            curves = [*harmonic_response(model, frequencies, levels, progress=report, rows=rows)]
+            curves = [*harmonic_response(model, frequencies, levels, **how)]
         else:
-            curves = response(
-                model,
-                frequencies,
-                levels,
-                steps_per_cycle=scene.time.steps_per_cycle,
-                estimated=scene.accuracy.estimate,
-                executor=executor,
-                workers=workers,
-                coarse=coarse,
-                progress=report,
-                rows=rows,
-            )
+            how |= {"executor": executor, "workers": workers, "coarse": coarse}
+            how |= {"estimated": scene.accuracy.estimate, **cycles}
+            curves = response(model, frequencies, levels, **how)
         curves = [_with_all_slips(curve, model, system) for curve in curves]
         wall, compiled = watch.read()
         if name == "reduced":
@@ -257,7 +252,8 @@ def scene_response(
         warnings += (MAY_DEPEND,)
     if scene.time.rho_infinity < 1.0:
         warnings += ("time.rho_infinity has no effect on responses: their steps are trapezoidal.",)
-    return SceneResponse(scene, frequencies, fine, stuck, loose, models, warnings)
+    warnings += tuple(note for curve in beside for note in curve.notes)
+    return SceneResponse(scene, frequencies, fine, stuck, loose, models, warnings, beside)
 
 
 def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
@@ -279,13 +275,9 @@ def _sweeps(model: System, scene: Scene, report: Progress, rows: Rows) -> list[S
     table = scene.asked("response")
     ends, steps = (table.frequencies.from_, table.frequencies.to), scene.time.steps_per_cycle
     origin = rows.mark("swept sine", model, steps)
+    swept = partial(swept_response, model, steps_per_cycle=steps, progress=report)
     return [
-        rows.row(
-            rows.mark(origin, way, rate, level),
-            partial(
-                swept_response, model, way, rate, level, steps_per_cycle=steps, progress=report
-            ),
-        )
+        rows.row(rows.mark(origin, way, rate, level), partial(swept, way, rate, level))
         for level in sorted(table.levels)
         for rate in table.sweep_rates
         for way in (ends, ends[::-1])
@@ -300,12 +292,13 @@ def _highest(system: System, frequency: float) -> float:
 
 def _coarse(model: System, scene: Scene, resonance: float) -> tuple[CoarseModel | None, list[str]]:
     """Reduced model beside a full or condensed one, where that helps, and a note if it fails."""
-    if model.made_for or model.serves or not model.contact.count or scene.parts:
+    table = scene.asked("response")
+    alone = model.made_for or model.serves or not model.contact.count or scene.parts
+    if alone or table.method != "time":
         return None, []
     V = None if model.origin is None else model.origin.basis.V
-    level = max(scene.asked("response").levels)
     try:
-        return CoarseModel.of(scene.system(), resonance, level, V), []
+        return CoarseModel.of(scene.system(), resonance, max(table.levels), V), []
     except (InputError, ConvergenceError) as error:
         name = "full" if V is None else "condensed"
         note = f"No reduced model helps the {name} model's response, which takes longer then"
@@ -363,10 +356,7 @@ def _estimates(
 
 
 def _errors(
-    loaded: System,
-    steps_per_cycle: int,
-    start: State,
-    report: Callable[..., None] | None = None,
+    loaded: System, steps_per_cycle: int, start: State, report: Callable[..., None] | None = None
 ) -> dict[str, Parts]:
     """Estimated errors of the steady vibration of a model, by source and quantity."""
     full = run_estimate.full_of(loaded)

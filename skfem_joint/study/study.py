@@ -4,9 +4,8 @@ Structure and system follow from the scene. `describe` states what they are and 
 static loads; `choose` finds time steps and a reduced model for an accuracy, if the scene asks for
 one. Then, for each model of the scene, `make_model` runs it, and `compare_with_full` compares it
 with the full model. All that is `run_models`. After it `estimated` goes through the models once
-more: `estimate_errors` estimates a model's errors, `count_mesh` adds those by the mesh,
-`compare_with_coulomb` says how far an arctan law takes it from Coulomb's. Each takes a study, which
-is frozen, and returns one that says more.
+more, for their errors, those by the mesh, and how far an arctan law takes them from Coulomb's. Each
+takes a study, which is frozen, and returns one that says more.
 """
 
 from __future__ import annotations
@@ -22,7 +21,6 @@ import numpy as np
 from skfem_joint.accuracy import halved_mesh, run_estimate
 from skfem_joint.accuracy.against_coulomb import against_coulomb
 from skfem_joint.accuracy.estimate import Estimate
-from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, JointError
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.ground.values import check_kind
@@ -40,7 +38,7 @@ from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.recording import Run
 from skfem_joint.stepping.stopwatch import Stopwatch
-from skfem_joint.study.accuracy import Choice, choose, shortened_steps, stated
+from skfem_joint.study.accuracy import Choice, choose, choose_in_range, shortened_steps, stated
 from skfem_joint.study.description import description_of
 from skfem_joint.study.models import (
     finer_mesh,
@@ -50,7 +48,6 @@ from skfem_joint.study.models import (
     plan_of,
     with_friction,
 )
-from skfem_joint.study.range_choice import choose_in_range
 from skfem_joint.study.results import Failure, Model, Study
 from skfem_joint.study.scene_range import middle_of, served_scene
 from skfem_joint.study.summary import violated
@@ -169,9 +166,9 @@ def estimated(study: Study, progress: Progress = silent) -> Study:
     for name in study.models:
         if study.interrupted:
             break
-        study = estimate_errors(study, name, progress)
-        study = count_mesh(study, name, progress)
-        study = compare_with_coulomb(study, name, progress)
+        for what, (label, source) in _SOURCES.items():
+            report = partial(progress, label.format(name))
+            study = _with_estimate(study, name, what, partial(source, report=report))
         if (model := study.whole(name)) is not None:
             study = study.noting(*violated(study, model))
     return study
@@ -191,7 +188,7 @@ def make_model(
     hold the loads, with the levels before.
     """
     try:
-        study = _MAKERS[name](study, choice, path, integrate)
+        study = _with_model(name, study, choice, path, integrate)
     except JointError as error:
         if isinstance(error, ConvergenceError) and error.run is not None:
             return _ended_by(error, name, study)
@@ -217,10 +214,9 @@ def make_model(
 def _ended_by(error: ConvergenceError, name: str, study: Study) -> Study:
     """Study with a model whose quasi-static run has no further level, with the levels before."""
     run: Run = error.run
-    active: tuple[_ByJoint, _ByJoint, _ByJoint] = ({}, {}, {})
+    model = Model(name, run, run.preparation_s, {}, compilation_s=run.compilation_s)
     if name == "full":
-        active = _active(study, run.slip_peak, run.slider_peak)
-    model = Model(name, run, run.preparation_s, *active, compilation_s=run.compilation_s)
+        model = _with_region(study, model)
     note = f"The results of the {name} model end with its last level. {error}."
     return replace(study.holding(model).noting(note), failure=Failure(name, error))
 
@@ -233,102 +229,147 @@ def compare_with_full(study: Study, name: str) -> Study:
     return study.holding(replace(model, errors=compare(full.run, model.run)))
 
 
-def _with_estimate(study: Study, model: Model, what: str, compute: Callable[[], Estimate]) -> Study:
+def _with_estimate(
+    study: Study, name: str, what: str, source: Callable[[Study, Model], Estimate | None]
+) -> Study:
     """Model with estimated errors; what ends their computation early costs no more than a note."""
-    watch = Stopwatch()
+    model, watch = study.whole(name), Stopwatch()
+    if model is None or study.interrupted:
+        return study
     try:
-        errors = compute()
+        errors = source(study, model)
     except JointError as error:
-        return study.noting(f"The {what} of the {model.name} model are not estimated: {error}")
+        return study.noting(f"The {what} of the {name} model are not estimated: {error}")
     except KeyboardInterrupt:
-        note = f"The run was interrupted in the {what} of the {model.name} model."
+        note = f"The run was interrupted in the {what} of the {name} model."
         return study.noting(note, interrupted=True)
+    if errors is None or errors is model.estimate:
+        return study
     took, compiled = watch.read()
-    _log.info("The %s of the %s model are estimated, in %.3g s.", what, model.name, took)
+    _log.info("The %s of the %s model are estimated, in %.3g s.", what, name, took)
     took, compiled = took + model.estimate_s, compiled + model.compilation_s
     return study.holding(replace(model, estimate=errors, estimate_s=took, compilation_s=compiled))
 
 
-def estimate_errors(study: Study, name: str, progress: Progress) -> Study:
-    """Give a model its estimated errors, if they are not known.
-
-    The distance from the full model, where that was run, counts among them.
-    """
-    model = study.whole(name)
-    if model is not None and model.estimate is None and study.scene.accuracy.estimate:
-        report = partial(progress, f"errors of the {name} model")
-        compute = partial(run_estimate.of_run, model.run, plan_of(study.scene), report)
-        study = _with_estimate(study, model, "errors", compute)
-        model = study.models[name]
-    if model is None or model.estimate is None or model.errors is None:
-        return study
+def _own_errors(study: Study, model: Model, report: Progress) -> Estimate | None:
+    """Estimated errors of a model; the distance from a full one beside it counts among them."""
+    errors = model.estimate
+    if errors is None and study.scene.accuracy.estimate:
+        errors = run_estimate.of_run(model.run, plan_of(study.scene), report)
+    if errors is None or model.errors is None:
+        return errors
     runs = results(study.models["full"].run), results(model.run)
     joints = joint_differences(*runs, study.system.contact.joints)
-    beside = model.estimate.beside(difference(*runs), joints)
-    return study.holding(replace(model, estimate=beside))
+    return errors.beside(difference(*runs), joints)
 
 
-def count_mesh(study: Study, name: str, progress: Progress) -> Study:
-    """Add the error by the mesh to a model's estimated errors, where a finer mesh costs little.
+def _with_mesh(study: Study, model: Model, report: Progress) -> Estimate | None:
+    """The same with the error by the mesh, where a finer one costs little.
 
     It is found once, beside the first model, and is the same for all.
     """
-    model, scene = study.whole(name), study.scene
-    if model is None or model.estimate is None or study.interrupted:
-        return study
-    first = next(iter(study.models.values())).estimate
-    known = None if first is None else first.parts.get("mesh")
-    if known is not None:
-        return study.holding(replace(model, estimate=model.estimate.with_mesh(known)))
+    scene, first = study.scene, next(iter(study.models.values()))
+    if model.estimate is None:
+        return None
+    known = None if first.estimate is None else first.estimate.parts.get("mesh")
     served = model.run.system.serves is not None  # no full model is assembled
-    if name != next(iter(study.models)) or served or scene.matrices is not None:
-        return study
-    if not halved_mesh.affords(study.system, scene.named_mesh.dim):
-        return study
-    errors, report = model.estimate, partial(progress, "error of the mesh")
-
-    def compute() -> Estimate:
+    if known is None:
+        if model.name != first.name or served or scene.matrices is not None:
+            return None
+        if not halved_mesh.affords(study.system, scene.named_mesh.dim):
+            return None
         finer, plan = finer_mesh(scene).system(), plan_of(scene)
-        return errors.with_mesh(halved_mesh.of_run(model.run, plan, study.system, finer, report))
-
-    return _with_estimate(study, model, "errors by the mesh", compute)
-
-
-def compare_with_coulomb(study: Study, name: str, progress: Progress) -> Study:
-    """Give a model with estimated errors its distance from Coulomb's law, unless it has that."""
-    model = study.whole(name)
-    if model is None or model.estimate is None or study.interrupted:
-        return study
-    errors, report = model.estimate, partial(progress, f"{name} model, Coulomb's law")
-    plan = plan_of(study.scene)
-
-    def compute() -> Estimate:
-        apart = against_coulomb(study.system, model.run, plan, errors, report)
-        parts = {} if apart is None else {"coulomb": apart}
-        return replace(errors, parts={**errors.parts, **parts})
-
-    return _with_estimate(study, model, "distances from Coulomb's law", compute)
+        known = halved_mesh.of_run(model.run, plan, study.system, finer, report)
+    return model.estimate.with_mesh(known)
 
 
-def _full(study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate) -> Study:
-    scene, run, errors = shortened_steps(
-        study.scene,
-        partial(_named_places, study, integrate, study.system),
-        run_estimate.of_run,
-    )
-    study = replace(study, scene=scene).noting(*_of_accuracy("full", scene, errors))
-    active = _active(study, run.slip_peak, run.slider_peak)
-    model = Model("full", run, run.preparation_s, *active, estimate=errors)
-    return study.holding(replace(model, compilation_s=run.compilation_s))
+def _with_coulomb(study: Study, model: Model, report: Progress) -> Estimate | None:
+    """The same with the distance from Coulomb's law, unless the model has that."""
+    if (errors := model.estimate) is None:
+        return None
+    apart = against_coulomb(study.system, model.run, plan_of(study.scene), errors, report)
+    parts = {} if apart is None else {"coulomb": apart}
+    return replace(errors, parts={**errors.parts, **parts})
 
 
-def _of_accuracy(name: str, scene: Scene, errors: Estimate | None) -> tuple[str, ...]:
-    """Note of the steps that a model takes for the accuracy asked for, if one was."""
-    if errors is None:
+#: Estimated errors of a model, one after the other: what they are called, also in progress.
+_SOURCES: dict[str, tuple[str, Callable[..., Estimate | None]]] = {
+    "errors": ("errors of the {} model", _own_errors),
+    "errors by the mesh": ("error of the mesh", _with_mesh),
+    "distances from Coulomb's law": ("{} model, Coulomb's law", _with_coulomb),
+}
+
+
+def _with_model(
+    name: str, study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
+) -> Study:
+    """Study with a model that is made and run, in steps that meet the accuracy asked for."""
+    watch, scene, notes = Stopwatch(), study.scene, tuple[str, ...]()
+    ready = choice if name == "reduced" or scene.parts is not None else Choice(scene)
+    system = study.system if name == "full" else ready.model
+    if system is None:
+        system = model_of(name, scene, path=path)
+        notes = notes_of(system) if name == "reduced" else _costly(study, system)
+    before, compiled = np.add(watch.read(), (ready.seconds, ready.compilation_s)).tolist()
+    if name == "reduced":
+        notes += _slipping(study, system)
+        points = system.contact.count
+        _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", system.n, points, before)
+        run, errors = integrate(system, plan_of(scene)), ready.estimate
+    else:
+        call = partial(_named_places, study, integrate) if name == "full" else integrate
+        scene, run, errors = shortened_steps(scene, partial(call, system))
+        if errors is not None:
+            notes += (
+                f"For the accuracy asked for the {name} model has steps of {scene.time_step:.4g} "
+                f"s; it errs by an estimated {stated(errors)}.",
+            )
+    offline, compiled = before + run.preparation_s, compiled + run.compilation_s
+    model = Model(name, run, offline, {}, estimate=errors, compilation_s=compiled)
+    return replace(study, scene=scene).noting(*notes).holding(_with_region(study, model))
+
+
+def _costly(study: Study, small: System) -> tuple[str, ...]:
+    """Note of a condensed model whose steps cost more than those of the full one, if they do."""
+    to = arranged(study.system)
+    limited = ContactPoints.of(to.system).limited
+    sparse = to.kind == "contact" and not condensing_pays(to.system.K, limited)
+    if not sparse and to.kind != "chain":
         return ()
+    less = "far less, of a chain" if to.kind == "chain" else "hardly more, of few entries"
     return (
-        f"For the accuracy asked for the {name} model has steps of {scene.time_step:.4g} s; it "
-        f"errs by an estimated {stated(errors)}.",
+        f"The condensed model keeps {small.contact.B.shape[0]} contact unknowns and has full "
+        f"matrices: a step of the full one costs {less}; a reduced one costs less.",
+    )
+
+
+def _slipping(study: Study, small: System) -> tuple[str, ...]:
+    """Notes of joints that slip as a whole in the run that a reduced model is made of.
+
+    None beside the full model, which says more.
+    """
+    if small.origin is None or "full" in study.models:
+        return ()
+    sliding = study.system.contact.slider_peak(small.origin.basis.history.slip_peak)
+    return tuple(gross_slip(study.structure, sliding, study.period))
+
+
+def _with_region(study: Study, model: Model) -> Model:
+    """Model with its active region; a reduced one beside the full one has lengths alone."""
+    sliding, basis = model.slider_peak(study.system), model.basis
+    if model.name == "reduced":
+        if basis is None:
+            return model
+        model = replace(model, active_length=dict(basis.active_length))
+        if "full" in study.models:
+            return model
+        sliding = study.system.contact.slider_peak(model.slip_peak)
+    region = region_of(study.structure, study.system, (model.slip_peak, sliding), study.period)
+    return replace(
+        model,
+        active_length=model.active_length if model.name == "reduced" else region.length,
+        active_area_fraction=region.area_fraction,
+        slipping_fraction=region.point_fraction,
     )
 
 
@@ -344,73 +385,3 @@ def _named_places(
         dof = int(abs(system.T[:, [error.unknown]]).argmax())  # that it moves most
         message = f"full model: {error} That unknown is of {study.structure.spot(dof)}."
         raise ConvergenceError(message, error.unknown, error.run) from error
-
-
-_ByJoint = dict[str, float]
-
-
-def _active(
-    study: Study, peak: FloatArray, sliding: FloatArray
-) -> tuple[_ByJoint, _ByJoint, _ByJoint]:
-    """Active lengths (m), shares of area and shares of nodes.
-
-    ``peak`` and ``sliding``, (m,), m, are the largest slips of all points and of their sliders.
-    """
-    region = region_of(study.structure, study.system, (peak, sliding), study.period)
-    return region.length, region.area_fraction, region.point_fraction
-
-
-def _reduced(
-    study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
-) -> Study:
-    watch, notes = Stopwatch(), tuple[str, ...]()
-    active: tuple[_ByJoint, _ByJoint, _ByJoint] = ({}, {}, {})
-    system = choice.model
-    if system is None:
-        system = model_of("reduced", study.scene, path=path)
-        notes = notes_of(system)
-    basis = None if system.origin is None else system.origin.basis
-    if basis is not None and "full" not in study.models:  # beside that one, it says more
-        sliding = study.system.contact.slider_peak(basis.history.slip_peak)
-        notes = (*notes, *gross_slip(study.structure, sliding, study.period))
-        active = _active(study, basis.history.slip_peak, sliding)
-    length = {} if basis is None else dict(basis.active_length)
-    before, compiled = np.add(watch.read(), (choice.seconds, choice.compilation_s)).tolist()
-    points = system.contact.count
-    _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", system.n, points, before)
-    run = integrate(system, plan_of(study.scene))
-    offline, compiled = before + run.preparation_s, compiled + run.compilation_s
-    model = Model("reduced", run, offline, length, *active[1:])
-    model = replace(model, estimate=choice.estimate, compilation_s=compiled)
-    return study.noting(*notes).holding(model)
-
-
-def _condensed(
-    study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
-) -> Study:
-    watch, notes = Stopwatch(), tuple[str, ...]()
-    by_parts = choice if study.scene.parts is not None else Choice(study.scene)
-    small = by_parts.model or model_of("condensed", study.scene)
-    kept, to = small.contact.B.shape[0], arranged(study.system)
-    sparse = to.kind == "contact" and not condensing_pays(
-        to.system.K, ContactPoints.of(to.system).limited
-    )
-    if by_parts.model is None and (sparse or to.kind == "chain"):
-        less = "far less, of a chain" if to.kind == "chain" else "hardly more, of few entries"
-        notes = (
-            f"The condensed model keeps {kept} contact unknowns and has full matrices: a step of "
-            f"the full one costs {less}; a reduced one costs less.",
-        )
-    before, compiled = np.add(watch.read(), (by_parts.seconds, by_parts.compilation_s)).tolist()
-    scene, run, errors = shortened_steps(
-        study.scene, partial(integrate, small), run_estimate.of_run
-    )
-    notes += _of_accuracy("condensed", scene, errors)
-    peak, sliding = (np.asarray(x @ small.contact.shares) for x in (run.slip_peak, run.slider_peak))
-    offline = before + run.preparation_s
-    model = Model("condensed", run, offline, *_active(study, peak, sliding))
-    model = replace(model, compilation_s=compiled + run.compilation_s, estimate=errors)
-    return replace(study, scene=scene).noting(*notes).holding(model)
-
-
-_MAKERS = {"full": _full, "condensed": _condensed, "reduced": _reduced}

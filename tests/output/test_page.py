@@ -7,7 +7,6 @@ import re
 import shutil
 import tomllib
 
-import numpy as np
 import pytest
 from joint_scenes import bar_scene, harmonic, joint, plate_scene
 
@@ -18,9 +17,9 @@ from skfem_joint.output.record import clear
 from skfem_joint.study.premises import (
     OF_MODES,
     assumptions,
-    density_loads,
     loads_of,
     premises,
+    random_loads_of,
     response_loads,
     scene_text,
 )
@@ -172,7 +171,9 @@ def test_a_page_tells_what_acts_in_each_command(tmp_path):
     assert first == own
     assert "levels 0.5, 2" in second
     assert "from 900 to 1100 Hz" in second
-    (said,) = density_loads("tip", np.array([20.0, 1000.0]), np.array([0.5, 0.25]), "N²/Hz")
+    (tmp_path / "psd.csv").write_text("Hz,N2/Hz\n20,0.5\n1000,0.25\n", encoding="utf-8")
+    shaken = bar_scene(bar="coarse", random={"psd": str(tmp_path / "psd.csv")})
+    (said,) = random_loads_of(shaken, "free_end")
     assert "0.5 N²/Hz at 20 Hz, 0.25 N²/Hz at 1000 Hz" in said
     other = premises(made, (), OF_MODES)["assumptions"]
     assert own not in other

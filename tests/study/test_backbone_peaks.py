@@ -59,18 +59,18 @@ def bar(tip: bool, low: float, high: float) -> sj.Scene:
 def test_peaks_lie_on_the_backbone_unless_friction_excites_higher_modes(tip, low, high, tmp_path):
     """Modes at 1 : 4.7 : 8.9 with the tip, and at 1 : 3 : 5 without."""
     scene = bar(tip, low, high)
-    curves, response = given_backbones(scene), scene_response(scene)
-    (peak,) = backbone_peaks(response.models, curves)
+    response = scene_response(scene)
+    (peak,) = backbone_peaks(response)
     assert peak.mode == 1
     assert np.isnan(peak.amplitude_error)  # it was not estimated
     assert 0.0 < peak.error < 5e-3
     assert (abs(peak.apart) <= peak.error) == tip
     if not tip:
         assert peak.apart == pytest.approx(-0.0115, rel=0.1)
-    lines = response_lines(response, curves)
+    lines = response_lines(response)
     assert ("within the" in lines[1]) == tip
     assert any("higher frequencies near odd multiples" in line for line in lines) != tip
-    files = {path.name for path in write_response(tmp_path, response, curves)}
+    files = {path.name for path in write_response(tmp_path, response)}
     assert {"peaks.csv", "backbone_response.png"} <= files
     assert (tmp_path / "backbone_response.png").stat().st_size > 10_000
 
@@ -100,20 +100,21 @@ def test_a_response_without_friction_is_not_refused_for_a_backbone_beside_it():
 
 def test_an_end_of_the_frequencies_is_no_peak_and_what_is_not_known_is_left_out(tmp_path):
     scene = bar(True, 900.0, 1000.0)
-    curves, response = given_backbones(scene), scene_response(scene)
-    (peak,) = backbone_peaks(response.models, curves)
+    response = scene_response(scene)
+    (peak,) = backbone_peaks(response)
     assert peak.at_end
-    lines = response_lines(response, curves)
+    lines = response_lines(response)
     assert "widen response.frequencies" in lines[1]
     assert len(lines) == 2
-    write_response(tmp_path, response, curves)
+    write_response(tmp_path, response)
     assert (tmp_path / "backbone_response.png").stat().st_size > 10_000
     # A frequency without a steady vibration has a row, too.
     (model,) = response.models
     (curve,) = model.curves
     lost = replace(curve.points[0], slip=np.full_like(curve.points[0].slip, np.nan))
     curve = replace(curve, points=(lost, *curve.points[1:]))
-    write_response(tmp_path, replace(response, models=(replace(model, curves=(curve,)),)))
+    models = (replace(model, curves=(curve,)),)
+    write_response(tmp_path, replace(response, models=models, backbones=[]))
     rows = csv_rows(tmp_path / "response.csv")
     lost, *others = (row["active_length_joint_m"] for row in rows)
     assert lost == ""

@@ -442,3 +442,20 @@ def test_the_larger_of_the_stated_and_the_measured_error_counts():
     limits = {"displacement_rms": 0.06, "peak_displacement": 0.06}
     over = {name for name in apart if apart[name] > limits.get(name, 0.07)}
     assert 1 <= len(over) == said.count("% asked for") <= 4
+
+
+def test_merged_contact_points_all_slip_as_their_point_does():
+    """Each was taken to slip by its share: 40 % of the joint were active, 60 in the full model."""
+    bar = sj.build_bar([("joint", 0.25, 24)], {"fixed": 0.0, "free_end": 0.25})
+    scene = bar_scene(
+        bar=bar,
+        joint=[joint(pressure=8e6, beta=1e3)],
+        load=[harmonic(amplitude=43e3, frequency=1000.0)],
+        time={"cycles": 2, "steps_per_cycle": 50},
+        models={"run": ["full", "condensed"], "contact_points": 6},
+        accuracy={"estimate": False},
+    )
+    full, small = sj.run_scene(scene).models.values()
+    assert small.active_area_fraction["joint"] == pytest.approx(
+        full.active_area_fraction["joint"], abs=0.1
+    )
