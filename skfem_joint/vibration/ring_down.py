@@ -202,7 +202,7 @@ def ring_down(
     system.check_any_load("ring_down")
     check("ring_down: cycles", cycles, at_least(2 * LEFT_OUT))
     check("ring_down: steps_per_cycle", steps_per_cycle, at_least(2))
-    others = check_curve("ring_down", system, curve, curve.traits)
+    others = check_curve("ring_down", system, curve, getattr(curve, "traits", ()))
     if system.serves is not None:  # which then are two, the model and its larger one
         if not isinstance(curve, Backbone):
             raise InputError(

@@ -117,17 +117,17 @@ def test_all_models_of_a_scene_have_the_same_error_by_the_mesh_in_their_totals()
 def test_curves_of_a_scene_have_their_errors_by_the_mesh_in_text_table_and_summary(tmp_path):
     found = scene_backbone(scene("full", "reduced").changed(backbone={"levels": 4}))
     (errors,) = found.mesh.values()
-    assert 0.0 < errors.frequency.min() <= errors.frequency.max() < 0.2
+    assert 0.0 < errors["frequency"].min() <= errors["frequency"].max() < 0.2
     assert any(line.startswith("Mode 1: the mesh errs by") for line in backbone_lines(found))
     write_backbone(tmp_path, found)
     lines = (tmp_path / "backbone.csv").read_text(encoding="utf-8").splitlines()
     rows = list(csv.DictReader(lines))
     shown = [float(row["mesh_error_damping_ratio"]) for row in rows]
-    assert shown == pytest.approx([*errors.damping_ratio] * 2, rel=1e-9, nan_ok=True)
+    assert shown == pytest.approx([*errors["damping_ratio"]] * 2, rel=1e-9, nan_ok=True)
     content = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     for model in content["models"].values():
         largest = model["modes"][0]["mesh_error"]["frequency"]
-        assert largest == pytest.approx(errors.frequency.max())
+        assert largest == pytest.approx(errors["frequency"].max())
     plain = scene_backbone(found.scene.changed(accuracy={"estimate": False}))
     assert not plain.mesh
 
