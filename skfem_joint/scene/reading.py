@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -61,7 +62,7 @@ def load_scene(
         its ``problems`` and starts with the file and the key. With bolts that clamp, mistakes in
         names of supports and joints follow when the tables are right: they are tightened for them.
     """
-    check_kind("path", path, str | Path)
+    check_kind("path", path, str | os.PathLike)
     path = Path(path)
     tables = _read_toml(path)
     mesh, problems = _read_mesh(tables, path.parent)
@@ -230,7 +231,7 @@ def load_sweep(path: str | Path, progress: Progress = silent) -> Swept:
     InputError
         As `load_scene`. A problem of several scenes is reported once, with the first of them.
     """
-    check_kind("path", path, str | Path)
+    check_kind("path", path, str | os.PathLike)
     path = Path(path)
     tables = _read_toml(path)
     try:

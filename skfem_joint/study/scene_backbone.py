@@ -439,6 +439,7 @@ def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNon
     )
     (model,) = slow.models
     curves, failures, notes = {}, list[ConvergenceError](), [*slow.notes]
+    rings = scene.backbone.ring_down > 0
     for number, system, own in zip(table.modes, model.systems, model.curves, strict=True):
         report = partial(progress, f"{model.name} model, nonlinear mode {number}")
         asked, judged = table.levels, table.confirm
@@ -450,9 +451,13 @@ def scene_nonlinear_modes(scene: Scene, progress: Progress = silent) -> SceneNon
         except ConvergenceError as error:
             failures.append(error)
             curve = error.run
-        if scene.backbone.ring_down:
-            start = _released(scene, system)
-            notes += _rings_down(scene, model, own if curve is None else curve, start, progress)
+        if rings:
+            start, begun = _released(scene, system), own if curve is None else curve
+            try:
+                notes += _rings_down(scene, model, begun, start, progress)
+            except ConvergenceError as error:
+                rings = False
+                notes.append(f"Mode {number}: no ring-downs stand beside from here on: {error}")
         if curve is None:
             continue
         work, slip = of_all(system, curve.friction_work), slips_of_all(system, curve.slip)

@@ -24,7 +24,7 @@ from scipy.integrate import cumulative_simpson, simpson
 from scipy.interpolate import PchipInterpolator
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import ConvergenceError
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.power_density import Density
 
 #: Intervals of the amplitude, an even number.
@@ -279,6 +279,14 @@ def linear_variance(omega: FloatArray, damping: FloatArray, force: Density) -> F
 
 
 def peak_of(omega: FloatArray, damping: FloatArray) -> tuple[float, float, float]:
-    """Lowest and highest frequency of linear modes, and their least half width, Hz."""
+    """Lowest and highest frequency of linear modes, and their least half width, Hz.
+
+    InputError if nothing damps them.
+    """
+    if not damping.min() > 0.0:
+        raise InputError(
+            "random_response: nothing damps a mode at amplitudes at which no joint slips, so that "
+            "its vibration has no bound; give the structure a damping, such as stiffness_damping"
+        )
     frequency = omega / (2.0 * np.pi)
     return float(frequency.min()), float(frequency.max()), float((damping * frequency).min())

@@ -215,6 +215,8 @@ def refused(match: str, **changed: object) -> None:
 def test_wrong_arguments_are_refused_by_name(tmp_path):
     refused(r"psd: values\[1\]: found -1.0, must be > 0", psd=[[1.0, 1.0], [2.0, -1.0]])
     refused(r"psd: frequencies\[1\]: found 1, must be > 2", psd=[[2.0, 1.0], [1.0, 1.0]])
+    free = slider(viscous=0.0)
+    refused("nothing damps a mode at amplitudes", system=free, curves=[slider_curve(free)])
     refused("psd: found shape", psd=[1.0, 2.0])
     refused("unit: found 'g2/Hz' for the load on 'mass'", unit="g2/Hz")
     refused("unit: found 'g'", unit="g")
