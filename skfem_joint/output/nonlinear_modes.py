@@ -204,6 +204,10 @@ def nonlinear_figure(modes: SceneNonlinearModes) -> Figure:
                 shown = ratio * amplitude / size, factor * values[name]
                 known = {"label": what.replace("_", "-")} if amplitude.size else {}
                 panel.plot(*shown, look[what], color=colour, **known)
+            # A ring-down goes on to amplitudes far below all curves.
+            curves = [line.get_xdata() for line in panel.lines if line.get_linestyle() != "None"]
+            least = 0.1 * min(float(np.min(each)) for each in curves if len(each))
+            panel.set_xlim(left=max(panel.get_xlim()[0], least))
             plain_ticks(panel.xaxis)
             panel.grid(alpha=0.3)
             panel.set_xlabel(

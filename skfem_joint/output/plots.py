@@ -90,10 +90,11 @@ def prefixed_unit(unit: str, arrays: Iterable[FloatArray]) -> tuple[str, float]:
 
 
 def plain_ticks(axis: Any) -> None:
-    """Label 1, 2 and 5 of each decade of a logarithmic axis, in plain numbers."""
+    """Label 1, 2 and 5 of each decade of a logarithmic axis, or 1 alone of many, in numbers."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    low, high = sorted(axis.get_view_interval())
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high <= 1e3 * low else (1.0,)))
     axis.set_major_formatter(FormatStrFormatter("%g"))
     axis.set_minor_locator(NullLocator())
 

@@ -250,3 +250,14 @@ def test_the_active_part_of_a_line_is_a_share_of_its_area(made, share, name):
     assert figure.axes[0].get_ylabel() == "largest slip, nm"
     held = patch.held_nodes.size
     assert len(figure.axes[0].get_lines()[0].get_xdata()) == slip.size + held
+
+
+@pytest.mark.parametrize("decades", [1, 3, 9])
+def test_logarithmic_axes_have_numbers_over_few_and_many_decades(decades):
+    figure = plots.new_figure(4.0, 3.0)
+    panel = figure.subplots()
+    panel.semilogx([10.0**-decades, 1.0], [0.0, 1.0])
+    plots.plain_ticks(panel.xaxis)
+    low, high = panel.get_xlim()
+    shown = [tick for tick in panel.get_xticks() if low <= tick <= high]
+    assert 3 <= len(shown) <= 12
