@@ -26,7 +26,6 @@ from scipy import sparse
 
 from skfem_joint.ground.arrays import IntArray
 from skfem_joint.matrix_files.given import GivenMatrix
-from skfem_joint.matrix_files.op4_loops import WRONG, read_columns
 from skfem_joint.matrix_files.symmetry import symmetric
 
 #: Rows from which on strings have two words of their own.
@@ -188,6 +187,8 @@ class _Binary:
         values: np.ndarray,
     ) -> tuple[int, int]:
         """Word after a matrix, and number of its entries; they are stored if there is space."""
+        from skfem_joint.matrix_files.op4_loops import WRONG, read_columns
+
         large = header.rows < 0 or header.rows >= _LARGE
         per = self._words_of_value(header) * (2 if header.kind in (3, 4) else 1)
         layout = np.array([self.wide, self.big, per, large], np.int64)
