@@ -196,8 +196,8 @@ def harmonic_response(
         nearest stuck frequency by one over it.
     harmonics : int
         Most that a point takes, 9 or more: it has 9, 19, 39, 79 or 159, in proportion more where
-        loads have harmonics above the fifth. On a bolted lap 39 left
-        0.3 % of an amplitude, and 79 left 0.05 % in eight times as long.
+        loads have harmonics above the fifth. On the flank of a bolted lap 39 left 0.3 % of an
+        amplitude, and 79 left 0.05 % in nine times as long.
     progress : callable, optional
         Called with (points found, points asked for).
     rows : Rows, optional
