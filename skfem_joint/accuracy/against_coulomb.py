@@ -46,14 +46,14 @@ SETTLED = 0.02
 FEWEST = 3
 
 
-def against_coulomb(
+def with_coulomb(
     system: System,
     run: Run,
     plan: Plan,
     errors: Estimate,
     progress: Callable[..., None] | None = None,
-) -> Parts | None:
-    """Differences of a model's results from those under Coulomb's law, relative to the latter.
+) -> Estimate:
+    """Errors of a run with its distance from Coulomb's law, by the name "coulomb".
 
     Parameters
     ----------
@@ -69,8 +69,9 @@ def against_coulomb(
 
     Returns
     -------
-    dict of str to float, optional
-        By quantity, 1 where Coulomb's law gives nothing at all; None where it is the system's law.
+    Estimate
+        With differences from the results of Coulomb's law, relative to the latter, and 1 where that
+        gives nothing at all; ``errors`` as they are where it is the system's law.
 
     Raises
     ------
@@ -80,7 +81,7 @@ def against_coulomb(
         If a run is interrupted.
     """
     if np.isinf(system.contact.beta[system.contact.rubs]).all():
-        return None
+        return errors
     whole, verify = plan, partial(verification_run, progress=progress)
     if plan.cycle_steps is not None and plan.until == "end":
         plan = plan.first(cycles_to_settle(run, SETTLED, FEWEST))
@@ -95,7 +96,7 @@ def against_coulomb(
             continue
         count = coulomb.cycles.friction.size
         if plan.n_steps == whole.n_steps or cycles_to_settle(coulomb, SETTLED, FEWEST) < count:
-            return apart
+            return errors.having("coulomb", apart)
         plan = whole.first(2 * count)
 
 

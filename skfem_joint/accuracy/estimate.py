@@ -96,7 +96,11 @@ class Estimate(Tabular):
             name: None if error is None else error + (errors[name] or 0.0)
             for name, error in self.parts.get("total", {}).items()
         }
-        return replace(self, parts={**self.parts, "mesh": errors, "total": total})
+        return self.having("mesh", errors).having("total", total)
+
+    def having(self, source: str, errors: Parts) -> Estimate:
+        """Copy with the errors from a source."""
+        return replace(self, parts={**self.parts, source: errors})
 
     @property
     def table(self) -> dict[str, Any]:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from scipy import sparse
 
 from skfem_joint.accuracy import halved_mesh, range_modes, rungs
-from skfem_joint.accuracy.against_coulomb import against_coulomb
-from skfem_joint.accuracy.estimate import Estimate, verification_run
+from skfem_joint.accuracy.against_coulomb import with_coulomb
+from skfem_joint.accuracy.estimate import Estimate
 from skfem_joint.accuracy.ladder import keeps_contact
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
@@ -59,7 +58,7 @@ def estimate(
     InputError
         If the run was interrupted, began in motion or stored no named points, if its system was
         changed after it was reduced, or loaded from a file, so that the full one is not known, or
-        if the finer system has other points or loads.
+        if the finer system has other points or loads, or stands beside a point of a range.
     KeyboardInterrupt
         If a verification run is interrupted.
     """
@@ -77,6 +76,12 @@ def estimate(
     if not plan.save.points:
         raise InputError("estimate: the run stored no named points; leave out points=False")
     if system.serves is not None:  # judged without the full system, which may not be known
+        if finer is not None:
+            raise InputError(
+                "estimate: finer: found a run of a point of a range, whose full system is not "
+                "known; leave it out, and give it with a run of the full system, whose error by "
+                "the mesh is the same"
+            )
         return range_modes.of_range(run, plan, progress)
     if system.origin is not None and not system.origin.made(system):
         raise InputError(f"estimate: {CHANGED}")
@@ -86,11 +91,10 @@ def estimate(
     if finer is not None:
         errors = errors.with_mesh(halved_mesh.of_run(run, plan, full_of(system), finer, progress))
     try:
-        apart = against_coulomb(full_of(system), run, plan, errors, progress)
+        return with_coulomb(full_of(system), run, plan, errors, progress)
     except ConvergenceError as error:
         _log.warning("The distance from Coulomb's law is not known: %s", error)
-        apart = dict.fromkeys(QUANTITIES)
-    return errors if apart is None else replace(errors, parts={**errors.parts, "coulomb": apart})
+        return errors.having("coulomb", dict.fromkeys(QUANTITIES))
 
 
 def _check_finer(system: System, finer: System, times: FloatArray) -> None:
@@ -135,6 +139,4 @@ def of_run(run: Run, plan: Plan, progress: Callable[..., None] | None = None) ->
         return rungs.of_full(run, plan, progress)
     if keeps_contact(system):
         return rungs.of_condensed(run, plan, progress)
-    if not plan.save.points:  # which the run did not store
-        run = verification_run(system, plan, progress=progress)
     return rungs.of_reduced(run, plan, progress)

@@ -60,7 +60,7 @@ def with_friction(scene: Scene) -> tuple[Scene, tuple[str, ...]]:
 
 
 def save_of(scene: Scene) -> Save:
-    """Store only what a picture, a file or a comparison of this scene needs."""
+    """Store only what a picture, a file, a comparison or an estimate of this scene needs."""
     output, cycle = scene.output, scene.cycle_steps
     stride = max(1, -(-scene.n_steps // output.frames))
     if cycle is not None and stride >= cycle:
@@ -70,7 +70,10 @@ def save_of(scene: Scene) -> Save:
         stride = min(stride, max(1, cycle // 64))
     return Save(
         every=output.every,
-        points=output.history or output.plots or len(scene.models.run) > 1,
+        points=output.history
+        or output.plots
+        or scene.accuracy.estimate
+        or len(scene.models.run) > 1,
         slips=output.history,
         fields=output.vtk or output.plots or bool(output.stress),
         fields_every=stride,

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from skfem_joint.accuracy import halved_mesh, run_estimate
-from skfem_joint.accuracy.against_coulomb import against_coulomb
+from skfem_joint.accuracy.against_coulomb import with_coulomb
 from skfem_joint.accuracy.estimate import Estimate
 from skfem_joint.ground.errors import ConvergenceError, JointError
 from skfem_joint.ground.progress import Progress, silent
@@ -285,11 +285,9 @@ def _with_mesh(study: Study, model: Model, report: Progress) -> Estimate | None:
 
 def _with_coulomb(study: Study, model: Model, report: Progress) -> Estimate | None:
     """The same with the distance from Coulomb's law, unless the model has that."""
-    if (errors := model.estimate) is None:
+    if model.estimate is None:
         return None
-    apart = against_coulomb(study.system, model.run, plan_of(study.scene), errors, report)
-    parts = {} if apart is None else {"coulomb": apart}
-    return replace(errors, parts={**errors.parts, **parts})
+    return with_coulomb(study.system, model.run, plan_of(study.scene), model.estimate, report)
 
 
 #: Estimated errors of a model, one after the other: what they are called, also in progress.

@@ -78,6 +78,18 @@ def test_the_distance_from_coulombs_law_is_that_of_full_runs(name, model, allowe
             assert name != "large plate" or found != true[quantity]
 
 
+@pytest.mark.parametrize("model", ["full", "condensed", "reduced"])
+def test_what_a_scene_writes_does_not_change_what_it_knows_of_its_errors(model):
+    tables = {"bar": "coarse", "time": {"cycles": 1, "steps_per_cycle": 40}, "reduction": {}}
+    silent, shown = (
+        sj.run_scene(bar_scene(model, output={"history": known, "plots": False}, **tables))
+        for known in (False, True)
+    )
+    found = silent.models[model].estimate
+    assert found.parts == shown.models[model].estimate.parts
+    assert found.of("total", "displacement_rms") > 0.0
+
+
 def test_it_is_no_part_of_the_total_and_is_said_where_it_is_large():
     slow = {"load": [harmonic(frequency=0.1)], "time": {"cycles": 2, "steps_per_cycle": 100}}
     study = sj.run_scene(bar_scene("full", "reduced", reduction={}, **slow))

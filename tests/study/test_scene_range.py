@@ -118,6 +118,13 @@ def test_an_accuracy_that_the_range_does_not_meet_gives_a_model_of_its_own(folde
     assert study.models["reduced"].run.system.serves is None
 
 
+def test_a_point_of_a_range_has_no_error_by_the_mesh(model):
+    point = sj.at(model, frequency=1500.0, level=150e3)
+    run = sj.integrate(point, cycles=1, steps_per_cycle=50)
+    with pytest.raises(sj.InputError, match="finer: found a run of a point of a range"):
+        sj.estimate(run, finer=INSIDE[0].system())
+
+
 def test_the_model_as_if_made_of_a_scene_is_the_same(model):
     """Its level 1 and factor 1 are the scene's: a theorem of scaling."""
     for inside in INSIDE:
