@@ -25,7 +25,7 @@ from scipy import sparse
 from skfem_joint.ground.arrays import FloatArray, Matrix
 from skfem_joint.ground.errors import InputError
 from skfem_joint.linalg.shifts import shifted
-from skfem_joint.reduction.condensed import condense
+from skfem_joint.reduction.condensed import reference_model
 from skfem_joint.reduction.pod import modes_beyond
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.plan import Plan
@@ -35,8 +35,6 @@ from skfem_joint.system.system import System
 #: Largest product of the steps of a run and the square of its slip rows, where the full model's
 #: law is steeper than the reduced model's.
 WORK = 6e8
-#: Fixed-interface modes; all of them where there are fewer.
-MODES = 24
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class CondensedReference:
         if not opens and (system.is_dense or not 0 < _rows(system) <= 700):
             return None
         try:
-            return CondensedReference(system, condense(system, MODES), times)
+            return CondensedReference(system, reference_model(system), times)
         except InputError:  # slip rows depend on each other: there is no condensed model
             if opens:  # nor any other that is better
                 raise

@@ -51,13 +51,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from skfem_joint.accuracy.condensed_reference import MODES, CondensedReference
+from skfem_joint.accuracy.condensed_reference import CondensedReference
 from skfem_joint.accuracy.estimate import Estimate, MissingModes, sizes, verification_run
 from skfem_joint.accuracy.ladder import HALVED, STEP, Ladder, Series, apart, cycles_to_settle
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.reduction.basis import Basis, Options
-from skfem_joint.reduction.condensed import condense, interface_modes_in
+from skfem_joint.reduction.condensed import condense, interface_modes_in, reference_model
 from skfem_joint.reduction.condensed_points import points_of, with_points_of
 from skfem_joint.reduction.friction_points import MANY, MERGED
 from skfem_joint.reduction.missing_modes import Residual, stride
@@ -238,7 +238,7 @@ def of_condensed(run: Run, plan: Plan, progress: Callable[..., None] | None = No
         better = better.with_contact(beta=inner.contact.beta)
     way.climb("law", better, plan)
     if not plan.quasi_static:
-        more = condense(inner, max(MODES, 2 * modes))
+        more = reference_model(inner, modes)
         better = more if more.n > better.n else better
     way.climb("basis", better, plan, INTERFACE_MODES)
     quarter = not system.contact.opens or is_small(system, plan)

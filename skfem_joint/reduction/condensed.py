@@ -108,6 +108,14 @@ def condense(
     return replace(small, notes=notes, origin=Origin(system, basis))
 
 
+def reference_model(system: System, modes: int = 0) -> System:
+    """Condensed model by which others are judged, with more fixed-interface modes than they have.
+
+    It has 24, or twice as many as the ``modes`` of the one that is judged.
+    """
+    return condense(system, max(24, 2 * modes))
+
+
 def _basis(system: System, interface_modes: str | int, highest: float | None) -> Basis:
     """Constraint modes, in the order of the slip rows, then fixed-interface modes and responses.
 

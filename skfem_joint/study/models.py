@@ -13,7 +13,9 @@ Only this module knows the paper's scaled modes, which it imports where a scene 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 from skfem_joint.ground.errors import ConvergenceError, InputError
@@ -140,12 +142,19 @@ def largest_model(
     return condense(scene.system(), interface_modes, frequency=frequency, parts=scene.parts)
 
 
-def condensed_model(scene: Scene, *, frequency: float | None = None) -> System:
-    """Condensed model of a scene, as its table ``[models]`` has it, up to a ``frequency`` (Hz)."""
-    models, system = scene.models, scene.system()
-    return condense(
-        system, frequency=frequency, contact_points=models.contact_points, parts=scene.parts
-    )
+def model_by(
+    name: str, scene: Scene, reduced_model: Callable[[], System], frequency: float | None = None
+) -> System:
+    """Model of a scene by its name; a reduced one is made by a function.
+
+    A condensed one is as the table ``[models]`` has it, up to a ``frequency`` (Hz).
+    """
+    if name == "reduced":
+        return reduced_model()
+    if name == "full":
+        return scene.system()
+    points = scene.models.contact_points
+    return condense(scene.system(), frequency=frequency, contact_points=points, parts=scene.parts)
 
 
 def model_of(
@@ -178,12 +187,13 @@ def model_of(
     ConvergenceError
         If a run that a basis is made of does not converge.
     """
-    system, slow = scene.system(), scene.time.quasi_static
-    if name == "full":
-        return system
-    if name == "condensed":
-        return condensed_model(scene)
     options = options or options_of(scene)
+    return model_by(name, scene, partial(_for_run, scene, options, path, enriched=enriched))
+
+
+def _for_run(scene: Scene, options: Options, path: QuasiStatic | None, *, enriched: bool) -> System:
+    """Reduced model of a scene for its run, see `model_of`."""
+    system, slow = scene.system(), scene.time.quasi_static
     check_reference(system, options.reference)
     duration = None if scene.time.until == "steady" else scene.n_steps * scene.time_step
     if options.reference != "paper":

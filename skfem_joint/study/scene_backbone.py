@@ -27,9 +27,9 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.study.models import (
     UNKNOWN_CHANGE,
-    condensed_model,
     finer_mesh,
     largest_model,
+    model_by,
     options_of,
     other_reference,
 )
@@ -187,15 +187,16 @@ def scene_backbone(
     full_at, why = _full_at(scene, system, full, finer, progress)
     warnings += why
     released = _released(scene, system)
-    models = []
+    models, static = [], options_of(scene, "static")
     for name in scene.models.run:
         model = ModelBackbone(name, [], [], [])
         in_range = model_in_range(scene, folder) if name == "reduced" else None
         for curve in full:
             report = partial(progress, f"{name} model, mode {curve.mode}")
-            small, own = in_range, curve
+            small, own = system if scene.parts else in_range, curve
             if small is None:
-                small = system if scene.parts else _model(name, scene, curve)
+                reduced = partial(reduced_for_mode, scene.system(), curve, static)
+                small = model_by(name, scene, reduced, curve.stuck_frequency)
             if small is not system:
                 own = _like(curve, scene, small, report)
                 warnings += notes_of(small) if in_range is None else [_in_range(own)]
@@ -545,15 +546,6 @@ def _in_range(curve: Backbone) -> str:
         f"Mode {curve.mode}: the curve of the reduced model for the range errs by an estimated "
         f"share of its largest value: {shown}."
     )
-
-
-def _model(name: str, scene: Scene, curve: Backbone) -> System:
-    """Model of a scene for a mode of the full model."""
-    if name == "full":
-        return scene.system()
-    if name == "condensed":
-        return condensed_model(scene, frequency=curve.stuck_frequency)
-    return reduced_for_mode(scene.system(), curve, options_of(scene, "static"))
 
 
 def _doubts(model: ModelBackbone, mode: int) -> list[str]:

@@ -30,8 +30,8 @@ from skfem_joint.steady.marching import MAY_DEPEND
 from skfem_joint.steady.steady import odd_loads
 from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.study.models import (
-    condensed_model,
     largest_model,
+    model_by,
     options_of,
     origin_of,
     other_reference,
@@ -259,15 +259,14 @@ def scene_response(
 def _model(name: str, scene: Scene, resonance: float, rows: Rows) -> System:
     """Model of a scene; a reduced one serves its range, or the ``resonance`` (Hz) best."""
     system, table = scene.system(), scene.asked("response")
-    if name == "full":
-        return system
-    if name == "condensed":
-        return condensed_model(scene, frequency=_highest(system, table.frequencies.to))
-    in_range = model_in_range(scene, None if rows.path is None else rows.path.parent)
-    if in_range is not None:
-        return in_range
-    options = options_of(scene, "static")
-    return reduced_for_response(system, resonance, max(table.levels), options)
+
+    def reduced() -> System:
+        in_range = model_in_range(scene, None if rows.path is None else rows.path.parent)
+        options = options_of(scene, "static")
+        highest = max(table.levels)
+        return in_range or reduced_for_response(system, resonance, highest, options)
+
+    return model_by(name, scene, reduced, _highest(system, table.frequencies.to))
 
 
 def _sweeps(model: System, scene: Scene, report: Progress, rows: Rows) -> list[SweptResponse]:

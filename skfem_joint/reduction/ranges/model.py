@@ -14,7 +14,7 @@ from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import InputError
 from skfem_joint.ground.values import COUNT, POSITIVE, check
 from skfem_joint.reduction.active_length import THRESHOLD
-from skfem_joint.reduction.condensed import condense
+from skfem_joint.reduction.condensed import reference_model
 from skfem_joint.reduction.elastic_contact import elastic
 from skfem_joint.reduction.friction_points import NO_FRICTION, shared_points
 from skfem_joint.reduction.missing_modes import Residual, stride
@@ -219,9 +219,7 @@ class _Maker:
         """
         if not self.system.contact.opens:
             return None
-        # Models with contact that opens are judged by a condensed one with so many fixed-interface
-        # modes.
-        return condense(self.system, 24, frequency=self.range.frequency[1])
+        return reference_model(self.system)
 
     def _fitted(self, checked: list[Point], numbers: Sequence[int]) -> _Fitted:
         """Model with the first number of modes that suffices at the checked points."""
