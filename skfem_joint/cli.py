@@ -320,6 +320,9 @@ def _checks() -> dict[str, Callable[[Scene], object]]:
 
 def _asking(options: argparse.Namespace) -> Scene:
     """Scene of a command about vibration with the table of its name, which fits the structure."""
+    from skfem_joint.output.universal import check_uff
+    from skfem_joint.scene.tables import SERVED_BY
+
     table = options.name.replace("-", "_")
 
     def ready(scene: Scene) -> None:
@@ -329,31 +332,35 @@ def _asking(options: argparse.Namespace) -> Scene:
     scene = _loaded(options, ready)
     with _progress(options) as progress, announced(progress, "making the structure"):
         _checks()[table](scene)  # before earlier results are removed
+    if options.name in SERVED_BY["output.uff"]:
+        check_uff(scene)
     return scene
 
 
 def _answered(
     options: argparse.Namespace,
-    scene: Scene,
     compute: Callable[..., Any],
     write: Callable[[Path, Any], list[Path]],
     lines: Callable[[Any], Iterable[str]],
     kinds: Sequence[type] = (),
-) -> Any:
-    """Compute, write and print the results of a command, which are returned.
+    scene: Scene | None = None,
+) -> int:
+    """Compute, write and print the results of a command; returns the exit status.
 
-    ``compute`` is given ``progress``, and ``rows`` of these ``kinds``, if there are any. Results
-    have ``notes``, to which those about folder and scene are added.
+    ``compute`` is given the scene, that of the command's table if there is none yet, ``progress``,
+    and ``rows`` of these ``kinds``, if there are any. Results have ``notes``, to which those about
+    folder and scene are added.
     """
+    scene = scene or _asking(options)
     kept_rows = _rows(options, kinds) if kinds else nullcontext()
     with _kept(options, scene) as notes, kept_rows as rows:
         with _progress(options) as progress:
-            found = compute(progress=progress, **({"rows": rows} if kinds else {}))
+            found = compute(scene, progress=progress, **({"rows": rows} if kinds else {}))
         found = replace(found, notes=(*found.notes, *notes))
         files = write(options.out, found)
     print("\n".join(lines(found)))
     _print_notes(found.notes, options.out, files)
-    return found
+    return ConvergenceError.exit_status if getattr(found, "failures", ()) else 0
 
 
 def _is_saved(scene: Scene) -> bool:
@@ -498,14 +505,10 @@ def _keys(options: argparse.Namespace) -> int:
 def _backbone(options: argparse.Namespace) -> int:
     """Compute frequency and damping of modes over their amplitude, write and print them."""
     from skfem_joint.output import damping
-    from skfem_joint.output.universal import check_uff
     from skfem_joint.study.scene_backbone import scene_backbone
 
-    scene = _asking(options)
-    check_uff(scene)
-    compute = partial(scene_backbone, scene, folder=options.out)
-    _answered(options, scene, compute, damping.write_backbone, damping.backbone_lines)
-    return 0
+    compute = partial(scene_backbone, folder=options.out)
+    return _answered(options, compute, damping.write_backbone, damping.backbone_lines)
 
 
 def _nonlinear_modes(options: argparse.Namespace) -> int:
@@ -513,28 +516,20 @@ def _nonlinear_modes(options: argparse.Namespace) -> int:
     from skfem_joint.output.nonlinear_modes import nonlinear_lines, write_nonlinear_modes
     from skfem_joint.study.scene_backbone import scene_nonlinear_modes
 
-    scene = _asking(options)
-    compute = partial(scene_nonlinear_modes, scene)
-    modes = _answered(options, scene, compute, write_nonlinear_modes, nonlinear_lines)
-    return ConvergenceError.exit_status if modes.failures else 0
+    return _answered(options, scene_nonlinear_modes, write_nonlinear_modes, nonlinear_lines)
 
 
 def _response(options: argparse.Namespace) -> int:
     """Compute steady vibration over frequency, write it and print its peaks."""
     from skfem_joint.output import damping
-    from skfem_joint.output.universal import check_uff
     from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
 
-    scene = _asking(options)
-    check_uff(scene)
-
-    def compute(**how: Any) -> Any:
+    def compute(scene: Scene, **how: Any) -> Any:
         with _executor(options) as executor:
             return scene_response(scene, executor, workers=options.workers, **how)
 
     written = damping.write_response, damping.response_lines
-    _answered(options, scene, compute, *written, RESPONSE_ROWS)
-    return 0
+    return _answered(options, compute, *written, RESPONSE_ROWS)
 
 
 def _random(options: argparse.Namespace) -> int:
@@ -542,10 +537,7 @@ def _random(options: argparse.Namespace) -> int:
     from skfem_joint.output import damping
     from skfem_joint.study.scene_backbone import scene_random
 
-    scene = _asking(options)
-    compute = partial(scene_random, scene)
-    _answered(options, scene, compute, damping.write_random, damping.random_lines)
-    return 0
+    return _answered(options, scene_random, damping.write_random, damping.random_lines)
 
 
 def _fit(options: argparse.Namespace) -> int:
@@ -636,14 +628,12 @@ def _error_time(options: argparse.Namespace) -> int:
         pinned = os.environ | dict.fromkeys(comparison.THREADS, "1")
         return _status_of(again, pinned)
     comparison.check_options(scene, options.repeats)  # before earlier results are removed
-    asked: dict[str, Any] = {"repeats": options.repeats, "quick": options.quick}
-    compute = partial(comparison.error_time, scene, **asked)
+    compute = partial(comparison.error_time, repeats=options.repeats, quick=options.quick)
 
     def lines(measured: comparison.Report) -> Iterator[str]:
         return (f"{comparison.advice(measured.points, k)}\n" for k in comparison.LEVELS)
 
-    _answered(options, scene, compute, folder.write_error_time, lines, comparison.ROWS)
-    return 0
+    return _answered(options, compute, folder.write_error_time, lines, comparison.ROWS, scene)
 
 
 def _sweep(options: argparse.Namespace) -> int:

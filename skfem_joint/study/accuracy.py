@@ -91,14 +91,14 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
         return Choice(scene)
     watch = Stopwatch()
     scene = resolved(scene, scene.system())
+    if "reduced" not in scene.models.run:
+        return Choice(scene)
     options = options_of(scene)
 
     def made(modes: int | None = None) -> System:
         chosen = options if modes is None else replace(options, modes=modes)
         return model_of("reduced", scene, chosen, path, enriched=modes is None)
 
-    if "reduced" not in scene.models.run:
-        return Choice(scene)
     first = made()
     report = partial(progress, "choosing a reduced model")
     scene, model, errors = _accurate_model(scene, first, report, made)
@@ -213,33 +213,6 @@ def _halvings(ratio: float) -> int:
     return ceil(log2(max(1.1 * ratio, 1.0)) / 1.5)
 
 
-def shorter(scene: Scene, errors: Estimate) -> Scene | None:
-    """Scene with steps short enough for the estimated errors of a full model.
-
-    None if its own are short enough.
-
-    Raises
-    ------
-    ConvergenceError
-        If they would have to be so many times shorter that it will not do.
-    """
-    ratio = excess(scene.accuracy, errors)
-    if ratio <= 1.0:
-        return None
-    if excess(scene.accuracy, errors, "basis") > 1.0:
-        raise ConvergenceError(
-            f"accuracy: the model errs by an estimated {stated(errors)}, and what its modes miss "
-            "is more than what is asked for, however short the steps. Run 'full', or ask for less"
-        )
-    halvings = _halvings(ratio)
-    if halvings > MOST_HALVINGS:
-        raise ConvergenceError(
-            f"accuracy: steps of {scene.time_step:.4g} s err by an estimated {stated(errors)}: the "
-            "steps asked for are far too long. Give more steps, or ask for less"
-        )
-    return scene.finer(2**halvings)
-
-
 def shortened_steps(
     scene: Scene, integrate: Callable[..., Run]
 ) -> tuple[Scene, Run, Estimate | None]:
@@ -262,19 +235,30 @@ def shortened_steps(
     Raises
     ------
     ConvergenceError
-        If no step that is tried meets the accuracy.
+        If no step that is tried meets the accuracy, or it would have to be so many times shorter
+        that it will not do.
     """
     run = integrate(plan_of(scene))
-    if not scene.accuracy.is_given:
-        return scene, run, None
     for _ in range(ROUNDS):
-        if run.interrupted:
+        if run.interrupted or not scene.accuracy.is_given:
             return scene, run, None
         errors = run_estimate.of_run(run, plan_of(scene))
-        finer = shorter(scene, errors)
-        if finer is None:
+        ratio = excess(scene.accuracy, errors)
+        if ratio <= 1.0:
             return scene, run, errors
-        scene = finer
+        if excess(scene.accuracy, errors, "basis") > 1.0:
+            raise ConvergenceError(
+                f"accuracy: the model errs by an estimated {stated(errors)}, and what its modes "
+                "miss is more than what is asked for, however short the steps. Run 'full', or ask "
+                "for less"
+            )
+        halvings = _halvings(ratio)
+        if halvings > MOST_HALVINGS:
+            raise ConvergenceError(
+                f"accuracy: steps of {scene.time_step:.4g} s err by an estimated {stated(errors)}: "
+                "the steps asked for are far too long. Give more steps, or ask for less"
+            )
+        scene = scene.finer(2**halvings)
         run = integrate(plan_of(scene), checkpoint=None)
     raise ConvergenceError(
         f"accuracy: no step that the model meets it with was found; {scene.time_step:.4g} s does "

@@ -13,8 +13,8 @@ from typing import Any
 from skfem_joint.ground.arrays import evenly
 from skfem_joint.ground.files import read_text
 from skfem_joint.scene import Scene
-from skfem_joint.scene.joint_tables import BoltPressureTable, JointTable
-from skfem_joint.scene.tables import RandomTable
+from skfem_joint.scene.joint_tables import BoltPressureTable
+from skfem_joint.scene.tables import MaterialOverride, MaterialTable, RandomTable
 
 
 def premises(
@@ -175,10 +175,9 @@ def _of_material(scene: Scene) -> Iterator[str]:
         )
         return
     yield "Displacements and strains are small, and the material is linear elastic."
-    material = scene.material
-    yield f"Material: {_properties(material.model_dump(include={'E', 'density', 'poisson'}))}."
-    for name, region in material.regions.items():
-        yield f"Material of '{name}': {_properties(region.model_dump())}."
+    yield f"Material: {_properties(scene.material)}."
+    for name, region in scene.material.regions.items():
+        yield f"Material of '{name}': {_properties(region)}."
     dimension = scene.named_mesh.mesh.dim()
     if dimension == 1:
         yield "Bars move along their axis alone; they do not bend."
@@ -186,14 +185,14 @@ def _of_material(scene: Scene) -> Iterator[str]:
         yield f"Plates move in their plane alone, in plane {scene.section.plane}."
 
 
-def _properties(values: dict[str, Any]) -> str:
-    units = {"E": "Pa", "density": "kg/m³", "poisson": ""}
-    names = {"E": "modulus of elasticity", "poisson": "Poisson's ratio"}
-    return ", ".join(
-        f"{names.get(name, name)} {values[name]:g} {unit}".strip()
-        for name, unit in units.items()
-        if values.get(name) is not None
-    )
+def _properties(table: MaterialTable | MaterialOverride) -> str:
+    values = {
+        "modulus of elasticity": table.E,
+        "density": table.density,
+        "Poisson's ratio": table.poisson,
+    }
+    known = {name: value for name, value in values.items() if value is not None}
+    return _named(known, {"modulus of elasticity": "Pa", "density": "kg/m³"})
 
 
 def _of_joints(scene: Scene) -> Iterator[str]:
@@ -206,8 +205,9 @@ def _of_joints(scene: Scene) -> Iterator[str]:
             if joint.beta is None
             else f"the arctan law with beta = {joint.beta:g} s/m, which creeps"
         )
+        against = f"against '{joint.against}'" if joint.against else "on a rigid base"
         text = (
-            f"Joint '{joint.on}' {_against(joint)}: {law} with a friction coefficient of "
+            f"Joint '{joint.on}' {against}: {law} with a friction coefficient of "
             f"{joint.friction:g}, the same at rest, in slip, and in all directions"
         )
         if joint.tangential_stiffness is not None:
@@ -226,10 +226,6 @@ def _of_joints(scene: Scene) -> Iterator[str]:
             f"Clamp forces of the bolts ({forces} N) do not change in time, and nothing slips "
             "while bolts are tightened."
         )
-
-
-def _against(joint: JointTable) -> str:
-    return f"against '{joint.against}'" if joint.against else "on a rigid base"
 
 
 def _of_rings(joint: str, pressure: BoltPressureTable) -> Iterator[str]:

@@ -354,18 +354,18 @@ def _slipping(study: Study, small: System) -> tuple[str, ...]:
 
 def _with_region(study: Study, model: Model) -> Model:
     """Model with its active region; a reduced one beside the full one has lengths alone."""
-    sliding, basis = model.slider_peak(study.system), model.basis
+    sliding, length = model.slider_peak(study.system), None
     if model.name == "reduced":
-        if basis is None:
+        if model.basis is None:
             return model
-        model = replace(model, active_length=dict(basis.active_length))
+        length = dict(model.basis.active_length)
         if "full" in study.models:
-            return model
+            return replace(model, active_length=length)
         sliding = study.system.contact.slider_peak(model.slip_peak)
     region = region_of(study.structure, study.system, (model.slip_peak, sliding), study.period)
     return replace(
         model,
-        active_length=model.active_length if model.name == "reduced" else region.length,
+        active_length=region.length if length is None else length,
         active_area_fraction=region.area_fraction,
         slipping_fraction=region.point_fraction,
     )
