@@ -63,8 +63,6 @@ def estimate(
         If a verification run is interrupted.
     """
     check_kind("run", run, Run)
-    if finer is not None:
-        check_kind("finer", finer, System)
     system, plan = run.system, run.plan
     if run.interrupted or plan is None:
         raise InputError("estimate: found an interrupted run, must have reached its end")
@@ -75,18 +73,12 @@ def estimate(
         )
     if not plan.save.points:
         raise InputError("estimate: the run stored no named points; leave out points=False")
+    if finer is not None:
+        _check_finer(system, finer, run.times)
     if system.serves is not None:  # judged without the full system, which may not be known
-        if finer is not None:
-            raise InputError(
-                "estimate: finer: found a run of a point of a range, whose full system is not "
-                "known; leave it out, and give it with a run of the full system, whose error by "
-                "the mesh is the same"
-            )
         return range_modes.of_range(run, plan, progress)
     if system.origin is not None and not system.origin.made(system):
         raise InputError(f"estimate: {CHANGED}")
-    if finer is not None:
-        _check_finer(full_of(system), finer, run.times)
     errors = of_run(run, plan, progress)
     if finer is not None:
         errors = errors.with_mesh(halved_mesh.of_run(run, plan, full_of(system), finer, progress))
@@ -97,8 +89,16 @@ def estimate(
         return errors.having("coulomb", dict.fromkeys(QUANTITIES))
 
 
-def _check_finer(system: System, finer: System, times: FloatArray) -> None:
-    """Refuse a system that cannot be another one on a finer mesh, by its loads over the times."""
+def _check_finer(model: System, finer: System, times: FloatArray) -> None:
+    """Refuse what cannot be the full system of a model on a finer mesh, by loads over the times."""
+    check_kind("finer", finer, System)
+    if model.serves is not None:
+        raise InputError(
+            "estimate: finer: found a run of a point of a range, whose full system is not known; "
+            "leave it out, and give it with a run of the full system, whose error by the mesh is "
+            "the same"
+        )
+    system = full_of(model)
     loads, others = ([load.on for load in each.loads] for each in (system, finer))
     if finer.points != system.points or others != loads or finer.n <= system.n:
         raise InputError(
