@@ -391,11 +391,6 @@ def test_random_vibration_leaves_tables_a_picture_and_a_summary(scene, tmp_path,
     assert "on 'mass_x'" in second
     assert "100 (m/s²)²/Hz" in second
     assert last == "These loads act without correlation."
-    (tmp_path / "psd.csv").write_text("Hz,g2/Hz\n500,1e3\n5000,1e3\n", encoding="utf-8")
-    assert cli.main(["random", str(scene(FULL_ONLY, more=more)), "--out", str(out)]) == 2
-    assert "psd.csv: the header states g2/Hz, but the unit is 'SI'" in capsys.readouterr().err
-    assert cli.main(["random", str(scene(FULL_ONLY)), "--out", str(out)]) == 2
-    assert "random: missing" in capsys.readouterr().err
 
 
 def test_files_that_no_list_has_are_of_other_origin_and_stay(scene, tmp_path, capsys):
@@ -419,12 +414,9 @@ def test_files_that_no_list_has_are_of_other_origin_and_stay(scene, tmp_path, ca
     [
         ("response", "", "response: missing"),
         ("error-time --repeats 0", "", "--repeats: found 0"),
-        ("response", "[response]\nfrequencies = { from = 0, to = 1 }\n", "response.frequencies"),
         ("run --workers 2", "", "--certify"),
         ("run --checkpoint-every=0", "", "--checkpoint-every: found 0"),
-        ("backbone", "[backbone]\nmodes = [0]\n", "backbone.modes"),
         ("backbone", '[backbone]\nreleased = "loads"\n', "backbone.released"),
-        ("backbone", '[backbone]\nring_down = 9\nreleased = "loads"\n', "pulses that end"),
     ],
 )
 def test_what_a_command_cannot_be_asked_for(command, table, says, scene, tmp_path, capsys):
@@ -432,8 +424,7 @@ def test_what_a_command_cannot_be_asked_for(command, table, says, scene, tmp_pat
     before = files_below(out)
     assert cli.main([*command.split(), str(path), "--out", str(out)]) == 2
     assert says in capsys.readouterr().err
-    # What is found out in the run only clears the folder before.
-    assert files_below(out) == before or says == "pulses that end"
+    assert files_below(out) == before
 
 
 def test_the_models_of_the_command_take_the_place_of_the_scene_s(scene, tmp_path):

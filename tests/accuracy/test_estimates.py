@@ -14,7 +14,6 @@ import skfem_joint as sj
 from skfem_joint.accuracy.estimate import verification_run
 from skfem_joint.reduction.missing_modes import Residual, stride
 from skfem_joint.results.history import QUANTITIES, difference, results
-from skfem_joint.scene import scene_from
 from skfem_joint.study import accuracy
 from skfem_joint.study.models import plan_of
 
@@ -67,18 +66,13 @@ def test_the_error_of_few_unknowns_does_not_depend_on_the_basis():
     mesh = sj.build_bar([("joint", 0.101, 13)], {"fixed": 0.0, "free_end": 0.101})
     shape = {"kind": "triangle", "peak": 8.8e3, "rise_time": 1.35e-5, "start": 1.3e-4}
     tables = {
-        "mesh": {"file": "built"},
-        "material": {"E": 200e9, "density": 8000.0},
-        "section": {"width": 0.05, "thickness": 0.01},
-        "support": {"fixed": ["fixed"]},
         "joint": [{"on": "joint", "pressure": 1.1e7, "friction": 0.7, "law": "coulomb"}],
         "damping": {"stiffness": 2e-6},
         "load": [{"on": "free_end"} | shape],
         "time": {"duration": 2.8e-4, "step": 9.6e-7},
         "reduction": {"reference": "paper", "modes": 12, "friction_points": "all"},
-        "models": {"run": ["reduced"]},
     }
-    one = judged(scene_from(tables, mesh))
+    one = judged(bar_scene("reduced", bar=mesh, **tables))
     assert not one.refused
     assert None not in one.stated.values()
 

@@ -9,7 +9,6 @@ import pytest
 from joint_scenes import bar_scene, harmonic, two_plates
 
 import skfem_joint as sj
-from skfem_joint.accuracy import halved_mesh
 from skfem_joint.accuracy.estimate import Estimate, verification_run
 from skfem_joint.output import report
 from skfem_joint.output.damping import backbone_lines, write_backbone
@@ -130,13 +129,6 @@ def test_curves_of_a_scene_have_their_errors_by_the_mesh_in_text_table_and_summa
         assert largest == pytest.approx(errors["frequency"].max())
     plain = scene_backbone(found.scene.changed(accuracy={"estimate": False}))
     assert not plain.mesh
-
-
-def test_a_large_structure_has_totals_without_the_mesh(monkeypatch):
-    monkeypatch.setattr(halved_mesh, "MOST_UNKNOWNS", 100)
-    study = sj.run_scene(scene("full"))
-    assert "mesh" not in study.models["full"].estimate.parts
-    assert "full model, total without mesh" in str(report.estimate_table(report.summary(study)))
 
 
 def test_a_mesh_that_changes_nothing_errs_by_nothing_and_totals_stay_unknown_where_they_are():

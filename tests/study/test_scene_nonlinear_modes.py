@@ -105,7 +105,6 @@ def test_a_mode_that_ends_early_is_written_with_the_reason_and_status_3(tmp_path
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ({"at": "tip"}, "nonlinear_modes.at: found 'tip', must be one of free_end"),
         ({"amplitudes": [2e-4, 1e-4]}, "nonlinear_modes.amplitudes"),
         ({"amplitudes": {"from": 2.0, "to": 1.0}}, "nonlinear_modes.amplitudes.to"),
         ({"model": "small"}, "nonlinear_modes.model"),
