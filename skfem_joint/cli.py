@@ -424,14 +424,6 @@ def _check(options: argparse.Namespace) -> int:
             check(scene)
     if plan_of(scene).until == "steady":
         check_steady(system, plan_of(scene))
-    told: dict[str, None] = {}
-
-    def tell(sentences: Iterable[str]) -> None:
-        """Print notes as soon as they are known, each once."""
-        for sentence in [each for each in dict.fromkeys(sentences) if each not in told]:
-            told[sentence] = None
-            print(f"Note: {sentence}", flush=True)
-
     print(
         f"{options.scene}: valid. {system.n} unknowns, {system.contact.count} contact points, "
         f"{scene.n_steps} steps of {scene.time_step:.6g} s, models: {', '.join(scene.models.run)}.",
@@ -441,10 +433,13 @@ def _check(options: argparse.Namespace) -> int:
     body = scene.structure().body
     names = [] if body is None else named_parts(body)
     print("\n".join([*description.facts, *names]), flush=True)
-    tell((*scene.left_out, *left_out))
-    tell(system.notes)
-    tell((*description.doubts, *sweep_notes))
-    tell(filter(None, [against_opening(scene, description.values.get("normal_force_change"))]))
+    notes = [*scene.left_out, *left_out, *system.notes, *description.doubts, *sweep_notes]
+    for note in dict.fromkeys(notes):
+        print(f"Note: {note}", flush=True)
+    # This may take seconds.
+    slow_cycle = against_opening(scene, description.values.get("normal_force_change"))
+    if slow_cycle is not None:
+        print(f"Note: {slow_cycle}")
     if swept is not None:
         print(f"The sweep has {len(swept.scenes)} scenes, each valid.")
     return 0

@@ -63,6 +63,8 @@ class Choice:
         What to beware of.
     seconds, compilation_s : float
         Time that the choice took, and time of compilation in it, s.
+    path : QuasiStatic, optional
+        A quasi-static path of the system, whose factors a reduced model to be made uses.
     """
 
     scene: Scene
@@ -71,6 +73,7 @@ class Choice:
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
     compilation_s: float = 0.0
+    path: QuasiStatic | None = None
 
 
 def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = silent) -> Choice:
@@ -87,11 +90,11 @@ def choose(scene: Scene, path: QuasiStatic | None = None, progress: Progress = s
     InputError
         If the reduction does not fit the scene.
     """
+    reduces, watch = "reduced" in scene.models.run, Stopwatch()
     if not scene.accuracy.is_given:
-        return Choice(scene)
-    watch = Stopwatch()
+        return Choice(scene, path=path if reduces else None)
     scene = resolved(scene, scene.system())
-    if "reduced" not in scene.models.run:
+    if not reduces:
         return Choice(scene)
     options = options_of(scene)
 

@@ -264,9 +264,8 @@ def make_reference(
     """Reference of a scene with its certificate; its longest run takes about ``bound`` s or less.
 
     Its runs, and how many steps a measured run time allows, are ``rows``, if there are any.
-    InputError as `check_slips`; ConvergenceError if a run does not converge.
+    ConvergenceError if a run does not converge.
     """
-    check_slips(scene)
     system, time = scene.system(), scene.time
     grid = Grid(scene.n_steps * scene.time_step, time.cycles, time.rho_infinity)
     # Most steps in an interval of a reference's finest run.
@@ -288,18 +287,6 @@ def make_reference(
     if scene.matrices is not None:  # of which there is no finer mesh
         fine_mesh = truth
     return Reference(system, grid, parts, order, truth, fine_mesh, [in_time, *others])
-
-
-def check_slips(scene: Scene) -> None:
-    """Raise InputError if a scene has no friction or no load: its models would be alike."""
-    system = scene.system()
-    if system.contact.count == 0:
-        raise InputError(
-            "error-time: nothing slips in this scene, every model is the same linear one; "
-            "give it a joint with friction and pressure"
-        )
-    if all(load.amplitude.peak_value == 0.0 for load in system.loads):
-        raise InputError("error-time: no load acts, nothing errs; give one an amplitude above 0")
 
 
 def _finest_parts(system: System, grid: Grid, most: int, bound: float) -> int:

@@ -100,15 +100,16 @@ def point_of(scene: Scene, model: System) -> System:
     InputError
         If the scene is outside the range, or a joint slips as a whole.
     """
+    here = _place(scene, scene.cycle_period)
+    return at(model, frequency=here.frequency, level=here.level, limits=here.limits)
+
+
+def _place(scene: Scene, period: float | None) -> Point:
+    """Place in its range of a scene whose loads have a ``period`` (s)."""
     table = scene.reduction.range
-    if table is None or scene.cycle_period is None:
+    if table is None or period is None:
         raise InputError("reduction.range: missing, or the loads have no common period")
-    return at(
-        model,
-        frequency=1.0 / scene.cycle_period,
-        level=_largest(scene),
-        limits=table.factors(scene.joint),
-    )
+    return Point(1.0 / period, _largest(scene), table.factors(scene.joint))
 
 
 def of_scene(scene: Scene, model: System) -> System:
@@ -121,11 +122,8 @@ def of_scene(scene: Scene, model: System) -> System:
     InputError
         If no load acts, or bolts of a joint have other factors than each other.
     """
-    table, serves = scene.reduction.range, Served.by(model)
-    if table is None:
-        raise InputError("reduction.range: missing")
-    joints = model.contact.joints
-    here = Point(1.0 / period_of(model), _largest(scene), table.factors(scene.joint))
+    serves, joints = Served.by(model), model.contact.joints
+    here = _place(scene, period_of(model))
     factors = here.factors(joints)
     limits = {
         name: (low / factor, high / factor)

@@ -32,7 +32,7 @@ from skfem_joint.results.active_region import region_of
 from skfem_joint.results.history import compare, difference, joint_differences, results
 from skfem_joint.runs.integrate import integrate_plan
 from skfem_joint.scene import Scene
-from skfem_joint.slow.quasi_static import QuasiStatic, factors_at_rest
+from skfem_joint.slow.quasi_static import factors_at_rest
 from skfem_joint.stepping.arrangement import arranged
 from skfem_joint.stepping.checkpoint import Checkpoints
 from skfem_joint.stepping.plan import Plan
@@ -121,7 +121,7 @@ def run_models(
         middle = middle_of(served)
         notes = (*middle.system().notes, *point.notes)
         study = Study(point.scene, middle.structure(), middle.system(), notes=notes)
-        return _with_models(study, point, None, progress, None, "")
+        return _with_models(study, point, progress, None, "")
     scene, left_out = with_friction(scene)
     origin = "" if checkpoints is None else origin_of(scene)
     structure, system = scene.structure(), scene.system()
@@ -134,27 +134,21 @@ def run_models(
         choice = Choice(choice.scene, small, None, choice.notes, *by_parts)
     if in_range is not None and point is None:
         choice = replace(choice, notes=(*in_range.notes, *choice.notes))
-    if "reduced" not in scene.models.run or choice.model is not None:
-        path = None  # its factors are large, and no basis needs them
+    del path  # its factors are large: the choice has it where a basis needs them
     notes = (*scene.left_out, *left_out, *system.notes, *description.doubts, *choice.notes)
     study = Study(choice.scene, structure, system, description, notes=notes)
-    return _with_models(study, choice, path, progress, checkpoints, origin)
+    return _with_models(study, choice, progress, checkpoints, origin)
 
 
 def _with_models(
-    study: Study,
-    choice: Choice,
-    path: QuasiStatic | None,
-    progress: Progress,
-    checkpoints: Checkpoints | None,
-    origin: str,
+    study: Study, choice: Choice, progress: Progress, checkpoints: Checkpoints | None, origin: str
 ) -> Study:
     """Study with the models that its scene asks for, until one fails or is interrupted."""
     for name in study.scene.models.run:
         checkpoint = None if checkpoints is None else checkpoints.of(name, origin)
         labelled = partial(progress, f"{name} model")
         integrate = partial(integrate_plan, progress=labelled, checkpoint=checkpoint)
-        study = make_model(name, study, choice, path, integrate)
+        study = make_model(name, study, choice, integrate)
         study = compare_with_full(study, name)
         if study.ended:
             break
@@ -178,9 +172,7 @@ def estimated(study: Study, progress: Progress = silent) -> Study:
 _Integrate = Callable[..., Run]
 
 
-def make_model(
-    name: str, study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
-) -> Study:
+def make_model(name: str, study: Study, choice: Choice, integrate: _Integrate) -> Study:
     """Study with one more model, which is made and run.
 
     What fails, or is interrupted, after another model of the study was run is a result too; an
@@ -188,7 +180,7 @@ def make_model(
     hold the loads, with the levels before.
     """
     try:
-        study = _with_model(name, study, choice, path, integrate)
+        study = _with_model(name, study, choice, integrate)
     except JointError as error:
         if isinstance(error, ConvergenceError) and error.run is not None:
             return _ended_by(error, name, study)
@@ -298,15 +290,13 @@ _SOURCES: dict[str, tuple[str, Callable[..., Estimate | None]]] = {
 }
 
 
-def _with_model(
-    name: str, study: Study, choice: Choice, path: QuasiStatic | None, integrate: _Integrate
-) -> Study:
+def _with_model(name: str, study: Study, choice: Choice, integrate: _Integrate) -> Study:
     """Study with a model that is made and run, in steps that meet the accuracy asked for."""
     watch, scene, notes = Stopwatch(), study.scene, tuple[str, ...]()
     ready = choice if name == "reduced" or scene.parts is not None else Choice(scene)
     system = study.system if name == "full" else ready.model
     if system is None:
-        system = model_of(name, scene, path=path)
+        system = model_of(name, scene, path=choice.path)
         notes = notes_of(system) if name == "reduced" else _costly(study, system)
     before, compiled = np.add(watch.read(), (ready.seconds, ready.compilation_s)).tolist()
     if name == "reduced":

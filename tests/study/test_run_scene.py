@@ -383,7 +383,7 @@ class Interrupting:
 
 def test_interruption_while_the_modes_are_made_is_not_swallowed():
     full = sj.run_scene(bar_scene("full", time={"cycles": 2}, reduction={"reference": "static"}))
-    how = Choice(full.scene), Interrupting(), integrate_plan
+    how = Choice(full.scene, path=Interrupting()), integrate_plan
     results = make_model("reduced", full, *how)
     assert results.interrupted
     assert list(results.models) == ["full"]
@@ -409,7 +409,7 @@ def test_step_that_does_not_converge_names_the_place(scene, words):
 
     study = sj.Study(scene, scene.structure(), scene.system())
     with pytest.raises(sj.ConvergenceError, match=words) as caught:
-        make_model("full", study, Choice(scene), None, fail)
+        make_model("full", study, Choice(scene), fail)
     assert caught.value.exit_status == 3
 
 
