@@ -28,14 +28,6 @@ from skfem_joint.system.system import System
 
 #: Error over the change by halved elements.
 BEYOND = 1.5
-#: Most unknowns and contact points of a system on halved elements that is made to see the error of
-#: a mesh. (Both at their most take some ten times a reduced model's own time.)
-MOST_UNKNOWNS, MOST_POINTS = 15_000, 5_000
-
-
-def affords(system: System, dim: int) -> bool:
-    """Whether a full system on a mesh of a dimension is small enough for a finer one."""
-    return system.n << dim <= MOST_UNKNOWNS and system.contact.count << dim <= MOST_POINTS
 
 
 def of_run(

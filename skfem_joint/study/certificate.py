@@ -165,17 +165,18 @@ def certify(
         raise InputError(f"certify: the scene does not run the {name} model")
     model = study.models[name]
     known = model.estimate or Estimate({})
-    parts = dict(known.parts)
     if name == "full":
         base = results(model.run)
         sources = mesh_and_law(study.scene, base, progress, executor, law=False)[0]
-        parts |= {error.source: error.errors for error in sources}
         # Where that of the time step is not known, neither is the total.
-        in_time = parts.get("time_step", dict.fromkeys(QUANTITIES))
-        parts["total"] = added(in_time, *(error.errors for error in sources))
+        every = [known.parts.get("time_step", dict.fromkeys(QUANTITIES))]
+        for error in sources:
+            known = known.having(error.source, error.errors)
+            every.append(error.errors)
+        known = known.having("total", added(*every))
     elif "full" not in study.models:
-        return replace(model, estimate=known.beside(_short(study, model, executor)))
-    return replace(model, estimate=replace(known, parts=parts))
+        known = known.beside(_short(study, model, executor))
+    return replace(model, estimate=known)
 
 
 def _short(study: Study, model: Model, executor: Executor | None) -> Parts:

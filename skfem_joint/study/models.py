@@ -35,6 +35,9 @@ from skfem_joint.stepping.recording import Run, Save
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.system.system import System
 
+#: Most unknowns and contact points of a system on halved elements that is made to see the error of
+#: a mesh. (Both at their most take some ten times a reduced model's own time.)
+MOST_UNKNOWNS, MOST_POINTS = 15_000, 5_000
 #: Note where the assumption of constant normal forces is not judged.
 UNKNOWN_CHANGE = (
     "By how much vibration changes the normal forces, which count as constant, is not computed of "
@@ -108,6 +111,18 @@ def finer_mesh(scene: Scene) -> Scene:
     """Scene on its mesh with all elements halved, with the same points observed."""
     points: dict[str, Any] = {"points": scene.output_points}
     return scene.changed(mesh=refined(scene.named_mesh), output=points)
+
+
+def finer_system(scene: Scene, system: System) -> System | None:
+    """Full system on halved elements; None where it would cost much, or there is no mesh to halve.
+
+    ``system`` is the full system of the scene.
+    """
+    if scene.matrices is not None or scene.parts is not None:
+        return None
+    times = 2**scene.named_mesh.dim
+    small = system.n * times <= MOST_UNKNOWNS and system.contact.count * times <= MOST_POINTS
+    return finer_mesh(scene).system() if small else None
 
 
 def options_of(scene: Scene, reference: str | None = None) -> Options:

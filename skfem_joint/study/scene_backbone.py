@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from skfem_joint.accuracy.halved_mesh import BEYOND, affords
+from skfem_joint.accuracy.halved_mesh import BEYOND
 from skfem_joint.ground.arrays import FloatArray
 from skfem_joint.ground.errors import ConvergenceError, InputError, JointError, refuse
 from skfem_joint.ground.progress import Progress, announced, silent
@@ -27,7 +27,7 @@ from skfem_joint.stepping.plan import Plan
 from skfem_joint.stepping.schemes import generalized_alpha
 from skfem_joint.study.models import (
     UNKNOWN_CHANGE,
-    finer_mesh,
+    finer_system,
     largest_model,
     model_by,
     options_of,
@@ -340,11 +340,12 @@ def _by_mesh(
 
     Nothing where a finer mesh would cost too much, as cycles do with contact that opens.
     """
-    judged = scene.accuracy.estimate and scene.matrices is None and scene.parts is None
-    if not judged or system.contact.opens or not affords(system, scene.named_mesh.dim):
+    if system.contact.opens or not scene.accuracy.estimate:
         return {}, None, []
     try:
-        finer = finer_mesh(scene).system()
+        finer = finer_system(scene, system)
+        if finer is None:
+            return {}, None, []
         return {c.mode: mesh_of_curve(c, finer, report) for c in curves}, finer, []
     except JointError as error:
         return {}, None, [f"The errors by the mesh are not estimated: {error}"]
@@ -571,10 +572,8 @@ def _distances(curve: Backbone, full: Backbone) -> dict[str, float]:
     for name in ("frequency", "damping_ratio"):
         values, reference = getattr(curve, name), getattr(full, name)
         count = min(values.size, reference.size)  # one may end before the other
-        values, reference = values[:count], reference[:count]
-        known = reference > 0.0
-        ratio = values[known] / reference[known]
-        distances[name] = float(np.abs(ratio - 1.0).max(initial=0.0))
+        apart = np.abs(over(values[:count], reference[:count]) - 1.0)
+        distances[name] = float(np.fmax.reduce(apart, initial=0.0))
     return distances
 
 

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.ground.errors import InputError
-from skfem_joint.ground.loads import Harmonic
 from skfem_joint.ground.plain_values import fingerprint
 from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.ground.rows import code_version
@@ -194,13 +193,10 @@ def make_missing(scenes: Iterable[Scene], folder: Path, progress: Progress = sil
     return len(missing)
 
 
-def _parts(load: AnyLoad) -> tuple[Harmonic, ...]:
-    return load.to_amplitude().harmonics
-
-
 def _largest(scene: Scene) -> float:
     """Largest amplitude of a harmonic of a load; InputError if all are zero."""
-    largest = max((abs(a.amplitude) for load in scene.load for a in _parts(load)), default=0.0)
+    harmonics = (part for load in scene.load for part in load.to_amplitude().harmonics)
+    largest = max((abs(part.amplitude) for part in harmonics), default=0.0)
     if largest == 0.0:
         raise InputError("reduction.range: no load acts; give one an amplitude above 0")
     return largest

@@ -41,7 +41,7 @@ from skfem_joint.stepping.stopwatch import Stopwatch
 from skfem_joint.study.accuracy import Choice, choose, choose_in_range, shortened_steps, stated
 from skfem_joint.study.description import description_of
 from skfem_joint.study.models import (
-    finer_mesh,
+    finer_system,
     largest_model,
     model_of,
     origin_of,
@@ -266,12 +266,11 @@ def _with_mesh(study: Study, model: Model, report: Progress) -> Estimate | None:
     known = None if first.estimate is None else first.estimate.parts.get("mesh")
     served = model.run.system.serves is not None  # no full model is assembled
     if known is None:
-        if model.name != first.name or served or scene.matrices is not None:
+        judges = model.name == first.name and not served
+        finer = finer_system(scene, study.system) if judges else None
+        if finer is None:
             return None
-        if not halved_mesh.affords(study.system, scene.named_mesh.dim):
-            return None
-        finer, plan = finer_mesh(scene).system(), plan_of(scene)
-        known = halved_mesh.of_run(model.run, plan, study.system, finer, report)
+        known = halved_mesh.of_run(model.run, plan_of(scene), study.system, finer, report)
     return model.estimate.with_mesh(known)
 
 

@@ -9,7 +9,6 @@ import pytest
 from joint_scenes import BARS, LENGTH, harmonic, joint, lap_joint, plate, plate_scene
 
 import skfem_joint as sj
-from skfem_joint.accuracy import halved_mesh
 from skfem_joint.accuracy.estimate import Estimate, verification_run
 from skfem_joint.output import report
 from skfem_joint.results.history import Results, difference, results
@@ -102,7 +101,7 @@ def test_a_short_full_run_certifies_a_reduced_model_that_runs_alone():
 
 def test_a_total_that_lacks_the_mesh_says_so_beside_the_number(monkeypatch):
     """Of a large structure only a certified full model knows its mesh, not a reduced one."""
-    monkeypatch.setattr(halved_mesh, "MOST_UNKNOWNS", 0)
+    monkeypatch.setattr("skfem_joint.study.models.MOST_UNKNOWNS", 0)
     for models, name, label in (
         (("full", "reduced"), "full", "total"),
         (("full", "reduced"), "reduced", "total without mesh"),
