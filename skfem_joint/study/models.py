@@ -154,7 +154,13 @@ def largest_model(
     """
     if scene.parts is None:
         return scene.system()
-    return condense(scene.system(), interface_modes, frequency=frequency, parts=scene.parts)
+    return _condensed(scene, interface_modes, frequency)
+
+
+def _condensed(scene: Scene, interface_modes: str | int, frequency: float | None) -> System:
+    """Condensed model of a scene, as its table ``[models]`` has it."""
+    how: dict[str, Any] = {"contact_points": scene.models.contact_points, "parts": scene.parts}
+    return condense(scene.system(), interface_modes, frequency=frequency, **how)
 
 
 def model_by(
@@ -162,14 +168,11 @@ def model_by(
 ) -> System:
     """Model of a scene by its name; a reduced one is made by a function.
 
-    A condensed one is as the table ``[models]`` has it, up to a ``frequency`` (Hz).
+    A condensed one has the modes up to a ``frequency`` (Hz), or up to that of the loads.
     """
     if name == "reduced":
         return reduced_model()
-    if name == "full":
-        return scene.system()
-    points = scene.models.contact_points
-    return condense(scene.system(), frequency=frequency, contact_points=points, parts=scene.parts)
+    return scene.system() if name == "full" else _condensed(scene, "auto", frequency)
 
 
 def model_of(
