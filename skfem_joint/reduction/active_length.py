@@ -12,7 +12,6 @@ from itertools import combinations
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from skfem_joint.body.body import Body
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
@@ -225,34 +224,3 @@ def active_fractions(
         areas[name] = float(patch.area[slipping].sum() / area) if area > 0.0 else 0.0
         nodes[name] = float(slipping.sum() / count) if count else 0.0
     return areas, nodes
-
-
-def gross_slip(structure: AnyStructure, slip_peak: FloatArray, period: float) -> list[str]:
-    """Sentences about joints that slip as a whole: none of their points sticks.
-
-    The slip of each point is compared with that of a body which is strained evenly between its
-    support and the point that slips most. A joint slips as a whole if the least of these ratios
-    exceeds a fiftieth of the largest slip's. While a joint sticks, all its points creep a little in
-    a ``period`` (s) of the load, which does not count. ``slip_peak`` (m,) is the largest slip of
-    each contact point, m.
-    """
-    sentences = []
-    for patch in structure.patches:
-        peak = slip_peak[patch.points]
-        # Points that are apart, or rub nowhere, move on each other without friction.
-        if patch.joint.opens or patch.joint.friction == 0.0:
-            continue
-        if peak.size == 0 or peak.max() <= 10.0 * period / patch.joint.beta:
-            continue
-        to_support = np.ones(peak.size)
-        if patch.held_nodes.size and structure.body is not None:
-            nodes = structure.body.nodes
-            to_support = cKDTree(nodes[patch.held_nodes]).query(nodes[patch.nodes])[0]
-        if (peak / to_support).min() > 0.02 * peak.max() / to_support.max():
-            sentences.append(
-                f"Every point of joint '{patch.joint.name}' slips, the least by "
-                f"{peak.min():.3g} m: gross slip, where no part of the joint sticks. The "
-                "results hold, but reduced models and damping curves, which build on a part that "
-                "sticks, lose their ground."
-            )
-    return sentences

@@ -26,15 +26,20 @@ _ELASTIC = (
 #: Difference of a joint's loop from its energy, over this; share of its friction limit that its
 #: loop leaves out.
 _APART = 0.01
+#: Share of the largest slip of a joint up to which its points stick, and of its friction limit that
+#: may stick while it slips as a whole: points near a support slip little. (Of a bar that is held at
+#: its end and loaded by 1.05 of its friction limit 4 % slip less than that.)
+_STILL, _HELD = 0.005, 0.05
 
 
 def notes_of_run(run: Run, plan: Plan) -> Iterator[str]:
     """Sentences about a run by a plan.
 
-    They are about times of loads that do not fit the run, steady vibration, loops, cycles that are
-    not steady, and energy.
+    They are about times of loads that do not fit the run, joints that slip as a whole, steady
+    vibration, loops, cycles that are not steady, and energy.
     """
     yield from unfit_times(run.system, plan)
+    yield from _of_gross_slip(run, plan)
     if run.steady is not None:
         yield from run.steady.notes
         yield from _free_offset(run)
@@ -49,6 +54,28 @@ def notes_of_run(run: Run, plan: Plan) -> Iterator[str]:
             "For the steady state give more cycles, or time.until = 'steady' in place of cycles."
         )
     yield from wrong_energy(run)
+
+
+def _of_gross_slip(run: Run, plan: Plan) -> Iterator[str]:
+    """Sentences about joints that slip as a whole: hardly any of their points stick throughout.
+
+    Where contact opens points move without friction, too: slip is what friction works on.
+    """
+    system, contact = run.system, run.system.contact
+    slip = np.minimum(run.slider_peak, contact.slid(run.friction_work))
+    slipping = system.slipping(slip, plan.step * (plan.cycle_steps or plan.n_steps))
+    # Models that are made of slip may have no points where nothing slipped.
+    every = contact if system.origin is None else system.origin.system.contact
+    for name, limits in zip(contact.joints, contact.limits_by_joint, strict=True):
+        largest = slip[limits > 0.0].max(initial=0.0)
+        slips = slipping & (slip > _STILL * largest)
+        whole = float((every.J[[every.joints.index(name)]] @ every.w).sum())
+        if 0.0 < whole * (1.0 - _HELD) <= limits[slips].sum():
+            yield (
+                f"Every point of joint '{name}' slips: gross slip, where no part of the joint "
+                "sticks. The results hold, but reduced models and damping curves, which build on "
+                "a part that sticks, lose their ground."
+            )
 
 
 def wrong_energy(run: Run) -> Iterator[str]:

@@ -26,7 +26,6 @@ from skfem_joint.ground.progress import Progress, silent
 from skfem_joint.ground.values import check_kind
 from skfem_joint.linalg.schur import condensing_pays
 from skfem_joint.minimise.problem import ContactPoints
-from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.reduction.models import notes_of
 from skfem_joint.results.active_region import region_of
 from skfem_joint.results.history import compare, difference, joint_differences, results
@@ -299,7 +298,6 @@ def _with_model(name: str, study: Study, choice: Choice, integrate: _Integrate) 
         notes = notes_of(system) if name == "reduced" else _costly(study, system)
     before, compiled = np.add(watch.read(), (ready.seconds, ready.compilation_s)).tolist()
     if name == "reduced":
-        notes += _slipping(study, system)
         points = system.contact.count
         _log.info("Reduced to %d vectors, %d friction points, in %.3g s.", system.n, points, before)
         run, errors = integrate(system, plan_of(scene)), ready.estimate
@@ -328,17 +326,6 @@ def _costly(study: Study, small: System) -> tuple[str, ...]:
         f"The condensed model keeps {small.contact.B.shape[0]} contact unknowns and has full "
         f"matrices: a step of the full one costs {less}; a reduced one costs less.",
     )
-
-
-def _slipping(study: Study, small: System) -> tuple[str, ...]:
-    """Notes of joints that slip as a whole in the run that a reduced model is made of.
-
-    None beside the full model, which says more.
-    """
-    if small.origin is None or "full" in study.models:
-        return ()
-    sliding = study.system.contact.slider_peak(small.origin.basis.history.slip_peak)
-    return tuple(gross_slip(study.structure, sliding, study.period))
 
 
 def _with_region(study: Study, model: Model) -> Model:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from skfem_joint.accuracy.estimate import SOURCES, Estimate
-from skfem_joint.reduction.active_length import gross_slip
 from skfem_joint.results.history import QUANTITIES
 from skfem_joint.results.loss import known, losses
 from skfem_joint.results.places import JointPlaces, of_all, places_of
@@ -207,8 +206,6 @@ def violated(study: Study, model: Model) -> list[str]:
     """Warnings about a model's run: assumptions that it violates, and how far it may err."""
     run = model.run
     warnings = []
-    if model.name != "reduced" and model.name == next(iter(study.models)):
-        warnings += gross_slip(study.structure, model.slider_peak(study.system), study.period)
     largest = max(run.peak.max(initial=0.0), run.slip_peak.max(initial=0.0))
     size = np.inf if study.structure.body is None else study.structure.body.size
     # Displacement over a structure's size: the equations hold for small displacements.

@@ -5,14 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bodies import structure as structure_of
-from reduced_joints import case, case_i, fig_18
+from reduced_joints import case, fig_18
 
 import skfem_joint as sj
 from skfem_joint.mesh import build_plate, named
 from skfem_joint.reduction.active_length import (
     active_fractions,
     contact_parts,
-    gross_slip,
     measured,
     measured_lengths,
 )
@@ -78,22 +77,6 @@ def test_creep_of_points_that_stick_is_no_slip():
     assert not system.slipping(creep, period).any()
     assert system.slipping(creep).all()
     assert system.with_beta(np.inf).slipping(creep, period).all()
-
-
-@pytest.mark.parametrize("make", [lambda: case("lap")[:2], case_i])
-def test_gross_slip_is_distinguished_from_strain_and_creep(make):
-    structure, system = make()
-    patch = structure.patches[0]
-    x = structure.nodes[patch.nodes, 0]
-    strained, part = np.zeros(system.contact.w.size), np.zeros(system.contact.w.size)
-    strained[patch.points] = 1e-4 * x  # evenly from the support on
-    part[patch.points] = 1e-4 * np.maximum(x - 0.05, 0.0)
-    (sentence,) = gross_slip(structure, strained, 1e-3)
-    assert "'joint' slips, the least by" in sentence
-    assert gross_slip(structure, part, 1e-3) == []
-    assert gross_slip(structure, 1e-6 * strained, 1e-3) == []  # creep
-    coulomb = [replace(joint, beta=np.inf) for joint in structure.joints]
-    assert gross_slip(replace(structure, joints=coulomb), 1e-6 * strained, 1e-3)
 
 
 def test_each_ring_of_bolts_is_a_part_of_its_own():
