@@ -203,7 +203,7 @@ def test_stated_errors_are_those_beside_many_more_harmonics():
         finer = found.forced.refined(FourierSeries(8 * series.highest, 4096, series.odd))
         q = finer.balance.series.of(found.place.q, series)
         x = solved(finer, np.append(q, place.omega), by_parameter(q.size + 1)).x
-        true = point_of(finer.balance, x[:-1].reshape(q.shape), x[-1], finer.force, None)
+        true = point_of(finer.balance, x[:-1].reshape(q.shape), x[-1], finer.force)
         for stated, name in zip(found.errors, ("amplitude", "friction_energy"), strict=True):
             apart = np.abs(getattr(found.point, name) / getattr(true, name) - 1.0).max()
             assert 0.5 * apart <= stated + 1e-5
