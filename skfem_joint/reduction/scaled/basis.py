@@ -108,16 +108,7 @@ def paper_basis(
     probe = probed(system, zones, plan)
     lengths, notes = zone_lengths(system, zones, options.active_length, probe.slip_peak)
     reference = paper_reference(snapshots=options.snapshots, inner_product=options.product)
-    basis = scaled_basis(
-        meshed,
-        system,
-        reference,
-        zones,
-        lengths,
-        probe,
-        modes=options.mode_count,
-        interface_modes=options.interface_modes,
-    )
+    basis = scaled_basis(meshed, system, reference, zones, lengths, probe, options)
     return replace(basis, notes=tuple(notes)).judged(options, enriched)
 
 
@@ -128,9 +119,7 @@ def scaled_basis(
     zones: Sequence[ContactPart],
     lengths: Sequence[float],
     probe: Run,
-    *,
-    modes: int = 5,
-    interface_modes: str | int = "auto",
+    options: Options,
 ) -> ScaledBasis:
     """Reference modes scaled along each zone, and what completes them in the structure.
 
@@ -150,7 +139,7 @@ def scaled_basis(
     interface_modes : "auto" or int
         Fixed-interface modes, see `skfem_joint.reduction.interface_modes.participating`.
     """
-    slips = _slip_vectors(structure, system)
+    slips, modes = _slip_vectors(structure, system), options.mode_count
     active = np.zeros(system.contact.w.size, dtype=bool)
     pulled, breathing, lines = [], [], []
     whole: dict[str, float] = {}
@@ -172,7 +161,7 @@ def scaled_basis(
     parts = [_following(system, wide, np.hstack(pulled))]
     parts.append(_following(system, RestrictedMotion.of(system, F), np.hstack(breathing)))
     if F.shape[1]:
-        parts += _beside(system, wide, parts[0], interface_modes)
+        parts += _beside(system, wide, parts[0], options.interface_modes)
     velocity = slip_norms(probe.point_v, system.contact.directions[loaded_ends(zones)])
     basis = basis_of(
         system,

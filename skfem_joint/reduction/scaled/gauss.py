@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy import sparse
-from scipy.linalg import eigh_tridiagonal
+from scipy.linalg import eigh_tridiagonal, hessenberg
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.ground.errors import InputError
@@ -21,7 +21,7 @@ from skfem_joint.system.system import System
 def gauss_rule(
     position: FloatArray, weight: FloatArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Gauss quadrature of a discrete measure, by Lanczos' iteration and its Jacobi matrix.
+    """Gauss quadrature of a discrete measure, by its Jacobi matrix.
 
     Golub and Welsch, Math. Comp. 23 (1969); Gautschi, Orthogonal Polynomials (2004), section 2.2.
 
@@ -47,20 +47,13 @@ def gauss_rule(
     total = weight.sum()
     low, high = position.min(), position.max()
     x = (2.0 * position - low - high) / (high - low) if high > low else np.zeros_like(position)
-    basis = np.zeros((count, position.size))
-    basis[0] = np.sqrt(weight / total)
-    diagonal, off_diagonal = np.zeros(count), np.zeros(max(count - 1, 0))
-    for k in range(count):
-        vector = x * basis[k]
-        diagonal[k] = basis[k] @ vector
-        if k + 1 == count:
-            break
-        for _ in range(2):  # twice is enough to keep the basis orthogonal
-            vector -= basis[: k + 1].T @ (basis[: k + 1] @ vector)
-        off_diagonal[k] = np.linalg.norm(vector)
-        basis[k + 1] = vector / off_diagonal[k]
-    points, vectors = eigh_tridiagonal(diagonal, off_diagonal)
-    return 0.5 * (low + high + points * (high - low)), total * vectors[0] ** 2
+    # Householder's reduction of the positions, bordered by the roots of the weights, has it.
+    bordered = np.diag(np.append(1.0, x))
+    bordered[0, 1:] = bordered[1:, 0] = np.sqrt(weight / total)
+    jacobi = hessenberg(bordered)[1 : count + 1, 1 : count + 1]
+    points, vectors = eigh_tridiagonal(jacobi.diagonal(), jacobi.diagonal(1))
+    points = np.clip(0.5 * (low + high + points * (high - low)), low, high)  # for round-off
+    return points, total * vectors[0] ** 2
 
 
 def gauss_points(
