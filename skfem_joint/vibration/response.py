@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
@@ -200,10 +200,6 @@ def response(
     # Vibrations of each frequency: itself, with half the step, of a larger model.
     each = 1 + (estimated and coarse is None) + by_model
     tally.total = each * len(levels) * frequencies.size
-
-    def expect(count: int) -> None:
-        tally.total += count
-
     finer = suited_steps(system, 2 * steps_per_cycle) if estimated else None
     of_coarse = None if coarse is None else finer
     searches = [
@@ -212,7 +208,7 @@ def response(
             _Request(float(frequencies[0]), level, steps_per_cycle, of_coarse),
             finer,
             refined,
-            expect,
+            tally,
             each,
         )
         for level in levels
@@ -369,7 +365,7 @@ def _search(
     first: _Request,
     finer: int | None,
     refined: bool,
-    expect: Callable[[int], None],
+    tally: Tally,
     each: int,
 ) -> _Search:
     """Request the points of a curve: those asked for, those added, then some with a finer step.
@@ -381,9 +377,8 @@ def _search(
     finer : int or None
         Number of steps in a period with which the error of the step is found where no coarse model
         has found it; None for no estimate.
-    expect : callable
-        Called with the number of vibrations that are needed beyond ``each`` of the frequencies that
-        are asked for.
+    tally : Tally
+        Has ``each`` vibrations for each frequency that is asked for; others are added.
     """
     level = first.level
     points: list[SteadyPoint] = []
@@ -398,7 +393,7 @@ def _search(
         if points[-1].failure is not None and points[-1].periods > 0:
             break  # a search given up, as those of the frequencies that follow would be
     if not Curve(level, tuple(points)).found:
-        expect(-frequencies.size * (each - 1))
+        tally.total -= frequencies.size * (each - 1)
         return Curve(level, tuple(points))
     refined = refined and len(points) >= frequencies.size
     # Most frequencies that are added to those asked for, of each curve.
@@ -406,18 +401,18 @@ def _search(
         added = next(_frequencies_to_add(Curve(level, tuple(points))), None)
         if added is None:
             break
-        expect(each)
+        tally.total += each
         state = min(points, key=lambda point: abs(point.frequency - added)).state
         points.append((yield replace(first, frequency=added, start=state)))
         points.sort(key=lambda point: point.frequency)
     failed = sum(point.failure is not None for point in points)
     failed += max(0, frequencies.size - len(points))
-    expect(-failed * (each - 1))
+    tally.total -= failed * (each - 1)
     if finer is None:
         return Curve(level, tuple(points))
     left = [k for k, p in enumerate(points) if p.failure is None and np.isnan(p.step_error)]
     if first.finer is not None:
-        expect(len(left))
+        tally.total += len(left)
     largest, steps = Curve(level, tuple(points)).largest, first.steps_per_cycle
     for k in left:
         point = points[k]
