@@ -147,8 +147,7 @@ def reduce(
             raise InputError(
                 "reduce: with range, interface_modes, friction_points, beta, duration, step, "
                 "scheme, run, frequency and curve are found for the whole range, which is one of "
-                "vibration; "
-                "leave them out, and quasi_static too"
+                "vibration; leave them out, and quasi_static too"
             )
         return reduced_for_range(system, range, accuracy=accuracy, modes=modes)
     if accuracy != 0.01:

@@ -623,10 +623,8 @@ def _stick_or_slip(
 
     InputError if a joint slips as a whole at the first level.
     """
-    gross = [
-        is_gross(sticking_share(path, *both))
-        for both in zip(found.slip, found.sliding, strict=True)
-    ]
+    slips = zip(found.slip, found.sliding, strict=True)
+    gross = [is_gross(sticking_share(path, *both)) for both in slips]
     if gross[0]:
         raise InputError(
             f"backbone: mode {mode.number}: a joint slips as a whole at the first level already, "

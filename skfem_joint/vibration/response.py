@@ -202,15 +202,9 @@ def response(
     tally.total = each * len(levels) * frequencies.size
     finer = suited_steps(system, 2 * steps_per_cycle) if estimated else None
     of_coarse = None if coarse is None else finer
+    first = _Request(float(frequencies[0]), 1.0, steps_per_cycle, of_coarse)
     searches = [
-        _search(
-            frequencies,
-            _Request(float(frequencies[0]), level, steps_per_cycle, of_coarse),
-            finer,
-            refined,
-            tally,
-            each,
-        )
+        _search(frequencies, replace(first, level=level), finer, refined, tally, each)
         for level in levels
     ]
     curves = _curves(searches, system, coarse, executor, workers, tally, rows)

@@ -119,9 +119,8 @@ def test_a_curve_says_where_a_ring_down_differs_from_it():
 def slider(limit: float = 1.0) -> sj.System:
     """Two masses of 1 kg on springs of 1 N/m, one of which drags a slider of ``limit`` N."""
     K = sparse.csr_array([[2.0, -1.0], [-1.0, 1.0]])
-    one = sparse.csr_array([[1.0, 0.0]])
-    contact = sj.Contact(one, [limit], np.inf)
-    return sj.System(sparse.eye_array(2, format="csr"), None, K, contact)
+    contact = sj.point_friction([1.0, 0.0], limit)
+    return sj.System.from_matrices(sparse.eye_array(2), K, contact=contact)
 
 
 def test_a_joint_of_one_slider_says_that_the_default_range_saw_no_slip():
@@ -425,15 +424,8 @@ def test_a_curve_of_other_friction_limits_or_damping_is_not_taken_for_the_system
 
 def test_levels_far_below_the_first_slip_have_no_damping_by_friction_on_springs():
     """The round-off of forces of springs was slip: a damping of 2 % at 1e-16 of gross slip."""
-    body = sj.build_bar([("joint", 0.1, 20), ("free", 0.5, 20)], {"fixed": 0.0, "end": 0.6})
-    some = sj.Structure(
-        body,
-        sj.Material(2e11, 8000.0, 0.3),
-        width=0.05,
-        thickness=0.01,
-        fixed=["fixed"],
-        joints=[sj.Joint("joint", friction=0.5, pressure=1e7, tangential_stiffness=1e13)],
-    )
+    joint = sj.Joint("joint", friction=0.5, pressure=1e7, tangential_stiffness=1e13)
+    system = arm(joint=joint, elements=(20, 20))
     for up_to in (1e-6, 1e-12, 1e-16):
-        (curve,) = sj.backbone(some.system(), levels=3, up_to=up_to)
+        (curve,) = sj.backbone(system, levels=3, up_to=up_to)
         assert not curve.friction_damping.any()

@@ -28,17 +28,9 @@ def mode(friction: float = 0.0, viscous: float = RATIO, stuck: float = OMEGA) ->
 
 def slider(spring: float = 1e4, limit: float = 1.0, viscous: float = 0.01) -> sj.System:
     """Mass of 1 kg on a spring, and beside it a slider with a spring in series; force on it."""
-    k = 4e4
-    contact = sj.Contact(np.ones((1, 1)), np.array([limit]), np.array([np.inf]), stiffness=[spring])
-    return sj.System(
-        M=np.eye(1),
-        C=np.array([[2.0 * viscous * np.sqrt(k + spring)]]),
-        K=np.array([[k]]),
-        contact=contact,
-        loads=(sj.AppliedLoad(np.ones(1), sj.Harmonic(1.0, 10.0), "mass"),),
-        P=np.eye(1),
-        points=("mass",),
-    )
+    k, contact = 4e4, sj.point_friction([1.0], limit, stiffness=spring)
+    C, loads = 2.0 * viscous * np.sqrt(k + spring), {"mass": (0, sj.Harmonic(1.0, 10.0))}
+    return sj.System.from_matrices([[1.0]], [[k]], [[C]], contact=contact, loads=loads)
 
 
 def noise(G: float, band: tuple[float, float], step: float, count: int, seed: int) -> sj.Table:

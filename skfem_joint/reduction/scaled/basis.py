@@ -139,8 +139,8 @@ def scaled_basis(
     interface_modes : "auto" or int
         Fixed-interface modes, see `skfem_joint.reduction.interface_modes.participating`.
     """
-    slips, modes = _slip_vectors(structure, system), options.mode_count
-    active = np.zeros(system.contact.w.size, dtype=bool)
+    slips, modes, contact = _slip_vectors(structure, system), options.mode_count, system.contact
+    active = np.zeros(contact.w.size, dtype=bool)
     pulled, breathing, lines = [], [], []
     whole: dict[str, float] = {}
     for zone, length in zip(zones, lengths, strict=True):
@@ -162,7 +162,7 @@ def scaled_basis(
     parts.append(_following(system, RestrictedMotion.of(system, F), np.hstack(breathing)))
     if F.shape[1]:
         parts += _beside(system, wide, parts[0], options.interface_modes)
-    velocity = slip_norms(probe.point_v, system.contact.directions[loaded_ends(zones)])
+    velocity = slip_norms(probe.point_v, contact.directions[loaded_ends(zones)])
     basis = basis_of(
         system,
         np.hstack(parts),
@@ -172,11 +172,9 @@ def scaled_basis(
         v=probe.v,
         slip_peak=probe.slip_peak,
         slip_velocity=float(velocity.max(initial=0.0)),
-        active=active & (system.contact.w > 0.0),
+        active=active & (contact.w > 0.0),
     )
-    on_lines = all(zone.is_line for zone in zones) and np.all(
-        system.contact.directions[active] == 1
-    )
+    on_lines = all(zone.is_line for zone in zones) and np.all(contact.directions[active] == 1)
     return ScaledBasis(
         basis.V,
         basis.modes,
