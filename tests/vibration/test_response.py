@@ -2,18 +2,16 @@
 
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from bodies import structure
-from joint_scenes import bar_scene, harmonic, joint
 from opening_blocks import oscillator
 from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.runs.integrate import integrate_plan
-from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
+from skfem_joint.study.scene_response import RESPONSE_ROWS
 from skfem_joint.vibration.linear_response import linear_response
 from skfem_joint.vibration.response import at_frequency, steady_plan, steady_point
 
@@ -269,22 +267,13 @@ def test_light_damping_has_a_steady_vibration_below_and_above_the_first_slip(sha
 
 def test_errors_of_the_step_are_those_of_friction_alone():
     """A stuck bar with light damping has none; friction's harmonics that meet a mode have."""
-    mesh = sj.build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
-    pressed = joint(law="coulomb", normal_force="consistent")
 
-    def said(level: float, low: float, high: float, steps: int, **changes: Any) -> str:
-        scene = bar_scene(
-            "full",
-            bar=mesh,
-            joint=[pressed],
-            load=[harmonic(amplitude=350e3)],
-            time={"cycles": 1, "steps_per_cycle": steps},
-            response={"frequencies": {"from": low, "to": high, "points": 2}, "levels": [level]},
-            **changes,
-        )
-        return "\n".join(scene_response(scene).notes)
+    def said(system: sj.System, level: float, frequencies: list[float], steps: int) -> str:
+        levels = [level * float(system.contact.w.sum())]
+        (curve,) = sj.response(system, frequencies, levels, steps_per_cycle=steps)
+        return "\n".join(curve.notes)
 
-    light = said(1e-7, 2495.0, 2498.0, 100, damping={"ratio": 1.2e-3})
+    light = said(arm(sj.Harmonic(1.0, 1e3), damping_ratio=1.2e-3), 1e-7, [2495.0, 2498.0], 100)
     assert "step alone" not in light
-    strong = said(0.3, 1785.0, 1795.0, 60, damping={"stiffness": 4e-3 / 2500.0 / 2.0 / np.pi})
+    strong = said(bar(), 0.3, [1785.0, 1795.0], 60)
     assert "harmonics of friction" in strong
