@@ -166,6 +166,12 @@ def test_higher_modes_near_odd_multiples_are_reported():
     assert found.at_levels(np.array([0])).excites[0] == f"mode 2 at {ratios[0]:.3g} times"
 
 
+def floating() -> sj.System:
+    """Two masses of 1 kg on a spring, which rub on each other: the first mode moves both alike."""
+    K, rub = [[1.0, -1.0], [-1.0, 1.0]], sj.point_friction([1.0, -1.0], 1.0, stiffness=1.0)
+    return sj.System.from_matrices(np.eye(2), K, contact=rub)
+
+
 def all_in_contact() -> sj.System:
     """The part of the bar that is in contact, by itself."""
     system, contact = bar(), np.arange(100)
@@ -181,6 +187,7 @@ def all_in_contact() -> sj.System:
         (bar(held=False), {"up_to": 1.3}, "friction alone holds"),
         (bar(40).project(np.eye(140)[:, :40]), {}, "keep interface_modes"),
         (bar(), {"modes": (500,)}, "there are"),
+        (floating(), {}, "mode 1 moves the structure as a rigid body; support it"),
         (bar(), {"modes": [1, 2, 1]}, r"modes: found \[1, 2, 1\], each must be there once"),
         (bar().with_contact(given=np.zeros(100)), {}, "needs friction"),
         (all_in_contact(), {}, "every unknown is in contact"),

@@ -321,12 +321,9 @@ def _apart(reference: Run, other: Run) -> tuple[float, float]:
 
     Histories are those of the named point that moves most.
     """
-    size = np.linalg.norm(reference.point_u, axis=0)
-    history = 0.0
-    if size.max(initial=0.0) > 0.0:
-        history = float(
-            np.linalg.norm(other.point_u - reference.point_u, axis=0).max() / size.max()
-        )
+    motions = other.point_u - reference.point_u, reference.point_u
+    apart, size = (float(np.linalg.norm(x, axis=0).max(initial=0.0)) for x in motions)
+    history = apart / size if size > 0.0 else 0.0
     ours, theirs = float(other.cycles.friction[-1]), float(reference.cycles.friction[-1])
     if not theirs > 0.0:
         return history, 0.0
