@@ -190,11 +190,13 @@ def _fixed_interface(
 
 def _projected(system: System, V: FloatArray) -> System:
     """Projection on a condensed basis ``V`` (n, j)."""
-    small, (inner, _) = slips_picked(carrying(system).project(V)), _with_slips(system)
+    small, (inner, _) = carrying(system).project(V), _with_slips(system)
     kept = kept_unknowns(inner)
     own = selection(np.arange(kept.size), small.n)
     N = sparse.csr_array(sparse.csr_array(inner.contact.normal.N)[:, kept] @ own)
-    return small.with_contact(normal=replace(inner.contact.normal, N=N))
+    # Slip rows pick unknowns, before they did so but for round-off.
+    slips = selection(np.abs(as_dense(small.contact.B)).argmax(axis=1), small.n)
+    return small.with_contact(B=slips, normal=replace(inner.contact.normal, N=N))
 
 
 def interface_modes_in(system: System, V: FloatArray) -> int:
@@ -211,12 +213,6 @@ def kept_unknowns(system: System) -> IntArray:
     slips = rows[np.sort(np.unique(rows, return_index=True)[1])]
     approaches = sparse.csr_array(system.contact.normal.N).indices
     return np.concatenate([slips, np.setdiff1d(approaches, slips)]).astype(np.intp)
-
-
-def slips_picked(system: System) -> System:
-    """System whose slip rows pick unknowns; before they did so but for round-off."""
-    places = np.abs(as_dense(system.contact.B)).argmax(axis=1)
-    return system.with_contact(B=selection(places, system.n))
 
 
 def _with_slips(system: System) -> tuple[System, Matrix | None]:

@@ -164,7 +164,7 @@ class _Maker:
         places = spread(self.system.contact.joints, self.range, count + _CHECKS)
         levels, factor = [], 1.0
         for place in places[:first]:
-            levels.append(factor * self.pool.nominal(place))
+            levels.append(factor * self.pool.stuck.level(placed(self.pool.system, place)))
             peak = self.pool.follow(replace(place, slip=1.0, level=levels[-1])).slip_peak
             sticks = self.system.contact.least_share(peak <= THRESHOLD * peak.max())
             # The next level is higher while more than a tenth of each joint's limit sticks.

@@ -83,10 +83,6 @@ class Pool:
         stuck = StuckVibration.of(system.closed(), range_.frequency[1])
         return Pool(system, QuasiStatic(system, 3e-5), stuck, strain_norm(system))
 
-    def nominal(self, place: Point) -> float:
-        """Level at which the first joint slips as a whole, about, by the stuck vibration."""
-        return self.stuck.level(placed(self.system, place))
-
     def follow(self, place: Point) -> StaticPath:
         """Static slip path of a point; it is added to the pool."""
         there = placed(self.system, place)
