@@ -14,7 +14,7 @@ from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy import sparse
@@ -71,15 +71,6 @@ class Guide(NamedTuple):
         # step is found on the larger model itself.
         alike = abs(self.amplitude - amplitude) <= 0.1 * amplitude
         return self.step_error if alike else np.nan
-
-
-class Guiding(Protocol):
-    """A reduced model beside a larger one, see `skfem_joint.vibration.coarse_model`."""
-
-    def guide(
-        self, frequency: float, level: float, steps_per_cycle: int, finer: int | None
-    ) -> Guide:
-        """What it says at a frequency (Hz) and level, with ``finer`` steps too unless None."""
 
 
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
@@ -165,9 +156,9 @@ def response(
         Where levels are run side by side.
     workers : int, optional
         How many it has: levels that take longest go first where they are fewer.
-    coarse : Guiding, optional
-        Reduced model beside a larger one, a `skfem_joint.vibration.coarse_model.CoarseModel`: it
-        corrects the searches, and the error of the step is found on it.
+    coarse : CoarseModel, optional
+        Reduced model beside a larger one, see `skfem_joint.vibration.coarse_model`: it corrects the
+        searches, and the error of the step is found on it.
     progress : callable, optional
         Called with (vibrations found, vibrations in all), and between them, without an executor,
         with a note on the search. Those in all grow as frequencies are added.
@@ -271,7 +262,7 @@ class _Request:
     start: State | None = None
     with_state: bool = True
 
-    def compute(self, system: System, coarse: Guiding | None, progress: Progress) -> SteadyPoint:
+    def compute(self, system: System, coarse: Any, progress: Progress) -> SteadyPoint:
         """The vibration of a system, beside which there may be a coarse model."""
         at = self.frequency, self.level, self.steps_per_cycle
         guide = Guide(np.nan, np.nan, None) if coarse is None else coarse.guide(*at, self.finer)
@@ -290,7 +281,7 @@ _Search: TypeAlias = Generator[_Request, SteadyPoint, Curve]
 def _curves(
     searches: list[_Search],
     system: System,
-    coarse: Guiding | None,
+    coarse: Any,
     executor: Executor | None,
     workers: int | None,
     tally: Tally,
@@ -313,15 +304,10 @@ def _curves(
             while True:
                 request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
                 mark = rows.mark(origin, request)
-                if mark in rows:
-                    point = rows.take(mark)
-                elif executor is None:
-                    begin = time.perf_counter()
-                    point = request.compute(system, coarse, tally.within)
-                    point = rows.keep(mark, point, time.perf_counter() - begin)
-                else:
+                if executor is not None and mark not in rows:
                     waiting[number] = mark, request
                     return
+                point = rows.row(mark, partial(request.compute, system, coarse, tally.within))
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
