@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebvander
 from scipy import sparse
-from scipy.linalg import eigh_tridiagonal, hessenberg
 
 from skfem_joint.ground.arrays import FloatArray, IntArray
 from skfem_joint.reduction.friction_points import shared_points
@@ -39,11 +39,9 @@ def gauss_rule(
     total = weight.sum()
     low, high = position.min(), position.max()
     x = (2.0 * position - low - high) / (high - low) if high > low else np.zeros_like(position)
-    # Householder's reduction of the positions, bordered by the roots of the weights, has it.
-    bordered = np.diag(np.append(1.0, x))
-    bordered[0, 1:] = bordered[1:, 0] = np.sqrt(weight / total)
-    jacobi = hessenberg(bordered)[1 : count + 1, 1 : count + 1]
-    points, vectors = eigh_tridiagonal(jacobi.diagonal(), jacobi.diagonal(1))
+    # Polynomials that are orthonormal in the measure, times the roots of its weights.
+    Q = np.linalg.qr(np.sqrt(weight / total)[:, np.newaxis] * chebvander(x, count - 1))[0]
+    points, vectors = np.linalg.eigh(Q.T @ (x[:, np.newaxis] * Q))
     points = np.clip(0.5 * (low + high + points * (high - low)), low, high)  # for round-off
     return points, total * vectors[0] ** 2
 
