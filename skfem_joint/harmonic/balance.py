@@ -57,14 +57,12 @@ class MotionResidual(NamedTuple):
     derivative : ndarray, shape (nh, n, nh, n), or None
         By the coefficients of q.
     by_omega, by_zeta : ndarray, shape (nh, n)
-    contact : Sampled
     """
 
     values: FloatArray
     derivative: FloatArray | None
     by_omega: FloatArray
     by_zeta: FloatArray
-    contact: Sampled
 
 
 @dataclass(frozen=True)
@@ -265,7 +263,7 @@ class Balance:
                 derivative[0, :, 0] += omega * (self.C @ self.free) / (2.0 * np.pi)
             elif not series.odd:
                 derivative[0, :, 0] += self.soft
-        return MotionResidual(values, derivative, by_omega, -2.0 * omega**2 * rate, sampled)
+        return MotionResidual(values, derivative, by_omega, -2.0 * omega**2 * rate)
 
     def held_softly(self, q: FloatArray) -> float:
         """Force of the soft springs over the sum of friction limits at rest.

@@ -304,10 +304,15 @@ def _curves(
             while True:
                 request = searches[number].send(point)  # type: ignore[arg-type]  # None begins it
                 mark = rows.mark(origin, request)
-                if executor is not None and mark not in rows:
+                if mark in rows:
+                    point = rows.take(mark)
+                elif executor is None:
+                    begin = time.perf_counter()
+                    point = request.compute(system, coarse, tally.within)
+                    point = rows.keep(mark, point, time.perf_counter() - begin)
+                else:
                     waiting[number] = mark, request
                     return
-                point = rows.row(mark, partial(request.compute, system, coarse, tally.within))
                 tally.add()
         except StopIteration as end:
             curves[number] = end.value
