@@ -57,14 +57,12 @@ class MotionResidual(NamedTuple):
     derivative : ndarray, shape (nh, n, nh, n), or None
         By the coefficients of q.
     by_omega, by_zeta : ndarray, shape (nh, n)
-    contact : Sampled
     """
 
     values: FloatArray
     derivative: FloatArray | None
     by_omega: FloatArray
     by_zeta: FloatArray
-    contact: Sampled
 
 
 @dataclass(frozen=True)
@@ -237,9 +235,9 @@ class Balance:
         still, way = self.parted(q)
         sampled = self.contact.sampled(series, still, tangents, way)
         order = series.coefficient_orders[:, np.newaxis]
-        rate = series.rate(q)
+        rate, stiff = series.rate(q), self.frequencies**2 - (order * omega) ** 2
         damped = rate @ self.C
-        values = (self.frequencies**2 - (order * omega) ** 2) * still + sampled.force
+        values = stiff * still + sampled.force
         values += omega * damped - 2.0 * zeta * omega**2 * rate
         if force is not None:
             values -= force
@@ -251,22 +249,21 @@ class Balance:
             values[0] += self.soft @ q[0]
         derivative = sampled.derivative
         if derivative is not None:
-            own = np.arange(n)
+            every, own = np.arange(series.size)[:, np.newaxis], np.arange(n)
             derivative, by_way = derivative[:, :, : series.size], derivative[:, :, series.size :]
-            for a, k in enumerate(series.coefficient_orders.tolist()):
-                derivative[a, own, a, own] += self.frequencies**2 - (k * omega) ** 2
+            derivative[every, own, every, own] += stiff
             damping = omega * self.C - 2.0 * zeta * omega**2 * np.eye(n)
-            for place, k in enumerate(series.orders.tolist()):
-                a = series.first + 2 * place
-                derivative[a, :, a + 1] += k * damping
-                derivative[a + 1, :, a] -= k * damping
+            by_order = series.orders[:, np.newaxis, np.newaxis] * damping
+            cosines = np.arange(series.first, series.size, 2)
+            derivative[cosines, :, cosines + 1] += by_order
+            derivative[cosines + 1, :, cosines] -= by_order
             if way is not None:
                 derivative = derivative.copy()
                 derivative[:, :, 0] += (by_way[:, :, 0] - derivative[:, :, 0]) @ self.free
                 derivative[0, :, 0] += omega * (self.C @ self.free) / (2.0 * np.pi)
             elif not series.odd:
                 derivative[0, :, 0] += self.soft
-        return MotionResidual(values, derivative, by_omega, -2.0 * omega**2 * rate, sampled)
+        return MotionResidual(values, derivative, by_omega, -2.0 * omega**2 * rate)
 
     def held_softly(self, q: FloatArray) -> float:
         """Force of the soft springs over the sum of friction limits at rest.

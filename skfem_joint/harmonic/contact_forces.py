@@ -148,22 +148,9 @@ class ContactForces:
         width = 2 + int(np.diff(self.points.first_gain).max(initial=0))
         moves = np.zeros(self.given.size, np.bool_)
         blocks = np.empty((last if tangents else 0, nh, columns))
-        restless = friction(
-            self.points,
-            slip,
-            limits,
-            slopes,
-            walked,
-            basis,
-            series.projection,
-            4 if series.odd else 2,
-            -1.0 if series.odd else 1.0,
-            tangents,
-            beyond[:slips],
-            blocks,
-            moves,
-            np.empty((2, width, columns)),
-        )
+        given = slip, limits, slopes, walked, basis, series.projection, series.odd, tangents
+        results = beyond[:slips], blocks, moves, np.empty((2, width, columns))
+        restless = friction(self.points, *given, *results)
         force = (beyond @ series.projection).T @ self.rows
         derivative = None
         if tangents:

@@ -79,8 +79,7 @@ def friction(
     walked,
     basis,
     projection,
-    passes,
-    sign,
+    odd,
     tangents,
     force,
     blocks,
@@ -104,11 +103,8 @@ def friction(
         over a multiple of eight columns are faster.
     projection : ndarray, shape (samples, nh)
         Of `FourierSeries`.
-    passes : int
-        Times that the loop goes over the samples. After the first one friction along one direction
-        repeats itself. A vector of friction, and slip that goes on, take more until they do.
-    sign : float
-        Of the motion in the next pass over that in this one.
+    odd : bool
+        Whether the samples are half a period, and the motion has the other sign in the next half.
     tangents : bool
         Whether blocks are wanted.
     force : ndarray, shape (rows, samples)
@@ -126,6 +122,9 @@ def friction(
         Largest relative change in the last pass of friction that does not repeat itself yet.
     """
     (count, kept), nh, left = projection.shape, basis.shape[1], 0.0
+    # After the first period friction along one direction repeats itself. A vector of friction, and
+    # slip that goes on, take more until they do.
+    passes, sign = (4, -1.0) if odd else (2, 1.0)
     for i in range(limits.shape[0]):
         row, k, linear = points.first_row[i], points.stiffness[i], points.linear[i]
         pair = points.first_row[i + 1] - row == 2

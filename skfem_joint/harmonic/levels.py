@@ -159,7 +159,7 @@ def resolved(
             if balance.series == levels.series and changed.any():
                 point = _solved_near(equations, x, x + amplitude * changed, falls)
             if point is None:
-                point = _solved_near(equations, x, falls=falls)
+                point = _solved_near(equations, x, x, falls)
             if point is None and k > 0 and found[-1]:
                 point = _followed_from(equations, points[-1], amplitude)
             if point is None:
@@ -172,16 +172,12 @@ def resolved(
 
 
 def _solved_near(
-    equations: ModeEquations,
-    x: FloatArray,
-    start: FloatArray | None = None,
-    falls: float = 0.0,
+    equations: ModeEquations, x: FloatArray, start: FloatArray, falls: float = 0.0
 ) -> FloatArray | None:
-    """Solution of the mode and amplitude of ``x``, if it is found from there or a ``start``."""
-    near, normal = x if start is None else start, by_parameter(x.size)
+    """Solution of the mode and amplitude of ``x``, if it is found from a ``start``."""
     for serves in (SERVES, 0.0):
         try:
-            point = solved(equations, near, normal, serves=serves, falls=falls)
+            point = solved(equations, start, by_parameter(x.size), serves=serves, falls=falls)
         except ConvergenceError:
             continue
         if equations.near(point.x, x):

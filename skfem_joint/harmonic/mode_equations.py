@@ -44,6 +44,8 @@ class ModeEquations:
         Modal amplitude, m kg^1/2, of a displacement of 1 m, by which residuals are scaled.
     point : int or None
         Number of the named point that is looked at; None for the modal amplitude.
+    unique : bool
+        See `Equations`: a mode may turn in its amplitude.
     """
 
     balance: Balance
@@ -52,15 +54,11 @@ class ModeEquations:
     looked_at: FloatArray
     modal: float
     point: int | None = None
+    unique: bool = False
 
     def refined(self, series: FourierSeries) -> ModeEquations:
         """Same equations of another series."""
         return replace(self, balance=self.balance.refined(series))
-
-    @property
-    def unique(self) -> bool:
-        """See `Equations`: a mode may turn in its amplitude."""
-        return False
 
     def __call__(self, x: FloatArray, tangents: bool) -> tuple[FloatArray, FloatArray]:
         """See `Equations`."""

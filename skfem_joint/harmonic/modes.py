@@ -37,7 +37,7 @@ from skfem_joint.harmonic.levels import Levels, changes, chosen, climbed, relati
 from skfem_joint.harmonic.marched import march
 from skfem_joint.harmonic.mode_equations import ModeEquations
 from skfem_joint.harmonic.series import FourierSeries
-from skfem_joint.reduction.stuck import traits_of
+from skfem_joint.reduction.stuck import check_stuck_modes, traits_of
 from skfem_joint.system.system import System
 
 #: Harmonics and samples with which a mode is followed, one after the other until it reaches all
@@ -208,17 +208,8 @@ def _equations(
     fourier = FourierSeries(*series, not system.contact.opens)
     check_size(system, fourier)
     frequencies, shapes = stuck_modes(system, max(MODES, number))
-    if number > frequencies.size:
-        raise InputError(
-            f"nonlinear_modes: found mode {number}, there are {frequencies.size} with the contact "
-            "stuck"
-        )
+    check_stuck_modes("nonlinear_modes", [number], frequencies)
     reference, shape = float(frequencies[number - 1]), shapes[:, number - 1]
-    if reference == 0.0:
-        raise InputError(
-            f"nonlinear_modes: mode {number} moves the structure as a rigid body; support it, or "
-            "choose a higher mode"
-        )
     balance = Balance.of(system, fourier, reference, factor)
     if not system.points:
         return ModeEquations(balance, number, shape, as_dense(system.M) @ shape, 1.0)

@@ -157,12 +157,14 @@ def solved(
     most: int = ITERATIONS,
     serves: float = 0.0,
     falls: float = 0.0,
+    less: FloatArray | float = 0.0,
 ) -> Solution:
     """Solution near ``x`` in the plane through it, by Newton's iteration.
 
     Its steps are halved until residuals fall. A derivative, of which there are ``most``, is used
     again while a step leaves less than the share that ``serves`` of a residual. The last residual
-    is below `TOLERANCE`, or if that ``falls`` to a share of the first one, below `ROUGH`.
+    is below `TOLERANCE`, or if that ``falls`` to a share of the first one, below `ROUGH`. What is
+    ``less``, (N - 1,), is taken off all of them.
 
     Raises
     ------
@@ -170,7 +172,7 @@ def solved(
         If it is not found.
     """
     rows, share, made = equations.rows(x), 1.0, 0
-    residual, factor = rows * equations(x, False)[0], None
+    residual, factor = rows * (equations(x, False)[0] - less), None
     tolerance = max(TOLERANCE, min(falls * float(np.linalg.norm(residual)), ROUGH))
     while True:
         size, fresh = float(np.linalg.norm(residual)), factor is None
@@ -185,7 +187,7 @@ def solved(
             break
         before, longest = share, min(1.0, 2.0 * share)
         for share in longest * 0.5 ** np.arange(TRIED if fresh else TRIED_AGAIN):
-            tried = rows * equations(x + share * step, False)[0]
+            tried = rows * (equations(x + share * step, False)[0] - less)
             left = float(np.linalg.norm(tried)) / size
             if left < (1.0 - 0.1 * share if fresh else serves):
                 break
@@ -347,28 +349,6 @@ def eased(equations: Equations, x: FloatArray, normal: FloatArray) -> Solution:
     except ConvergenceError:
         residual = equations(x, False)[0]
         for share in EASED:
-            point = solved(_Easing(equations, (1.0 - share) * residual), x, normal)
+            point = solved(equations, x, normal, less=(1.0 - share) * residual)
             x = point.x
         return point
-
-
-@dataclass(frozen=True)
-class _Easing:
-    """Equations less a residual."""
-
-    equations: Equations
-    residual: FloatArray
-
-    @property
-    def unique(self) -> bool:
-        return self.equations.unique
-
-    def __call__(self, x: FloatArray, tangents: bool) -> tuple[FloatArray, FloatArray]:
-        values, derivative = self.equations(x, tangents)
-        return values - self.residual, derivative
-
-    def rows(self, x: FloatArray) -> FloatArray:
-        return self.equations.rows(x)
-
-    def metric(self, x: FloatArray) -> FloatArray:
-        return self.equations.metric(x)

@@ -9,6 +9,7 @@ import numpy as np
 from skfem_joint.ground.arrays import FloatArray, as_dense
 from skfem_joint.harmonic.balance import Balance
 from skfem_joint.harmonic.contact_forces import Sampled
+from skfem_joint.harmonic.series import FourierSeries
 from skfem_joint.results.loss import Losses
 from skfem_joint.system.contacts import Contact
 from skfem_joint.vibration.response import HARMONICS, phases_of
@@ -20,26 +21,19 @@ SAMPLES = 720
 RESTLESS = 1e-6
 
 
-def point_of(
-    balance: Balance, q: FloatArray, omega: float, force: FloatArray, stable: bool | None
-) -> SteadyPoint:
+def point_of(balance: Balance, q: FloatArray, omega: float, force: FloatArray) -> SteadyPoint:
     """Results of a motion with coefficients ``q`` (nh, n) under a ``force`` of the same shape."""
     series, system = balance.series, balance.system
-    contact, first = system.contact, series.first
+    contact = system.contact
     work, slip, strain = contact_of(balance, q, balance.sampled(q, False))
     place, speed, *_ = state_of(balance, q, omega)
     q, way = balance.parted(q)
     u = balance.outer(q)
-    angle = 2.0 * np.pi / SAMPLES * np.arange(SAMPLES)[:, np.newaxis] * series.orders
-    waves = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(SAMPLES, -1)
-    seen = u @ as_dense(system.P).T
-    course = waves @ seen[first:] + (0.0 if series.odd else seen[0])
+    every = FourierSeries(max(series.highest, HARMONICS), SAMPLES, False)
+    seen = every.of(u @ as_dense(system.P).T, series)
+    course = every.basis @ seen
     high, low = course.max(axis=0), course.min(axis=0)
-    harmonics = np.zeros((len(system.points), HARMONICS), dtype=complex)
-    for number, order in enumerate(series.orders.tolist()):
-        if order <= HARMONICS:
-            a = first + 2 * number
-            harmonics[:, order - 1] = seen[a] - 1j * seen[a + 1]
+    harmonics = (seen[1::2] - 1j * seen[2::2])[:HARMONICS].T
     rate = series.rate(q)
     viscous = float(omega * series.work(rate @ balance.C, q).sum())
     if way is not None:
@@ -66,7 +60,6 @@ def point_of(
         friction_work=work,
         state=(place, speed),
         course=np.vstack([motion, motion[:1]]) if not series.odd else None,
-        stable=stable,
     )
 
 

@@ -238,11 +238,8 @@ class Search:
             return None
         balance = self.forced[0].balance
         series, course = balance.series, marched.course[:-1]
-        waves = np.fft.rfft(course, axis=0) / len(course)
-        u = np.zeros((series.size, balance.system.n))
-        u[: series.first] = waves[0].real
-        u[series.first :: 2] = 2.0 * waves[series.orders].real
-        u[series.first + 1 :: 2] = -2.0 * waves[series.orders].imag
+        every = FourierSeries(series.highest, len(course), False)
+        u = series.of(every.projection.T @ course, every)
         try:
             return self._placed(balance.inner(u), level, 2.0 * np.pi * marched.frequency)
         except ConvergenceError:
@@ -258,9 +255,9 @@ class Search:
         kept = [Settled(place, 0, forced, _point(forced, place), (np.nan, np.nan))]
         for rung, finer in enumerate(self.forced[1:], start=1):
             finer = finer.at(level).walking(forced.balance.walks)
-            balances = finer.balance, kept[-1].forced.balance
+            refined = partial(finer.balance.series.of, other=kept[-1].forced.balance.series)
             try:
-                place = corrected(finer, kept[-1].place.mapped(partial(_refined, *balances)))
+                place = corrected(finer, kept[-1].place.mapped(refined))
             except ConvergenceError:
                 break
             point, last = _point(finer, place), rung + 1 == len(self.forced)
@@ -307,12 +304,9 @@ class Search:
             )
         except ConvergenceError:
             return np.nan, np.nan
-        point, other = found.point, _point(soft, place)
-        amplitudes = float(point.amplitude.max()), float(other.amplitude.max())
-        energies = point.friction_energy, other.friction_energy
-        least = OF_WORK * point.input_energy
+        amplitude, energy = _apart(found.point, _point(soft, place), 0.0)
         by = np.sqrt(SOFTER) - 1.0
-        return change(*amplitudes) / by, change(*energies, least) / by
+        return amplitude / by, energy / by
 
 
 def _apart(new: SteadyPoint, old: SteadyPoint, most: float) -> tuple[float, float]:
@@ -324,11 +318,6 @@ def _apart(new: SteadyPoint, old: SteadyPoint, most: float) -> tuple[float, floa
     )
 
 
-def _refined(finer: Balance, coarser: Balance, q: FloatArray) -> FloatArray:
-    """Coefficients of a finer series."""
-    return finer.series.of(q, coarser.series)
-
-
 def _point(forced: Forced, place: BranchPoint) -> SteadyPoint:
     """Results of a place, without its stability."""
-    return point_of(forced.balance, place.q, place.omega, forced.force, None)
+    return point_of(forced.balance, place.q, place.omega, forced.force)

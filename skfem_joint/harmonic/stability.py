@@ -62,9 +62,8 @@ def multipliers(balance: Balance, q: FloatArray, omega: float) -> FloatArray:
     none, one = np.zeros_like(stiffness), np.eye(size * low)
     exponents = linalg.eigvals(np.block([[none, one], [-stiffness, -damping]]))
     nearest = np.argsort(np.abs(exponents.imag), kind="stable")[: 2 * low]
-    found = np.exp(np.minimum(2.0 * np.pi * exponents[nearest].real, MOST)) * np.exp(
-        2j * np.pi * exponents[nearest].imag
-    )
+    turned = 2.0 * np.pi * exponents[nearest]
+    found = np.exp(np.minimum(turned.real, MOST) + 1j * turned.imag)
     return np.asarray(found[np.argsort(-np.abs(found))])
 
 

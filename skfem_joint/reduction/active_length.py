@@ -15,7 +15,6 @@ from scipy.sparse.csgraph import connected_components
 
 from skfem_joint.body.body import Body
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.ground.errors import InputError
 from skfem_joint.joint.joints import Joint
 from skfem_joint.joint.patch import Patch
 from skfem_joint.structure.model import AnyStructure
@@ -42,8 +41,6 @@ def measured(distance: FloatArray, peak: FloatArray, threshold: float = THRESHOL
     threshold : float
         Points are active while their peak exceeds this share of the loaded end's.
     """
-    if not 0.0 < threshold < 1.0:
-        raise InputError(f"threshold: found {threshold}, must be between 0 and 1")
     limit = threshold * peak[0]
     if limit == 0.0:
         return 0.0

@@ -8,7 +8,7 @@ and the steepness of the reduced law of friction are chosen by that.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -147,6 +147,10 @@ class Basis:
         Stiffness of the full system with its Schur complement, if that exists already.
     notes : tuple of str
         Sentences for users about how it was made.
+    active_length : mapping of str to float
+        Active length of each joint, m, that the modes are scaled to; none if they are not.
+    modes_of_unit_length : tuple of (ndarray, shape (k,), and ProperModes), optional
+        Positions on a unit active length and modes there, if these were scaled.
     """
 
     V: FloatArray
@@ -155,6 +159,8 @@ class Basis:
     history: SlipHistory
     stiffness: Uncondensed | None = None
     notes: tuple[str, ...] = ()
+    active_length: Mapping[str, float] = field(default_factory=dict)
+    modes_of_unit_length: tuple[FloatArray, ProperModes] | None = None
 
     def __getstate__(self) -> dict[str, Any]:
         """What goes to other processes: all but the stiffness, whose factors cannot."""
@@ -164,16 +170,6 @@ class Basis:
     def followed(self) -> FloatArray:
         """Motions of the full system that the joint modes come from, (n, s), scaled."""
         return self.proper.modes * self.proper.singular_values
-
-    @property
-    def active_length(self) -> Mapping[str, float]:
-        """Active length of each joint, m, that the modes are scaled to; none if they are not."""
-        return {}
-
-    @property
-    def modes_of_unit_length(self) -> tuple[FloatArray, ProperModes] | None:
-        """Positions (k,) on a unit active length and modes there, if these were scaled."""
-        return None
 
     def fewer_points(self, unmerged: System, count: int | None) -> System:
         """Reduced system with as few friction points as lose little, or at most ``count``.

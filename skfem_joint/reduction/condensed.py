@@ -121,10 +121,7 @@ def _basis(system: System, interface_modes: str | int, highest: float | None) ->
 
     The basis is not orthonormal: its first coordinates are the slips. Its history is empty.
     """
-    inner, forward = carrying(system), None
-    if not slips_are_unknowns(inner):
-        inner, new = inner.with_slips_as_unknowns()
-        forward = new.forward
+    inner, forward = _with_slips(system)
     kept = kept_unknowns(inner)
     rest = np.setdiff1d(np.arange(inner.n), kept)
     V = np.zeros((inner.n, kept.size))
@@ -161,9 +158,7 @@ def _by_parts(
     system: System, interface_modes: str | int, highest: float | None, parts: Parts
 ) -> System:
     """The same model, without a factor of the whole structure and without constraint modes."""
-    inner = carrying(system)
-    if not slips_are_unknowns(inner):
-        inner, _ = inner.with_slips_as_unknowns()
+    inner, _ = _with_slips(system)
     inside = Substructures(inner, kept_unknowns(inner), parts)
     highest = _highest(system) if highest is None else highest
     shapes = _fixed_interface(inside, interface_modes, highest)
@@ -203,22 +198,18 @@ def _fixed_interface(
 
 def _projected(system: System, V: FloatArray) -> System:
     """Projection on a condensed basis ``V`` (n, j)."""
-    inner = carrying(system)
-    small = slips_picked(inner.project(V))
-    if not slips_are_unknowns(inner):
-        inner, _ = inner.with_slips_as_unknowns()
+    small, (inner, _) = carrying(system).project(V), _with_slips(system)
     kept = kept_unknowns(inner)
     own = selection(np.arange(kept.size), small.n)
     N = sparse.csr_array(sparse.csr_array(inner.contact.normal.N)[:, kept] @ own)
-    return small.with_contact(normal=replace(inner.contact.normal, N=N))
+    # Slip rows pick unknowns, before they did so but for round-off.
+    slips = selection(np.abs(as_dense(small.contact.B)).argmax(axis=1), small.n)
+    return small.with_contact(B=slips, normal=replace(inner.contact.normal, N=N))
 
 
 def interface_modes_in(system: System, V: FloatArray) -> int:
     """Number of fixed-interface modes in a condensed basis ``V`` (n, j) of a system."""
-    inner = carrying(system)
-    if not slips_are_unknowns(inner):
-        inner, _ = inner.with_slips_as_unknowns()
-    return int(V.shape[1] - kept_unknowns(inner).size)
+    return int(V.shape[1] - kept_unknowns(_with_slips(system)[0]).size)
 
 
 def kept_unknowns(system: System) -> IntArray:
@@ -232,10 +223,13 @@ def kept_unknowns(system: System) -> IntArray:
     return np.concatenate([slips, np.setdiff1d(approaches, slips)]).astype(np.intp)
 
 
-def slips_picked(system: System) -> System:
-    """System whose slip rows pick unknowns; before they did so but for round-off."""
-    places = np.abs(as_dense(system.contact.B)).argmax(axis=1)
-    return system.with_contact(B=selection(places, system.n))
+def _with_slips(system: System) -> tuple[System, Matrix | None]:
+    """System of the points that carry friction, with slips as unknowns, and the map from these."""
+    inner = carrying(system)
+    if slips_are_unknowns(inner):
+        return inner, None
+    inner, new = inner.with_slips_as_unknowns()
+    return inner, new.forward
 
 
 def carrying(system: System) -> System:

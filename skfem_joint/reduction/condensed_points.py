@@ -49,28 +49,22 @@ def with_points(system: System, points: str | int) -> System:
             f"models.contact_points: found {points}, must be 'all' where contact opens: each of "
             f"its {count} points opens by itself; a reduced model merges them"
         )
-    return _merged(system, points)
-
-
-def _merged(system: System, count: int) -> System:
-    """System with its contact points merged into at most ``count``, and one of each kind."""
-    contact = system.contact
-    points = np.flatnonzero(contact.rubs)
+    contact, rubbing = system.contact, np.flatnonzero(system.contact.rubs)
     frequency, modes = lowest_modes(system.K, system.M, min(MODES, system.n - 1))
     known = np.maximum(frequency, LEAST * frequency.max())
     slips = np.asarray(contact.B @ (modes / np.sqrt(known)))
-    kinds = laws_of(system, points)
-    owner, total = np.zeros(points.size, dtype=np.intp), 0
+    kinds = laws_of(system, rubbing)
+    owner, total = np.zeros(rubbing.size, dtype=np.intp), 0
     for kind in np.unique(kinds, axis=0):
         members = np.flatnonzero(np.all(kinds == kind, axis=1))
-        own = points[members]
+        own = rubbing[members]
         rows = contact.first_row[own][:, np.newaxis] + np.arange(contact.directions[own[0]])
-        most = max(1, count * members.size // points.size)
+        most = max(1, points * members.size // rubbing.size)
         coordinates = slips[rows].reshape(members.size, -1)
         owner[members] = total + partition(coordinates, contact.given[own], most)
         total = int(owner[members].max()) + 1
-    shares = means_of(owner, points, contact.given)
-    given = np.bincount(owner, weights=contact.given[points]).astype(np.float64)
+    shares = means_of(owner, rubbing, contact.given)
+    given = np.bincount(owner, weights=contact.given[rubbing]).astype(np.float64)
     return shared_points(system, shares, given)
 
 

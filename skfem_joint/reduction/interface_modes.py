@@ -86,11 +86,8 @@ def motions_without_slip(system: System, carrying: bool = False) -> sparse.csc_a
     """
     B = sparse.csr_array(system.contact.B)
     if carrying:
-        B = B[
-            np.flatnonzero(
-                system.contact.on_rows((system.contact.w > 0.0) & ~system.contact.sprung)
-            )
-        ]
+        held = (system.contact.w > 0.0) & ~system.contact.sprung
+        B = B[np.flatnonzero(system.contact.on_rows(held))]
     if picks_unknowns(B):
         free = np.setdiff1d(np.arange(system.n), B.indices)
         return sparse.eye_array(system.n, format="csc")[:, free]

@@ -65,12 +65,10 @@ def acceleration(run: Run) -> FloatArray:
 
     It follows from the equation of motion, which holds at the end of every step.
     """
-    small = run.system
+    small, contact = run.system, run.system.contact
     driving = small.load_vectors() @ small.load_amplitudes(run.field_times)
     driving -= small.C @ run.v.T + small.K @ run.u.T
-    driving -= small.contact.B.T @ (
-        small.contact.on_rows(small.contact.w)[:, np.newaxis] * run.sigma.T
-    )
+    driving -= contact.B.T @ (contact.on_rows(contact.w)[:, np.newaxis] * run.sigma.T)
     return np.asarray(linalg.solve(small.M, driving, assume_a="pos"))
 
 
@@ -122,42 +120,35 @@ class Residual:
 
         The run is that of ``system.project(V)``, maybe with a law or friction points of its own.
         """
-        system = self.system
+        system, contact = self.system, self.system.contact
         left = system.load_vectors() @ system.load_amplitudes(run.field_times)
         motions = acceleration(run), run.v.T, run.u.T
         for A, x in zip((system.M, system.C, system.K), motions, strict=True):
             left -= (A @ V) @ x
-        sigma = self._friction(V, run)
-        return np.asarray(
-            left - system.contact.B.T @ (system.contact.on_rows(system.contact.w) * sigma).T
-        )
+        friction = contact.on_rows(contact.w) * self._friction(V, run)
+        return np.asarray(left - contact.B.T @ friction.T)
 
     def _friction(self, V: FloatArray, run: Run) -> FloatArray:
         """Friction over its limit of all slip rows at the fields of a run, (frames, rows)."""
-        slips, laws = (
-            (self.system.contact.B @ V).T,
-            self.system.no_steeper(run.system.contact.steepest),
-        )
-        repeats = run.steady is not None
+        slips, repeats = (self.system.contact.B @ V).T, run.steady is not None
+        laws = self.system.no_steeper(run.system.contact.steepest)
         return friction_along(laws, run.u @ slips, run.v @ slips, run.field_times, repeats)
 
     def _springs(self, V: FloatArray, run: Run, R: FloatArray) -> FloatArray:
         """Springs (frames, m), N/m, by which friction holds points on which the forces R act."""
-        system, slip = self.system, run.v @ (self.system.contact.B @ V).T
-        sigma = self._friction(V, run)
-        force = system.contact.on_rows(system.contact.w) * sigma
-        squares = sparse.csr_array(system.contact.B).power(2).sum(axis=1)
-        force += (system.contact.B @ R).T / np.where(squares > 0.0, squares, 1.0)
-        beta = system.no_steeper(run.system.contact.steepest).contact.beta
-        slope = law.force_slope(system.contact.slip_norm(slip), beta)
-        slope[system.contact.slip_norm(force) > system.contact.w] = 0.0
+        contact, sigma = self.system.contact, self._friction(V, run)
+        slip = run.v @ (contact.B @ V).T
+        force = contact.on_rows(contact.w) * sigma
+        squares = sparse.csr_array(contact.B).power(2).sum(axis=1)
+        force += (contact.B @ R).T / np.where(squares > 0.0, squares, 1.0)
+        beta = self.system.no_steeper(run.system.contact.steepest).contact.beta
+        slope = law.force_slope(contact.slip_norm(slip), beta)
+        slope[contact.slip_norm(force) > contact.w] = 0.0
         rate = RATE / (run.field_times[1] - run.field_times[0])
-        springs = system.contact.w * slope * rate
-        if system.contact.has_springs:
-            stretched = np.where(
-                system.contact.slip_norm(sigma) < 1.0, system.contact.spring_constants, 0.0
-            )
-            springs = np.where(system.contact.sprung, stretched, springs)
+        springs = contact.w * slope * rate
+        if contact.has_springs:
+            stretched = np.where(contact.slip_norm(sigma) < 1.0, contact.spring_constants, 0.0)
+            springs = np.where(contact.sprung, stretched, springs)
         return np.asarray(springs)
 
     def _responses(self, V: FloatArray, run: Run) -> Iterator[FloatArray]:

@@ -147,8 +147,7 @@ def reduce(
             raise InputError(
                 "reduce: with range, interface_modes, friction_points, beta, duration, step, "
                 "scheme, run, frequency and curve are found for the whole range, which is one of "
-                "vibration; "
-                "leave them out, and quasi_static too"
+                "vibration; leave them out, and quasi_static too"
             )
         return reduced_for_range(system, range, accuracy=accuracy, modes=modes)
     if accuracy != 0.01:
@@ -252,10 +251,9 @@ def reduced_for_response(
     return replace(small, loads=loads, made_for=made_for, origin=origin)
 
 
-def reduced_for_mode(system: System, curve: Any, options: Options | None = None) -> System:
+def reduced_for_mode(system: System, curve: Any, options: Options) -> System:
     """Reduced model for a mode, of states of the system's own damping curve."""
     check_curve("reduce", system, curve, ["damping"])  # the states do not depend on it
-    options = options or Options()
     basis = sources.mode_basis(system, curve, options).for_decay()
     small = reduced_on(system, basis, **options.friction)
     made_for = f"mode {curve.mode} up to level {curve.level[-1]:.6g}"

@@ -156,7 +156,7 @@ def slip_path(
     response = np.stack([path.follow(f[np.newaxis], rise)[0] for f in loads.vectors.T], axis=1)
     snapshots = [_first(system, path, loads, response)]
     slipping, steps, newly_slipping = _slipping(system, snapshots[0])[0], 0, 1.0
-    every = system.contact.w > 0.0
+    w, every = system.contact.w, system.contact.w > 0.0
     slides = bool(slipping[every].all()) or system.contact.opens
     beside, interface, share = _beside(system, response, loads, path)
     counting = interface[:, share > interface_modes.LEAST_DRIVEN]
@@ -170,9 +170,7 @@ def slip_path(
         states, within = _second(path, loads, response, driving)
         snapshots.append(states)
         now, slip_peak = _slipping(system, states[:within])
-        newly_slipping = float(
-            system.contact.w[now & ~slipping].sum() / max(system.contact.w[now].sum(), 1e-300)
-        )
+        newly_slipping = float(w[now & ~slipping].sum() / max(w[now].sum(), 1e-300))
         slides |= bool(now[every].all())
         if newly_slipping <= NEWLY_SLIPPING:
             break

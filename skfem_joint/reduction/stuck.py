@@ -11,7 +11,7 @@ import numpy as np
 from scipy import sparse
 
 from skfem_joint.ground.arrays import FloatArray
-from skfem_joint.ground.errors import InputError
+from skfem_joint.ground.errors import InputError, refuse
 from skfem_joint.linalg import shifts
 from skfem_joint.linalg.factors import factorised
 from skfem_joint.reduction.interface_modes import motions_without_slip
@@ -102,6 +102,26 @@ class Stuck:
             frequency, shapes = eigenmodes(self.K, self.M, own, beside)
         every = np.concatenate([np.zeros(rigid.shape[1]), frequency])[:count]
         return every, np.asarray(self.F @ np.hstack([rigid, shapes]))[:, :count]
+
+
+def check_stuck_modes(what: str, numbers: Collection[int], frequencies: FloatArray) -> None:
+    """Refuse numbers of modes beyond all that there are, and of rigid motions, by frequencies, Hz.
+
+    Raises
+    ------
+    InputError
+        Whose message ``what`` begins.
+    """
+    refuse(
+        f"{what}: found mode {k}, there are {frequencies.size} with the contact stuck"
+        for k in numbers
+        if k > frequencies.size
+    )
+    refuse(
+        f"{what}: mode {k} moves the structure as a rigid body; support it, or choose a higher mode"
+        for k in numbers
+        if frequencies[k - 1] == 0.0
+    )
 
 
 def traits_of(system: System, shape: FloatArray) -> dict[str, float]:

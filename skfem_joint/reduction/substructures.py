@@ -291,9 +291,6 @@ class Recovery(LinearOperator):  # type: ignore[misc]
         T = inside.system.T
         return u if T is None else np.asarray(T @ u)
 
-    def _matvec(self, q: FloatArray) -> FloatArray:
-        return self._matmat(q.reshape(-1, 1))
-
 
 def _symmetric(A: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (A + A.T))

@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike
 
 from skfem_joint.accuracy.range_modes import alone, check_modes, distances
 from skfem_joint.ground.arrays import BoolArray, FloatArray, IntArray
-from skfem_joint.ground.errors import ConvergenceError, InputError, refuse
+from skfem_joint.ground.errors import ConvergenceError, InputError
 from skfem_joint.ground.plain_values import Tabular, spread
 from skfem_joint.ground.progress import Progress, Tally, silent
 from skfem_joint.ground.values import (
@@ -44,7 +44,7 @@ from skfem_joint.ground.values import (
     check_some,
     rising,
 )
-from skfem_joint.reduction.stuck import Stuck, StuckMode, traits_of
+from skfem_joint.reduction.stuck import Stuck, StuckMode, check_stuck_modes, traits_of
 from skfem_joint.results.gross_slip import (
     gross_slip_level,
     is_gross,
@@ -363,11 +363,7 @@ def backbone(
     tally.total = len(modes) * items_of_work(asked.shares.size, path.opens)
     stuck = Stuck(to.system, path.stays)
     frequencies, shapes = stuck.modes(int(numbers.max()) + HIGHER_MODES)
-    refuse(
-        f"backbone: found mode {k}, there are {frequencies.size} with the contact stuck"
-        for k in numbers.tolist()
-        if k > frequencies.size
-    )
+    check_stuck_modes("backbone", numbers.tolist(), frequencies)
     serves = system.serves
     if serves is not None:  # its modes end with its range, and it states its errors
         of_mode = {k: float(frequencies[k - 1]) for k in numbers.tolist()}
@@ -589,15 +585,9 @@ def _that_move(path: CyclePath, mode: StuckMode, point: int) -> str:
 def _check_levels(path: QuasiStatic, mode: StuckMode, asked: _Levels) -> float:
     """Level at which the first joint slips as a whole; computed if not given.
 
-    InputError if the mode is a rigid motion or loads no joint, or friction cannot hold the highest
-    of the levels.
+    InputError if the mode loads no joint, or friction cannot hold the highest of the levels.
     """
     slips_at, number, omega = asked.slips_at, mode.number, 2.0 * np.pi * mode.frequency
-    if omega == 0.0:
-        raise InputError(
-            f"backbone: mode {number} moves the structure as a rigid body; support it, or choose "
-            "a higher mode"
-        )
     limit = path.limit(mode.force)
     if slips_at is None:
         slips_at = gross_slip_level(path, mode.force, mode.shape / omega**2, limit, False)
@@ -623,10 +613,8 @@ def _stick_or_slip(
 
     InputError if a joint slips as a whole at the first level.
     """
-    gross = [
-        is_gross(sticking_share(path, *both))
-        for both in zip(found.slip, found.sliding, strict=True)
-    ]
+    slips = zip(found.slip, found.sliding, strict=True)
+    gross = [is_gross(sticking_share(path, *both)) for both in slips]
     if gross[0]:
         raise InputError(
             f"backbone: mode {mode.number}: a joint slips as a whole at the first level already, "

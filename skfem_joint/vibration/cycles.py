@@ -238,11 +238,7 @@ class CyclePath:
         return self.to.inner(np.asarray(self._motions @ self.closed.outer(u.T).T))
 
     def follow(
-        self,
-        force: FloatArray,
-        level: FloatArray,
-        damping: float = 0.0,
-        checked: IntArray | None = None,
+        self, force: FloatArray, level: FloatArray, damping: float, checked: IntArray | None
     ) -> RisingCycles:
         """Cycles of a force (n,), N, between both signs of some levels, from rest.
 

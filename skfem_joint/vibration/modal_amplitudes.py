@@ -105,10 +105,8 @@ class ModeCurve:
 
     def every_second(self) -> ModeCurve:
         """Curve of every second level, the highest included."""
-        rows = slice(None, None, -2)
-        arrays = (self.amplitude, self.omega, self.friction)
-        amplitude, omega, friction = (x[rows][::-1] for x in arrays)
-        return replace(self, amplitude=amplitude, omega=omega, friction=friction)
+        names = "amplitude", "omega", "friction"
+        return replace(self, **{name: getattr(self, name)[::-2][::-1] for name in names})
 
 
 @dataclass(frozen=True)

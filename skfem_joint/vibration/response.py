@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple, Protocol, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from scipy import sparse
@@ -71,15 +71,6 @@ class Guide(NamedTuple):
         # step is found on the larger model itself.
         alike = abs(self.amplitude - amplitude) <= 0.1 * amplitude
         return self.step_error if alike else np.nan
-
-
-class Guiding(Protocol):
-    """A reduced model beside a larger one, see `skfem_joint.vibration.coarse_model`."""
-
-    def guide(
-        self, frequency: float, level: float, steps_per_cycle: int, finer: int | None
-    ) -> Guide:
-        """What it says at a frequency (Hz) and level, with ``finer`` steps too unless None."""
 
 
 def at_frequency(system: System, frequency: float, level: float = 1.0) -> System:
@@ -165,9 +156,9 @@ def response(
         Where levels are run side by side.
     workers : int, optional
         How many it has: levels that take longest go first where they are fewer.
-    coarse : Guiding, optional
-        Reduced model beside a larger one, a `skfem_joint.vibration.coarse_model.CoarseModel`: it
-        corrects the searches, and the error of the step is found on it.
+    coarse : CoarseModel, optional
+        Reduced model beside a larger one, see `skfem_joint.vibration.coarse_model`: it corrects the
+        searches, and the error of the step is found on it.
     progress : callable, optional
         Called with (vibrations found, vibrations in all), and between them, without an executor,
         with a note on the search. Those in all grow as frequencies are added.
@@ -200,21 +191,11 @@ def response(
     # Vibrations of each frequency: itself, with half the step, of a larger model.
     each = 1 + (estimated and coarse is None) + by_model
     tally.total = each * len(levels) * frequencies.size
-
-    def expect(count: int) -> None:
-        tally.total += count
-
     finer = suited_steps(system, 2 * steps_per_cycle) if estimated else None
     of_coarse = None if coarse is None else finer
+    first = _Request(float(frequencies[0]), 1.0, steps_per_cycle, of_coarse)
     searches = [
-        _search(
-            frequencies,
-            _Request(float(frequencies[0]), level, steps_per_cycle, of_coarse),
-            finer,
-            refined,
-            expect,
-            each,
-        )
+        _search(frequencies, replace(first, level=level), finer, refined, tally, each)
         for level in levels
     ]
     curves = _curves(searches, system, coarse, executor, workers, tally, rows)
@@ -281,7 +262,7 @@ class _Request:
     start: State | None = None
     with_state: bool = True
 
-    def compute(self, system: System, coarse: Guiding | None, progress: Progress) -> SteadyPoint:
+    def compute(self, system: System, coarse: Any, progress: Progress) -> SteadyPoint:
         """The vibration of a system, beside which there may be a coarse model."""
         at = self.frequency, self.level, self.steps_per_cycle
         guide = Guide(np.nan, np.nan, None) if coarse is None else coarse.guide(*at, self.finer)
@@ -300,7 +281,7 @@ _Search: TypeAlias = Generator[_Request, SteadyPoint, Curve]
 def _curves(
     searches: list[_Search],
     system: System,
-    coarse: Guiding | None,
+    coarse: Any,
     executor: Executor | None,
     workers: int | None,
     tally: Tally,
@@ -369,7 +350,7 @@ def _search(
     first: _Request,
     finer: int | None,
     refined: bool,
-    expect: Callable[[int], None],
+    tally: Tally,
     each: int,
 ) -> _Search:
     """Request the points of a curve: those asked for, those added, then some with a finer step.
@@ -381,9 +362,8 @@ def _search(
     finer : int or None
         Number of steps in a period with which the error of the step is found where no coarse model
         has found it; None for no estimate.
-    expect : callable
-        Called with the number of vibrations that are needed beyond ``each`` of the frequencies that
-        are asked for.
+    tally : Tally
+        Has ``each`` vibrations for each frequency that is asked for; others are added.
     """
     level = first.level
     points: list[SteadyPoint] = []
@@ -398,7 +378,7 @@ def _search(
         if points[-1].failure is not None and points[-1].periods > 0:
             break  # a search given up, as those of the frequencies that follow would be
     if not Curve(level, tuple(points)).found:
-        expect(-frequencies.size * (each - 1))
+        tally.total -= frequencies.size * (each - 1)
         return Curve(level, tuple(points))
     refined = refined and len(points) >= frequencies.size
     # Most frequencies that are added to those asked for, of each curve.
@@ -406,18 +386,18 @@ def _search(
         added = next(_frequencies_to_add(Curve(level, tuple(points))), None)
         if added is None:
             break
-        expect(each)
+        tally.total += each
         state = min(points, key=lambda point: abs(point.frequency - added)).state
         points.append((yield replace(first, frequency=added, start=state)))
         points.sort(key=lambda point: point.frequency)
     failed = sum(point.failure is not None for point in points)
     failed += max(0, frequencies.size - len(points))
-    expect(-failed * (each - 1))
+    tally.total -= failed * (each - 1)
     if finer is None:
         return Curve(level, tuple(points))
     left = [k for k, p in enumerate(points) if p.failure is None and np.isnan(p.step_error)]
     if first.finer is not None:
-        expect(len(left))
+        tally.total += len(left)
     largest, steps = Curve(level, tuple(points)).largest, first.steps_per_cycle
     for k in left:
         point = points[k]

@@ -155,20 +155,14 @@ class StuckUnder:
             Angular frequencies, rad/s.
         given : sequence of int
         """
-        static, pushed = self.static[number], self.pushed[number]
-        moved = np.repeat(static[:, np.newaxis].astype(complex), turn.size, axis=1)
-        for k, (frequency, damping) in enumerate(
-            zip(self.frequencies.tolist(), self.damping.tolist(), strict=True)
-        ):
-            square, part = (2.0 * np.pi * frequency) ** 2, pushed[:, [k]]
-            if k + 1 in given:
-                moved -= part / square
-            else:
-                size = square - turn**2 + 1.0j * damping * turn
-                if load.moves(frequency):  # without the resonance
-                    size = np.where(turn**2 < 2.0 * square, square, square - turn**2)
-                moved += part * (1.0 / size - 1.0 / square)
-        return moved
+        square = (2.0 * np.pi * self.frequencies[:, np.newaxis]) ** 2
+        size = square - turn**2 + 1.0j * self.damping[:, np.newaxis] * turn
+        inside = [load.moves(frequency) for frequency in self.frequencies.tolist()]
+        without_resonance = np.where(turn**2 < 2.0 * square, square, square - turn**2)
+        size[inside] = without_resonance[inside]
+        size[np.array(given) - 1] = np.inf
+        moved = self.pushed[number] @ (1.0 / size - 1.0 / square)
+        return np.asarray(self.static[number][:, np.newaxis] + moved)
 
 
 class Spectra:

@@ -213,9 +213,8 @@ def test_contact_that_opens_and_does_not_slip_says_nothing_of_friction():
 
 
 def test_the_offset_of_a_second_set_of_data_is_found():
-    moved = samples(DATA.frequency - 7.0, DATA.damping + 2e-3, name="other", offset=["frequency"])
-    both = samples(DATA.frequency, DATA.damping), moved
-    found = fitted([both[0], replace(both[1], damping=DATA.damping)])
+    moved = samples(DATA.frequency - 7.0, DATA.damping, name="other", offset=["frequency"])
+    found = fitted([DATA, moved])
     assert found.offsets == pytest.approx({"offset of other: frequency": -7.0}, rel=1e-4)
     assert found.values == pytest.approx(TRUTH, rel=1e-4)
     assert found.deviations["offset of other: frequency"] > 0.3 * DEVIATION / AMPLITUDE.size**0.5
@@ -334,11 +333,7 @@ def test_the_scale_of_a_gap_is_found():
     scale, on = "joint[0].gap_scale", plate_loads("right", 2)
     bow = {"gap": lambda x: 3e-6 * (x[:, 0] / 0.075 - 1.0) ** 2}
     given = bolted(joint=bow, damping_ratio=2e-3)
-    amplitude = np.geomspace(1e-4, 2.5e-4, 5)
-    like = samples(np.full(5, 300.0), np.full(5, 0.01), amplitude, point="right", direction="y")
-    problem = sj.FitProblem(given, like, {scale: (0.1, 3.0)}, on)
-    (known,) = problem.predict(problem.start, [like.displacement])
-    data = samples(known.frequency, known.damping, amplitude, point="right", direction="y")
+    data = curve_of(given, np.geomspace(1e-4, 2.5e-4, 5), on, point="right", direction="y")
     start = with_values(given, {scale: 0.5})
     found = sj.fit(start, data, {scale: (0.1, 3.0)}, on)
     assert found.values[scale] == pytest.approx(1.0, rel=1e-3)

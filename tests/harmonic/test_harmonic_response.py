@@ -24,15 +24,13 @@ from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
 JOINT = sj.Joint("joint", pressure=3e6, friction=0.4)
 #: Oscillator of unit mass and stiffness that meets a spring at a gap of 1.
 SPRING, DAMPING, FORCE = 3.0, 0.02, 0.1
+PULL = sj.Harmonic(30.0, 100.0)  # of the chain
 
 
 def oscillator():
-    one = np.ones(1)
-    normal = sj.NormalPart(np.eye(1), one, 0.0 * one, SPRING * one, one)
-    contact = sj.Contact(np.eye(1), [0.0], np.inf, normal=normal, gain=np.zeros((1, 1)))
-    load = sj.AppliedLoad(np.ones(1), sj.Harmonic(FORCE, 0.1), "mass")
-    damping = 2.0 * DAMPING * np.eye(1)
-    return sj.System(np.eye(1), damping, np.eye(1), contact, (load,), np.eye(1), ("mass",))
+    spring = sj.point_contact(None, [1.0], friction=0.0, gap=1.0, normal_stiffness=SPRING)
+    loads = {"mass": (0, sj.Harmonic(FORCE, 0.1))}
+    return sj.System.from_matrices([[1.0]], [[1.0]], [[2.0 * DAMPING]], contact=spring, loads=loads)
 
 
 def path(f, state, periods, **ways):
@@ -146,26 +144,18 @@ def test_multipliers_are_those_of_the_map_of_a_period(curve):
             exact = np.linalg.eigvals(J)
             left = path(point.frequency, state, 1)[:, -1] - state
             state = state - np.linalg.solve(J - np.eye(2), left)
-        harmonics = 31
-        balance = balance_of(system, harmonics)
-        course = np.fft.rfft(point.course[:-1, 0]) / (len(point.course) - 1)
-        q = np.zeros((balance.series.size, 1))
-        q[0] = course[0].real
-        q[1::2, 0], q[2::2, 0] = (
-            2.0 * course[1 : harmonics + 1].real,
-            -2.0 * course[1 : harmonics + 1].imag,
-        )
-        found = multipliers(balance, q, 2.0 * np.pi * point.frequency)
+        sampled = FourierSeries(31, len(point.course) - 1, odd=False)
+        q = sampled.projection.T @ point.course[:-1]
+        found = multipliers(balance_of(system, 31), q, 2.0 * np.pi * point.frequency)
         np.testing.assert_allclose(np.abs(found[0]), np.abs(exact).max(), rtol=3e-3)
 
 
-def chain():
+def chain(loads=None):
     """Two masses, a slider on a spring between the second one and the base."""
-    K = 1e6 * np.array([[2.0, -1.0], [-1.0, 1.0]])
-    return sj.System.from_matrices(
-        np.eye(2), K, contact=sj.point_friction([0.0, 1.0], 20.0, stiffness=3e5),
-        loads={"last": (1, sj.Harmonic(30.0, 100.0))}, points={"last": 1}, stiffness_damping=1e-5,
-    )  # fmt: skip
+    K, loads = 1e6 * np.array([[2.0, -1.0], [-1.0, 1.0]]), loads or {"end": (1, PULL)}
+    slider = sj.point_friction([0.0, 1.0], 20.0, stiffness=3e5)
+    given = {"contact": slider, "loads": loads, "points": {"end": 1}, "stiffness_damping": 1e-5}
+    return sj.System.from_matrices(np.eye(2), K, **given)
 
 
 def beating():
@@ -203,7 +193,7 @@ def test_stated_errors_are_those_beside_many_more_harmonics():
         finer = found.forced.refined(FourierSeries(8 * series.highest, 4096, series.odd))
         q = finer.balance.series.of(found.place.q, series)
         x = solved(finer, np.append(q, place.omega), by_parameter(q.size + 1)).x
-        true = point_of(finer.balance, x[:-1].reshape(q.shape), x[-1], finer.force, None)
+        true = point_of(finer.balance, x[:-1].reshape(q.shape), x[-1], finer.force)
         for stated, name in zip(found.errors, ("amplitude", "friction_energy"), strict=True):
             apart = np.abs(getattr(found.point, name) / getattr(true, name) - 1.0).max()
             assert 0.5 * apart <= stated + 1e-5
@@ -289,7 +279,7 @@ def test_unstable_points_are_dashed(of_scene):
 @pytest.mark.parametrize(
     "loads",
     [
-        {"last": ([0.0, -1.0], sj.Harmonic(30.0, 100.0))},
+        {"last": ([0.0, -1.0], PULL)},
         {"last": (1, sj.Harmonic(30.0, 100.0, 1.0)), "first": (0, sj.Harmonic(50.0, 100.0, 2.5))},
         {"last": (1, sj.Harmonic(30.0, 200.0)), "first": (0, sj.Harmonic(20.0, 300.0, 0.4))},
     ],
@@ -297,11 +287,7 @@ def test_unstable_points_are_dashed(of_scene):
 )
 def test_phases_and_slips_are_those_of_a_response(loads):
     """Slips are half of peak to peak in both, wherever a point comes to slip to and fro."""
-    system, frequencies = replace(chain(), loads=()), np.array([30.0, 40.0])
-    system = sj.System.from_matrices(
-        np.eye(2), system.K, system.C, loads=loads, points={"end": 1},
-        contact=sj.point_friction([0.0, 1.0], 20.0, stiffness=3e5),
-    )  # fmt: skip
+    system, frequencies = chain(loads), np.array([30.0, 40.0])
     (curve,) = sj.harmonic_response(system, frequencies, confirm=False)
     ways = {"steps_per_cycle": 1000, "refined": False, "estimated": False}
     (other,) = sj.response(system, frequencies, **ways)
@@ -314,17 +300,20 @@ def test_phases_and_slips_are_those_of_a_response(loads):
         np.testing.assert_allclose(ours, theirs, **near)
 
 
+def two_masses(stiffness=np.inf):
+    """Two masses on springs, of which the first rubs and the second is driven."""
+    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.2]])
+    slider = sj.point_friction([1.0, 0.0], 2.0, stiffness=stiffness)
+    loads = {"last": (1, sj.Harmonic(5.0, 10.0))}
+    return sj.System.from_matrices(np.eye(2), K, 0.5 * np.eye(2), contact=slider, loads=loads)
+
+
 @pytest.mark.parametrize("stiffness", [np.inf, 5e3])
 @pytest.mark.parametrize("last", [15.0, 17.0])
 def test_each_frequency_asked_for_has_a_point_and_the_last_ends_the_curve(stiffness, last):
     """Below its resonance amplitudes fall so steeply that steps pass a frequency."""
-    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.2]])
-    system = sj.System.from_matrices(
-        np.eye(2), K, 0.5 * np.eye(2), contact=sj.point_friction([1.0, 0.0], 2.0,
-        stiffness=stiffness), loads={"last": (1, sj.Harmonic(5.0, 10.0))},
-    )  # fmt: skip
     asked = np.array([12.0, 13.0, last])
-    (curve,) = sj.harmonic_response(system, asked, confirm=False)
+    (curve,) = sj.harmonic_response(two_masses(stiffness), asked, confirm=False)
     f = curve.column("frequency")
     assert all(np.isclose(f, frequency, rtol=1e-9).sum() == 1 for frequency in asked)
     assert f[-1] == pytest.approx(last, rel=1e-9)
@@ -334,13 +323,8 @@ def test_each_frequency_asked_for_has_a_point_and_the_last_ends_the_curve(stiffn
 
 def test_the_stated_errors_are_the_distance_to_rigid_sticking():
     """Time steps with springs up to 1e9 N/m give 4.917402e-4 m at 17 Hz."""
-    K = 1e4 * np.array([[2.0, -1.0], [-1.0, 1.2]])
-    system = sj.System.from_matrices(
-        np.eye(2), K, 0.5 * np.eye(2), contact=sj.point_friction([1.0, 0.0], 2.0),
-        loads={"last": (1, sj.Harmonic(5.0, 10.0))}, points={"last": 1},
-    )  # fmt: skip
     frequencies = np.array([12.0, 15.9, 17.0])
-    (curve,) = sj.harmonic_response(system, frequencies, confirm=False)
+    (curve,) = sj.harmonic_response(two_masses(), frequencies, confirm=False)
     exact = curve.points[-1].amplitude[0] / 4.917402e-4 - 1.0
     stated = curve.errors["amplitude"].max() + curve.sticking[0]
     assert 0.7 * exact < stated < 1.5 * exact
@@ -348,14 +332,17 @@ def test_the_stated_errors_are_the_distance_to_rigid_sticking():
     assert told == (stated > 0.01)
 
 
+#: Slider along x, pressed along y, where it opens.
+SLIDER = sj.point_contact(
+    [1.0, 0.0], [0.0, 1.0], friction=0.4, force=5.0, normal_stiffness=2e4, stiffness=8e3
+)
+
+
 def test_a_motion_that_doubles_its_period_is_not_called_stable():
     """Time steps of this bouncing slider leave it by 28 % of its amplitude within 160 periods."""
     K = np.array([[1e4, 2e3], [2e3, 2e4]])
-    contact = sj.point_contact(
-        [1.0, 0.0], [0.0, 1.0], friction=0.4, force=5.0, normal_stiffness=2e4, stiffness=8e3
-    )
     system = sj.System.from_matrices(
-        np.eye(2), K, 4.0 * np.eye(2), contact=contact, points={"x": 0, "y": 1},
+        np.eye(2), K, 4.0 * np.eye(2), contact=SLIDER, points={"x": 0, "y": 1},
         loads={"a": (0, sj.Harmonic(12.0, 1.0)), "b": (1, sj.Harmonic(8.4, 1.0, 0.5))},
     )  # fmt: skip
     (curve,) = sj.harmonic_response(system, np.array([17.5, 18.0]), confirm=False)
@@ -372,11 +359,8 @@ def test_the_arctangent_law_is_noted(beta):
 
 def block(push=6.0):
     """A block that only friction holds, lifted a little as it is pushed."""
-    contact = sj.point_contact(
-        [1.0, 0.0], [0.0, 1.0], friction=0.4, force=5.0, normal_stiffness=2e4, stiffness=8e3
-    )
     return sj.System.from_matrices(
-        np.eye(2), np.zeros((2, 2)), np.diag([0.0, 20.0]), contact=contact, points={"x": 0},
+        np.eye(2), np.zeros((2, 2)), np.diag([0.0, 20.0]), contact=SLIDER, points={"x": 0},
         loads={"push": (0, sj.Harmonic(push, 1.0)), "lift": (1, sj.Harmonic(2.0, 1.0, 0.7))},
     )  # fmt: skip
 

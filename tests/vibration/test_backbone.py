@@ -119,9 +119,8 @@ def test_a_curve_says_where_a_ring_down_differs_from_it():
 def slider(limit: float = 1.0) -> sj.System:
     """Two masses of 1 kg on springs of 1 N/m, one of which drags a slider of ``limit`` N."""
     K = sparse.csr_array([[2.0, -1.0], [-1.0, 1.0]])
-    one = sparse.csr_array([[1.0, 0.0]])
-    contact = sj.Contact(one, [limit], np.inf)
-    return sj.System(sparse.eye_array(2, format="csr"), None, K, contact)
+    contact = sj.point_friction([1.0, 0.0], limit)
+    return sj.System.from_matrices(sparse.eye_array(2), K, contact=contact)
 
 
 def test_a_joint_of_one_slider_says_that_the_default_range_saw_no_slip():
@@ -167,6 +166,12 @@ def test_higher_modes_near_odd_multiples_are_reported():
     assert found.at_levels(np.array([0])).excites[0] == f"mode 2 at {ratios[0]:.3g} times"
 
 
+def floating() -> sj.System:
+    """Two masses of 1 kg on a spring, which rub on each other: the first mode moves both alike."""
+    K, rub = [[1.0, -1.0], [-1.0, 1.0]], sj.point_friction([1.0, -1.0], 1.0, stiffness=1.0)
+    return sj.System.from_matrices(np.eye(2), K, contact=rub)
+
+
 def all_in_contact() -> sj.System:
     """The part of the bar that is in contact, by itself."""
     system, contact = bar(), np.arange(100)
@@ -182,6 +187,7 @@ def all_in_contact() -> sj.System:
         (bar(held=False), {"up_to": 1.3}, "friction alone holds"),
         (bar(40).project(np.eye(140)[:, :40]), {}, "keep interface_modes"),
         (bar(), {"modes": (500,)}, "there are"),
+        (floating(), {}, "mode 1 moves the structure as a rigid body; support it"),
         (bar(), {"modes": [1, 2, 1]}, r"modes: found \[1, 2, 1\], each must be there once"),
         (bar().with_contact(given=np.zeros(100)), {}, "needs friction"),
         (all_in_contact(), {}, "every unknown is in contact"),
@@ -425,15 +431,8 @@ def test_a_curve_of_other_friction_limits_or_damping_is_not_taken_for_the_system
 
 def test_levels_far_below_the_first_slip_have_no_damping_by_friction_on_springs():
     """The round-off of forces of springs was slip: a damping of 2 % at 1e-16 of gross slip."""
-    body = sj.build_bar([("joint", 0.1, 20), ("free", 0.5, 20)], {"fixed": 0.0, "end": 0.6})
-    some = sj.Structure(
-        body,
-        sj.Material(2e11, 8000.0, 0.3),
-        width=0.05,
-        thickness=0.01,
-        fixed=["fixed"],
-        joints=[sj.Joint("joint", friction=0.5, pressure=1e7, tangential_stiffness=1e13)],
-    )
+    joint = sj.Joint("joint", friction=0.5, pressure=1e7, tangential_stiffness=1e13)
+    system = arm(joint=joint, elements=(20, 20))
     for up_to in (1e-6, 1e-12, 1e-16):
-        (curve,) = sj.backbone(some.system(), levels=3, up_to=up_to)
+        (curve,) = sj.backbone(system, levels=3, up_to=up_to)
         assert not curve.friction_damping.any()

@@ -21,11 +21,9 @@ def oscillator(
     K: list[list[float]], normal: list[float], slip: list[float], stiffness: float = np.inf
 ) -> sj.System:
     """Unit masses, of which one vibrates, with a pressure point and a contact point."""
-    N, one = sparse.csr_array([normal]), np.ones(1)
-    pressed = sj.NormalPart(N, 0.0 * one, PRESSED * one, stiffness * one, one)
-    B, gain = sparse.csr_array([slip]), sparse.csr_array([[MU]])
-    contact = sj.Contact(B, [0.0], np.inf, normal=pressed, gain=gain)
-    return sj.System(sparse.eye_array(len(K), format="csr"), None, sparse.csr_array(K), contact)
+    pressed = {"friction": MU, "force": PRESSED, "normal_stiffness": stiffness}
+    contact = sj.point_contact(slip, normal, **pressed)
+    return sj.System.from_matrices(sparse.eye_array(len(K)), sparse.csr_array(K), contact=contact)
 
 
 def test_a_mass_on_a_preloaded_spring_has_the_secant_of_two_stiffnesses():

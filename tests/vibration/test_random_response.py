@@ -8,6 +8,7 @@ import pytest
 from bodies import structure
 from scipy.integrate import quad
 from scipy.special import gamma
+from tipped_bars import tipped_bar
 
 import skfem_joint as sj
 from skfem_joint.vibration.joined_modes import Plays, joined_modes
@@ -28,17 +29,9 @@ def mode(friction: float = 0.0, viscous: float = RATIO, stuck: float = OMEGA) ->
 
 def slider(spring: float = 1e4, limit: float = 1.0, viscous: float = 0.01) -> sj.System:
     """Mass of 1 kg on a spring, and beside it a slider with a spring in series; force on it."""
-    k = 4e4
-    contact = sj.Contact(np.ones((1, 1)), np.array([limit]), np.array([np.inf]), stiffness=[spring])
-    return sj.System(
-        M=np.eye(1),
-        C=np.array([[2.0 * viscous * np.sqrt(k + spring)]]),
-        K=np.array([[k]]),
-        contact=contact,
-        loads=(sj.AppliedLoad(np.ones(1), sj.Harmonic(1.0, 10.0), "mass"),),
-        P=np.eye(1),
-        points=("mass",),
-    )
+    k, contact = 4e4, sj.point_friction([1.0], limit, stiffness=spring)
+    C, loads = 2.0 * viscous * np.sqrt(k + spring), {"mass": (0, sj.Harmonic(1.0, 10.0))}
+    return sj.System.from_matrices([[1.0]], [[k]], [[C]], contact=contact, loads=loads)
 
 
 def noise(G: float, band: tuple[float, float], step: float, count: int, seed: int) -> sj.Table:
@@ -252,13 +245,8 @@ def test_a_density_is_straight_on_logarithmic_axes_and_read_from_files(tmp_path)
 
 
 def bar(tip: float = 8000.0) -> sj.System:
-    """Bar clamped by a joint, on a base that moves; ``tip`` is the density of its last elements."""
-    strips = [("joint", 0.1, 40), ("free", 0.48, 40), ("tip", 0.02, 2)]
-    made = structure(
-        sj.build_bar(strips, {"fixed": 0.0, "end": 0.6}), [sj.Joint("joint", 50e6, 0.7)],
-        ["fixed"], regions={"tip": {"density": tip}}, damping_ratio=0.002,
-    )  # fmt: skip
-    return made.system([sj.Load(base="x", amplitude=sj.Harmonic(1.0, 100.0))], points=["end"])
+    """Bar on a base that moves; ``tip`` is the density of its last elements."""
+    return tipped_bar(sj.Load(base="x", amplitude=sj.Harmonic(1.0, 100.0)), tip)
 
 
 def test_the_density_of_a_force_is_none_of_a_base(tmp_path):

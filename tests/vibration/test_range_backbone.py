@@ -2,30 +2,20 @@
 
 import numpy as np
 import pytest
-from bodies import structure
+from tipped_bars import tipped_bar
 
 import skfem_joint as sj
 
 RANGE = {"slip": (0.05, 0.95), "frequency": (500.0, 3000.0)}
 
 
-def bar(count: int, tip: float, load: sj.Load) -> sj.System:
-    """Bar clamped by a joint; elements in joint and arm, and density of its last 20 mm."""
-    regions = [("joint", 0.1, count), ("arm", 0.48, count), ("tip", 0.02, 2)]
-    made = structure(
-        sj.build_bar(regions, {"fixed": 0.0, "end": 0.6}), [sj.Joint("joint", 50e6, 0.7)],
-        ["fixed"], regions={"tip": {"density": tip}}, damping_ratio=0.002,
-    )  # fmt: skip
-    return made.system([load], points=["end"])
-
-
 @pytest.fixture(scope="module", params=["force", pytest.param("base", marks=pytest.mark.slow)])
 def both(request) -> tuple[sj.System, sj.System]:
     """Bar and its model for a range."""
     if request.param == "force":
-        system = bar(50, 320e3, sj.Load("end", sj.Harmonic(1e3, 1000.0)))
+        system = tipped_bar(sj.Load("end", sj.Harmonic(1e3, 1000.0)), 320e3, 50)
     else:
-        system = bar(40, 8e3, sj.Load(base="x", amplitude=sj.Harmonic(1.0, 1000.0)))
+        system = tipped_bar(sj.Load(base="x", amplitude=sj.Harmonic(1.0, 1000.0)))
     return system, sj.reduce(system, range=RANGE)
 
 

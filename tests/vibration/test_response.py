@@ -2,19 +2,16 @@
 
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from bodies import structure
-from joint_scenes import bar_scene, harmonic, joint
 from opening_blocks import oscillator
-from scipy import sparse
 from stepping_systems import arm
 
 import skfem_joint as sj
 from skfem_joint.runs.integrate import integrate_plan
-from skfem_joint.study.scene_response import RESPONSE_ROWS, scene_response
+from skfem_joint.study.scene_response import RESPONSE_ROWS
 from skfem_joint.vibration.linear_response import linear_response
 from skfem_joint.vibration.response import at_frequency, steady_plan, steady_point
 
@@ -67,13 +64,11 @@ def test_a_linear_response_adds_the_harmonics_of_all_loads_through_sharp_resonan
 
 def test_a_linear_response_at_a_natural_frequency_that_nothing_damps_is_refused():
     square = (2.0 * np.pi) ** 2
-    K = sparse.csr_array(np.diag([square, 4.0 * square]))
-    load = sj.AppliedLoad(np.array([1.0, 0.0]), sj.Harmonic(1.0, 1.0))
-    one = sparse.csr_array([[0.0, 1.0]])
-    eye = sparse.eye_array(2, format="csr")
-    contact = sj.Contact(one, [1.0], np.inf)
-    system = sj.System(eye, None, K, contact, loads=(load,), P=eye, points=("a", "b"))
-    near = linear_response(system, np.array([1.25]), stuck=False)[0]
+    system = sj.System.from_matrices(
+        np.eye(2), np.diag([square, 4.0 * square]), contact=sj.point_friction([0.0, 1.0], 1.0),
+        loads={"load": (0, sj.Harmonic(1.0, 1.0))}, points={"a": 0, "b": 1},
+    )  # fmt: skip
+    near = linear_response(system, np.array([1.25]), stuck=False)[0, -2:]
     assert near == pytest.approx([1.0 / square / (1.25**2 - 1.0), 0.0], rel=1e-4)
     with pytest.raises(sj.InputError, match=r"found 1 Hz, .* nothing damps: give damping"):
         linear_response(system, np.array([1.0]), stuck=False)
@@ -173,27 +168,17 @@ def test_each_point_knows_the_error_of_its_step():
     assert rough.column("step_error") == pytest.approx(true, rel=0.5)
 
 
-def pressed_bar(*regions: tuple[str, float, int]) -> sj.System:
-    """Bar that friction alone holds, pulled at its end."""
-    joint = sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)
-    mesh = sj.build_bar(regions, {"end": sum(length for _, length, _ in regions)})
-    made = structure(mesh, [joint], (), stiffness_damping=1e-6)
-    return made.system([sj.Load("end", sj.Harmonic(1e4, 1000.0))])
-
-
 def test_a_bar_in_contact_throughout_does_not_move_while_it_sticks():
-    system, f = pressed_bar(("joint", 0.2, 10)), np.array([500.0, 1000.0])
+    """Friction alone holds it; it is pulled at its end."""
+    joint = sj.Joint("joint", pressure=8e6, friction=0.7, beta=np.inf)
+    mesh = sj.build_bar([("joint", 0.2, 10)], {"end": 0.2})
+    made = structure(mesh, [joint], (), stiffness_damping=1e-6)
+    system = made.system([sj.Load("end", sj.Harmonic(1e4, 1000.0))])
+    f = np.array([500.0, 1000.0])
     assert not linear_response(system, f, stuck=True).any()
     assert linear_response(system, f, stuck=False).all()
     (curve,) = sj.response(system, f, (1e-3,), refined=False)
     assert not curve.column("amplitude").any()
-
-
-def test_a_load_on_contact_alone_moves_nothing_while_it_sticks():
-    system = pressed_bar(("free", 0.2, 10), ("joint", 0.1, 10))
-    system = replace(system, loads=(replace(system.loads[0], vector=np.eye(system.n)[-1]),))
-    assert system.contact.B.toarray()[-1, -1] == 1.0
-    assert not linear_response(system, np.array([500.0]), stuck=True).any()
 
 
 def test_a_reduced_model_is_refused_where_loads_differ_from_its_own():
@@ -282,22 +267,13 @@ def test_light_damping_has_a_steady_vibration_below_and_above_the_first_slip(sha
 
 def test_errors_of_the_step_are_those_of_friction_alone():
     """A stuck bar with light damping has none; friction's harmonics that meet a mode have."""
-    mesh = sj.build_bar([("joint", 0.2, 40), ("free", 0.5, 40)], {"fixed": 0.0, "free_end": 0.7})
-    pressed = joint(law="coulomb", normal_force="consistent")
 
-    def said(level: float, low: float, high: float, steps: int, **changes: Any) -> str:
-        scene = bar_scene(
-            "full",
-            bar=mesh,
-            joint=[pressed],
-            load=[harmonic(amplitude=350e3)],
-            time={"cycles": 1, "steps_per_cycle": steps},
-            response={"frequencies": {"from": low, "to": high, "points": 2}, "levels": [level]},
-            **changes,
-        )
-        return "\n".join(scene_response(scene).notes)
+    def said(system: sj.System, level: float, frequencies: list[float], steps: int) -> str:
+        levels = [level * float(system.contact.w.sum())]
+        (curve,) = sj.response(system, frequencies, levels, steps_per_cycle=steps)
+        return "\n".join(curve.notes)
 
-    light = said(1e-7, 2495.0, 2498.0, 100, damping={"ratio": 1.2e-3})
+    light = said(arm(sj.Harmonic(1.0, 1e3), damping_ratio=1.2e-3), 1e-7, [2495.0, 2498.0], 100)
     assert "step alone" not in light
-    strong = said(0.3, 1785.0, 1795.0, 60, damping={"stiffness": 4e-3 / 2500.0 / 2.0 / np.pi})
+    strong = said(bar(), 0.3, [1785.0, 1795.0], 60)
     assert "harmonics of friction" in strong

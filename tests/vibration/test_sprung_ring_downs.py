@@ -82,12 +82,10 @@ def test_stiffer_springs_tend_to_the_ring_down_of_rigid_surfaces(model):
 def test_damping_is_that_of_a_slider_under_a_normal_force_in_phase():
     """Unit mass on a strong spring, so that a cycle is nearly a sine of its amplitude."""
     K, presses = 1e8, 1.5e5  # N/m
-    N, B = sparse.csr_array([[0.0, 1.0]]), sparse.csr_array([[1.0, 0.0]])
-    gain, one = sparse.csr_array([[MU]]), np.ones(1)
-    pressed = sj.NormalPart(N, gap=0.0 * one, force=PRESSED * one, stiffness=np.inf * one, area=one)
-    contact = sj.Contact(B, [0.0], np.inf, stiffness=SPRING * one, normal=pressed, gain=gain)
+    pressed = {"friction": MU, "force": PRESSED, "stiffness": SPRING}
+    contact = sj.point_contact([1.0, 0.0], [0.0, 1.0], **pressed)
     stiffness = sparse.csr_array([[K + presses, -presses], [-presses, presses]])
-    system = sj.System(sparse.eye_array(2, format="csr"), None, stiffness, contact)
+    system = sj.System.from_matrices(sparse.eye_array(2), stiffness, contact=contact)
     (curve,) = sj.backbone(system, levels=2, slips_at=1e5, up_to=1.0)
     rung = sj.ring_down(system, curve, 12, 200)
 

@@ -164,7 +164,7 @@ class _Maker:
         places = spread(self.system.contact.joints, self.range, count + _CHECKS)
         levels, factor = [], 1.0
         for place in places[:first]:
-            levels.append(factor * self.pool.nominal(place))
+            levels.append(factor * self.pool.stuck.level(placed(self.pool.system, place)))
             peak = self.pool.follow(replace(place, slip=1.0, level=levels[-1])).slip_peak
             sticks = self.system.contact.least_share(peak <= THRESHOLD * peak.max())
             # The next level is higher while more than a tenth of each joint's limit sticks.
@@ -319,12 +319,9 @@ def _apart(reference: Run, other: Run) -> tuple[float, float]:
 
     Histories are those of the named point that moves most.
     """
-    size = np.linalg.norm(reference.point_u, axis=0)
-    history = 0.0
-    if size.max(initial=0.0) > 0.0:
-        history = float(
-            np.linalg.norm(other.point_u - reference.point_u, axis=0).max() / size.max()
-        )
+    motions = other.point_u - reference.point_u, reference.point_u
+    apart, size = (float(np.linalg.norm(x, axis=0).max(initial=0.0)) for x in motions)
+    history = apart / size if size > 0.0 else 0.0
     ours, theirs = float(other.cycles.friction[-1]), float(reference.cycles.friction[-1])
     if not theirs > 0.0:
         return history, 0.0

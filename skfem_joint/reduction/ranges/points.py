@@ -10,7 +10,7 @@ the loads and the preload where contact opens, then rescales the solution exactl
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -259,12 +259,22 @@ def searched_level(system: System, point: Point) -> tuple[float | None, float]:
     far = (10.0 * (f - point.frequency) / serves.range.frequency[1]) ** 2
     weight = 1.0 / (apart.sum(axis=1) + far + 1e-3) ** 2
     guess = mean * float(np.exp(weight @ np.log(levels / means) / weight.sum()))
-    slip = serves.range.slip[1]
-
-    def there(level: float) -> System:
-        return point_of(system, replace(point, level=level, slip=slip))
-
-    return found_level(there, guess), guess
+    low, high, level, slip = 0.0, np.inf, guess, serves.range.slip[1]
+    for _ in range(16):  # trials
+        model = point_of(system, replace(point, level=level, slip=slip))
+        period = period_of(model)
+        steps = max(50, int(np.ceil(period / longest_step(model, period) - 1e-9)))
+        if sticking(from_rest(model, 4, steps)) <= 1.0 - WHOLE_SHARE:
+            high = level
+        else:
+            low = level
+        if high <= low * (1.0 + 2.0 * 0.03):
+            return 0.5 * (low + high), guess  # to 3 %
+        if low > 0.0 and np.isfinite(high):
+            level = float(np.sqrt(low * high))
+        else:
+            level *= 1.3 if low > 0.0 else 1.0 / 1.3
+    return None, guess
 
 
 def from_rest(model: System, cycles: int, steps: int, fields_every: int = 0) -> Run:
@@ -284,27 +294,3 @@ def least_energy(run: Run) -> float:
     Where hardly anything slips, elastic contact in place of a rigid one moves as much as slips.
     """
     return 1e-3 * run.in_play if run.system.contact.opens else 0.0
-
-
-def found_level(there: Callable[[float], System], guess: float) -> float | None:
-    """Level at which the first joint slips as a whole, by runs of reduced models.
-
-    ``there`` makes the model at a level, ``guess`` is where the search begins. None if no joint
-    slips as a whole within the trials.
-    """
-    low, high, level = 0.0, np.inf, guess
-    for _ in range(16):  # trials
-        model = there(level)
-        period = period_of(model)
-        steps = max(50, int(np.ceil(period / longest_step(model, period) - 1e-9)))
-        if sticking(from_rest(model, 4, steps)) <= 1.0 - WHOLE_SHARE:
-            high = level
-        else:
-            low = level
-        if high <= low * (1.0 + 2.0 * 0.03):
-            return 0.5 * (low + high)  # to 3 %
-        if low > 0.0 and np.isfinite(high):
-            level = float(np.sqrt(low * high))
-        else:
-            level *= 1.3 if low > 0.0 else 1.0 / 1.3
-    return None

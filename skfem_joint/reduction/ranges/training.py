@@ -64,8 +64,7 @@ class Pool:
     energy : matrix, shape (n, n)
         Inner product of the proper orthogonal modes.
     paths : list of StaticPath
-    snapshots : list of ndarray, shape (s, n)
-        Of each path, compressed: its proper orthogonal modes times their singular values.
+        Their snapshots are compressed: proper orthogonal modes times their singular values.
     places : list of Point
     """
 
@@ -74,7 +73,6 @@ class Pool:
     stuck: StuckVibration
     energy: Any
     paths: list[StaticPath] = field(default_factory=list)
-    snapshots: list[FloatArray] = field(default_factory=list)
     places: list[Point] = field(default_factory=list)
 
     @staticmethod
@@ -82,10 +80,6 @@ class Pool:
         """Pool without paths."""
         stuck = StuckVibration.of(system.closed(), range_.frequency[1])
         return Pool(system, QuasiStatic(system, 3e-5), stuck, strain_norm(system))
-
-    def nominal(self, place: Point) -> float:
-        """Level at which the first joint slips as a whole, about, by the stuck vibration."""
-        return self.stuck.level(placed(self.system, place))
 
     def follow(self, place: Point) -> StaticPath:
         """Static slip path of a point; it is added to the pool."""
@@ -97,14 +91,13 @@ class Pool:
         found = slip_path(there, plan, 30, self.path.with_limits(there.contact))
         own = proper_decomposition(found.snapshots, self.energy)
         kept = own.modes[:, :_KEPT] * own.singular_values[:_KEPT]
-        self.snapshots.append(kept.T)
-        self.paths.append(replace(found, snapshots=kept.T[:0]))
+        self.paths.append(replace(found, snapshots=kept.T))
         self.places.append(place)
         return found
 
     def proper(self) -> ProperModes:
         """Proper orthogonal modes of all snapshots, in the norm of strain energy."""
-        return proper_decomposition(np.vstack(self.snapshots), self.energy)
+        return proper_decomposition(np.vstack([path.snapshots for path in self.paths]), self.energy)
 
     def basis(self, proper: ProperModes, modes: int) -> FloatArray:
         """Basis (n, j): the first proper modes, static responses, rigid and interface motions."""

@@ -12,8 +12,8 @@ complete the basis, as in the method of Craig and Bampton (AIAA J. 6, 1968).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -42,40 +42,22 @@ POINTS_PER_MODE = 4
 
 @dataclass(frozen=True)
 class ScaledBasis(Basis):
-    """Basis of scaled modes. It also has the attributes of `Basis`.
+    """Basis of scaled modes, or of modes of a system's own run, with its zones.
 
     Attributes
     ----------
-    reference : ReferenceModes, optional
-        What was scaled; None for modes of the system's own run along lines.
-    lengths : mapping of str to float
-        Active length of each joint, m.
     lines : tuple of (points, positions), optional
         Contact points and positions (m) of each active zone where all zones are lines: the friction
         points are then those of a Gauss rule.
     """
 
-    reference: ReferenceModes | None = None
-    lengths: Mapping[str, float] = field(default_factory=dict)
     lines: tuple[tuple[IntArray, FloatArray], ...] | None = None
 
     @property
     def followed(self) -> FloatArray:
         """Motions of the full system that the joint modes come from: none of a reference joint."""
-        return super().followed if self.reference is None else np.zeros((len(self.V), 0))
-
-    @property
-    def active_length(self) -> Mapping[str, float]:
-        """Active length of each joint, m."""
-        return self.lengths
-
-    @property
-    def modes_of_unit_length(self) -> tuple[FloatArray, ProperModes] | None:
-        """Positions (k,) on a unit active length, and the reference modes there."""
-        if self.reference is None:
-            return None
-        values = self.reference.proper.singular_values
-        return self.reference.xi, ProperModes(self.reference.modes, values)
+        own = self.modes_of_unit_length is None
+        return super().followed if own else np.zeros((len(self.V), 0))
 
     def fewer_points(self, unmerged: System, count: int | None) -> System:
         """Reduced system with Gauss points, ``count`` of each line; without lines as `Basis`."""
@@ -108,16 +90,7 @@ def paper_basis(
     probe = probed(system, zones, plan)
     lengths, notes = zone_lengths(system, zones, options.active_length, probe.slip_peak)
     reference = paper_reference(snapshots=options.snapshots, inner_product=options.product)
-    basis = scaled_basis(
-        meshed,
-        system,
-        reference,
-        zones,
-        lengths,
-        probe,
-        modes=options.mode_count,
-        interface_modes=options.interface_modes,
-    )
+    basis = scaled_basis(meshed, system, reference, zones, lengths, probe, options)
     return replace(basis, notes=tuple(notes)).judged(options, enriched)
 
 
@@ -128,9 +101,7 @@ def scaled_basis(
     zones: Sequence[ContactPart],
     lengths: Sequence[float],
     probe: Run,
-    *,
-    modes: int = 5,
-    interface_modes: str | int = "auto",
+    options: Options,
 ) -> ScaledBasis:
     """Reference modes scaled along each zone, and what completes them in the structure.
 
@@ -150,8 +121,8 @@ def scaled_basis(
     interface_modes : "auto" or int
         Fixed-interface modes, see `skfem_joint.reduction.interface_modes.participating`.
     """
-    slips = _slip_vectors(structure, system)
-    active = np.zeros(system.contact.w.size, dtype=bool)
+    slips, modes, contact = _slip_vectors(structure, system), options.mode_count, system.contact
+    active = np.zeros(contact.w.size, dtype=bool)
     pulled, breathing, lines = [], [], []
     whole: dict[str, float] = {}
     for zone, length in zip(zones, lengths, strict=True):
@@ -172,8 +143,8 @@ def scaled_basis(
     parts = [_following(system, wide, np.hstack(pulled))]
     parts.append(_following(system, RestrictedMotion.of(system, F), np.hstack(breathing)))
     if F.shape[1]:
-        parts += _beside(system, wide, parts[0], interface_modes)
-    velocity = slip_norms(probe.point_v, system.contact.directions[loaded_ends(zones)])
+        parts += _beside(system, wide, parts[0], options.interface_modes)
+    velocity = slip_norms(probe.point_v, contact.directions[loaded_ends(zones)])
     basis = basis_of(
         system,
         np.hstack(parts),
@@ -183,18 +154,17 @@ def scaled_basis(
         v=probe.v,
         slip_peak=probe.slip_peak,
         slip_velocity=float(velocity.max(initial=0.0)),
-        active=active & (system.contact.w > 0.0),
+        active=active & (contact.w > 0.0),
     )
-    on_lines = all(zone.is_line for zone in zones) and np.all(
-        system.contact.directions[active] == 1
-    )
+    on_lines = all(zone.is_line for zone in zones) and np.all(contact.directions[active] == 1)
+    scaled = ProperModes(reference.modes, reference.proper.singular_values)
     return ScaledBasis(
         basis.V,
         basis.modes,
         basis.proper,
         basis.history,
-        reference=reference,
-        lengths=whole,
+        active_length=whole,
+        modes_of_unit_length=(reference.xi, scaled),
         lines=tuple(lines) if on_lines else None,
     )
 

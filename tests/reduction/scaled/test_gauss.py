@@ -36,12 +36,6 @@ def test_rule_is_positive_and_exact_to_degree_2p_minus_1(count):
         assert w @ polynomial(x) == pytest.approx(exact, abs=1e-11 * weight.sum())
 
 
-@pytest.mark.parametrize("count", [0, -1, 61])
-def test_a_rule_of_too_many_or_no_points_is_refused(count):
-    with pytest.raises(sj.InputError, match="must be from 1 to 60"):
-        gauss_rule(*measure(), count)
-
-
 @cache
 def on_a_line() -> tuple[sj.System, ScaledBasis, np.ndarray, np.ndarray]:
     """Structure of Fig. 18 on five joint modes; its active points and their positions."""

@@ -67,7 +67,8 @@ def scaled(
     zones = active_zones(structure, system)
     probe = probed(system, zones, Plan(1e-5, 400))
     lengths, _ = zone_lengths(system, zones, length, probe.slip_peak)
-    return scaled_basis(structure, system, paper_reference(), zones, lengths, probe, **options)
+    found = structure, system, paper_reference(), zones, lengths, probe
+    return scaled_basis(*found, Options(reference="paper", **options))
 
 
 def test_linear_region_between_two_loaded_ends_follows_linearly():
