@@ -21,7 +21,7 @@ from skfem_joint.output.backbone_peaks import (
     peaks_figure,
 )
 from skfem_joint.output.drawing.shapes import shapes_figure
-from skfem_joint.output.plots import new_figure, plain_ticks, prefixed_unit, save_figure
+from skfem_joint.output.plots import new_panels, plain_ticks, prefixed_unit, save_figure
 from skfem_joint.output.record import adding, writing
 from skfem_joint.output.tables import Table, by_columns, write_table
 from skfem_joint.output.universal import over_one_force, scene_uff
@@ -263,9 +263,8 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
     modal amplitude is drawn, which grows with the load even where a named point does not.
     """
     first = models[0].curves
-    figure = new_figure(10.5, 3.3 * len(first))
-    panels = figure.subplots(len(first), 3, squeeze=False)
-    for k, (row, curve) in enumerate(zip(panels, first, strict=True)):
+    figure, panels = new_panels(3.5, 3.3, len(first), 3)
+    for k, (row, curve) in enumerate(zip(panels.reshape(-1, 3), first, strict=True)):
         label, scale = "modal amplitude, m·√kg", 1.0
         if largest:
             unit, size = prefixed_unit("m", [largest[k] * curve.amplitude])
@@ -298,7 +297,6 @@ def backbone_figure(models: Sequence[ModelBackbone], largest: Sequence[float] = 
         for panel, values in zip(row, shown, strict=True):
             panel.set(xlabel=label, ylabel=values)
             plain_ticks(panel.xaxis)
-            panel.grid(alpha=0.3)
     return figure
 
 
@@ -472,8 +470,7 @@ def response_figure(response: SceneResponse) -> Figure:
     sines of the first model.
     """
     points, most = response.scene.system().points, response.models[0].largest
-    figure = new_figure(7.5, 7.5)
-    upper, lower, lost = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 1))
+    figure, (upper, lower, lost) = new_panels(7.5, 2.5, rows=3, height_ratios=(2, 1, 1))
     drawn = [(c, A / c.level, look) for c, A, look in drawn_curves(response)]
     unit, scale = prefixed_unit("m", [np.nan_to_num(column) for _, column, _ in drawn])
     for name, limit, line in (("stuck", response.stuck, ":"), ("loose", response.loose, "-.")):
@@ -503,8 +500,6 @@ def response_figure(response: SceneResponse) -> Figure:
     lower.set(ylabel="phase, degrees")
     lost.set(xlabel="frequency, Hz", ylabel="loss factor")
     plain_ticks(upper.yaxis)
-    for panel in (upper, lower, lost):
-        panel.grid(alpha=0.3)
     return figure
 
 
@@ -556,23 +551,21 @@ def write_random(folder: Path, random: SceneRandom) -> list[Path]:
 
 
 def _wear(structure: AnyStructure, work: FloatArray) -> list[dict[str, Any]]:
-    """Rows of the contact points with their place and work in an hour, (m,), J, for wear maps.
+    """Columns of contact points with their place and work in an hour, (m,), J, for wear maps.
 
     None where nodes are not known.
     """
     if structure.body is None:
         return []
-    places = structure.body.positions
     return [
         {
             "joint": patch.joint.name,
-            **dict(zip(("x_m", "y_m", "z_m"), places[node].tolist(), strict=False)),
-            "area_m2": area,
-            "work_J_per_hour": work[point],
-            "work_density_J_m2_per_hour": work[point] / area if area > 0.0 else np.nan,
+            **spread("{}_m", structure.body.positions[patch.nodes], "xyz"),
+            "area_m2": patch.area,
+            "work_J_per_hour": work[patch.points],
+            "work_density_J_m2_per_hour": over(work[patch.points], patch.area),
         }
         for patch in structure.patches
-        for node, point, area in zip(patch.nodes, patch.points, patch.area, strict=True)
     ]
 
 
@@ -603,8 +596,7 @@ def random_lines(random: SceneRandom) -> list[str]:
 
 def random_figure(found: RandomResponse) -> Figure:
     """Spectral densities of displacement and acceleration of the named points."""
-    figure = new_figure(7.5, 6.0)
-    upper, lower = figure.subplots(2, 1, sharex=True)
+    figure, (upper, lower) = new_panels(7.5, 3.0, rows=2)
     for panel, density, unit in (
         (upper, found.displacement_psd, "displacement, m²/Hz"),
         (lower, found.acceleration_psd, "acceleration, (m/s²)²/Hz"),
@@ -612,7 +604,6 @@ def random_figure(found: RandomResponse) -> Figure:
         for point, values in zip(found.points, density, strict=True):
             panel.loglog(found.frequencies, values, label=point)
         panel.set(ylabel=unit)
-        panel.grid(alpha=0.3)
     upper.legend(fontsize="small")
     lower.set(xlabel="frequency, Hz")
     plain_ticks(lower.xaxis)
