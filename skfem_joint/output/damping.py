@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -130,7 +130,8 @@ def _of_curve(
 
 def backbone_lines(backbone: SceneBackbone) -> list[str]:
     """What is printed of damping against amplitude: the ends of each curve, and largest errors."""
-    lines = [*backbone.shapes]
+    lines, scene = [*backbone.shapes], backbone.scene
+    places, given = places_of(scene.structure(), scene.system()), damping_given(scene)
     for model in backbone.models:
         for curve in model.curves:
             f, ratio, state = curve.frequency, 100.0 * curve.damping_ratio, curve.state
@@ -147,8 +148,10 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
                 f"{worst['damping_ratio']:.2g} % in damping at most."
             )
     for model in backbone.models:
-        both = zip(model.curves, model.at, strict=False)
-        lines += [line for c, at in both for line in _asked_lines(backbone, model.name, c, at)]
+        for curve, at in zip(model.curves, model.at, strict=False):
+            normal = backbone.normal.get(curve.mode)
+            lines += loss.level_lines(model.name, curve, at, places)
+            lines += loss.amplitude_lines(model.name, at, places, normal, given)
     lines += [
         f"Mode {mode}: the mesh errs by an estimated {_to(errors['frequency'])} % in frequency and "
         f"{_to(errors['damping_ratio'])} % in damping, from the lowest level to the highest."
@@ -160,16 +163,6 @@ def backbone_lines(backbone: SceneBackbone) -> list[str]:
         for mode, change in backbone.normal.items()
     ]
     return lines
-
-
-def _asked_lines(
-    backbone: SceneBackbone, model: str, curve: Backbone, at: AtAmplitudes
-) -> Iterator[str]:
-    """What is printed of the amplitudes that were asked for."""
-    scene = backbone.scene
-    places, given = places_of(scene.structure(), scene.system()), damping_given(scene)
-    yield from loss.level_lines(model, curve, at, places)
-    yield from loss.amplitude_lines(model, at, places, backbone.normal.get(curve.mode), given)
 
 
 def _to(errors: FloatArray) -> str:
