@@ -106,15 +106,6 @@ def test_a_scene_tells_stress_at_rest_mean_and_range_of_a_region(tmp_path):
     assert {name: row for name, row in found.largest()} == told
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [(["no"], "no such name in the mesh; a region is needed"), (["over"], "which is a boundary")],
-)
-def test_stress_is_told_of_regions_alone(names, message):
-    with pytest.raises(sj.InputError, match=f"output.stress: found '{names[0]}', {message}"):
-        pressed_scene(stress=names)
-
-
 @pytest.mark.parametrize(("steps", "told"), [(28, False), (32, True)])
 def test_as_many_times_as_are_said_to_be_needed_suffice(steps, told):
     made = pressed_scene().changed(time={"steps_per_cycle": steps})
