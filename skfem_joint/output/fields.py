@@ -89,8 +89,9 @@ class Field:
         Since the start, J/m^2; 0 off the contact.
     contact_pressure, gap : ndarray, shape (frames, N), or None
         Of contact that opens, on the pressed body, Pa and m; 0 off it. None where none opens.
-    last_cycle : slice, optional
-        Frames of the last cycle, if there is one with enough of them.
+    last_cycle : dict of str to ndarray, shape (elements,)
+        Range and mean of the stress in the last cycle, Pa, by the names of their arrays; none
+        without a cycle that has enough frames.
     """
 
     name: str
@@ -102,7 +103,7 @@ class Field:
     friction_work_density: FloatArray
     contact_pressure: FloatArray | None = None
     gap: FloatArray | None = None
-    last_cycle: slice | None = None
+    last_cycle: dict[str, FloatArray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -169,30 +170,15 @@ class Frames:
         """Stress of each element by the preload, (elements, 6), Pa."""
         return preload_stress(self.structure)
 
-    @cached_property
-    def _cycles(self) -> dict[str, dict[str, FloatArray]]:
-        """Arrays of the last cycle of each model that has one, on linear sub-cells."""
-        body, cycles = self.structure.body, {}
-        for each in self.fields:
-            if each.last_cycle is not None:
-                stresses = (body.stress(u) for u in each.displacement[each.last_cycle])
-                at = middles(self.structure)
-                cycle = StressCycle.of(np.arange(len(at)), at, self._preload_stress, stresses)
-                values = {"von_mises_range": 2.0 * cycle.amplitude}
-                if not stress_notes(self.structure):
-                    values["von_mises_mean"] = cycle.signed_mean
-                cycles[each.name] = {k: x[body.cell_element] for k, x in values.items()}
-        return cycles
-
     def _stresses(self, field: Field, frame: int) -> dict[str, FloatArray]:
         """Arrays of stress of a frame on linear sub-cells, with those of preload and last cycle."""
-        of_cell = self.structure.body.cell_element
-        vibration = self.structure.stress(field.displacement[frame])[of_cell]
+        vibration = self.structure.stress(field.displacement[frame])
         arrays = {"stress": vibration, "von_mises": von_mises(vibration)}
         if self.structure.preload is not None:
-            rest = self._preload_stress[of_cell]
+            rest = self._preload_stress
             arrays |= {"preload_stress": rest, "total_von_mises": von_mises(rest + vibration)}
-        return arrays | self._cycles.get(field.name, {})
+        of_cell = self.structure.body.cell_element
+        return {name: x[of_cell] for name, x in (arrays | field.last_cycle).items()}
 
     @cached_property
     def _shares(self) -> list[sparse.csr_array]:
@@ -374,6 +360,11 @@ def _field_of(structure: Structure, name: str, run: Run) -> Field:
             pressure[:, face.nodes] = (face.means @ force.T).T / face.area
             gap[:, face.nodes] = np.where(force > 0.0, 0.0, apart)
             states[:, face.nodes] = np.where(force > 0.0, states[:, face.nodes], -1)
-    period = cycle_period(run)
-    last = None if period is None else within(run.field_times, period)
+    last, period = {}, cycle_period(run)
+    if period is not None and (rows := within(run.field_times, period)) is not None:
+        at, stresses = middles(structure), map(structure.stress, u[rows])
+        cycle = StressCycle.of(np.arange(len(at)), at, preload_stress(structure), stresses)
+        last = {"von_mises_range": 2.0 * cycle.amplitude}
+        if not stress_notes(structure):
+            last["von_mises_mean"] = cycle.signed_mean
     return Field(name, u, v, slip, traction, states, density, pressure, gap, last)

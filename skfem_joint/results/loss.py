@@ -103,8 +103,11 @@ class Losses(Tabular):
 
     def at(self, *cycle: int) -> Losses:
         """Those of one cycle."""
-        values: dict[str, Any] = vars(self)
-        return Losses(**{name: x if x is None else x[cycle] for name, x in values.items()})
+
+        def of(x: Any) -> Any:
+            return None if x is None else np.asarray(x[cycle])
+
+        return Losses(**{name: of(x) for name, x in vars(self).items()})
 
     def columns(self) -> dict[str, FloatArray]:
         """Values by the names of `COLUMNS`; impacts only where they are known."""
