@@ -82,13 +82,9 @@ def write_backbone(folder: Path, backbone: SceneBackbone) -> list[Path]:
                 | {"not_counted": [loss.not_counted(at, k, normal) for k in range(c.level.size)]}
             )
         rung += [
-            {
-                "model": model.name, "mode": c.mode, "time_s": d.time,
-                "modal_amplitude": d.amplitude, "frequency_Hz": d.frequency,
-                "damping_ratio": d.damping_ratio,
-            }
-            for c, d in zip(model.curves, model.ring_downs, strict=False)
-        ]  # fmt: skip
+            {"model": model.name, "mode": c.mode, **down.table}
+            for c, down in zip(model.curves, model.ring_downs, strict=False)
+        ]
     every = {"backbone.csv": curves, "amplitudes.csv": asked, "ring_down.csv": rung}
     tables = {name: by_columns(parts) for name, parts in every.items() if parts}
     models = {
