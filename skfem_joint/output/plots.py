@@ -454,15 +454,15 @@ def active_region_figure(
     return figure
 
 
-def friction_work_figure(body: Body, patch: Patch, work: FloatArray, when: str) -> Figure:
-    """Energy that friction takes of a joint, by area, drawn as `active_region_figure`.
+def friction_work_figure(body: Body, patch: Patch, work: FloatArray) -> Figure:
+    """Energy that friction takes of a joint in a run, by area, drawn as `active_region_figure`.
 
-    ``work`` (k,) is that of each of its k contact points (J), ``when`` says of what time.
+    ``work`` (k,) is that of each of its k contact points (J).
     """
     unit, scale = prefixed_unit("J", [work / patch.area])
-    label = (f"friction work {when}", f"{unit}/m²")
+    label = "friction work over the run", f"{unit}/m²"
     figure = _over_contact(body, patch, work / patch.area / scale, None, label)
-    figure.suptitle(f"{patch.joint.name}: {work.sum():.4g} J {when}")
+    figure.suptitle(f"{patch.joint.name}: {work.sum():.4g} J over the run")
     return figure
 
 
@@ -486,7 +486,16 @@ def _over_contact(
     names = [f"{'xyz'[axis] if body.dim > 1 else 'position'}, {length}" for axis in axes]
     if corners == 2:
         figure, (panel,) = new_panels(7.5, 3.5)
-        _line(panel, place[:, axes[0]], values, active, label)
+        order = np.argsort(along := place[:, axes[0]])
+        if active is not None:
+            panel.fill_between(
+                along[order], 0.0, 1.0, where=active[order], label="active", linewidth=0.0,
+                transform=panel.get_xaxis_transform(), color="#f08a24", alpha=0.3,
+            )  # fmt: skip
+        panel.plot(along[order], values[order], color="#1a1a1a", marker=".", label=label[0])
+        panel.set(ylabel=", ".join(label), xmargin=0.0)
+        panel.set_ylim(bottom=0.0)
+        panel.legend(loc="best")
     else:
         wide, tall = np.ptp(place[:, axes], axis=0)
         height = float(np.clip(2.4 + 6.8 * tall / wide, 2.7, 9.0))
@@ -495,22 +504,6 @@ def _over_contact(
         _area(panel, body.nodes[:, axes] / size, patch, nodes, values, active, ", ".join(label))
     panel.set(**dict(zip(("xlabel", "ylabel"), names, strict=False)))
     return figure
-
-
-def _line(
-    panel: Any, place: FloatArray, values: FloatArray, active: BoolArray | None, label: Any
-) -> None:
-    order = np.argsort(place)
-    place, values = place[order], values[order]
-    if active is not None:
-        panel.fill_between(
-            place, 0.0, 1.0, where=active[order], transform=panel.get_xaxis_transform(),
-            color="#f08a24", alpha=0.3, linewidth=0.0, label="active",
-        )  # fmt: skip
-    panel.plot(place, values, color="#1a1a1a", marker=".", label=label[0])
-    panel.set(ylabel=", ".join(label), xmargin=0.0)
-    panel.set_ylim(bottom=0.0)
-    panel.legend(loc="best")
 
 
 def _area(
